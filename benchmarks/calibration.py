@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arm.statics import PoseStates
 from pa10cal.calibration.calibrate import nominal_start, solve, tolerance_rows
 from pa10cal.calibration.levels import TwoLevel, rows_of, spread_poses
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import baseline
 
 Array = NDArray[np.float64]

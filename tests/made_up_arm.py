@@ -9,9 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload, statics
-from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arm.statics import Payload, PoseStates, statics
 from pa10cal.discovery.evidence.candidates import testable
 from pa10cal.discovery.evidence.discover import VerdictByRepeats, discover_by_repeats
 from pa10cal.discovery.evidence.fit import Fit, fit
@@ -24,8 +22,8 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import fit_rigid, pose_by_source
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.pose import Pose
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.family import candidates
+from pa10cal.options import Tolerances
+from pa10cal.terms.effects.effect import Effect, candidates
 from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 

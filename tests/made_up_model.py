@@ -6,14 +6,13 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload
-from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.problem import tool_frame
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.prediction import FittedTo
-from pa10cal.terms.effects.effect import CandidateContext
-from pa10cal.terms.effects.family import candidates
+from pa10cal.options import Tolerances
+from pa10cal.terms.effects.effect import CandidateContext, candidates
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from made_up_model import fitted
-from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.problem import tool_frame
+from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.term import link_departures
 

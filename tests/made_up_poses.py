@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from pa10cal.results.accuracy import Accuracy, BeforeAfter, EffectParameter
 from pa10cal.results.discovery import (
     AllUnexplained,
     BlockedCrossValidation,
@@ -19,6 +18,7 @@ from pa10cal.results.discovery import (
     Unexplained,
     VerdictKeys,
 )
+from pa10cal.results.evaluation import Accuracy, BeforeAfter, EffectParameter
 from pa10cal.results.record import EffectName
 
 

@@ -14,12 +14,10 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.curve.options import CurveOptions
 from pa10cal.errors import SettingsError
-from pa10cal.evaluation.options import JudgingOptions
-from pa10cal.figures.options import PictureOptions
-from pa10cal.montecarlo.options import MonteCarloOptions
+from pa10cal.evaluation.options import JudgingOptions, PictureOptions
+from pa10cal.options import MonteCarloOptions, Section
 from pa10cal.settings import Settings, parse_settings
 from pa10cal.settings_reading import read_settings_argument
-from pa10cal.settings_section import Section
 
 ROOT = Path(__file__).parents[1]
 CHOSEN = {"campaigns", "simulate"}

@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from pa10cal.evaluation.options import BlindTrialsOptions
-from pa10cal.planning.trials import trial_counts
+from pa10cal.planning.campaign import trial_counts
 from workflow_stand_ins import STAND_INS, stand_in
 
 ROOT = Path(__file__).parents[1]

@@ -6,8 +6,7 @@ import numpy as np
 
 from benchmarks.peers.adapter import Fitted, main
 from benchmarks.peers.problem import Array, Problem
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arm.statics import PoseStates
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.options import CalibrationOptions
@@ -15,6 +14,7 @@ from pa10cal.commands.command_line import limit_threads
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
+from pa10cal.options import Tolerances
 
 
 class Ours:

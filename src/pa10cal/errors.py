@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from typing import Self
 
 #: A longer part of a message is shortened in its middle: a file may hold anything.
@@ -109,3 +111,47 @@ class DiscoveryError(Pa10calError):
 
 class CurveError(Pa10calError):
     """A curve cannot be made into links, or no roll keeps their joints within limits."""
+
+
+# The word that was probably meant, where one of those known is near enough to say so.
+
+#: Part of the letters in common from which a known word counts as meant.
+LIKENESS = 0.65
+
+
+def remedy_for(word: str, known: Iterable[str], otherwise: str) -> str:
+    """Return a remedy for an unknown word: the nearest known one, or else what to do instead.
+
+    One of the words that a known name is made of is near it too.
+
+    Args:
+        word: what was written.
+        known: what could have been meant.
+        otherwise: the remedy where none of them is near.
+    """
+    names = list(known)
+    near = difflib.get_close_matches(word, names, n=1, cutoff=LIKENESS)
+    near = near or [name for name in names if word in name.split("_")]
+    return f"did you mean {near[0]!r}?" if near else otherwise
+
+
+# Names that become folders and files: of campaigns, groups and robots.
+
+#: As long as the shortest limit of a usual file system leaves room for an ending.
+LONGEST = 100
+
+
+def fits_a_folder(name: str) -> bool:
+    """Return whether a name may become a file or folder, and leads nowhere else.
+
+    It may if it is made of letters, digits, '-', '_' and '.', does not begin with '.' or '-', and
+    is not longer than 100 letters.
+    """
+    whole = all(letter.isalnum() or letter in "-_." for letter in name)
+    return 0 < len(name) <= LONGEST and whole and name[0] not in ".-"
+
+
+#: The same in words.
+ALLOWED = (
+    f"a name of at most {LONGEST} letters, digits, '-', '_' and '.', not beginning with '.' or '-'"
+)

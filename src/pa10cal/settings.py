@@ -9,17 +9,23 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.options import IngestOptions
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.curve.options import CurveStudyOptions
-from pa10cal.discovery.options import DiscoveryOptions
-from pa10cal.evaluation.options import BlindTrialsOptions, CoverageOptions, EvaluationOptions
-from pa10cal.figures.options import FigureOptions
-from pa10cal.frame.options import BaseFrameOptions
-from pa10cal.montecarlo.options import MonteCarloOptions
-from pa10cal.names import ALLOWED, fits_a_folder
+from pa10cal.errors import ALLOWED, fits_a_folder
+from pa10cal.evaluation.options import (
+    BlindTrialsOptions,
+    CoverageOptions,
+    EvaluationOptions,
+    FigureOptions,
+)
+from pa10cal.options import (
+    BaseFrameOptions,
+    DiscoveryOptions,
+    IngestOptions,
+    MonteCarloOptions,
+    Section,
+)
 from pa10cal.settings_reading import parse_section
-from pa10cal.settings_section import Section
 
 #: Folders of `results_dir` that are no campaign's.
 RESERVED = (

@@ -9,8 +9,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from pa10cal.errors import SettingsError
-from pa10cal.near_miss import remedy_for
+from pa10cal.errors import SettingsError, remedy_for
 from pa10cal.yaml_file import parse_yaml
 
 _S = TypeVar("_S", bound=BaseModel)

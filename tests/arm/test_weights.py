@@ -70,7 +70,7 @@ def test_a_total_is_what_the_parts_add_up_to():
 
 
 def poses_of(arm, count=40, load_N=0.0):
-    from pa10cal.arm.state import PoseStates
+    from pa10cal.arm.statics import PoseStates
     from pa10cal.fit.loads import with_torques
 
     q = np.random.default_rng(1).uniform(-1.5, 1.5, (count, arm.n))

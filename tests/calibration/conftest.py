@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from made_up_parameters import solved_parameters
 from made_up_poses import measured_poses
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arm.statics import PoseStates
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 

@@ -5,8 +5,6 @@ import pytest
 from scipy.optimize import least_squares
 
 from made_up_poses import measured_poses
-from pa10cal.arm.tolerances import Tolerances
-from pa10cal.calibration.accuracy import deviations, summarise
 from pa10cal.calibration.calibrate import (
     calibrate,
     nominal_start,
@@ -18,11 +16,12 @@ from pa10cal.calibration.calibrate import (
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.load_case import inner_dependence, l_curve, load_cases, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.uncertainty import ErrorSources
+from pa10cal.calibration.uncertainty import ErrorSources, deviations, summarise
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.identifiability import identify, observability, unidentified_directions
 from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
 from pa10cal.observe.observations import average_repeats
+from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 

@@ -15,10 +15,10 @@ from pa10cal.campaign.description import InputFinding
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
-from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import judged_models
 from pa10cal.files.arms import load_arm
+from pa10cal.options import DiscoveryOptions
 from pa10cal.results.health import UNRESERVED
 from pa10cal.settings_reading import parse_section
 

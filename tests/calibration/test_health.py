@@ -18,7 +18,7 @@ from pa10cal.calibration.health import (
 from pa10cal.calibration.uncertainty import ScatterOfRepeats
 from pa10cal.campaign.description import InputFinding
 from pa10cal.fit.identifiability import identify, not_identifiable
-from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.evaluation import Accuracy
 from pa10cal.terms.term import Parameter
 
 NOISE_M = 1e-5

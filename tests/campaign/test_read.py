@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.read import read_campaign
+from pa10cal.options import IngestOptions
 from spoiling import delete
 
 

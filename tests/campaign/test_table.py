@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from made_up_poses import measured_poses
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.campaign.table import read_observations, read_pose_table, write_pose_table
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import poses_of

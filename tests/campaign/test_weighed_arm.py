@@ -9,7 +9,7 @@ import pytest
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.campaign.description import CampaignDescription, Masses
 from pa10cal.campaign.weighed_arm import weighed_arm, weights_finding
 from pa10cal.files.arms import load_arm

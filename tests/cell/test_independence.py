@@ -14,12 +14,12 @@ ALLOWED = (
     "pa10cal.errors",
     "pa10cal.files",
     "pa10cal.settings_reading",
-    "pa10cal.settings_section",
+    "pa10cal.options",
 )
 #: The described arm, the words of the instruments, how a truth is written: no formula among them.
 WORDS = {
     "pa10cal.arm.description",
-    "pa10cal.arm.tolerances",
+    "pa10cal.options",
     "pa10cal.observe.kinds",
     "pa10cal.results.codec",
     "pa10cal.results.truth",

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from made_up_robot import nominal_of
-from pa10cal.arm.tolerances import Tolerances
 from pa10cal.cell.individual import build_robot
 from pa10cal.cell.options import CellNoiseOptions, SimulateOptions
 from pa10cal.errors import SimulationError
+from pa10cal.options import Tolerances
 
 DRAWN = SimulateOptions(built="drawn")
 

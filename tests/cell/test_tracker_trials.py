@@ -17,7 +17,7 @@ from pa10cal.cell.tracker_trials import (
 from pa10cal.cell.trials import KINDS
 from pa10cal.errors import SettingsError
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.effects.effect import candidates
 
 SHORT = {"poses": 20}
 

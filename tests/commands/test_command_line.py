@@ -11,7 +11,6 @@ from typing import Literal
 
 import pytest
 
-from pa10cal.campaign.options import IngestOptions
 from pa10cal.commands.command_line import (
     CLOSED,
     COMMANDS,
@@ -24,6 +23,7 @@ from pa10cal.commands.command_line import (
     run_command,
 )
 from pa10cal.errors import RawDataError
+from pa10cal.options import IngestOptions
 
 REFUSAL = RawDataError(
     "not a number",

@@ -4,7 +4,7 @@ import pytest
 
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.files.arms import arm_names
-from pa10cal.terms.effects.family import every_effect
+from pa10cal.terms.effects.effect import every_effect
 
 
 @pytest.mark.parametrize("robot", arm_names())

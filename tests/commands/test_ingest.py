@@ -15,8 +15,7 @@ from made_up_sightings import sighted
 from pa10cal.campaign.description import read_description
 from pa10cal.campaign.table import read_observations, read_pose_table
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.files.arm_text import arm_text
-from pa10cal.files.arms import load_arm
+from pa10cal.files.arms import arm_text, load_arm
 from pa10cal.observe.observations import poses_of
 
 RAW = Path(__file__).parents[2] / "data" / "raw"

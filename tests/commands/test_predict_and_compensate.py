@@ -11,9 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from made_up_model import fitted, postures
-from pa10cal.arm.tolerances import Tolerances
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.fit.model_file import load_model, save_model
+from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.term import link_departures
 

@@ -16,7 +16,7 @@ import pytest
 from pa10cal.campaign.description import read_description
 from pa10cal.campaign.raw_rows import Quarantined
 from pa10cal.datasets.campaign_folder import description, table_bytes, write_campaigns
-from pa10cal.datasets.dataset import ImportedCampaign
+from pa10cal.datasets.importing import ImportedCampaign
 from pa10cal.errors import OutputError
 
 OWN = ["campaign.yaml", "left_out.csv", "poses.csv.gz"]

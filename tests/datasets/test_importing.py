@@ -7,8 +7,13 @@ from dataclasses import replace
 import pytest
 
 from made_up_datasets import MADE_UP, SERIES_A, SERIES_C, edit
-from pa10cal.datasets.dataset import Published, dataset_named, dataset_names
-from pa10cal.datasets.importing import import_campaigns, sha256
+from pa10cal.datasets.importing import (
+    Published,
+    dataset_named,
+    dataset_names,
+    import_campaigns,
+    sha256,
+)
 from pa10cal.errors import RawDataError
 
 

@@ -11,10 +11,10 @@ from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence.discover import VerdictByRepeats
-from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.records import discovery_records, verdict_keys, warnings_of
 from pa10cal.files.arms import load_arm
+from pa10cal.options import DiscoveryOptions
 from pa10cal.results.discovery import VerdictKeys
 from pa10cal.settings_reading import parse_section
 

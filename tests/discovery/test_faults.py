@@ -11,7 +11,7 @@ from pa10cal.discovery.preparation import effects_in, is_fault
 from pa10cal.discovery.verdict import is_named
 from pa10cal.fit.prediction import Suspicion
 from pa10cal.terms.effects.in_time import BaseDrift
-from pa10cal.terms.faults.log_fault import FaultText, LogFault
+from pa10cal.terms.log_faults import FaultText, LogFault
 from pa10cal.terms.term import Parameter
 
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import ttest_rel
 
 from made_up_poses import measured_poses
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.gap import Gap, beside_motion, fallen_back, gap, trusted
 
 POSES, LOADS_N = 12, (0.0, 44.0)

@@ -7,9 +7,7 @@ import pytest
 
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload, statics
-from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arm.statics import Payload, PoseStates, statics
 from pa10cal.discovery.analysis_record import lack_of_fit_part
 from pa10cal.discovery.evidence.discover import compare, errors_by_name, evidence_lack_of_fit
 from pa10cal.discovery.evidence.fit import fit
@@ -19,7 +17,8 @@ from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import average_repeats
-from pa10cal.results.accuracy import Accuracy
+from pa10cal.options import Tolerances
+from pa10cal.results.evaluation import Accuracy
 from pa10cal.terms.effects.joint_angle import TransmissionError
 from pa10cal.terms.effects.joint_torque import FrictionTorque
 from pa10cal.terms.joint_spring import baseline

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_poses import measured_poses
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.noise import LEAST_DIFFERENCES, noise_of_repeats, same_circumstances
 from pa10cal.errors import DiscoveryError
 

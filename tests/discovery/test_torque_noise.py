@@ -11,8 +11,8 @@ from pa10cal.cell.campaign import measure_campaign, robot_of
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import noise_of_near_poses, with_torque_noise
-from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import complete, prepared, setup_of
+from pa10cal.options import DiscoveryOptions
 from pa10cal.studies.simulated import as_read
 
 FRACTION = 0.003

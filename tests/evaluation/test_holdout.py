@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.evaluation.holdout import constant_tool_twist, judged
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel

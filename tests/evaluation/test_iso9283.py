@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.evaluation.holdout import judged
 from pa10cal.evaluation.iso9283 import LEAST_REPEATS, iso9283_record, repeatability
 from pa10cal.files.arms import load_arm

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 import pa10cal
 from made_up_model import fitted
 from made_up_pair import campaign, parts, shifted
-from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.campaign import calibrated
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
@@ -21,6 +20,7 @@ from pa10cal.evaluation import two_models
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.prediction import FallBack
+from pa10cal.options import Tolerances
 from pa10cal.settings_reading import parse_section
 from pa10cal.terms.term import link_departures
 

@@ -16,7 +16,7 @@ from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
 from pa10cal.commands.command_line import run_command
-from pa10cal.figures.options import PictureOptions
+from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import looks
 from pa10cal.files.arms import load_arm

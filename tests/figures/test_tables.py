@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours
 from pa10cal.figures.campaign import parameters as parameters_pictures
-from pa10cal.figures.options import PictureOptions
 from pa10cal.figures.table import Table, figures, frame_of, shown, with_half_width, write_table
 
 

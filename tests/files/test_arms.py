@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import with_hayati_rows
 from pa10cal.errors import ArmError, SettingsError
-from pa10cal.files.arm_text import arm_text
-from pa10cal.files.arms import arm_names, load_arm, parse_arm, read_arm
+from pa10cal.files.arms import arm_names, arm_text, load_arm, parse_arm, read_arm
 
 SCARA = """
 name: small

@@ -11,12 +11,12 @@ import pytest
 
 from made_up_model import fitted, postures, vocabulary
 from pa10cal.arm.chain import end_pose
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arm.statics import PoseStates
 from pa10cal.calibration.general.problem import tool_frame
 from pa10cal.fit.model_file import beyond_rigid, beyond_rigid_mm, dh_text, rigid_part
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.options import Tolerances
 from pa10cal.terms.term import link_departures
 
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload
-from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.calibration.general.calibrate import calibrate_general
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
@@ -17,6 +15,7 @@ from pa10cal.fit.model_file import load_model, save_model
 from pa10cal.fit.uncertain_weights import open_unknowns, unknown_tool, with_uncertain_weights
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures

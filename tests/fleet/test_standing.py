@@ -3,8 +3,7 @@ import io
 
 import pytest
 
-from pa10cal.fleet.campaigns import HEADER, Listed, fleet_csv
-from pa10cal.fleet.standing import fleet_record
+from pa10cal.fleet.campaigns import HEADER, Listed, fleet_csv, fleet_record
 from pa10cal.reports.page import fleet_page_text
 from pa10cal.results.codec import write
 from pa10cal.results.fleet import ChainRecord

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.options import BaseFrameOptions
 from pa10cal.frame.straight_lines import axes_from_lines, fit_line, seed_from_lines
+from pa10cal.options import BaseFrameOptions
 
 LIMITS = BaseFrameOptions(min_length_mm=50.0, max_bend_mm=5.0, min_angle_deg=60.0)
 TRAVEL_M = np.linspace(0.0, 0.2, 11)

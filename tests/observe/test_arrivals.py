@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.observe.distance import Distance
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import reversed_joints, with_arrivals

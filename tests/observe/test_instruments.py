@@ -16,10 +16,10 @@ from pa10cal.cell.instruments.instrument import Truth
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.distance import Distance
+from pa10cal.observe.kinds import instruments
 from pa10cal.observe.points import Points
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Stated
-from pa10cal.observe.registry import instruments
 from pa10cal.observe.touched import Touched
 from pa10cal.settings_reading import parse_section
 

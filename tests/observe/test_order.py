@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import Driver, goes_with, partings, slow_joints, with_what_tells_time
 

@@ -3,7 +3,7 @@
 from pa10cal.cell.effects.vocabulary import outside, vocabulary
 from pa10cal.cell.wild_trials import subjects_of
 from pa10cal.evaluation.options import BlindTrialsOptions, TrialCounts, WildCounts
-from pa10cal.planning.trials import all_effects, named_effects, trial_counts
+from pa10cal.planning.campaign import all_effects, named_effects, trial_counts
 
 
 def test_effects_are_counted_as_the_cell_finds_them():

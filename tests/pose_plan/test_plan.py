@@ -9,7 +9,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.room import Box, Postures
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
-from pa10cal.observe.registry import instruments
+from pa10cal.observe.kinds import instruments
 from pa10cal.pose_plan.candidates import joint_ranges
 from pa10cal.pose_plan.options import PlanOptions
 from pa10cal.pose_plan.plan import path_length, plan_poses, short_path

@@ -16,11 +16,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from pa10cal.errors import RecordError
+from pa10cal.results.calibration import BaseFrameRecord
 from pa10cal.results.codec import lines, read, read_lines, write
 from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, TransferRecord
-from pa10cal.results.montecarlo import Convergence
-from pa10cal.results.seed import BaseFrameRecord
-from pa10cal.results.studies import CurveRecord
+from pa10cal.results.studies import Convergence, CurveRecord
 from pa10cal.results.trials import FailedTrialRecord, JudgedTrialRecord, TrialVerdictRecord
 
 finite = st.floats(allow_nan=False, allow_infinity=False)

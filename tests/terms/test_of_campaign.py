@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.errors import TermError
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.joint_spring import JointSpring

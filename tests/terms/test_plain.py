@@ -10,11 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pa10cal.arm.tolerances import Tolerances
 from pa10cal.errors import TermError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.terms.effects.effect import CandidateContext
-from pa10cal.terms.effects.family import candidates, every_effect
+from pa10cal.options import Tolerances
+from pa10cal.terms.effects.effect import CandidateContext, candidates, every_effect
 from pa10cal.terms.effects.joint_error_map import (
     Band,
     Fading,

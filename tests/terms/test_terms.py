@@ -2,11 +2,10 @@ import numpy as np
 import pytest
 
 from made_up_parameters import solved_parameters
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import reported_name
-from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arm.statics import PoseStates, reported_name
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
+from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring, baseline, nominal, stiffness_by_solved
 from pa10cal.terms.term import base_frame, link_departures
 

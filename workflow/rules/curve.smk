@@ -41,7 +41,7 @@ rule lay_curve:
     wildcard_constraints:
         shape="|".join(CURVES),
     params:
-        code=code_of("commands.curve"),
+        code=code_of("commands.studies"),
         out=lambda wildcards, output: os.path.dirname(output.record),
         settings=lambda wildcards: json.dumps(CURVES[wildcards.shape]),
     shell:
@@ -79,7 +79,7 @@ rule calibrate_chain:
     log:
         curve_result("logs/calibration.log"),
     params:
-        code=code_of("commands.curve_calibration"),
+        code=code_of("commands.studies"),
         settings=settings_of("curve"),
         calibration=settings_of("calibration"),
     shell:

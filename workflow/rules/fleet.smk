@@ -34,7 +34,7 @@ rule fleet:
     log:
         os.path.join(_literal(SETTINGS.results_dir), "fleet", "fleet.log"),
     params:
-        code=code_of("commands.fleet_summary"),
+        code=code_of("commands.runs"),
         campaigns=FLEET if isinstance(FLEET, str) else ",".join(SETTINGS.campaigns),
         out=lambda wildcards, output: os.path.dirname(output[0]),
         raw=SETTINGS.raw_dir,

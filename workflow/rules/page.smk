@@ -17,7 +17,7 @@ rule page:
         campaign=NO_STUDY,
     params:
         calibration=SETTINGS.evaluation.calibration,
-        code=code_of("commands.report"),
+        code=code_of("commands.runs"),
         folder=campaign_folder,
         results=results_folder,
     shell:

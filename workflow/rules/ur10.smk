@@ -34,7 +34,7 @@ rule adapt:
     log:
         result("logs/adapted_{source}.log"),
     params:
-        code=code_of("commands.adapt"),
+        code=code_of("commands.models"),
         folder=campaign_folder,
         figures=lambda wildcards, output: os.path.dirname(output[0]),
     shell:

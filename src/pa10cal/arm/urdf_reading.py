@@ -9,8 +9,7 @@ from xml.parsers import expat
 
 from pa10cal.arm.chain import roll_pitch_yaw
 from pa10cal.arrays import Array
-from pa10cal.errors import ArmError
-from pa10cal.near_miss import remedy_for
+from pa10cal.errors import ArmError, remedy_for
 
 # XML of a URDF as robots have it: prefixes need no declaration, and comments may be kept.
 

@@ -9,16 +9,15 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.statics import reported_name
 from pa10cal.arrays import Array, Index
-from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.grade import SMALL_SHARE, Departure, Evidence, graded
-from pa10cal.calibration.uncertainty import ScatterOfRepeats
+from pa10cal.calibration.uncertainty import ScatterOfRepeats, summarise
 from pa10cal.campaign.description import InputFinding
 from pa10cal.fit.exchange import Criterion, Share, one_by_one
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results import health as health_parts
-from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.evaluation import Accuracy
 from pa10cal.results.health import Grade
 from pa10cal.terms.joint_spring import stiffness_by_solved
 from pa10cal.terms.term import Parameter

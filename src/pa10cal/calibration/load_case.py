@@ -9,13 +9,6 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import (
-    Suspects,
-    align_nominal,
-    deviations,
-    summarise,
-    summarise_by_load,
-)
 from pa10cal.calibration.calibrate import (
     Calibration,
     all_terms,
@@ -31,8 +24,13 @@ from pa10cal.calibration.levels import TwoLevel, random_poses, rows_of
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import (
     ErrorSources,
+    Suspects,
+    align_nominal,
+    deviations,
     gross_errors_of_repeats,
     scatter_of_repeats,
+    summarise,
+    summarise_by_load,
     with_own_scatter,
 )
 from pa10cal.campaign.description import InputFinding
@@ -42,8 +40,8 @@ from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
-from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.calibration import LCurvePoint
+from pa10cal.results.evaluation import Accuracy
 from pa10cal.terms.joint_spring import baseline, nominal
 from pa10cal.terms.model import Model
 

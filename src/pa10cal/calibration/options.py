@@ -6,9 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from pa10cal.arm.tolerances import Tolerances
-from pa10cal.near_miss import remedy_for
-from pa10cal.settings_section import NonNegative, Positive, Section
+from pa10cal.errors import remedy_for
+from pa10cal.options import NonNegative, Positive, Section, Tolerances
 
 
 def takes_general_model(model: str, *, from_touches: bool) -> bool:
@@ -30,7 +29,7 @@ class EffectOfPlace(Section):
     @field_validator("id")
     @classmethod
     def _known(cls, name: str) -> str:
-        from pa10cal.terms.effects.family import every_effect  # late: it needs numpy
+        from pa10cal.terms.effects.effect import every_effect  # late: it needs numpy
 
         known = [effect.id for effect in every_effect()]
         if name not in known:

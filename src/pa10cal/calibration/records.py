@@ -10,7 +10,6 @@ import numpy as np
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import summarise_by_load
 from pa10cal.calibration.calibrate import (
     Calibration,
     fitted_model,
@@ -21,13 +20,13 @@ from pa10cal.calibration.health import Health, health_part
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.load_case import LoadCase, model_deviations
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.uncertainty import summarise_by_load
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import observability
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
 from pa10cal.fit.prediction import FittedTo, Suspicion
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.results.accuracy import Accuracy, ResidualRows
 from pa10cal.results.calibration import (
     CalibratedParameter,
     CalibrationRecord,
@@ -41,6 +40,7 @@ from pa10cal.results.calibration import (
     SeedDifference,
     WeakDirection,
 )
+from pa10cal.results.evaluation import Accuracy, ResidualRows
 from pa10cal.results.record import Campaign
 from pa10cal.terms.term import Report
 

@@ -16,9 +16,9 @@ from pa10cal.campaign.screens import robust_misfit
 from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, base_motion
 from pa10cal.observe.instrument import BaseTargets, Instrument, Knocked, Misread, MotionFound
+from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Misfit
-from pa10cal.observe.registry import instruments
 
 _COLUMN = re.compile(r"(?:u_)?(base\d+)_[xyz]_mm")
 #: Two base targets nearer than this in every configuration are one.

@@ -16,11 +16,10 @@ from pa10cal.campaign.bounds import refuse_impossible_gravity, refuse_impossible
 from pa10cal.campaign.own_columns import OwnColumns
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import Instrument as MeasuredBy
-from pa10cal.observe.kinds import InstrumentKind
+from pa10cal.observe.kinds import InstrumentKind, instruments
 from pa10cal.observe.quantities import Stated
-from pa10cal.observe.registry import instruments
+from pa10cal.options import Section
 from pa10cal.settings_reading import parse_section
-from pa10cal.settings_section import Section
 from pa10cal.yaml_file import read_yaml
 
 # What is probably wrong in the input: one finding, wherever it was found.

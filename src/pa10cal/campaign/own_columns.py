@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 
-from pa10cal.settings_section import Section
+from pa10cal.options import Section
 
 #: What one unit of a column is of the contract's unit: mm, degrees, N m, seconds.
 LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}

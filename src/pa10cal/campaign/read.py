@@ -22,7 +22,6 @@ from pa10cal.campaign.description import (
 )
 from pa10cal.campaign.group import MemberRead, describe_group, start_by_nominal
 from pa10cal.campaign.labels import EXCHANGED, NOT_RIGID
-from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.raw_rows import Ingested, Quarantined
 from pa10cal.campaign.screens import OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH
 from pa10cal.campaign.touched import read_touched
@@ -33,6 +32,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import with_what_tells_time
+from pa10cal.options import IngestOptions
 
 LINES = ("line_x", "line_y")
 

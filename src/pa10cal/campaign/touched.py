@@ -11,7 +11,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.balls import (
     LEAST_TOUCHES,
@@ -25,7 +25,6 @@ from pa10cal.campaign.balls import (
 from pa10cal.campaign.bounds import Bounds
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.labels import EXCHANGED, exchange_text, exchanged, misfit_mm, nominal_places
-from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import Ingested, Quarantined, quarantined, refuse_too_many
 from pa10cal.campaign.rows import Samples, Touches, read_samples, read_touches
@@ -41,6 +40,7 @@ from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.observe.quantities import Misfit
 from pa10cal.observe.touched import Touched
+from pa10cal.options import IngestOptions
 
 #: The touches' scatter may exceed the instrument's statement by this factor without a note.
 SCATTER_NOTE = 1.5

@@ -24,7 +24,6 @@ from pa10cal.campaign.labels import (
     nominal_places,
     not_rigid,
 )
-from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import (
     Ingested,
@@ -55,6 +54,7 @@ from pa10cal.campaign.screens import (
 )
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import Misfit, RawColumns
+from pa10cal.options import IngestOptions
 
 NO_TORQUES = "no torques logged, masses unknown: those of assumed weights are used"
 THOSE_OF_MASSES = "no torques logged: those of the described masses are used"

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.tolerances import Tolerances
 from pa10cal.arrays import Array
 from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.options import SimulateOptions, TrackerOptions, UnstatedOptions
@@ -28,6 +27,7 @@ from pa10cal.cell.robot import (
     tool_payload,
 )
 from pa10cal.errors import SimulationError
+from pa10cal.options import Tolerances
 
 KcubReading = Literal["text_e7", "table_e8"]
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, FiniteFloat, NonNegativeInt, ValidationInfo, field_validator
 
 from pa10cal.observe.kinds import TrackerKind, sees_several
-from pa10cal.settings_section import NonNegative, Positive, Section
+from pa10cal.options import NonNegative, Positive, Section
 
 #: Keys that have a meaning whatever the instrument.
 _OF_ANY_INSTRUMENT = (

@@ -19,8 +19,7 @@ from pa10cal.cell.mechanism import GRAVITY_M_S2
 from pa10cal.cell.raw_log import RawLog
 from pa10cal.cell.robot import Robot
 from pa10cal.errors import SimulationError
-from pa10cal.files.arm_text import arm_text
-from pa10cal.files.arms import arm_names
+from pa10cal.files.arms import arm_names, arm_text
 from pa10cal.files.output import whole_file, write_text
 from pa10cal.results.codec import write
 from pa10cal.results.truth import TrueDisturbance, TrueEffect, TrueParameter, TrueTool, TruthRecord

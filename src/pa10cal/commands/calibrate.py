@@ -62,9 +62,8 @@ def calibrate(
     from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.errors import CalibrationError, DiscoveryError
     from pa10cal.fit.model_file import load_model
-    from pa10cal.results.calibration import GeneralCalibrationRecord
+    from pa10cal.results.calibration import BaseFrameRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
-    from pa10cal.results.seed import BaseFrameRecord
 
     campaign = read_description(campaign_dir)
     every = read_observations(poses, campaign)
@@ -125,11 +124,11 @@ def _with_effects(
 
     from pa10cal.calibration.load_case import COMBINED, rows_of_load
     from pa10cal.calibration.records import models_of
-    from pa10cal.commands.extended import effects_of, read_extended
+    from pa10cal.commands.discover import effects_of, read_extended
     from pa10cal.discovery.given import Place, calibrate_with, with_effects
-    from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.errors import CalibrationError
+    from pa10cal.options import DiscoveryOptions
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
 

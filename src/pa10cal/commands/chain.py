@@ -83,7 +83,7 @@ _Stage = tuple[str, Callable[[], None]]
 
 def _imported(dataset: str, source: Path, raw: Path, settings: ChainOptions) -> Iterator[_Stage]:
     """Yield the import of a campaign from a public data set."""
-    from pa10cal.commands.import_data import import_data
+    from pa10cal.commands.data import import_data
 
     yield (
         "import",
@@ -95,7 +95,7 @@ def _imported(dataset: str, source: Path, raw: Path, settings: ChainOptions) -> 
 
 def _joined(folders: tuple[Path, ...], results: Path) -> Iterator[_Stage]:
     """Yield the join of campaigns to a group; their own results lie beside those of the group."""
-    from pa10cal.commands.join import join
+    from pa10cal.commands.readings import join
 
     own = [results.parent / folder.name for folder in folders]
     yield (
@@ -116,8 +116,7 @@ def _stages(folders: tuple[Path, ...], results: Path, settings: ChainOptions) ->
     from pa10cal.commands.discover import discover
     from pa10cal.commands.evaluate import evaluate
     from pa10cal.commands.export import export
-    from pa10cal.commands.ingest import ingest
-    from pa10cal.commands.seed import seed
+    from pa10cal.commands.readings import ingest, seed
 
     poses, base_frame = results / "ingest/poses.parquet", results / "seed/base_frame.json"
     verdicts, model = results / "discovery", results / "model"

@@ -24,9 +24,8 @@ from types import NoneType, UnionType
 from typing import Any, Literal, NoReturn, Union, get_args, get_origin, get_type_hints
 
 from pa10cal import __version__
-from pa10cal.errors import OutputError, Pa10calError
+from pa10cal.errors import OutputError, Pa10calError, remedy_for
 from pa10cal.extras import missing_package
-from pa10cal.near_miss import remedy_for
 
 #: Exit codes: refused input, settings or use; a fault of the program itself; stopped by Ctrl-C;
 #: stopped because nobody reads the output any more, as by `| head`.
@@ -35,7 +34,7 @@ FAULT = 3
 INTERRUPTED = 130
 CLOSED = 141
 
-#: Commands by whom they serve, as `--help` lists them. Each is a function in a module of its name.
+#: Commands by whom they serve, as `--help` lists them.
 GROUPS = {
     "a campaign from raw files to a model": ("plan", "run", "report", "fleet", "columns", "doctor"),
     "a calibrated robot in use": ("predict", "compensate", "compare", "drift"),
@@ -70,6 +69,16 @@ GROUPS = {
 }
 COMMANDS = tuple(name for names in GROUPS.values() for name in names)
 
+#: Modules that hold several commands; any other command stands in a module of its name.
+_MODULES = {
+    "data": ("columns", "doctor", "effects", "fetch", "import_arm", "import"),
+    "models": ("predict", "compensate", "compare", "drift", "adapt"),
+    "readings": ("ingest", "join", "seed"),
+    "runs": ("run", "reproduce", "report", "fleet", "fleet_summary"),
+    "simulate": ("simulate", "draw_trials"),
+    "studies": ("coverage", "changes", "curve", "curve_calibration"),
+}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 #: Commands whose function cannot have their name, since it is a word of Python.
 _FUNCTIONS = {"import": "import_data"}
 
@@ -148,8 +157,8 @@ def limit_threads() -> None:
 
 def command_named(name: str) -> Command:
     """Return the function of one of `COMMANDS`."""
-    function = _FUNCTIONS.get(name, name)
-    found: Command = getattr(import_module(f"pa10cal.commands.{function}"), function)
+    module = import_module(f"pa10cal.commands.{_MODULE_OF.get(name, name)}")
+    found: Command = getattr(module, _FUNCTIONS.get(name, name))
     return found
 
 
@@ -251,7 +260,8 @@ def _summary(name: str) -> str:
     It is read from the source: to list the commands is no reason to import them all.
     """
     function = _FUNCTIONS.get(name, name)
-    source = (Path(__file__).parent / f"{function}.py").read_text(encoding="utf-8")
+    module = _MODULE_OF.get(name, name)
+    source = (Path(__file__).parent / f"{module}.py").read_text(encoding="utf-8")
     (found,) = (
         node
         for node in ast.parse(source).body

@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from pa10cal.montecarlo.options import MonteCarloOptions
+from pa10cal.options import MonteCarloOptions
 
 _PROGRESS_LINES = 10
 

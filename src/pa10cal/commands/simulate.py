@@ -1,4 +1,4 @@
-"""Command `simulate`."""
+"""Commands that write simulated campaigns: `simulate`, `draw_trials`."""
 
 from __future__ import annotations
 
@@ -38,3 +38,58 @@ def simulate(
     arm = read_arm(Path(settings.robot)) if described else load_arm(settings.robot)
     write_campaign(simulate_campaign(name, arm, settings, kcub_reading), out, truth)
     print(f"{name}: {arm.title} in {out}, what is hidden in {truth}")
+
+
+# Command `draw_trials`.
+
+
+def draw_trials(
+    *,
+    kind: str,
+    count: int,
+    random_seed: int,
+    raw: Path,
+    truths: Path,
+    first: int = 0,
+    benches: str = "",
+    only: str = "",
+) -> None:
+    """Write the raw folders of wild trials, and what is in them apart.
+
+    Args:
+        kind: right, stressed, effect, beyond, fault, unstated_masses or sorted_rows.
+        count: how many.
+        random_seed: draws robots, poses, noise, and what is put in.
+        raw: gets one raw folder a trial.
+        truths: gets one file a trial with what is in it (.json).
+        first: number of the first of them.
+        benches: arms under instruments such as ur10-pose, or pa10-touched, with commas between
+            them; all of them where none are given.
+        only: one disturbance or effect, or what unstated_masses hide, such as some_springs; all in
+            turn where none is given.
+
+    Examples:
+        pa10cal draw_trials --kind fault --count 3 --random-seed 1 --raw wild --truths truths
+    """
+    from typing import cast
+
+    from pa10cal.cell.campaign import simulate_campaign
+    from pa10cal.cell.wild_trials import WildKind, draw_wild_trials
+    from pa10cal.cell.write import write_campaign
+    from pa10cal.files.arms import load_arm
+
+    names = tuple(benches.split(",")) if benches else ()
+    drawn = draw_wild_trials(cast(WildKind, kind), first + count, random_seed, names, only)
+    for trial in drawn[first:]:
+        made = simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings)
+        truth = truths / f"{trial.name}.json"
+        truth.parent.mkdir(parents=True, exist_ok=True)
+        places = write_campaign(made, raw / trial.name, truth)
+        what = [
+            *(f"{entry.id} of {entry.of}" for entry in trial.settings.hidden_effects),
+            *(
+                f"{entry.id} at {', '.join(where)}"
+                for entry, where in zip(trial.settings.disturbances, places, strict=True)
+            ),
+        ]
+        print(f"{raw / trial.name}: {trial.bench}: {'; '.join(what) or 'nothing'}")

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat, model_validator
 
-from pa10cal.settings_section import Positive, Section
+from pa10cal.options import Positive, Section
 
 
 class CurveStudyOptions(Section):

@@ -15,7 +15,7 @@ import yaml
 
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, read_description
 from pa10cal.campaign.raw_rows import quarantine_csv
-from pa10cal.datasets.dataset import AsItIs, ImportedCampaign
+from pa10cal.datasets.importing import AsItIs, ImportedCampaign
 from pa10cal.errors import OutputError
 from pa10cal.files.output import FORMER, folder_beside, writing_into
 

@@ -18,9 +18,8 @@ from pa10cal.discovery.lack_of_fit import ChannelTest, Estimate, Periodogram, Pu
 from pa10cal.discovery.linear import possible_sizes
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.results import accuracy
 from pa10cal.results import analysis as parts
-from pa10cal.results.accuracy import Parameter
+from pa10cal.results import evaluation
 from pa10cal.results.analysis import (
     AnalysisKeys,
     GapField,
@@ -29,7 +28,13 @@ from pa10cal.results.analysis import (
     ParameterShift,
     SearchStep,
 )
-from pa10cal.results.group import CampaignsAgree, EffectByCampaign, JointErrorAlone, ParameterAlone
+from pa10cal.results.calibration import (
+    CampaignsAgree,
+    EffectByCampaign,
+    JointErrorAlone,
+    ParameterAlone,
+)
+from pa10cal.results.evaluation import Parameter
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.effect import Effect
 
@@ -183,10 +188,10 @@ def _parts(found: Iterable[domain.Part]) -> tuple[parts.ErrorPart, ...]:
     )
 
 
-def _estimate(found: Estimate | None) -> accuracy.Estimate | None:
+def _estimate(found: Estimate | None) -> evaluation.Estimate | None:
     if found is None:
         return None
-    return accuracy.Estimate(value=found.value, std=_known(found.std))
+    return evaluation.Estimate(value=found.value, std=_known(found.std))
 
 
 def _known(number: float) -> float | None:

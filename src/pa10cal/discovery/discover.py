@@ -15,7 +15,7 @@ from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.finding import Unexplained
-from pa10cal.discovery.formulas.propose import with_lines_named, with_proposals
+from pa10cal.discovery.formulas import with_lines_named, with_proposals
 from pa10cal.discovery.gap import Gap, Named, gap
 from pa10cal.discovery.gates import gated
 from pa10cal.discovery.lack_of_fit import CellResiduals, LackOfFit, lack_of_fit

@@ -13,7 +13,7 @@ from pa10cal.arrays import Array
 from pa10cal.fit.prediction import Suspicion
 from pa10cal.results.record import FaultKind
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.faults.log_fault import LogFault
+from pa10cal.terms.log_faults import LogFault
 
 P_co = TypeVar("P_co", covariant=True)
 

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, stdtrit
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import summarise
+from pa10cal.calibration.uncertainty import summarise
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
-from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.evaluation import Accuracy
 from pa10cal.terms.effects.effect import Effect
 
 _LEVEL = 0.95

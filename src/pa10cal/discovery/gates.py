@@ -13,8 +13,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.grade import JOINT_RAD, most_stated
+from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.finding import Finding, Unexplained
 from pa10cal.discovery.gap import Gap, beside_motion, fallen_back, reduction, trusted
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
@@ -24,7 +24,7 @@ from pa10cal.fit.angles_seen import AnglesSeen, nothing_seen, span_visited
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.order import drivers, measured_again, slow_joints
-from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.evaluation import Accuracy
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.effects.in_time import BaseDrift
 from pa10cal.terms.effects.joint_angle import ArrivalError, Backlash, GearRatioError

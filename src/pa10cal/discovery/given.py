@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import summarise, summarise_by_load
 from pa10cal.calibration.health import Errors, FitSummary, Health, HeldOut, health, health_part
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.records import by_load, fitted_to, reported_keys
+from pa10cal.calibration.uncertainty import summarise, summarise_by_load
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable
 from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
 from pa10cal.discovery.blocked_cv.survey import survey
@@ -27,19 +27,17 @@ from pa10cal.discovery.evidence.fit import apparatus_m, covariance_of
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared
-from pa10cal.errors import CalibrationError
+from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.model_file import model_to_plain
-from pa10cal.near_miss import remedy_for
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.quantities import Deviations
-from pa10cal.results.accuracy import ResidualRows
 from pa10cal.results.calibration import CalibratedParameter, CalibrationRecord, Covariance
+from pa10cal.results.evaluation import ResidualRows
 from pa10cal.results.record import Campaign
-from pa10cal.terms.effects.effect import CandidateContext, Effect
-from pa10cal.terms.effects.family import every_effect, everywhere_but
+from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
-from pa10cal.arm.state import PoseStates, StaticLoads
-from pa10cal.arm.statics import Payload
+from pa10cal.arm.statics import Payload, PoseStates, StaticLoads
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.linear import by_every_joint
 from pa10cal.errors import DiscoveryError

@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload, Statics
+from pa10cal.arm.statics import Payload, PoseStates, Statics
 from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.finding import Fault, faults_of_input
-from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.row_faults import RowFaults, held_out_faults, row_faults
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
@@ -23,11 +21,10 @@ from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
 from pa10cal.fit.uncertain_weights import with_uncertain_weights
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.order import reversed_joints, with_arrivals
-from pa10cal.terms.effects.effect import CandidateContext, Effect
-from pa10cal.terms.effects.family import candidates
-from pa10cal.terms.faults.family import fault_candidates
-from pa10cal.terms.faults.log_fault import LogFault
+from pa10cal.options import DiscoveryOptions
+from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
 from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.log_faults import LogFault, fault_candidates
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term, shows_torque
 from pa10cal.terms.weights import Weights

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.calibration.accuracy import summarise
+from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.analysis_record import (
     analysis_keys,
     by_campaign_part,
@@ -25,15 +25,14 @@ from pa10cal.discovery.evidence.judge import FLIP_RATE, shared_error_mm
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.explained import explained
 from pa10cal.discovery.finding import Fault, Finding, GivesWay, NotTestable, Unexplained, steps_told
-from pa10cal.discovery.formulas.choose import Proposal
 from pa10cal.discovery.gap import Gap, Paired, trusted
 from pa10cal.discovery.next_poses.room import NextPose
+from pa10cal.discovery.short_forms import Proposal
 from pa10cal.discovery.verdict import Plan, Verdict, without_a_cause
 from pa10cal.fit import angles_seen
 from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results import discovery as parts
 from pa10cal.results import maps
-from pa10cal.results.accuracy import Accuracy, BeforeAfter, EffectParameter
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.discovery import (
     ExtendedKeys,
@@ -43,6 +42,7 @@ from pa10cal.results.discovery import (
     VerdictKeys,
     VerdictRecord,
 )
+from pa10cal.results.evaluation import Accuracy, BeforeAfter, EffectParameter
 from pa10cal.results.explained import ProposedEvidence, ProposedFormula
 from pa10cal.results.maps import (
     Agreement,

@@ -8,17 +8,17 @@ import numpy as np
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import calibrate_from, fitted
 from pa10cal.calibration.general.prior import prior_of
 from pa10cal.calibration.general.transfer import refit_frames, with_tool_of
+from pa10cal.calibration.uncertainty import summarise
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import with_arrivals
-from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.comparison import AdaptedStep
+from pa10cal.results.evaluation import Accuracy
 
 
 def adapted_steps(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pa10cal.calibration.accuracy import align_nominal
+from pa10cal.calibration.uncertainty import align_nominal
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.preparation import prepared as made_ready
@@ -24,8 +24,13 @@ from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations, poses_of, reading_groups
 from pa10cal.observe.order import with_arrivals
-from pa10cal.results.accuracy import Accuracy
-from pa10cal.results.evaluation import HeldOutModel, HoldoutRecord, PartOfCampaign, TransferRecord
+from pa10cal.results.evaluation import (
+    Accuracy,
+    HeldOutModel,
+    HoldoutRecord,
+    PartOfCampaign,
+    TransferRecord,
+)
 from pa10cal.results.record import Campaign
 from pa10cal.terms.joint_spring import nominal
 

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import summarise, summarise_by_load
 from pa10cal.calibration.general.transfer import refit_frames, with_tool_of
 from pa10cal.calibration.records import by_load
+from pa10cal.calibration.uncertainty import summarise, summarise_by_load
 from pa10cal.discovery.finding import steps_told
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time
 from pa10cal.discovery.linear import residual, with_base_term
@@ -37,8 +37,13 @@ from pa10cal.observe.observations import (
     part_of,
     reading_groups,
 )
-from pa10cal.results.accuracy import Accuracy
-from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, PartOfCampaign, ToolTwist
+from pa10cal.results.evaluation import (
+    Accuracy,
+    HeldOutModel,
+    HeldOutRows,
+    PartOfCampaign,
+    ToolTwist,
+)
 from pa10cal.terms.of_campaign import OfPart, motion_of_base
 
 #: More points than this are listed pose by pose only.

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, FiniteFloat, NonNegativeInt
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.options import IngestOptions
-from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.observe.kinds import TrackerKind
-from pa10cal.settings_section import Section
+from pa10cal.options import DiscoveryOptions, IngestOptions, MonteCarloOptions, Section
 
 
 class EvaluationOptions(Section):
@@ -187,4 +185,31 @@ class JudgingOptions(Section):
     )
     discovery: DiscoveryOptions = Field(
         DiscoveryOptions(), description="the search for missing effects"
+    )
+
+
+# Options of the figures.
+
+
+class FigureOptions(Section):
+    """Looks shared by all figures."""
+
+    png_dpi: Annotated[int, Field(ge=50, le=600)] = Field(150, description="resolution of the PNG")
+    film: Literal["gif", "mp4"] = Field(
+        "gif", description="of a chain that moves, where mp4 needs ffmpeg"
+    )
+
+
+class PictureOptions(Section):
+    """The settings that pictures of a campaign read."""
+
+    figures: FigureOptions = Field(FigureOptions(), description="looks shared by all figures")
+    kcub_reading: Literal["text_e7", "table_e8"] = Field(
+        "text_e7", description="exponent of the paper's cubic stiffness"
+    )
+    montecarlo: MonteCarloOptions = Field(
+        MonteCarloOptions(), description="position error from resolver uncertainty"
+    )
+    evaluation: EvaluationOptions = Field(
+        EvaluationOptions(), description="held-out points and loads"
     )

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pa10cal.figures.parameter_names import written
 from pa10cal.figures.registry import picture
 from pa10cal.figures.style import (
     AFTER,
@@ -26,7 +25,7 @@ from pa10cal.figures.style import (
     panel,
     plain_log,
 )
-from pa10cal.figures.table import Row, Shown, Table, frame_of, shown
+from pa10cal.figures.table import Row, Shown, Table, frame_of, shown, written
 from pa10cal.results.studies import CurveCalibrationRecord, CurveStudySummary, Individual, OverFloor
 
 #: How individuals depart, in short.

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from pa10cal.errors import RecordError, SettingsError
+from pa10cal.evaluation.options import FigureOptions, PictureOptions
 from pa10cal.figures.curve import CurveResults, read_curve
-from pa10cal.figures.options import FigureOptions, PictureOptions
 from pa10cal.figures.registry import Entry, NothingToShowError, entries
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import looks, name_in_title, write_figure

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from pa10cal.figures.parameter_names import written
 from pa10cal.figures.style import (
     AFTER,
     BEFORE,
@@ -30,6 +29,7 @@ from pa10cal.figures.style import (
     write_beside,
     write_figure,
 )
+from pa10cal.figures.table import written
 from pa10cal.results.comparison import AdaptationRecord, DriftRecord
 from pa10cal.results.fleet import FleetRecord
 

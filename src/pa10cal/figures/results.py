@@ -17,14 +17,15 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.description import read_description
 from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError
+from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures import published
-from pa10cal.figures.options import PictureOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.kinds import instrument_of
 from pa10cal.observe.quantities import Words
-from pa10cal.observe.registry import instrument_of
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import (
+    BaseFrameRecord,
     CalibrationRecord,
     GeneralCalibrationRecord,
     PaperCalibrationRecord,
@@ -33,9 +34,8 @@ from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal.results.health import UNRESERVED
-from pa10cal.results.montecarlo import PlaneRecord
 from pa10cal.results.record import Record
-from pa10cal.results.seed import BaseFrameRecord
+from pa10cal.results.studies import PlaneRecord
 
 # Joint positions of the configurations of a campaign, looked up by pose and load.
 

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pa10cal.arm.chain import TOOL, Chain, end_pose, long_links
 from pa10cal.arm.description import Arm
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload
+from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.angles_seen import AnglesSeen

@@ -9,8 +9,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from pa10cal.arm.chain import BASE, TOOL
-from pa10cal.arm.state import PoseStates, StaticLoads
-from pa10cal.arm.statics import Payload, Statics, statics
+from pa10cal.arm.statics import Payload, PoseStates, StaticLoads, Statics, statics
 from pa10cal.arrays import Array, Index
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from pa10cal.arm.description import Arm, weights_known
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload
+from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import Weights, WeightSizes

@@ -7,15 +7,12 @@ from pathlib import Path
 from pydantic import Field
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.options import IngestOptions
-from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.evaluation.options import EvaluationOptions
-from pa10cal.frame.options import BaseFrameOptions
+from pa10cal.options import BaseFrameOptions, DiscoveryOptions, IngestOptions, Section
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import ChainRecord, ChainStatus
 from pa10cal.running.display import summarise
-from pa10cal.settings_section import Section
 
 
 def became(results: Path, name: str, calibration: str) -> ChainRecord:

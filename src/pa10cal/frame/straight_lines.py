@@ -8,7 +8,7 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.options import BaseFrameOptions
+from pa10cal.options import BaseFrameOptions
 
 #: Positions of the same poses as measured and as the nominal model has them.
 Positions = tuple[Array, Array]

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.montecarlo.plane import PlaneErrors, convergence, summarise
-from pa10cal.results.montecarlo import Convergence, Places, PlaneMap, PlaneRecord
+from pa10cal.results.studies import Convergence, Places, PlaneMap, PlaneRecord
 
 if TYPE_CHECKING:
-    from pa10cal.montecarlo.options import MonteCarloOptions
+    from pa10cal.options import MonteCarloOptions
 
 _ATTITUDE = (
     "flange axis straight down, turned about the base axis with the azimuth of its place; "

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arm.state import ObservedTargets
+from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index
 from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.observe.quantities import (

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from pa10cal.arm.state import ObservedTargets, PoseStates
+from pa10cal.arm.statics import ObservedTargets, PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.errors import CalibrationError
 from pa10cal.observe.instrument import Instrument

@@ -1,13 +1,49 @@
-"""Words of the instruments as a type of settings, checked by the registry."""
+"""Kinds of instruments by their word, every class of this package that names one; as settings."""
 
 from __future__ import annotations
 
+import inspect
+import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
+
+if TYPE_CHECKING:
+    from pa10cal.observe.instrument import Instrument
+
+
+@cache
+def instruments() -> dict[str, type[Instrument]]:
+    """Return the class of every kind of instrument, by the word of `instrument.kind`."""
+    import pa10cal.observe
+    from pa10cal.observe.instrument import Instrument  # late: it brings numpy and scipy
+
+    found = {}
+    for entry in pkgutil.iter_modules(pa10cal.observe.__path__):
+        module = import_module(f"pa10cal.observe.{entry.name}")
+        for _, each in inspect.getmembers(module, inspect.isclass):
+            if issubclass(each, Instrument) and not inspect.isabstract(each) and each.kind:
+                found[each.kind] = each
+    return dict(sorted(found.items()))
+
+
+def instrument_of(words: str) -> type[Instrument] | None:
+    """Return the class of a kind, or of the several of a group; None where a word is not known.
+
+    Args:
+        words: as `instrument_kinds` of a campaign's description gives them.
+    """
+    from pa10cal.observe.joined import Joined
+
+    kinds = words.split(" and ")
+    if not set(kinds) <= set(instruments()):
+        return None
+    return instruments()[words] if len(kinds) == 1 else Joined
 
 
 @dataclass(frozen=True)
@@ -29,21 +65,15 @@ class _OneOf:
 
 
 def _kinds() -> list[str]:
-    from pa10cal.observe.registry import instruments  # late: it brings numpy and scipy
-
     return list(instruments())
 
 
 def _trackers() -> list[str]:
-    from pa10cal.observe.registry import instruments
-
     return [kind for kind, found in instruments().items() if not found.from_touches]
 
 
 def sees_several(kind: str) -> bool:
     """Return whether an instrument measures several targets on the end-effector."""
-    from pa10cal.observe.registry import instruments
-
     return instruments()[kind].several_targets
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typing_extensions import TypeVar
 
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import BaseTargets, Instrument, group_means

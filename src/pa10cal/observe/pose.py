@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
-from pa10cal.arm.state import ObservedTargets
+from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
 from pa10cal.frame.rigid_fit import cross_matrix, pose_error, scale_of_points

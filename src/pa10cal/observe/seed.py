@@ -16,13 +16,13 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.options import BaseFrameOptions
 from pa10cal.frame.straight_lines import LineSeed, StraightLine, seed_from_lines
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.quantities import Located
-from pa10cal.results import seed as records
-from pa10cal.results.seed import BaseFrameRecord
+from pa10cal.options import BaseFrameOptions
+from pa10cal.results import calibration as records
+from pa10cal.results.calibration import BaseFrameRecord
 
 UNLOADED = "grid poses at the lowest load"
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from pa10cal.arm.state import ObservedTargets
+from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source, seed_from_nominal

@@ -12,23 +12,20 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload
+from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.problem import GeneralProblem, general_problem
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.discovery.linear import by_terms, possible_sizes
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, why_unknown
-from pa10cal.errors import CalibrationError
+from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.near_miss import remedy_for
 from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start, Stated, by_end_and_targets, carried_targets
-from pa10cal.observe.registry import instruments
 from pa10cal.pose_plan.options import PlanOptions
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.effects.effect import Effect, candidates
 from pa10cal.terms.term import Parameter
 
 _MM = 1e-3

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, FiniteFloat, ValidationInfo, field_validator
 
-from pa10cal.settings_section import NonNegative, Positive, Section
+from pa10cal.options import NonNegative, Positive, Section
 
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 

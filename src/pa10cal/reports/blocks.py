@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from pa10cal.figures.parameter_names import written
-from pa10cal.results.accuracy import EffectParameter
+from pa10cal.figures.table import written
+from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.record import EffectName
 
 if TYPE_CHECKING:

@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING, TypeVar
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError, last_message
+from pa10cal.observe.kinds import instrument_of
 from pa10cal.observe.quantities import Words
-from pa10cal.observe.registry import instrument_of
 from pa10cal.results.analysis import AnalysisRecord
-from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record
 from pa10cal.results.record import CampaignRecord, MeasuredRecord, Record
-from pa10cal.results.seed import BaseFrameRecord
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -14,6 +14,7 @@ from plotly import graph_objects as go
 
 import pa10cal
 from pa10cal.files.output import write_text
+from pa10cal.reports.accuracy import accuracy, parameters, repeats
 from pa10cal.reports.blocks import (
     Beside,
     Block,
@@ -27,16 +28,11 @@ from pa10cal.reports.blocks import (
     mm,
 )
 from pa10cal.reports.gathered import Gathered, gather, is_synthetic
+from pa10cal.reports.measured import measured, use
+from pa10cal.reports.outcome import grade, grade_sentence, verdict, verdict_glance
 from pa10cal.reports.pictures import BLUE, ORANGE, drawn, headline, library, new_figure
-from pa10cal.reports.sections.accuracy import accuracy
-from pa10cal.reports.sections.measured import measured
-from pa10cal.reports.sections.missing import missing, next_poses
-from pa10cal.reports.sections.outcome import grade, grade_sentence, verdict, verdict_glance
-from pa10cal.reports.sections.parameters import parameters
-from pa10cal.reports.sections.repeats import repeats
-from pa10cal.reports.sections.residuals import residuals
-from pa10cal.reports.sections.trust import trust
-from pa10cal.reports.sections.use import use
+from pa10cal.reports.residuals import residuals
+from pa10cal.reports.trust import missing, next_poses, trust
 from pa10cal.results.fleet import FleetArm, FleetCampaign, FleetRecord
 
 #: The sections, in the order of reading.

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from plotly import graph_objects as go
 from plotly.offline import get_plotlyjs
 
-from pa10cal.figures.parameter_names import written
+from pa10cal.figures.table import written
 from pa10cal.reports.blocks import HALF_WIDTH_95, Drawing
 from pa10cal.reports.gathered import Gathered
-from pa10cal.results.accuracy import Accuracy, Parameter
 from pa10cal.results.calibration import CalibrationRecord, GeneralErrors
+from pa10cal.results.evaluation import Accuracy, Parameter
 from pa10cal.results.health import PosesNeeded
 
 # How figures of the page look: readable on light and dark ground, told by more than colour.

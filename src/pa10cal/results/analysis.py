@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from pa10cal.results.accuracy import Accuracy, Estimate
+from pa10cal.results.evaluation import Accuracy, Estimate
 from pa10cal.results.record import (
     Column,
     CountColumn,

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
-from pa10cal.results.accuracy import Accuracy, BeforeAfter, Parameter, ResidualRows, Status
-from pa10cal.results.group import GroupOfCampaigns
+from pa10cal.results.evaluation import Accuracy, BeforeAfter, Parameter, ResidualRows, Status
 from pa10cal.results.health import Health
 from pa10cal.results.record import (
+    FlagColumn,
     Key,
     LoadKey,
     Matrix3,
@@ -23,8 +23,106 @@ from pa10cal.results.record import (
     PoseMatrix,
     Record,
     Shape,
+    Vector3,
     optional,
 )
+
+# What the campaigns of a group say of each other, in the results of a group.
+
+
+class Difference(Part):
+    """The one parameter that, if it alone differed between campaigns, explains most."""
+
+    name: str = Field(description="the parameter")
+    unit: str = Field(description="its unit")
+    value: float = Field(description="this campaign less the others")
+    std: float = Field(description="standard uncertainty of that")
+    chi_square: float = Field(description="how much of the chi-square it explains")
+
+
+class CampaignAlone(Part):
+    """One campaign of a group, held against the others."""
+
+    poses: int = Field(description="poses fitted")
+    rms_mm: float = Field(description="remaining error of its poses in the fit of the group [mm]")
+    alone_rms_mm: float = Field(description="the same with parameters of its own [mm]")
+    chi_square: float = Field(description="of its shared parameters against those of the others")
+    dof: float = Field(description="directions of shared parameters that both determine")
+    p_value: float = Field(description="probability of that where nothing differs")
+    contradicts: bool = Field(description="whether the arm was changed against the others")
+    worst: Difference = Field(description="the parameter that explains most of the difference")
+
+
+class SharedParameter(Part):
+    """Where a parameter that all campaigns of a group share comes from."""
+
+    unit: str = Field(description="its unit")
+    std: float = Field(description="standard uncertainty by all campaigns together")
+    std_alone: Mapping[Annotated[str, Key("campaign")], float] = Field(
+        description="standard uncertainty by each campaign alone"
+    )
+    determined_by: tuple[str, ...] = Field(description="campaigns that determine it alone")
+
+
+class GroupOfCampaigns(Part):
+    """What the campaigns of a group say alone, linear about the fit of all."""
+
+    campaigns: Mapping[Annotated[str, Key("campaign")], CampaignAlone] = Field(
+        description="each campaign, held against the others"
+    )
+    parameters: Mapping[Annotated[str, Key("parameter")], SharedParameter] = Field(
+        description="shared parameters, in the form in which they were solved"
+    )
+
+
+class ParameterAlone(Part):
+    """A parameter of an effect, as one campaign alone has it."""
+
+    value: float = Field(description="its value")
+    std: float = Field(description="its standard uncertainty")
+
+
+class JointErrorAlone(Part):
+    """The error of a joint by its angle, as one campaign alone has it."""
+
+    error_mrad: Numbers = Field(description="at 0, 1, 2, … deg of the turn [mrad]")
+    visited: FlagColumn = Field(description="whether the campaign has poses there")
+
+
+class CampaignsAgree(Part):
+    """How well two campaigns agree on the error of a joint, over the angles both visited."""
+
+    first: str = Field(description="one campaign")
+    second: str = Field(description="the other")
+    correlation: float | None = Field(description="of the two errors; null: too few angles")
+    correlation95: tuple[float, float] | None = Field(description="its interval of 95 %")
+    slope: float | None = Field(description="of the second by the first, both uncertain alike")
+    slope95: tuple[float, float] | None = Field(description="its interval of 95 %")
+    first_rms_mrad: float | None = Field(description="rms of the first, less its mean [mrad]")
+    second_rms_mrad: float | None = Field(description="rms of the second, less its mean [mrad]")
+    difference_rms_mrad: float | None = Field(description="rms of what they differ by [mrad]")
+    share_of_turn: float = Field(description="part of the turn that both visited")
+
+
+class EffectByCampaign(Part):
+    """An effect that all campaigns of a group share, fitted to each of them alone."""
+
+    id: str = Field(description="id of the effect")
+    of: str = Field(description="where it sits")
+    parameters: (
+        Mapping[
+            Annotated[str, Key("campaign")],
+            Mapping[Annotated[str, Key("parameter")], ParameterAlone],
+        ]
+        | None
+    ) = optional("its parameters; of an error by a joint's angle see `errors`")
+    errors: Mapping[Annotated[str, Key("campaign")], JointErrorAlone] | None = optional(
+        "of an error by a joint's angle"
+    )
+    agreement: tuple[CampaignsAgree, ...] = Field(
+        description="how well every two campaigns agree on an error by a joint's angle"
+    )
+
 
 Square = Annotated[NDArray[np.float64], Shape("k", "k")]
 
@@ -378,3 +476,57 @@ class GeneralCalibrationRecord(GeneralFit, CalibrationRecord):
     def torques_logged(self) -> bool:
         """Whether joint torques are those of the log."""
         return self.torques_from == "logged"
+
+
+# `seed/base_frame.json`: base frame, and targets where the instrument's own are not stated.
+
+
+class StraightLine(Part):
+    """A straight move as it was measured."""
+
+    direction_instr: Vector3 = Field(description="its direction in the instrument's frame")
+    direction_u_rad: float = Field(description="standard uncertainty of the direction [rad]")
+    length_mm: float = Field(description="its length [mm]")
+    bend_rms_mm: float = Field(description="root mean square distance from the line [mm]")
+    points: int = Field(description="points measured along it")
+
+
+class BaseFrameRecord(MeasuredRecord):
+    """`seed/base_frame.json`."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-base-frame/1"
+    FILE: ClassVar[str] = "seed/base_frame.json"
+    COMMAND: ClassVar[str] = "seed"
+
+    method: Literal[
+        "straight_lines",
+        "rigid_fit_nominal",
+        "hand_eye_poses",
+        "hand_eye_points",
+        "ranging",
+        "nominal_arm",
+    ] = Field(description="how the frame was found")
+    R_instr_base: Matrix3 = Field(description="attitude of the base in the instrument's frame")
+    origin_instr_m: Vector3 = Field(description="origin of the base in the instrument's frame [m]")
+    T_instr_base: PoseMatrix = Field(description="both as a homogeneous matrix [m]")
+    x_direction_u_rad: float | None = optional("standard uncertainty of the x axis [rad]")
+    y_direction_u_rad: float | None = optional("standard uncertainty of the y axis [rad]")
+    line_x: StraightLine | None = optional("the straight move along x")
+    line_y: StraightLine | None = optional("the straight move along y")
+    angle_between_lines_deg: float | None = optional("angle between the straight moves [deg]")
+    attitude_scatter_rad: float | None = optional("root mean square attitude residual [rad]")
+    T_ee_target: PoseMatrix | None = optional("the target in the end-effector frame [m]")
+    T_ee_target_of: Mapping[Annotated[str, Key("campaign")], PoseMatrix] | None = optional(
+        "of a group, the target of each campaign in the end-effector frame [m]"
+    )
+    p_ee_targets_m: Mapping[Annotated[str, Key("target")], Vector3] | None = optional(
+        "places of the targets in the end-effector frame [m]"
+    )
+    p_base_point_m: Vector3 | None = optional("the instrument's fixed point in the base frame [m]")
+    held_as_stated: tuple[str, ...] | None = optional(
+        "what the data do not identify, held at its stated or starting value"
+    )
+    target_stated: bool | None = optional("whether the campaign states the places of its targets")
+    origin_scatter_mm: float = Field(description="root mean square position residual [mm]")
+    origin_poses: int = Field(description="poses that the origin stands on")
+    origin_from: str = Field(description="which poses they are")

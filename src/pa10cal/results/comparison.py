@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.evaluation import Accuracy
 from pa10cal.results.record import (
     Column,
     GappyColumn,

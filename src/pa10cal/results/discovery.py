@@ -7,9 +7,9 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, JsonValue
 
-from pa10cal.results.accuracy import Accuracy, BeforeAfter, EffectParameter, Parameter
+from pa10cal.results.calibration import EffectByCampaign
+from pa10cal.results.evaluation import Accuracy, BeforeAfter, EffectParameter, Parameter
 from pa10cal.results.explained import Explained, ProposedFormula
-from pa10cal.results.group import EffectByCampaign
 from pa10cal.results.maps import AnglesSeen, Bands, FallsBack, JointWitness, MapForm, PoseScatter
 from pa10cal.results.record import (
     EffectName,

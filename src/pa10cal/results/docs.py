@@ -21,7 +21,7 @@ from pydantic.fields import FieldInfo
 
 from pa10cal.files.output import write_text
 from pa10cal.results.analysis import AnalysisRecord
-from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
 from pa10cal.results.comparison import (
     AdaptationRecord,
     ChangesRecord,
@@ -31,11 +31,9 @@ from pa10cal.results.comparison import (
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record, TransferRecord
 from pa10cal.results.fleet import ChainRecord, FleetRecord, MeasuredRobotsRecord, PicturesRecord
-from pa10cal.results.montecarlo import PlaneRecord
 from pa10cal.results.plan import PlanRecord
 from pa10cal.results.record import Key, Part, Record, Shape, Table
-from pa10cal.results.seed import BaseFrameRecord
-from pa10cal.results.studies import CoverageRecord, CurveCalibrationRecord, CurveRecord
+from pa10cal.results.studies import CoverageRecord, CurveCalibrationRecord, CurveRecord, PlaneRecord
 from pa10cal.results.trials import (
     TrialScoresRecord,
     TrialTruthRecord,

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pa10cal.results.accuracy import EffectParameter
+from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.record import EffectName, Key, Part, optional
 
 # Formulas proposed for what has no name.

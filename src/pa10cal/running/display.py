@@ -11,11 +11,10 @@ from itertools import islice
 from pathlib import Path
 from typing import TextIO
 
-from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord
-from pa10cal.results.evaluation import HoldoutRecord
+from pa10cal.results.evaluation import Accuracy, HoldoutRecord
 
 #: What rules do, for a reader; the name of a rule that is not here.
 _WORDS = {

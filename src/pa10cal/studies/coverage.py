@@ -40,8 +40,8 @@ from pa10cal.evaluation.known_truth import (
 )
 from pa10cal.evaluation.options import CoverageCase, CoverageOptions
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import average_repeats, poses_of
-from pa10cal.observe.registry import instruments
 from pa10cal.results import studies as results
 from pa10cal.studies.simulated import (
     as_read,

@@ -21,14 +21,13 @@ from pa10cal.cell.options import CellPosesOptions, SimulateOptions, TrackerOptio
 from pa10cal.cell.poses import place_poses
 from pa10cal.cell.robot import Departures, ring_of_targets, tool_payload
 from pa10cal.discovery.given import Place, calibrate_with
-from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import pose_difference
 from pa10cal.interface import calibrate
-from pa10cal.observe.kinds import TrackerKind
-from pa10cal.observe.registry import instruments
+from pa10cal.observe.kinds import TrackerKind, instruments
+from pa10cal.options import DiscoveryOptions
 from pa10cal.pose_plan.candidates import draw_candidates
 from pa10cal.pose_plan.expected import expect, instrument_named
 from pa10cal.pose_plan.options import PlanOptions

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload
+from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.calibration.general.problem import Unknowns
 from pa10cal.campaign import read
 from pa10cal.cell.campaign import Campaign, measure_campaign
@@ -24,9 +23,9 @@ from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.cell.write import write_campaign
 from pa10cal.evaluation.known_truth import KnownTruth
+from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Stated
-from pa10cal.observe.registry import instruments
 
 _TEMPERATURE_C = 20.0
 #: Noise so far below any instrument's that what is seen counts as exact.

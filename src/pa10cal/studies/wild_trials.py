@@ -26,8 +26,7 @@ from pa10cal.cell.write import Places, write_campaign
 from pa10cal.commands.calibrate import calibrate
 from pa10cal.commands.discover import discover
 from pa10cal.commands.evaluate import evaluate
-from pa10cal.commands.ingest import ingest
-from pa10cal.commands.seed import seed
+from pa10cal.commands.readings import ingest, seed
 from pa10cal.errors import Pa10calError
 from pa10cal.evaluation.blind_trial import WILD
 from pa10cal.evaluation.options import JudgingOptions

@@ -10,11 +10,10 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import UnitDeflection, deflection_rad, unit_deflection
-from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arm.statics import PoseStates, UnitDeflection, deflection_rad, unit_deflection
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
+from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import OPTIONAL, Parameter, Report, link_departures
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_and_screws, end_pose_with_screws
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.term import (
     Parameter,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import TermError
 from pa10cal.terms.term import Offsets, Parameter, Report, Term, shows_torque, yields

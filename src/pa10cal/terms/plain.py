@@ -13,11 +13,10 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from pa10cal.errors import TermError
-from pa10cal.near_miss import remedy_for
-from pa10cal.terms.effects.family import every_effect
-from pa10cal.terms.faults.family import every_fault
+from pa10cal.errors import TermError, remedy_for
+from pa10cal.terms.effects.effect import every_effect
 from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.log_faults import every_fault
 from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.term import OPTIONAL, Offsets, Term
 from pa10cal.terms.weights import Weights

@@ -12,9 +12,9 @@ import numpy as np
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import Arm
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
+from pa10cal.options import Tolerances
 
 #: In the metadata of a field of a term: omitted from files where it has its default.
 OPTIONAL = "optional"

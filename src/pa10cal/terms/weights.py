@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.term import OPTIONAL, Parameter, Report, TorqueOnly, report_as_solved

@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.transfer import refit_frames
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint_error_map import Band, SensorError
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures

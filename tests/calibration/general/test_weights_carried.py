@@ -9,17 +9,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload
-from pa10cal.arm.tolerances import Tolerances
-from pa10cal.calibration.accuracy import summarise
+from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.calibration.general.transfer import refit_frames, with_tool_of
+from pa10cal.calibration.uncertainty import summarise
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
 from pa10cal.fit.uncertain_weights import with_uncertain_weights
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from made_up_arm import Missing, at_joint, measure
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.evidence import candidates
 from pa10cal.discovery.evidence.candidates import indistinguishable, linearise
 from pa10cal.discovery.evidence.fit import fit

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from made_up_poses import measured_poses
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.evidence.problem import READINGS_A_CELL, gather, shared_error
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from made_up_arm import Missing, harmonic, measure
 from pa10cal.errors import CalibrationError, DiscoveryError
-from pa10cal.terms.effects import family
+from pa10cal.terms.effects import effect
 from pa10cal.terms.effects.joint_angle import JointHarmonic
 
 
@@ -150,8 +150,8 @@ class TestANewEffect:
         ]
 
     def test_dropped_into_the_library_it_is_found_and_named(self, campaign, monkeypatch):
-        known = (*family.every_effect(), ThirdHarmonic)
-        monkeypatch.setattr(family, "every_effect", lambda: known)
+        known = (*effect.every_effect(), ThirdHarmonic)
+        monkeypatch.setattr(effect, "every_effect", lambda: known)
         found = campaign.discovered()
         assert sum(effect.id == "third_harmonic" for effect in found.family) == 6
         assert found.verdict == "named"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from made_up_arm import ERROR_RATE, Missing, forced, harmonic, measure
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.evidence.judge import floor_mm, judge, mean_length, shared_error_mm
 from pa10cal.discovery.evidence.search import search
 from pa10cal.discovery.verdict import MAP

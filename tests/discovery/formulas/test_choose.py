@@ -5,10 +5,10 @@ import pytest
 
 import made_up_survey
 from made_up_arm import Missing, at_joint, measure
-from pa10cal.arm.state import PoseStates
-from pa10cal.discovery.formulas.choose import Arena, Contest, choose
-from pa10cal.discovery.formulas.propose import with_proposals
+from pa10cal.arm.statics import PoseStates
+from pa10cal.discovery.formulas import with_proposals
 from pa10cal.discovery.records import proposed_formula, summary, verdict_keys
+from pa10cal.discovery.short_forms import Arena, Contest, choose
 from pa10cal.terms.forms.of_joints import AngleForm
 
 

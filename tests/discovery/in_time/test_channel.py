@@ -11,7 +11,7 @@ from pa10cal.discovery.in_time.channel import in_time_of, told_with_rivals
 from pa10cal.discovery.linear import with_base_term
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.weights import unweighted
-from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.effects.effect import candidates
 
 POSES = 120
 

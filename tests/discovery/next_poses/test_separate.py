@@ -7,7 +7,6 @@ import pytest
 
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload
-from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.calibrate import ErrorSources, calibrate
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
@@ -27,9 +26,9 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import average_repeats
+from pa10cal.options import Tolerances
 from pa10cal.settings_reading import parse_section
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.effects.effect import Effect, candidates
 from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from pa10cal.arm.state import ObservedTargets, PoseStates, StaticLoads
+from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.effect import CandidateContext, Effect
-from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
 
 POSES, TARGETS = 6, 3
 

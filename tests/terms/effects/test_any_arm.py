@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.state import ObservedTargets, PoseStates, StaticLoads
+from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.terms.effects.effect import CandidateContext
-from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.effects.effect import CandidateContext, candidates
 
 CARRIED_NM = 30.0
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain, long_links
-from pa10cal.arm.tolerances import Tolerances
 from pa10cal.errors import CalibrationError
+from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring, baseline
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import shows_torque, yields

@@ -10,7 +10,7 @@ import pytest
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gates import unfit
 from pa10cal.terms import effects
-from pa10cal.terms.effects.family import candidates, every_effect
+from pa10cal.terms.effects.effect import candidates, every_effect
 from pa10cal.terms.term import shows_torque, yields
 
 JOINTS = tuple(f"joint {joint}" for joint in range(1, 7))

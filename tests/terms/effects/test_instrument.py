@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.state import ObservedTargets
+from pa10cal.arm.statics import ObservedTargets
 from pa10cal.frame.rigid_fit import fit_rigid
 from pa10cal.terms.model import Model
 

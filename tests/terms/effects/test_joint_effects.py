@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain
-from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 

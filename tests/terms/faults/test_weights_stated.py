@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload, statics
+from pa10cal.arm.statics import Payload, PoseStates, statics
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import CandidateContext
-from pa10cal.terms.faults.family import fault_candidates
-from pa10cal.terms.faults.weights_stated import LoadStated, ToolStated
+from pa10cal.terms.log_faults import LoadStated, ToolStated, fault_candidates
 
 ARM = load_arm("pa10_6ce")
 TOOL = Payload(2.4, np.array([0.0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.arm.state import ObservedTargets, PoseStates, StaticLoads
+from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.forms.catalogue import ReadingForm, forms_at, further

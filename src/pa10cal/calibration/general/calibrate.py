@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, weights_known
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload
+from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.fit import Fit, fit, reach_of
 from pa10cal.calibration.general.prior import Moved
@@ -28,7 +27,7 @@ from pa10cal.fit.problem import Problem
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
-from pa10cal.results.seed import BaseFrameRecord
+from pa10cal.results.calibration import BaseFrameRecord
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Offsets, Parameter, Term

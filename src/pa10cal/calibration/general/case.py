@@ -12,7 +12,6 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import Suspects, summarise, summarise_by_load
 from pa10cal.calibration.general.apart import Apart, apart
 from pa10cal.calibration.general.calibrate import GeneralCalibration, at_rest, calibrate_general
 from pa10cal.calibration.general.fit import Fit, fit
@@ -20,7 +19,12 @@ from pa10cal.calibration.general.prior import Moved, Prior, Release, prior_of
 from pa10cal.calibration.general.problem import check_enough, choose_unknowns, start_of_tool
 from pa10cal.calibration.health import Errors, FitSummary, Health, health, held_out_errors
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.uncertainty import scatter_of_repeats
+from pa10cal.calibration.uncertainty import (
+    Suspects,
+    scatter_of_repeats,
+    summarise,
+    summarise_by_load,
+)
 from pa10cal.campaign.description import InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
@@ -32,8 +36,8 @@ from pa10cal.fit.problem import Disagreement, Expected, Problem
 from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations, Start
-from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.calibration import SuspectedOutlier
+from pa10cal.results.evaluation import Accuracy
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import TOOL, Chain
 from pa10cal.arm.description import Arm, weights_known
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload
-from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
@@ -23,6 +21,7 @@ from pa10cal.fit.uncertain_weights import unknown_weights
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
+from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, OfCampaign

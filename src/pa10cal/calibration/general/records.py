@@ -17,21 +17,24 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import not_identifiable, observability
 from pa10cal.fit.model_file import model_to_plain
 from pa10cal.fit.prediction import FittedTo
-from pa10cal.results.accuracy import ResidualRows
 from pa10cal.results.calibration import (
     CalibratedParameter,
+    CampaignAlone,
     Covariance,
+    Difference,
     Fit,
     GeneralCalibrationRecord,
     GeneralErrors,
     GeneralFit,
+    GroupOfCampaigns,
     Moved,
     PriorPart,
     Redundant,
+    SharedParameter,
     Solved,
     Spring,
 )
-from pa10cal.results.group import CampaignAlone, Difference, GroupOfCampaigns, SharedParameter
+from pa10cal.results.evaluation import ResidualRows
 from pa10cal.results.record import Campaign
 from pa10cal.terms.joint_spring import JointSpring
 

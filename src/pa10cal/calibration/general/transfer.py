@@ -10,7 +10,6 @@ import numpy as np
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import Payload
-from pa10cal.arm.tolerances import Tolerances
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.calibrate import find_start
 from pa10cal.calibration.general.case import base_motion
@@ -22,6 +21,7 @@ from pa10cal.fit.prediction import FallBack
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.observations import Observations
+from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, OfPart, about_moved_base, motion_of_base
 from pa10cal.terms.term import Offsets, fixed

@@ -22,8 +22,8 @@ from pa10cal.cell.effects.effect import Finite, FinitePositive
 from pa10cal.cell.options import DisturbanceOptions
 from pa10cal.cell.raw_log import RawLog
 from pa10cal.errors import SettingsError
+from pa10cal.options import Section
 from pa10cal.settings_reading import parse_section
-from pa10cal.settings_section import Section
 
 #: What a campaign must have for a disturbance to mean anything.
 Need = Literal["loads", "masses", "springs", "repeats", "touches", "attitude", "targets", "tracker"]

@@ -17,7 +17,7 @@ from pydantic import Field, PrivateAttr
 
 from pa10cal.arrays import Array
 from pa10cal.cell.mechanism import Mechanism, Statics, Strain
-from pa10cal.settings_section import Section
+from pa10cal.options import Section
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 FinitePositive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

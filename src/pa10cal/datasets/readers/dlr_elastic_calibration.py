@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.campaign.raw_rows import quarantined, refuse_too_many
-from pa10cal.datasets.dataset import ARMS, DataSet, ImportedCampaign, Published
+from pa10cal.datasets.importing import ARMS, DataSet, ImportedCampaign, Published
 from pa10cal.errors import RawDataError
 
 PUBLISHED = Published.on_github(

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from pa10cal.campaign.raw_rows import quarantined
-from pa10cal.datasets.dataset import DataSet, ImportedCampaign, Published
+from pa10cal.datasets.importing import DataSet, ImportedCampaign, Published
 from pa10cal.datasets.text_table import read_bare_table, same_rows
 
 _FOLDER = "3-Full Measurement/Output/Backup"

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pa10cal.datasets.dataset import ARMS, DataSet, ImportedCampaign, Published, rotation_columns
+from pa10cal.datasets.importing import ARMS, DataSet, ImportedCampaign, Published, rotation_columns
 from pa10cal.datasets.text_table import read_bare_table
 
 PUBLISHED = Published.on_github(

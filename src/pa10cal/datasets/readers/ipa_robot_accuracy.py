@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pa10cal.datasets.dataset import AsItIs, DataSet, ImportedCampaign, Published
+from pa10cal.datasets.importing import AsItIs, DataSet, ImportedCampaign, Published
 
 COMMIT = "507fba69bdaf6c43c2faf306e70a7e37c5e39b89"
 SERIES = {

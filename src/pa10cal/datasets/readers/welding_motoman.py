@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pa10cal.datasets.dataset import ARMS, DataSet, ImportedCampaign, Published
+from pa10cal.datasets.importing import ARMS, DataSet, ImportedCampaign, Published
 from pa10cal.datasets.text_table import read_bare_table, same_rows
 
 _FOLDER = "mocap/kinematic_raw_data"

@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.refit import Refit, one_step
 from pa10cal.discovery.blocked_cv.survey import Survey

@@ -29,7 +29,6 @@ from pa10cal.discovery.blocked_cv.refit import Refit, compare, errors_by_name, r
 from pa10cal.discovery.blocked_cv.rows import ShapedEffect
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.formulas.choose import Arena, Contest
 from pa10cal.discovery.gap import Gap, Named, left_by
 from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
@@ -41,6 +40,7 @@ from pa10cal.discovery.next_poses.separate import fill
 from pa10cal.discovery.noise import Noise, noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
 from pa10cal.discovery.sensor_or_gear import JointCause
+from pa10cal.discovery.short_forms import Arena, Contest
 from pa10cal.discovery.verdict import Plan, Verdict, reported
 from pa10cal.discovery.weights import AS_FOUND, Scatter, scatter_of, share_inside
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen

@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.rows import Products, Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import Columns, State, solve

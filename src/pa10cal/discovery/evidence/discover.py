@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from typing_extensions import override
 
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.evidence.candidates import testable
@@ -35,7 +35,6 @@ from pa10cal.discovery.evidence.search import (
     threshold,
 )
 from pa10cal.discovery.finding import Fault, Finding, Unexplained
-from pa10cal.discovery.formulas.choose import Arena, Contest
 from pa10cal.discovery.gap import Gap, Named, gap, in_order, left_by
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
 from pa10cal.discovery.in_time.wander import STILL, moved_between_repeats, moved_frames
@@ -59,6 +58,7 @@ from pa10cal.discovery.preparation import (
     is_fault,
     sought,
 )
+from pa10cal.discovery.short_forms import Arena, Contest
 from pa10cal.discovery.verdict import Plan, Verdict, reported
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel

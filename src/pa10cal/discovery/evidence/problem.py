@@ -14,11 +14,11 @@ from pa10cal.arrays import Array
 from pa10cal.discovery.in_time.wander import STILL, InTime
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import Noise, mean_covariance, noise_of_repeats, same_circumstances
-from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of, static_loads
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import unknown_tool
 from pa10cal.observe.observations import Observations, average_groups
+from pa10cal.options import DiscoveryOptions
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.model import Kept
 

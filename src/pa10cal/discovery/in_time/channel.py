@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.finding import Fault, Unexplained
 from pa10cal.discovery.in_time.find import find_in_time

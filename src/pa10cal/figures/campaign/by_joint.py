@@ -33,10 +33,9 @@ from pa10cal.figures.style import (
     points,
     write_text_at,
 )
-from pa10cal.results.accuracy import ResidualRows
 from pa10cal.results.analysis import CellJoint, LackOfFit, Periodogram
 from pa10cal.results.calibration import GeneralCalibrationRecord
-from pa10cal.results.evaluation import HeldOutRows
+from pa10cal.results.evaluation import HeldOutRows, ResidualRows
 
 LEFT_MM = 18.0
 _RIGHT_MM, _GAP_MM = 168.0, 2.5

@@ -32,9 +32,8 @@ from pa10cal.figures.style import (
     write_text_at,
 )
 from pa10cal.figures.table import Row, Table, figures, frame_of, shown
-from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.calibration import GeneralCalibrationRecord
-from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, HoldoutRecord
+from pa10cal.results.evaluation import Accuracy, HeldOutModel, HeldOutRows, HoldoutRecord
 
 #: Told apart by more than their colours.
 _LINES = {"geometry": "--", "cubic": "-."}

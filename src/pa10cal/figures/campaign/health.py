@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pa10cal.figures.parameter_names import listed, written
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.results import MODELS, Results
 from pa10cal.figures.style import (
@@ -31,7 +30,7 @@ from pa10cal.figures.style import (
     write_beside,
     write_text_at,
 )
-from pa10cal.figures.table import Row, Shown, Table, frame_of, shown
+from pa10cal.figures.table import Row, Shown, Table, frame_of, listed, shown, written
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord, LCurvePoint
 from pa10cal.results.health import Health, PosesNeeded
 

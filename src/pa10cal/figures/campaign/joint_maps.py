@@ -31,8 +31,8 @@ from pa10cal.figures.style import (
     panel,
     write_text_at,
 )
+from pa10cal.results.calibration import CampaignsAgree, EffectByCampaign
 from pa10cal.results.discovery import FoundEffect
-from pa10cal.results.group import CampaignsAgree, EffectByCampaign
 
 _TITLE = "Errors that depend on a joint angle, as found"
 _MAPS = ("joint_error_map", "sensor_error", "gear_error")

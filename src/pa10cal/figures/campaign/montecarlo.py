@@ -30,7 +30,7 @@ from pa10cal.figures.style import (
     power_of_ten,
     write_text_at,
 )
-from pa10cal.results.montecarlo import PlaneRecord
+from pa10cal.results.studies import PlaneRecord
 
 _ASIDE_MM = 18.0
 

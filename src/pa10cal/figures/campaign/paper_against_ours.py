@@ -9,15 +9,13 @@ from itertools import chain
 from operator import attrgetter
 
 from pa10cal.figures import published
-from pa10cal.figures.parameter_names import std_of, written_load
 from pa10cal.figures.published import SOURCES, reduction_percent
 from pa10cal.figures.registry import picture
 from pa10cal.figures.results import Results, Scatter, incompleteness, scatter_by_load
-from pa10cal.figures.table import Shown, Table, frame_of
-from pa10cal.results.accuracy import Accuracy
+from pa10cal.figures.table import Shown, Table, frame_of, std_of, written_load
 from pa10cal.results.calibration import PaperCalibrationRecord
-from pa10cal.results.evaluation import HeldOutModel, HoldoutRecord
-from pa10cal.results.montecarlo import PlaneRecord
+from pa10cal.results.evaluation import Accuracy, HeldOutModel, HoldoutRecord
+from pa10cal.results.studies import PlaneRecord
 
 # What of a campaign stands beside the values of the paper.
 

@@ -15,7 +15,6 @@ from matplotlib.ticker import MultipleLocator
 
 from pa10cal.arrays import Array
 from pa10cal.figures import published
-from pa10cal.figures.parameter_names import written_load
 from pa10cal.figures.registry import picture
 from pa10cal.figures.results import PLACE_MM, Results, Scatter, scatter_by_load
 from pa10cal.figures.style import (
@@ -33,8 +32,9 @@ from pa10cal.figures.style import (
     panel,
     plain_log,
 )
-from pa10cal.results.accuracy import Accuracy
+from pa10cal.figures.table import written_load
 from pa10cal.results.calibration import PaperCalibrationRecord
+from pa10cal.results.evaluation import Accuracy
 
 _GRID: dict[str, Any] = {"color": BLUE, "marker": "o", "linewidth": 0.8}
 _HELD_OUT: dict[str, Any] = {"color": VERMILLION, "marker": "^", "linestyle": "none"}

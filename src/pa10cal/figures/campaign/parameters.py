@@ -12,17 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pa10cal.arrays import Array
-from pa10cal.figures.parameter_names import (
-    K_CUB,
-    K_LIN,
-    KINDS,
-    LINKS,
-    Kind,
-    joints_of,
-    std_of,
-    written,
-    written_load,
-)
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.results import COMBINED, Results, incompleteness, scatter_by_load
 from pa10cal.figures.style import (
@@ -39,7 +28,23 @@ from pa10cal.figures.style import (
     write_beside,
     write_text_at,
 )
-from pa10cal.figures.table import Row, Shown, Table, figures, frame_of, shown
+from pa10cal.figures.table import (
+    K_CUB,
+    K_LIN,
+    KINDS,
+    LINKS,
+    Kind,
+    Row,
+    Shown,
+    Table,
+    figures,
+    frame_of,
+    joints_of,
+    shown,
+    std_of,
+    written,
+    written_load,
+)
 from pa10cal.results.calibration import (
     CalibratedParameter,
     GeneralCalibrationRecord,

@@ -35,8 +35,8 @@ from pa10cal.figures.style import (
 )
 from pa10cal.figures.table import Table, frame_of, shown
 from pa10cal.observe.instrument import MotionFound
-from pa10cal.results.accuracy import ResidualRows
 from pa10cal.results.analysis import GapRows
+from pa10cal.results.evaluation import ResidualRows
 
 _LONGEST_ARROW_MM = 140.0
 _MARGIN_MM = 25.0

@@ -27,7 +27,6 @@ from pa10cal.figures.style import (
     write_text_at,
 )
 from pa10cal.figures.table import Row, Shown, Table, frame_of, shown, with_half_width
-from pa10cal.results.accuracy import Accuracy, BeforeAfter, EffectParameter
 from pa10cal.results.analysis import AnalysisRecord, NamingStep
 from pa10cal.results.discovery import (
     EvidenceByBlocks,
@@ -40,6 +39,7 @@ from pa10cal.results.discovery import (
     SetGap,
     VerdictRecord,
 )
+from pa10cal.results.evaluation import Accuracy, BeforeAfter, EffectParameter
 from pa10cal.results.explained import ExplainedEffect, ProposedFormula, percent
 from pa10cal.results.record import EffectName
 

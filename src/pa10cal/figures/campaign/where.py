@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pa10cal.arrays import Array
-from pa10cal.figures.parameter_names import K_CUB, K_LIN, KINDS, LINKS, Kind, joints_of
 from pa10cal.figures.registry import picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -26,8 +25,9 @@ from pa10cal.figures.style import (
     plain_log,
     write_text_at,
 )
-from pa10cal.results.accuracy import Estimate
+from pa10cal.figures.table import K_CUB, K_LIN, KINDS, LINKS, Kind, joints_of
 from pa10cal.results.analysis import AnalysisRecord, LackOfFit, ParameterShift
+from pa10cal.results.evaluation import Estimate
 
 _HALF_WIDTH_95 = 1.96
 _S_PER_H = 3600.0

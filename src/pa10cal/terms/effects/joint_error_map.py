@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, PPoly
 from scipy.sparse import csr_array
 
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.term import Parameter

@@ -9,7 +9,7 @@ import numpy as np
 
 from pa10cal.arm.chain import bend_coordinates, link_spans_m, long_links
 from pa10cal.arm.description import Arm, weights_known
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, static_loads_in
 from pa10cal.terms.term import OPTIONAL, Parameter

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial.legendre import legder, legval, legvander
 
 from pa10cal.arm.chain import BASE
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import (
     CandidateContext,
@@ -20,7 +20,7 @@ from pa10cal.terms.effects.effect import (
     time_in,
     turning_joints,
 )
-from pa10cal.terms.effects.instrument import FalseReading
+from pa10cal.terms.effects.in_time import FalseReading
 from pa10cal.terms.effects.joint_torque import loaded_joints
 from pa10cal.terms.term import Parameter, TorqueOnly
 

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from pa10cal.arm.chain import TOOL
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import (
     CandidateContext,

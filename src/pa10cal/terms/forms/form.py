@@ -9,7 +9,7 @@ from typing import ClassVar, Literal, Self
 
 import numpy as np
 
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, NamedEffect
 from pa10cal.terms.effects.joint_angle import amplitude_and_phase

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import joint_of
 from pa10cal.terms.forms.form import Form, Numbers, Shape, sines, size

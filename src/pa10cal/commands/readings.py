@@ -1,8 +1,52 @@
-"""Command `join`."""
+"""Commands from raw files to readings and frames: `ingest`, `join`, `seed`."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+
+from pa10cal.options import BaseFrameOptions, IngestOptions
+
+
+def ingest(
+    *,
+    campaign_dir: Path,
+    out: Path,
+    quarantine: Path,
+    settings: IngestOptions = IngestOptions(),
+) -> None:
+    """Turn raw logs into a table of poses, and list the rows that are quarantined.
+
+    Args:
+        campaign_dir: folder of raw files.
+        out: table of poses (.parquet).
+        quarantine: rows that are not used, and why (.csv).
+        settings: section ingest.
+
+    Examples:
+        pa10cal ingest --campaign-dir data/raw/mine --out poses.parquet --quarantine quarantine.csv
+    """
+    from pa10cal.campaign.raw_rows import quarantine_csv
+    from pa10cal.campaign.read import read_campaign
+    from pa10cal.campaign.table import write_pose_table
+    from pa10cal.files.output import whole_files
+
+    campaign = read_campaign(campaign_dir, settings)
+    with whole_files(out, quarantine) as (table, listing):
+        write_pose_table(
+            table,
+            campaign.observations,
+            campaign.arm.prismatic,
+            campaign.name,
+            campaign.wrong_rows,
+        )
+        listing.write_text(quarantine_csv(campaign.quarantined), encoding="utf-8", newline="\n")
+    print(campaign.summary)
+    for warning in campaign.warnings:
+        print(f"pa10cal ingest: warning: {campaign.name}: {warning}", file=sys.stderr)
+
+
+# Command `join`.
 
 
 def join(
@@ -42,8 +86,8 @@ def join(
     from pa10cal.files.output import whole_files
     from pa10cal.observe.joined import Member
     from pa10cal.observe.joined import join as join_campaigns
+    from pa10cal.results.calibration import BaseFrameRecord
     from pa10cal.results.codec import read
-    from pa10cal.results.seed import BaseFrameRecord
 
     if not len(campaign_dir) == len(poses) == len(base_frame):
         raise RawDataError(
@@ -81,3 +125,38 @@ def join(
         text.write_text(group_text(group), encoding="utf-8", newline="\n")
     counts = ", ".join(f"{each.name} {len(each.observations)}" for each in placed)
     print(f"{name}: {len(together)} configurations of one {group.robot}: {counts}")
+
+
+# Command `seed`.
+
+
+def seed(
+    *,
+    campaign_dir: Path,
+    poses: Path,
+    out: Path,
+    settings: BaseFrameOptions = BaseFrameOptions(),
+) -> None:
+    """Locate the base frame, and targets, from straight-line moves or the nominal arm.
+
+    Args:
+        campaign_dir: folder of raw files.
+        poses: table of poses (.parquet).
+        out: base frame in the instrument's frame, to write (.json).
+        settings: section base_frame.
+
+    Examples:
+        pa10cal seed --campaign-dir data/raw/mine --poses poses.parquet --out base_frame.json
+    """
+    from pa10cal.campaign.description import read_description
+    from pa10cal.campaign.table import read_observations
+    from pa10cal.files.arms import load_arm
+    from pa10cal.observe.seed import locate_base, summary
+    from pa10cal.results.codec import write
+
+    campaign = read_description(campaign_dir)
+    every = read_observations(poses, campaign)
+    arm = load_arm(campaign.robot, campaign_dir)
+    record = locate_base(every, arm, settings, poses, campaign.name, campaign.provenance)
+    write(record, out)
+    print(f"{campaign.name}: {summary(record)}")

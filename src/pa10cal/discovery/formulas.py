@@ -8,8 +8,8 @@ from functools import partial
 from typing import TypeVar
 
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.formulas.choose import Proposal, choose
 from pa10cal.discovery.gates import harmless, unfit
+from pa10cal.discovery.short_forms import Proposal, choose
 from pa10cal.discovery.verdict import MAP, Verdict
 from pa10cal.terms.effects.effect import Effect, joint_of, turning_joints
 from pa10cal.terms.effects.joint_angle import PeriodicError

@@ -1,25 +1,53 @@
-"""Weights that a campaign states wrongly: an external load, or the tool."""
+"""Faults of a log as terms: what a whole log is wrong by, told and never named as an effect."""
 
 from __future__ import annotations
 
+import inspect
 from abc import abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from typing import ClassVar, Self
 
 import numpy as np
 
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.results.record import FaultKind
-from pa10cal.terms.effects.effect import CandidateContext, static_loads_in
-from pa10cal.terms.faults.log_fault import FaultText, LogFault
-from pa10cal.terms.term import Parameter, TorqueOnly
+from pa10cal.terms.effects.effect import (
+    CandidateContext,
+    Effect,
+    NamedEffect,
+    everywhere_but,
+    static_loads_in,
+)
+from pa10cal.terms.term import Parameter, Term, TorqueOnly
 
 #: Part by which a load may well be misstated.
 _LOAD_PART = 0.1
 #: Part of its mass by which a tool may well be misstated, and its centre [m].
 _TOOL_PART = 0.3
 _TOOL_M = 0.05
+
+
+@dataclass(frozen=True)
+class FaultText:
+    """A fault in words."""
+
+    where: str  # column, joint, load, pose, row or time
+    what: str  # what is wrong and by how much, one clause
+    remedy: str  # what to do about it
+
+
+@dataclass(frozen=True)
+class LogFault(NamedEffect):
+    """A fault of the whole log, such as a load that is stated wrongly."""
+
+    kind: ClassVar[FaultKind]
+
+    @abstractmethod
+    def told(self, x: Array, std: Array) -> FaultText:
+        """Return it in words, by its reported parameters and their standard uncertainties."""
 
 
 @dataclass(frozen=True)
@@ -133,3 +161,21 @@ class ToolStated(WeightStated):
             f"{2 * std[0]:.1g} kg, its centre {off_mm[axis]:+.0f} mm along {'xyz'[axis]}",
             "weigh the tool, and correct its mass and centre in campaign.yaml",
         )
+
+
+@cache
+def every_fault() -> tuple[type[LogFault], ...]:
+    """Return every class of fault, ordered by id."""
+    found = {
+        each
+        for each in globals().values()
+        if inspect.isclass(each) and issubclass(each, LogFault) and "id" in vars(each)
+    }
+    return tuple(
+        sorted((each for each in found if not inspect.isabstract(each)), key=lambda each: each.id)
+    )
+
+
+def fault_candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:
+    """Return every fault wherever a log may have it, but those that a model has."""
+    return everywhere_but(every_fault(), context, held)

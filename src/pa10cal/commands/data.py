@@ -1,0 +1,309 @@
+"""Commands: `columns`, `import`, `fetch`, `import_arm`, `effects`, `doctor`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pa10cal.options import IngestOptions
+
+if TYPE_CHECKING:
+    from pa10cal.arm.description import Arm
+    from pa10cal.terms.effects.effect import Effect
+
+
+def columns(file: Path, *, robot: str | None = None, name: str | None = None) -> None:
+    """Propose how to read a tracker's or controller's export as it is: a campaign.yaml for it.
+
+    Separator, decimal sign and columns are recognised by the header and the numbers; with --robot
+    units and the convention of attitudes by the kinematics of the nominal arm too, and the file is
+    read once so. Save what is printed as campaign.yaml beside the file, correct it, and use
+    pa10cal run.
+
+    Args:
+        file: one row a configuration: joint positions, and what was measured.
+        robot: name of the arm's description, shipped or beside the file.
+        name: name of the campaign; without it, that of the folder.
+
+    Examples:
+        pa10cal columns examples/ur10-pose/tracker.txt --robot ur10
+        pa10cal columns measured/export.csv --robot ur10 > measured/campaign.yaml
+    """
+    import sys
+
+    import yaml
+
+    from pa10cal.campaign.csv_rows import sniff
+    from pa10cal.campaign.propose import follows_contract, label_of, propose
+    from pa10cal.files.arms import load_arm
+
+    arm = None if robot is None else load_arm(robot, file.parent)
+    found = sniff(file)
+    label = name or label_of(file.absolute().parent)
+    proposal = propose(found, file.name, label, robot or "my_arm", arm)
+    if follows_contract(found):
+        del proposal.content["columns"]
+    text = yaml.safe_dump(
+        proposal.content, sort_keys=False, default_flow_style=None, width=90, allow_unicode=True
+    )
+    told = [] if arm is None else _tried(file, text, arm)
+    print("\n".join((*told, *(f"# check {each}" for each in proposal.checks))))
+    print(text, end="")
+    if sys.stdout.isatty():
+        print(f"\nSave this as {file.parent / 'campaign.yaml'}, correct it, and then:")
+        print(f"  pa10cal run {file.parent}")
+
+
+def _tried(file: Path, text: str, arm: Arm) -> list[str]:
+    """Read a campaign as it is proposed, and return what its reader is to know of that."""
+    from tempfile import TemporaryDirectory
+
+    from pa10cal.campaign.description import DESCRIPTION_FILE
+    from pa10cal.campaign.read import read_campaign
+    from pa10cal.errors import Pa10calError
+    from pa10cal.files.arms import arm_text
+
+    with TemporaryDirectory() as folder:
+        beside = Path(folder)
+        (beside / DESCRIPTION_FILE).write_text(text, encoding="utf-8")
+        (beside / f"{arm.name}.yaml").write_text(arm_text(arm), encoding="utf-8")
+        (beside / file.name).symlink_to(file.absolute())
+        try:
+            found = read_campaign(beside)
+        except Pa10calError as error:
+            return [f"# check all of it: it is refused: {error}".replace(f"{folder}/", "")]
+        rows = f"{len(found.observations)} rows can be used, {len(found.quarantined)} cannot"
+        return [f"# read so: {rows}", *(f"# check: {warning}" for warning in found.warnings)]
+
+
+# Command `import`.
+
+#: Rows left out that are shown one by one; all of them are in the campaign's left_out.csv.
+SHOWN = 10
+
+
+def import_data(
+    dataset: str,
+    folder: Path,
+    *,
+    out: Path,
+    any_version: bool = False,
+    only: tuple[str, ...] = (),
+    settings: IngestOptions = IngestOptions(),
+) -> None:
+    """Turn a data set of another layout into campaigns.
+
+    Args:
+        dataset: name of the data set.
+        folder: folder of its files.
+        out: folder of campaigns to write to.
+        any_version: accept files that are not the published ones, and note it in the provenance.
+        only: names of the campaigns to write; all of them unless given.
+        settings: section ingest.
+
+    Examples:
+        pa10cal import ipa-robot-accuracy data/ipa --out data/raw
+    """
+    from pa10cal.datasets.campaign_folder import write_campaigns
+    from pa10cal.datasets.importing import AsItIs, dataset_named, import_campaigns
+    from pa10cal.errors import RawDataError
+
+    campaigns = import_campaigns(
+        dataset_named(dataset),
+        folder,
+        max_left_out=settings.max_quarantined_fraction,
+        any_version=any_version,
+    )
+    names = [campaign.name for campaign in campaigns]
+    if unknown := [name for name in only if name not in names]:
+        raise RawDataError(
+            "the data set has no such campaign",
+            where="--only",
+            value=", ".join(unknown),
+            allowed=", ".join(names),
+            remedy="correct the name",
+        )
+    campaigns = tuple(each for each in campaigns if not only or each.name in only)
+    places = write_campaigns(campaigns, out)
+    for campaign, place in zip(campaigns, places, strict=True):
+        readings = campaign.readings
+        told = (
+            f"{readings.path.name}, read as it is"
+            if isinstance(readings, AsItIs)
+            else f"{len(campaign.left_out)} rows left out"
+        )
+        parts = [told, *campaign.notes]
+        print(f"{place}: {'; '.join(parts)}")
+        for row in campaign.left_out[:SHOWN]:
+            print(f"  left out: {row.file}:{row.line}: {row.reason} {row.value}".rstrip())
+        if len(campaign.left_out) > SHOWN:
+            print(f"  … and {len(campaign.left_out) - SHOWN} more in {place / 'left_out.csv'}")
+
+
+# Command `fetch`.
+
+
+def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
+    """Fetch a public data set from its owner, of the pinned version, and check it.
+
+    Under which licence it is, or that none is stated, is said before anything is fetched.
+
+    Args:
+        dataset: name of the data set.
+        out: folder for its files.
+        source: folder or address to take them from, if not where they are published.
+
+    Examples:
+        pa10cal fetch ipa-robot-accuracy --out data/ipa
+        pa10cal fetch ipa-robot-accuracy --out data/ipa --source /media/copy
+    """
+    from pa10cal.datasets.importing import dataset_named
+    from pa10cal.datasets.importing import fetch as fetch_files
+
+    asked = dataset_named(dataset)
+    if asked.published is not None:
+        print(asked.published.terms, flush=True)
+    fetched = fetch_files(asked, out, source or None)
+    print(f"{out}: {', '.join(fetched) or 'nothing to fetch'}; all checksums are right")
+
+
+# Command `import_arm`.
+
+
+def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | None = None) -> None:
+    """Turn a URDF into an arm description, and compare their forward kinematics.
+
+    A copy of the URDF is put beside the description, so that a calibrated model can be exported as
+    the same URDF with calibrated origins.
+
+    Args:
+        urdf: the URDF, xacro macros expanded.
+        out: description to write; its stem names the arm.
+        base: link that is the arm's base; without it, the root.
+        tip: link that is the end-effector; without it, the only tip.
+
+    Examples:
+        pa10cal import_arm robot.urdf --out my_arm.yaml
+        pa10cal import_arm cell.urdf --base base_link --tip tool0 --out my_arm.yaml
+    """
+    import numpy as np
+
+    from pa10cal.arm.description import neighbouring_axes
+    from pa10cal.errors import ArmError
+    from pa10cal.files.arms import arm_from_urdf, arm_text, parse_arm, with_short_limits
+    from pa10cal.files.output import whole_files
+    from pa10cal.yaml_file import parse_yaml
+
+    if out.suffix != ".yaml":
+        raise ArmError(
+            "the description is a YAML file",
+            where="--out",
+            value=str(out),
+            allowed="a name that ends in .yaml",
+            remedy="rename it",
+        )
+    imported = arm_from_urdf(urdf, base, tip, name=out.stem)
+    arm = with_short_limits(imported.arm)
+    parallel = [axes for axes in neighbouring_axes(arm) if axes.parallel]
+    lines = [
+        f"From {imported.base} to {imported.tip}, joints 1 to {arm.n}: "
+        f"{', '.join(imported.joints)}.",
+        *(
+            f"Joints {axes.joints[0]} and {axes.joints[1]} are {np.degrees(axes.angle_rad):.2g} "
+            f"degrees from parallel: row {axes.row} takes beta in place of d."
+            for axes in parallel
+        ),
+        *(f"{note[0].upper()}{note[1:]}." for note in imported.notes),
+    ]
+    copy = out.with_suffix(".urdf")
+    source = {"file": copy.name, "base": imported.base, "tip": imported.tip}
+    text = arm_text(arm, [f"Imported from {urdf.name}.", *lines], source)
+    parse_arm(parse_yaml(text), where=str(out))  # what would not be read is not written
+    with whole_files(out, copy) as (description, beside):
+        description.write_text(text, encoding="utf-8", newline="\n")
+        beside.write_bytes(urdf.read_bytes())
+    print(
+        "\n".join(lines) + "\n"
+        f"{out}: forward kinematics differs from that of the URDF by "
+        f"{imported.forward_kinematics_difference_m:.1e} m and "
+        f"{imported.forward_kinematics_difference_rad:.1e} rad at most"
+    )
+
+
+# Command `effects`.
+
+#: Of more parameters only the first and the last are listed.
+_MOST_NAMES = 4
+
+
+def effects(*, robot: str = "pa10_6ce") -> None:
+    """List the effects that discovery can name at an arm, each with its formula.
+
+    Args:
+        robot: name of an arm description.
+
+    Examples:
+        pa10cal effects
+        pa10cal effects --robot iiwa14
+    """
+    from pa10cal.files.arms import load_arm
+    from pa10cal.terms.effects.effect import vocabulary_of
+
+    print("| effect | meaning | sits at | formula | parameters | expected size |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for places in vocabulary_of(load_arm(robot)):
+        print(f"| {' | '.join(_cells(places))} |")
+
+
+def _cells(places: tuple[Effect, ...]) -> tuple[str, ...]:
+    """Return what the table says of an effect, by the first of its places."""
+    first = places[0]
+    meaning = (type(first).__doc__ or "").splitlines()[0].removesuffix(".")
+    reported = first.report(first.starts[0]).parameters
+    signed = first.linear if first.positive else 0
+    shown = [
+        f"{each.name}{' > 0' if k < signed else ''} [{each.unit}]"
+        for k, each in enumerate(reported)
+    ]
+    if len(shown) > _MOST_NAMES:
+        shown[1:-1] = ["…"]
+    size = first.parameters[0]
+    return (
+        f"`{first.id}`",
+        meaning,
+        ", ".join(each.of for each in places).replace(", joint ", ", "),
+        f"`{first.formula}`",
+        ", ".join(shown),
+        f"{size.plausible:.2g} {size.unit}".removesuffix(" 1"),
+    )
+
+
+# Command `doctor`.
+
+
+def doctor() -> None:
+    """Check this machine: what pa10cal needs, what is missing, and what to do about it.
+
+    Exit code 2 where something that is needed is missing.
+
+    Examples:
+        pa10cal doctor
+    """
+    from pa10cal.errors import SettingsError
+    from pa10cal.running.machine import examine
+
+    checks = examine()
+    width = max(len(check.name) for check in checks)
+    for check in checks:
+        print(f"{check.mark:<7} {check.name:<{width}}  {check.found}")
+        if check.remedy:
+            print(f"{'':<7} {'':<{width}}  → {check.remedy}")
+    missing = [check.name for check in checks if check.state == "missing"]
+    if missing:
+        raise SettingsError(
+            f"{len(missing)} of {len(checks)} checks failed",
+            where="this machine",
+            value=", ".join(missing),
+            allowed="all of them passed",
+            remedy="see the arrows above",
+        )

@@ -1,0 +1,342 @@
+"""Commands for fitted models: `predict`, `compensate`, `compare`, `drift`, `adapt`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pa10cal.arrays import Array
+from pa10cal.errors import ModelError
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.model_file import load_model
+from pa10cal.results.health import UNRESERVED
+
+if TYPE_CHECKING:
+    from pa10cal.results.comparison import ComparisonRecord
+
+
+def model_in_use(path: Path, *, force: bool) -> FittedModel:
+    """Read a model, unless its calibration is not to be trusted.
+
+    Raises:
+        ModelError: when it cannot be read, or its grade needs `force`.
+    """
+    model = load_model(path)
+    if doubtful(model) and not force:
+        assert model.fitted_to is not None
+        raise ModelError(
+            f"a model of grade {model.grade} is not applied",
+            where=f"{path}: fitted_to",
+            value=model.fitted_to.health,
+            allowed="good, few_poses or incomplete",
+            remedy="follow the remedy in the line and calibrate again, or insist with --force",
+        )
+    return model
+
+
+def doubtful(model: FittedModel) -> bool:
+    """Return whether a model's grade is one that needs `force`."""
+    return bool(model.grade) and model.grade not in UNRESERVED
+
+
+def loads_of(given_N: Array, load_N: float) -> Array:
+    """Return the loads of rows, that of the command where a row gives none (nan)."""
+    return np.where(np.isnan(given_N), load_N, given_N)
+
+
+def not_read(path: Path, columns: tuple[str, ...]) -> str:
+    """Return which columns of a list are not read, for the end of a line; nothing where all are."""
+    return f"; not read of {path}: {', '.join(columns)}" if columns else ""
+
+
+# Command `predict`.
+
+
+def predict(
+    *,
+    model: Path,
+    joints: Path,
+    out: Path,
+    frame: str = "flange",
+    load_N: float = 0.0,
+    force: bool = False,
+) -> None:
+    """Say where a calibrated robot is, at joint positions that it never was measured at.
+
+    Poses are in the robot's base frame, with the standard uncertainty of each position and whether
+    the fit has seen such joint angles. docs/using-the-model.md explains the columns.
+
+    Args:
+        model: model.yaml of a calibration, or the results that hold it.
+        joints: joint positions: id,q1_deg,...[,load_N] (.csv).
+        out: poses to write (.csv).
+        frame: flange, tool, or target_<name>.
+        load_N: external load [N] of rows that give none.
+        force: use a model whose input is suspect, and loads heavier than any that it has seen.
+
+    Examples:
+        pa10cal predict --model results/cell-a/model/model.yaml --joints joints.csv --out poses.csv
+        pa10cal predict --model model.yaml --joints joints.csv --frame tool --load-N 22 --out p.csv
+    """
+    from pa10cal.campaign.pose_lists import poses_text, read_joints
+    from pa10cal.files.output import write_text
+
+    fitted = model_in_use(model, force=force)
+    asked = read_joints(joints, fitted.arm.prismatic)
+    loads_N = loads_of(asked.load_N, load_N)
+    found = fitted.predict(asked.q, frame=frame, load_N=loads_N, extrapolate=force)
+    forced = fitted.grade if doubtful(fitted) else None
+    write_text(out, poses_text(asked.ids, found.T, found.u_mm, found.inside, forced))
+    outside = int((~found.inside).sum())
+    print(
+        f"{out}: {frame} of {fitted.arm.name} at {len(found)} joint positions, "
+        f"{outside} of them beyond the angles of the fit{not_read(joints, asked.unused)}"
+    )
+
+
+# Command `compensate`.
+
+
+def compensate(
+    *,
+    model: Path,
+    targets: Path,
+    out: Path,
+    frame: str = "flange",
+    load_N: float = 0.0,
+    force: bool = False,
+) -> None:
+    """Find the joint positions to command so that a calibrated robot comes to its targets.
+
+    Every target has a row, in order, with a status: ok, outside_limits, unreachable or
+    near_singular. Of several branches the nearest to the row's seed is taken, without a seed the
+    nearest to the row before. docs/using-the-model.md explains the columns.
+
+    Args:
+        model: model.yaml of a calibration, or the results that hold it.
+        targets: poses in the robot's base frame: id,x_mm,y_mm,z_mm,qw,qx,qy,qz[,load_N][,q1_deg,
+            ...] (.csv).
+        out: joint positions to write (.csv).
+        frame: flange, tool, or target_<name>.
+        load_N: external load [N] of rows that give none.
+        force: use a model whose input is suspect, and loads heavier than any that it has seen.
+
+    Examples:
+        pa10cal compensate --model model.yaml --targets targets.csv --out commands.csv
+        pa10cal compensate --model model.yaml --targets t.csv --frame tool --load-N 22 --out c.csv
+    """
+    import numpy as np
+
+    from pa10cal.campaign.pose_lists import commands_text, read_targets
+    from pa10cal.files.output import write_text
+
+    fitted = model_in_use(model, force=force)
+    arm = fitted.arm
+    asked = read_targets(targets, arm.prismatic)
+    found = fitted.compensate(
+        asked.T,
+        frame=frame,
+        seed=asked.seed,
+        load_N=loads_of(asked.load_N, load_N),
+        extrapolate=force,
+    )
+    columns = {
+        "status": found.status,
+        "error_mm": found.error_mm,
+        "u_mm": found.u_mm,
+        "error_deg": found.error_deg,
+        "inside": found.inside,
+    }
+    if doubtful(fitted):
+        columns["forced"] = np.full(len(found), fitted.grade)
+    write_text(out, commands_text(asked.ids, found.q, arm.prismatic, columns))
+    words, counts = np.unique(found.status, return_counts=True)
+    said = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
+    rest = not_read(targets, asked.unused)
+    print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {said}{rest}")
+
+
+# Command `compare`.
+
+#: Parameters shown: those that differ by most of their uncertainty, from so many of it on.
+_SHOWN, _WORTH_SHOWING = 5, 3.0
+
+
+def compare(first: Path, second: Path, *, out: Path | None = None) -> None:
+    """Say what differs between two models of one arm, and whether it matters.
+
+    Models are judged by where they put the flange, over the joint angles that both have seen, once
+    base and tool are taken off. docs/using-the-model.md explains the figures.
+
+    Args:
+        first: model.yaml of a calibration, or the results that hold it.
+        second: model.yaml of another.
+        out: every parameter and figure, to write (.json).
+
+    Examples:
+        pa10cal compare results/june/model/model.yaml results/july/model/model.yaml
+        pa10cal compare june.yaml july.yaml --out compare.json
+    """
+    from pa10cal.evaluation.two_models import compare_models
+    from pa10cal.fit.model_file import load_model
+    from pa10cal.results.codec import write
+
+    models = load_model(first), load_model(second)
+    found = compare_models(*models, names=(str(first), str(second)))
+    if out is not None:
+        write(found, out)
+    print("\n".join(_lines(found)))
+
+
+def _lines(found: ComparisonRecord) -> Iterator[str]:
+    """Yield what a reader is shown: models, frames, parameters that differ most, the sentence."""
+    for number, model in enumerate((found.first, found.second), start=1):
+        of = f"{model.calibration} of {model.campaign}" if model.campaign else "not known"
+        yield f"{number}  {model.name}: {model.robot}, fit {of}, grade {model.grade or 'not known'}"
+        if model.only_here:
+            yield f"   only here: {', '.join(model.only_here)}"
+    if found.described_otherwise:
+        yield f"described otherwise: {', '.join(found.described_otherwise)}"
+    if found.frames:
+        yield ""
+        over = f"over {found.postures} postures"
+        yield f"{over:<24}{'rms mm':>9}{'peak mm':>9}{'rms deg':>10}"
+        for name, each in found.frames.items():
+            yield _row(f"{name}, as predicted", each.rms_mm, each.peak_mm, each.orientation_deg)
+            yield _row("  base and tool explain", each.base_and_tool_mm)
+            yield _row(
+                "  remains", each.remaining_rms_mm, each.remaining_peak_mm, each.remaining_deg
+            )
+            if each.expected_mm is not None:
+                yield _row("  expected to remain", each.expected_mm, None, each.expected_deg)
+    rows = found.parameters
+    most = sorted(
+        (-abs(over_u), k) for k, over_u in enumerate(rows.over_u) if abs(over_u) >= _WORTH_SHOWING
+    )
+    if most:
+        yield ""
+        yield "parameters that differ most, in standard uncertainties of the difference"
+        for _, k in most[:_SHOWN]:
+            name = f"{rows.parameter[k]} ({rows.term[k]} of {rows.of[k]})"
+            values = f"{rows.first[k]:.6g} and {rows.second[k]:.6g} {rows.unit[k]}"
+            yield f"  {name:<44} {rows.over_u[k]:+8.1f}  {values}"
+    yield ""
+    yield found.line
+    if found.what_moved is not None:
+        yield f"between both campaigns: {found.what_moved.line}"
+
+
+def _row(title: str, rms: float, peak: float | None = None, deg: float | None = None) -> str:
+    peak_shown = "" if peak is None else f"{peak:.3f}"
+    deg_shown = "" if deg is None else f"{deg:.4f}"
+    return f"{title:<24}{rms:>9.3f}{peak_shown:>9}{deg_shown:>10}".rstrip()
+
+
+# Command `drift`.
+
+
+def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -> None:
+    """Show how the parameters of one arm went over campaigns, and what moved between them.
+
+    Args:
+        models: model.yaml of every campaign, or the results that hold it, in order of time.
+        out: every parameter with its interval, and what moved from each campaign to the next, to
+            write (.json).
+        figures: folder for a figure of the same name.
+
+    Examples:
+        pa10cal drift results/june results/july results/august --out drift.json --figures figures
+    """
+    from pa10cal.evaluation.two_models import drift as over_campaigns
+    from pa10cal.fit.model_file import load_model
+    from pa10cal.results.codec import write
+
+    found = [load_model(path) for path in models]
+    names = [
+        model.fitted_to.campaign if model.fitted_to else str(path)
+        for path, model in zip(models, found, strict=True)
+    ]
+    if len(set(names)) < len(names):
+        names = [str(path) for path in models]
+    record = over_campaigns(found, names)
+    write(record, out)
+    if figures is not None:
+        from pa10cal.evaluation.options import FigureOptions
+        from pa10cal.figures.over_campaigns import write_drift
+
+        write_drift(record, figures, out.stem, FigureOptions().png_dpi)
+    for step in record.steps:
+        print(f"{step.first} to {step.second}: {step.what_moved.line}")
+
+
+# Command `adapt`.
+
+
+def adapt(
+    *,
+    prior: Path,
+    campaign_dir: Path,
+    poses: Path,
+    out: Path,
+    shares: tuple[float, ...] = (0.01, 0.03, 0.1, 0.3, 0.7),
+    figures: Path | None = None,
+    force: bool = False,
+) -> None:
+    """Show how many poses of a campaign a model of another campaign needs.
+
+    Args:
+        prior: model.yaml of the same arm, or the results that hold it.
+        campaign_dir: folder of raw files of the campaign to adapt to.
+        poses: its table of poses (.parquet).
+        out: errors by number of poses, to write (.json).
+        shares: parts of all its configurations to fit, the first in order of time.
+        figures: folder for a figure of the same name.
+        force: take a prior whatever its grade.
+
+    Examples:
+        pa10cal adapt --prior results/ur10-a --campaign-dir data/raw/ur10-c --poses \\
+          results/ur10-c/ingest/poses.parquet --out adapted_ur10-a.json
+    """
+    from functools import partial
+
+    from pa10cal.calibration.general.prior import refuse_unsound
+    from pa10cal.campaign.description import read_description
+    from pa10cal.campaign.table import read_observations
+    from pa10cal.campaign.weighed_arm import arm_of
+    from pa10cal.errors import SettingsError
+    from pa10cal.evaluation.adapted import adapted_steps
+    from pa10cal.fit.model_file import load_model
+    from pa10cal.results.codec import write
+    from pa10cal.results.comparison import AdaptationRecord
+
+    if not all(0.0 < share <= 1.0 for share in shares):
+        raise SettingsError(
+            "shares that are no parts of a campaign",
+            where="--shares",
+            value=shares,
+            allowed="numbers above 0 and up to 1",
+            remedy="correct the list",
+        )
+    campaign = read_description(campaign_dir)
+    model = load_model(prior)
+    refuse_unsound(model, force=force)
+    every = read_observations(poses, campaign)
+    arm = arm_of(campaign, campaign_dir, every)
+    say = partial(print, flush=True)
+    steps = adapted_steps(model, arm, every, campaign.payload(arm), shares, say)
+    record = AdaptationRecord(
+        campaign=campaign.name,
+        provenance=campaign.provenance,
+        from_=None if model.fitted_to is None else model.fitted_to.campaign,
+        held_out=steps[0].prior.configurations,
+        steps=steps,
+    )
+    write(record, out)
+    if figures is not None:
+        from pa10cal.evaluation.options import FigureOptions
+        from pa10cal.figures.over_campaigns import write_adaptation
+
+        write_adaptation(record, figures, out.stem, FigureOptions().png_dpi)

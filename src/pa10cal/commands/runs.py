@@ -1,0 +1,298 @@
+"""Commands for whole runs: `run`, `reproduce`, `report`, `fleet`, `fleet_summary`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def run(
+    folder: Path,
+    *,
+    out: Path = Path("results"),
+    cores: int = 0,
+    settings: Path | None = None,
+    prior: Path | None = None,
+) -> None:
+    """Run a folder of raw files to its grade, verdict, model, report, figures and tables.
+
+    What is up to date is not made again. On a terminal the stages are shown while they run. Where a
+    stage refuses, the report says so, with what there is before it.
+
+    Args:
+        folder: raw files of a campaign, with campaign.yaml.
+        out: gets a folder of the campaign's name.
+        cores: how many to use; 0 for all.
+        settings: settings over the default ones, as config.yaml has them (.yaml).
+        prior: model.yaml of the same arm to start from, or the results that hold it.
+
+    Examples:
+        pa10cal run examples/ur10-pose
+        pa10cal run measured/2026-03 --out results/march --cores 1
+        pa10cal run mine --settings robust.yaml
+        pa10cal run after-the-crash --prior results/march/mine
+    """
+    from pa10cal.calibration.general.prior import refuse_unsound
+    from pa10cal.campaign.description import read_description
+    from pa10cal.errors import OutputError
+    from pa10cal.files.output import writing_into
+    from pa10cal.fit.model_file import file_of, load_model
+    from pa10cal.running.alone import WORK_FOLDER, alone
+    from pa10cal.running.display import RunDisplay, paths, summarise, table
+    from pa10cal.running.workflow import StageError, Workflow, run_workflow, settings_of
+
+    folder, out = folder.absolute(), out.absolute()
+    name = read_description(folder).name
+    own = [] if settings is None else [settings]
+    used = settings_of(own, {"campaigns": [name]}, f"{settings or folder / 'campaign.yaml'}: name")
+    raw = out / WORK_FOLDER / "raw"
+    link = raw / name
+    if folder == out / name or folder in (out, *out.parents):
+        raise OutputError(
+            "the results would be written among the raw files",
+            where="--out",
+            value=str(out),
+            allowed="a folder that neither is nor lies in the folder of raw files",
+            remedy="give another one",
+        )
+    display = RunDisplay(lines=False)
+    config = {"campaigns": f'["{name}"]', "raw_dir": str(raw), "results_dir": str(out)}
+    if prior is not None:
+        refuse_unsound(load_model(prior))
+        config["calibration"] = f'{{"prior": "{file_of(prior).absolute()}"}}'
+    quiet = ("--quiet", "all", "--logger", "pa10cal")
+    targets = ("campaigns",)
+    workflow = Workflow("workflow/run.smk", config, out, out, cores, targets, settings, quiet)
+    with alone(out):
+        with writing_into(out, "the results", "give another one with --out"):
+            raw.mkdir(parents=True, exist_ok=True)
+            if link.is_symlink():
+                link.unlink()
+            link.symlink_to(folder, target_is_directory=True)
+        try:
+            run_workflow(workflow, display)
+        except StageError as error:
+            told = str(error).replace(str(link), str(folder))
+            ended = write_what_there_is(out / name, folder, used.evaluation.calibration)
+            told = told if ended is None else f"{told}; report so far: {ended}"
+            raise StageError(told) from None
+        finally:
+            display.close()
+    print(table([summarise(out / name, used.evaluation.calibration)]))
+    print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")
+
+
+# Command `reproduce`.
+
+
+def reproduce(
+    *,
+    cores: int = 0,
+    settings: Path | None = None,
+    figures: bool = False,
+    profile: str | None = None,
+) -> None:
+    """Run the whole workflow in this folder, a line a stage, and end with one table.
+
+    The campaigns are those of config.yaml. `make reproduce` and `make figures` call it. What is up
+    to date is not made again, so the same command goes on where a run was interrupted or killed.
+
+    Args:
+        cores: how many to use; 0 for all.
+        settings: settings over those of config.yaml (.yaml).
+        figures: make figures and tables alone, and what they are drawn from; otherwise everything,
+            and the workflow's own report with every picture, as `report.html` among the results.
+        profile: slurm, or a folder with a profile of Snakemake, to run on a cluster.
+
+    Examples:
+        pa10cal reproduce
+        pa10cal reproduce --cores 1 --settings my_campaigns.yaml
+        pa10cal reproduce --profile slurm
+    """
+    import sys
+    from dataclasses import replace
+
+    from pa10cal.running.display import RunDisplay, reports, summarise, table
+    from pa10cal.running.workflow import Workflow, run_workflow, settings_of, workflow_folder
+
+    files = [workflow_folder() / "config.yaml", *([] if settings is None else [settings])]
+    used = settings_of(files, {}, str(files[-1]))
+    results, here = Path(used.results_dir), Path.cwd()
+    display = RunDisplay(lines=True)
+    print(
+        f"{', '.join(used.campaigns)}: raw files in {used.raw_dir}, results in {results}. It takes "
+        "some minutes; what is up to date is not made again.",
+        file=sys.stderr,
+    )
+    try:
+        quiet = ("--quiet", "all", "--logger", "pa10cal")
+        targets = ("figures",) if figures else ()
+        whole = Workflow(
+            "Snakefile", {}, here, here / results, cores, targets, settings, quiet, profile
+        )
+        run_workflow(whole, display)
+        if not figures:
+            more = ("--quiet", "all", "--report", str(results / "report.html"))
+            run_workflow(replace(whole, more=more, profile=None), display)
+    finally:
+        display.close()
+    if figures:
+        for name in used.campaigns:
+            print(f"{results / name / 'figures'}, {results / name / 'tables'}")
+        return
+    calibration = used.evaluation.calibration
+    print(f"\n{table([summarise(results / name, calibration) for name in used.campaigns])}\n")
+    print(f"in all {display.seconds:.0f} s")
+    print(reports([results / name for name in used.campaigns]))
+    print(f"every picture  {results / 'report.html'}")
+
+
+# Command `report`.
+
+
+def report(
+    results: Path, *, out: Path, campaign_dir: Path | None = None, calibration: str = "combined"
+) -> None:
+    """Write the report of a campaign: one page for its reader, that needs no network.
+
+    What is missing among the results is named on the page, with the reason.
+
+    Args:
+        results: results of a campaign, RESULTS_DIR/CAMPAIGN.
+        out: page to write (.html).
+        campaign_dir: folder of raw files, for what campaign.yaml says of the instrument.
+        calibration: load case that was evaluated.
+
+    Examples:
+        pa10cal report results/cell-a --out report.html
+    """
+    from pa10cal.reports.page import write_page
+
+    name, size = write_page(results, out, campaign_dir, calibration)
+    print(f"{name}: report {out}, {size / 1e6:.1f} MB")
+
+
+def write_what_there_is(results: Path, campaign_dir: Path, calibration: str) -> Path | None:
+    """Write the report of a run that a stage has ended, and return its path.
+
+    None without results, or with those of a run that came to its end before: they are not of the
+    raw files as they are now.
+
+    Args:
+        results, campaign_dir, calibration: see `report`.
+    """
+    from pa10cal.errors import Pa10calError
+    from pa10cal.reports.gathered import MODEL
+    from pa10cal.reports.page import write_page
+
+    if (results / MODEL).exists():
+        return None
+    out = results / "report.html"
+    try:
+        write_page(results, out, campaign_dir, calibration)
+    except Pa10calError:  # there is nothing to tell but what ended the run
+        return None
+    return out
+
+
+# Command `fleet`.
+
+
+def fleet(
+    campaigns: str,
+    *,
+    raw_dir: Path = Path("data/raw"),
+    out: Path = Path("results"),
+    cores: int = 0,
+    settings: Path | None = None,
+    profile: str | None = None,
+) -> None:
+    """Run many campaigns of many arms to models, and summarise them: which arms need attention.
+
+    What is up to date is not made again. A campaign that is refused stops no other: it is in the
+    summary with its message. Figures and reports of single campaigns are made by `run`, or by
+    `snakemake` for those that are asked for.
+
+    Args:
+        campaigns: table of campaigns (.csv) with the column campaign and, where known, arm and
+            measured; or a pattern of folders of --raw-dir, such as '*'.
+        raw_dir: folder of the campaigns.
+        out: gets a folder of every campaign's name, and the folder fleet.
+        cores: how many to use; 0 for all.
+        settings: settings over the default ones, as config.yaml has them (.yaml).
+        profile: slurm, or a folder with a profile of Snakemake, to run on a cluster.
+
+    Examples:
+        pa10cal fleet arms.csv --raw-dir measured --out results
+        pa10cal fleet '2026-*' --raw-dir measured --out results --cores 8
+        pa10cal fleet arms.csv --raw-dir measured --out results --profile slurm
+    """
+    import json
+
+    from pa10cal.fleet.campaigns import campaigns_of
+    from pa10cal.results.codec import read
+    from pa10cal.results.fleet import FleetRecord
+    from pa10cal.running.alone import alone
+    from pa10cal.running.display import RunDisplay
+    from pa10cal.running.workflow import Workflow, run_workflow, settings_of
+
+    raw_dir, out = raw_dir.absolute(), out.absolute()
+    asked = str(Path(campaigns).absolute()) if campaigns.endswith(".csv") else campaigns
+    names = [each.campaign for each in campaigns_of(asked, raw_dir)]
+    own = [] if settings is None else [settings]
+    settings_of(own, {"campaigns": names}, f"{settings or 'campaigns'}")
+    texts = {"campaigns": asked, "raw_dir": str(raw_dir), "results_dir": str(out)}
+    config = {name: json.dumps(text) for name, text in texts.items()}
+    display = RunDisplay(lines=False)
+    quiet = ("--quiet", "all", "--logger", "pa10cal")
+    targets = ("fleet",)
+    workflow = Workflow(
+        "workflow/run.smk", config, out, out, cores, targets, settings, quiet, profile
+    )
+    with alone(out):
+        try:
+            run_workflow(workflow, display)
+        finally:
+            display.close()
+    found = read(FleetRecord, out / FleetRecord.FILE)
+    for each in found.arms:
+        if each.attention != "none":
+            print(f"{each.arm}: {each.attention}: {each.last}: {each.why}")
+    words = ", ".join(f"{count} {word}" for word, count in found.counts.items())
+    print(f"\n{len(found.campaigns)} campaigns of {len(found.arms)} arms: {words}")
+    print(f"{out / 'fleet/fleet.html'}\nin {display.seconds:.0f} s")
+
+
+# Command `fleet_summary`.
+
+
+def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) -> None:
+    """Summarise a fleet whose campaigns are done: table, record, page and picture.
+
+    Args:
+        campaigns: table of campaigns (.csv), or a pattern of folders of --raw-dir.
+        raw_dir: folder of the campaigns.
+        results: holds a folder of results for each.
+        out: folder for fleet.csv, fleet.json, fleet.html, and fleet.png, .svg and .pdf.
+
+    Examples:
+        pa10cal fleet_summary --campaigns arms.csv --raw-dir data/raw --results results \\
+          --out results/fleet
+    """
+    from pa10cal.evaluation.options import FigureOptions
+    from pa10cal.figures.over_campaigns import write_fleet
+    from pa10cal.files.output import whole_files, write_text
+    from pa10cal.fleet.campaigns import campaigns_of, fleet_csv, fleet_record
+    from pa10cal.reports.page import fleet_page_text
+    from pa10cal.results.codec import write
+
+    found = fleet_record(campaigns_of(campaigns, raw_dir), results)
+    outputs = tuple(out / f"fleet.{ending}" for ending in ("csv", "html", "json"))
+    with whole_files(*outputs) as (table, page, record):
+        write_text(table, fleet_csv(found))
+        write_text(page, fleet_page_text(found))
+        write(found, record)
+        write_fleet(found, out, "fleet", FigureOptions().png_dpi)
+    words = ", ".join(f"{count} {word}" for word, count in found.counts.items())
+    first = [each for each in found.arms if each.attention != "none"]
+    print(f"fleet: {len(found.campaigns)} campaigns of {len(found.arms)} arms: {words}")
+    print(f"fleet: {len(first)} arms need attention: {', '.join(e.arm for e in first[:10])}")

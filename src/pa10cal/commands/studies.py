@@ -1,0 +1,167 @@
+"""Commands for studies: `coverage`, `changes`, `curve`, `curve_calibration`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.curve.options import CurveOptions, CurveStudyOptions
+from pa10cal.evaluation.options import CoverageOptions
+
+if TYPE_CHECKING:
+    from pa10cal.curve.gait import Gait
+    from pa10cal.results.studies import CurveRecord
+
+
+def coverage(
+    *,
+    out: Path,
+    table: Path,
+    settings: CoverageOptions = CoverageOptions(),
+    calibration: CalibrationOptions = CalibrationOptions(),
+) -> None:
+    """Count how often intervals hold the truth of simulated campaigns.
+
+    Args:
+        out: record to write (.json).
+        table: the same in brief, to write (.csv).
+        settings: section coverage.
+        calibration: section calibration.
+
+    Examples:
+        pa10cal coverage --out coverage.json --table coverage.csv
+    """
+    from functools import partial
+
+    from pa10cal.files.output import write_text
+    from pa10cal.results.codec import write
+    from pa10cal.studies.coverage import coverage_study, coverage_table
+
+    record = coverage_study(settings, calibration, partial(print, flush=True))
+    write_text(table, coverage_table(record))
+    write(record, out)
+
+
+# Command `changes`.
+
+
+def changes(
+    *,
+    out: Path,
+    robot: str = "ur10",
+    instrument: str = "pose",
+    poses: int = 150,
+    pairs: int = 40,
+    seed: int = 20261122,
+) -> None:
+    """Count how often a change of a simulated arm is told, and adapt models to it.
+
+    Args:
+        out: record to write (.json).
+        robot: shipped arm of six turning joints with masses.
+        instrument: what measures: pose, points or distance.
+        poses: of each campaign.
+        pairs: pairs of campaigns of each kind of change.
+        seed: draws arms, changes, poses and noise.
+
+    Examples:
+        pa10cal changes --out changes.json
+        pa10cal changes --out points.json --instrument points --pairs 20
+    """
+    from functools import partial
+
+    from pa10cal.results.codec import write
+    from pa10cal.studies.changes import changes_study
+
+    say = partial(print, flush=True)
+    record = changes_study(robot, instrument, poses, pairs, seed, say)
+    write(record, out)
+    say(f"95 % intervals of what moved hold the truth in {100 * record.inside:.0f} %")
+
+
+# Command `curve`.
+
+
+def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) -> None:
+    """Lay a chain of links along a curve, and compute its joint angles and how it moves.
+
+    Args:
+        settings: curve, link_m, links, roll, limits, gait.
+        out_dir: folder for curve.json, angles.csv, points.csv, links.csv and shape.csv.
+        points: points of the curve (.csv): x_m,y_m,z_m or x_mm,y_mm,z_mm.
+
+    Examples:
+        pa10cal curve --out-dir helix --settings '{"curve": {"shape": "helix", "radius_m": 0.2, \\
+          "pitch_m": 0.4, "turns": 1.5}, "link_m": 0.1}'
+    """
+    from pa10cal.curve.gait import curve_through, gait_of, shape_of
+    from pa10cal.curve.records import curve_record, summary
+    from pa10cal.errors import SettingsError
+    from pa10cal.files.curve_points import read_curve_points
+
+    if points is not None and settings.curve is None:
+        shape = curve_through(read_curve_points(points), settings.through)
+    elif points is None and settings.curve is not None:
+        shape = shape_of(settings.curve)
+    else:
+        raise SettingsError(
+            "the curve is given twice or not at all",
+            where="--points, curve",
+            allowed="points, or a shape by name",
+            remedy="give one of them",
+        )
+    gait = gait_of(shape, settings)
+    record = curve_record(gait, settings)
+    _write(out_dir, gait, record)
+    print(f"{out_dir}: {summary(record)}")
+
+
+def _write(folder: Path, gait: Gait, record: CurveRecord) -> None:
+    """Write `angles.csv`, `points.csv`, `links.csv`, `shape.csv` and `curve.json`, all or none."""
+    import pandas as pd
+
+    from pa10cal.curve.records import curve_tables
+    from pa10cal.files.output import whole_files
+    from pa10cal.results.codec import write
+
+    tables = curve_tables(gait)
+    paths = [*(folder / f"{name}.csv" for name in tables), folder / "curve.json"]
+    with whole_files(*paths) as (*besides, record_beside):
+        for beside, columns in zip(besides, tables.values(), strict=True):
+            pd.DataFrame(columns).to_csv(beside, index=False, lineterminator="\n")
+        write(record, record_beside)
+
+
+# Command `curve_calibration`.
+
+
+def curve_calibration(
+    *,
+    out: Path,
+    settings: CurveStudyOptions = CurveStudyOptions(),
+    calibration: CalibrationOptions = CalibrationOptions(),
+) -> None:
+    """Calibrate a chain of links posed along curves, in the virtual cell.
+
+    Args:
+        out: record to write (.json).
+        settings: section curve.
+        calibration: section calibration.
+
+    Examples:
+        pa10cal curve_calibration --out calibration.json
+    """
+    from pa10cal.results.codec import write
+    from pa10cal.studies.chain import chain_study
+
+    record = chain_study(settings, calibration)
+    write(record, out)
+    for each in record.summaries:
+        fitted, held_out = each.fitted, each.held_out
+        print(
+            f"{each.departs}, {each.model}: rank {each.rank} of {each.unknowns}, "
+            f"{each.converged} of {each.individuals} converged; mean error over the noise "
+            f"floor {fitted.mean:.2f} ({fitted.largest:.2f} at most) fitted, "
+            f"{held_out.mean:.2f} ({held_out.largest:.2f}) held out"
+        )
