@@ -6,9 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.cell.robot import Departures
+from pa10cal.cell.robot import Departures, Mechanism
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 

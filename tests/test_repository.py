@@ -30,6 +30,7 @@ PURE = {
 }
 FLOOR = {
     "arrays",
+    "numerics",
     "errors",
     "extras",
     "results",
@@ -43,12 +44,13 @@ MAY_IMPORT = {
     "settings": {"cell.options", "calibration.options", "curve.options", "evaluation.options"},
     "settings_reading": set(),
     "yaml_file": set(),
+    "numerics": set(),
     "options": set(),
     "cell.options": {"observe.kinds"},
     "results": {"files.output"},
     "arm": set(),
     "terms": {"arm"},
-    "frame": {"fit.least_squares"},
+    "frame": set(),
     "observe": {"arm", "terms", "frame"},
     "campaign": {
         "files.output",

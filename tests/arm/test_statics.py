@@ -13,9 +13,9 @@ from made_up_robot import nominal_of, rebuilt
 from pa10cal.arm.chain import BASE, Chain, bend_coordinates, frames
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.cell.individual import build_robot
-from pa10cal.cell.mechanism import GRAVITY_M_S2
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.poses import place_poses
+from pa10cal.cell.robot import GRAVITY_M_S2
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import load_arm
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pa10cal.arm.chain import Chain, link_spans_m
-from pa10cal.arm.description import weights_known, with_assumed_weights
-from pa10cal.arm.statics import Payload
+from pa10cal.arm.description import weights_known
+from pa10cal.arm.statics import Payload, with_assumed_weights
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import unknown_weights, weight_sizes

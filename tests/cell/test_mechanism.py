@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from made_up_robot import rebuilt
-from pa10cal.cell.mechanism import GRAVITY_M_S2, Mechanism, Strain
-from pa10cal.cell.robot import LOAD_POINT_M, Departures, Payload
+from pa10cal.cell.robot import GRAVITY_M_S2, LOAD_POINT_M, Departures, Mechanism, Payload, Strain
 from pa10cal.files.arms import arm_names, load_arm
 
 angles = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.fit.exchange import Criterion, Information, Share, exchange, one_by_one
+from pa10cal.numerics.exchange import Criterion, Information, Share, exchange, one_by_one
 
 CASES = {
     "seed": st.integers(0, 2**32 - 1),

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pa10cal.fit.least_squares import Bounds, Equations, minimise, solve_normal
+from pa10cal.numerics.least_squares import Bounds, Equations, minimise, solve_normal
 
 
 def still(at, taken):

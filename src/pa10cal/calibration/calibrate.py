@@ -26,8 +26,8 @@ from pa10cal.fit.identifiability import (
     not_identifiable,
     unidentified_directions,
 )
-from pa10cal.fit.least_squares import Bounds
 from pa10cal.fit.problem import Rows
+from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring

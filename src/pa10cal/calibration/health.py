@@ -12,8 +12,8 @@ from pa10cal.arrays import Array, Index
 from pa10cal.calibration.grade import SMALL_SHARE, Departure, Evidence, graded
 from pa10cal.calibration.uncertainty import ScatterOfRepeats, summarise
 from pa10cal.campaign.description import InputFinding
-from pa10cal.fit.exchange import Criterion, Share, one_by_one
 from pa10cal.fit.identifiability import Identifiability
+from pa10cal.numerics.exchange import Criterion, Share, one_by_one
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results import health as health_parts

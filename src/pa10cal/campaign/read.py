@@ -18,9 +18,11 @@ from pa10cal.campaign.description import (
     CampaignDescription,
     Holdout,
     InputFinding,
+    MemberRead,
+    describe_group,
     read_description,
+    start_by_nominal,
 )
-from pa10cal.campaign.group import MemberRead, describe_group, start_by_nominal
 from pa10cal.campaign.labels import EXCHANGED, NOT_RIGID
 from pa10cal.campaign.raw_rows import Ingested, Quarantined
 from pa10cal.campaign.screens import OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH

@@ -15,15 +15,8 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.description import (
-    CENTRE,
-    DRIVES,
-    Arm,
-    WeightsKnown,
-    weights_known,
-    with_assumed_weights,
-)
-from pa10cal.arm.statics import Payload
+from pa10cal.arm.description import Arm, WeightsKnown, weights_known
+from pa10cal.arm.statics import CENTRE, DRIVES, Payload, with_assumed_weights
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import CampaignDescription, InputFinding
 from pa10cal.files.arms import load_arm

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.options import SimulateOptions, TrackerOptions, UnstatedOptions
 from pa10cal.cell.poses import centre_rad
 from pa10cal.cell.robot import (
     BALLS_DESIGN_M,
     Departures,
+    Mechanism,
     Robot,
     Springs,
     Targets,

@@ -20,10 +20,9 @@ from pa10cal.cell.campaign import Campaign, robot_of
 from pa10cal.cell.effects.effect import LONG_LINKS, Site
 from pa10cal.cell.effects.vocabulary import all_effects, places_of
 from pa10cal.cell.individual import described, draw_unstated, nominal
-from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.options import SimulateOptions, TrackerOptions, UnstatedOptions
 from pa10cal.cell.poses import joint_bounds
-from pa10cal.cell.robot import Robot
+from pa10cal.cell.robot import Mechanism, Robot
 from pa10cal.cell.tracker_trials import ATTITUDE_RAD, POSITION_MM, SECONDS_A_POSE
 from pa10cal.cell.trials import Trial, hide, log_uniform, trial_places
 from pa10cal.errors import SettingsError

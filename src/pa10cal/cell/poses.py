@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
-from pa10cal.cell.robot import BALLS_DESIGN_M
+from pa10cal.cell.robot import BALLS_DESIGN_M, Mechanism
 from pa10cal.errors import SimulationError
 
 GRID_POINTS_A_SIDE = 3

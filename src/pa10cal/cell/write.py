@@ -15,9 +15,8 @@ import yaml
 
 from pa10cal.cell.campaign import REFERENCE_TEMPERATURE_C, Campaign
 from pa10cal.cell.disturbances.disturbance import disturb
-from pa10cal.cell.mechanism import GRAVITY_M_S2
 from pa10cal.cell.raw_log import RawLog
-from pa10cal.cell.robot import Robot
+from pa10cal.cell.robot import GRAVITY_M_S2, Robot
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, arm_text
 from pa10cal.files.output import whole_file, write_text

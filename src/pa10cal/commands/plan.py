@@ -62,8 +62,7 @@ def plan(
           --keep-out box.yaml --instrument-at-mm 2500 0 1200 --facing-deg 60
     """
     from pa10cal.errors import SettingsError
-    from pa10cal.pose_plan.files import read_keep_out, save_plan
-    from pa10cal.pose_plan.plan import plan_poses
+    from pa10cal.pose_plan.plan import plan_poses, read_keep_out, save_plan
     from pa10cal.settings_reading import parse_section
 
     given: dict[str, Any] = {

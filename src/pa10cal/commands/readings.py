@@ -77,8 +77,13 @@ def join(
     from dataclasses import replace
 
     from pa10cal.calibration.general.calibrate import start_of
-    from pa10cal.campaign.description import DESCRIPTION_FILE, read_description
-    from pa10cal.campaign.group import MemberRead, describe_group, group_text
+    from pa10cal.campaign.description import (
+        DESCRIPTION_FILE,
+        MemberRead,
+        describe_group,
+        group_text,
+        read_description,
+    )
     from pa10cal.campaign.raw_rows import joined_listings
     from pa10cal.campaign.table import read_findings, read_observations, write_pose_table
     from pa10cal.errors import RawDataError

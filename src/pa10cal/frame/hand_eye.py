@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.descent import (
+from pa10cal.numerics.least_squares import (
     COST_TOLERANCE,
     OPEN,
     Linearised,

@@ -13,7 +13,14 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.descent import OPEN, Linearised, Split, axis_text, descend, split_identified
+from pa10cal.numerics.least_squares import (
+    OPEN,
+    Linearised,
+    Split,
+    axis_text,
+    descend,
+    split_identified,
+)
 
 LEAST_POSES = 4
 #: Unknowns of the equation that is linear in products of target and point.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,7 +13,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly import graph_objects as go
 
-import pa10cal
 from pa10cal.files.output import write_text
 from pa10cal.reports.accuracy import accuracy, parameters, repeats
 from pa10cal.reports.blocks import (
@@ -124,7 +124,7 @@ def rendered(
         style=Markup(style),
         library=library() if _any_drawing(sections) else None,
         drawn=drawn,
-        version=pa10cal.__version__,
+        version=version("pa10cal"),
     )
     return text
 

@@ -16,10 +16,9 @@ from pa10cal.campaign import read
 from pa10cal.cell.campaign import Campaign, simulate_campaign
 from pa10cal.cell.effects.effect import DriveEffect, Motion
 from pa10cal.cell.instruments.instrument import rest_poses
-from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
 from pa10cal.cell.poses import place_poses
-from pa10cal.cell.robot import Departures, ring_of_targets, tool_payload
+from pa10cal.cell.robot import Departures, Mechanism, ring_of_targets, tool_payload
 from pa10cal.discovery.given import Place, calibrate_with
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.files.arms import load_arm

@@ -18,9 +18,8 @@ from pa10cal.calibration.general.problem import Unknowns
 from pa10cal.campaign import read
 from pa10cal.cell.campaign import Campaign, measure_campaign
 from pa10cal.cell.individual import draw_individual, robot_from_departures
-from pa10cal.cell.mechanism import GRAVITY_M_S2
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.cell.robot import Robot
+from pa10cal.cell.robot import GRAVITY_M_S2, Robot
 from pa10cal.cell.write import write_campaign
 from pa10cal.evaluation.known_truth import KnownTruth
 from pa10cal.observe.kinds import instruments

@@ -18,9 +18,9 @@ from scipy.linalg.lapack import dtrtri
 
 from pa10cal.arrays import Array
 from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, identify
-from pa10cal.fit.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.fit.problem import Expected, Problem, Rows
 from pa10cal.fit.robust_weights import WeightedRows, first_scatter, refreshed, weighted_rows
+from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.terms.weights import Weights
 
 #: A step this small, in standard uncertainties, ends the search ...

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr
 
 from pa10cal.arrays import Array
-from pa10cal.cell.mechanism import Mechanism, Statics, Strain
+from pa10cal.cell.robot import Mechanism, Statics, Strain
 from pa10cal.options import Section
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]

@@ -28,7 +28,7 @@ from pa10cal.cell.effects.effect import (
     sized,
 )
 from pa10cal.cell.effects.joint import STIFFNESS_PER_RATED, Harmonic
-from pa10cal.cell.mechanism import Strain
+from pa10cal.cell.robot import Strain
 
 Axis = Annotated[int, Field(ge=0, le=2)]
 

@@ -22,7 +22,7 @@ from pa10cal.cell.effects.effect import (
     signed,
     sized,
 )
-from pa10cal.cell.mechanism import GRAVITY_M_S2, Strain
+from pa10cal.cell.robot import GRAVITY_M_S2, Strain
 
 SECONDS_PER_HOUR = 3600.0
 

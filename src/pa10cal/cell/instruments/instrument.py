@@ -23,10 +23,9 @@ from pa10cal.cell.effects.effect import (
     TorqueLogEffect,
     WindupEffect,
 )
-from pa10cal.cell.mechanism import Strain
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.poses import Poses, Schedule
-from pa10cal.cell.robot import Robot
+from pa10cal.cell.robot import Robot, Strain
 from pa10cal.errors import SimulationError
 
 # Where the links of a loaded arm come to rest: springs and structure against gravity.

@@ -17,9 +17,8 @@ from pa10cal.cell.instruments.instrument import (
     points_mm,
     position_columns,
 )
-from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.poses import Poses, Schedule, place_poses, sweeps
-from pa10cal.cell.robot import BALL_DIAMETER_M, Departures, Robot
+from pa10cal.cell.robot import BALL_DIAMETER_M, Departures, Mechanism, Robot
 
 #: Measurement uncertainty of the paper's machine over its whole volume, as a campaign states it.
 UNCERTAINTY_MM = 0.0121

@@ -30,7 +30,7 @@ from pa10cal.discovery.preparation import complete_about
 from pa10cal.discovery.weights import AS_FOUND, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.least_squares import Bounds, Equations, Step, minimise
+from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (

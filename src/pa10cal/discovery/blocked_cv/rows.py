@@ -23,7 +23,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.weights import PoseWeights
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.least_squares import Bounds
+from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots, harmonics_at_knots

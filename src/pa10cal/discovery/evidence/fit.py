@@ -21,7 +21,7 @@ from pa10cal.discovery.linear import (
     with_base_term,
 )
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.least_squares import Bounds, Equations, minimise
+from pa10cal.numerics.least_squares import Bounds, Equations, minimise
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Parameter, shows_torque

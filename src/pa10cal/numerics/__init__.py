@@ -1,0 +1,1 @@
+"""Least squares, and poses chosen by exchange: numbers alone."""
