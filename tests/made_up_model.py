@@ -9,8 +9,8 @@ from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.problem import tool_frame
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.prediction import FittedTo
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import CandidateContext, candidates
 from pa10cal.terms.joint_spring import JointSpring

@@ -19,6 +19,7 @@ CODE = [
     *sorted((ROOT / "benchmarks").rglob("*.py")),
 ]
 PURE = {
+    "numerics",
     "arm",
     "terms",
     "frame",
@@ -253,6 +254,66 @@ def test_no_private_name_crosses_modules():
 def test_no_module_is_longer_than_600_lines():
     lengths = {path: len(path.read_text("utf-8").splitlines()) for path in CODE}
     assert not [path for path, length in lengths.items() if length > 600]
+
+
+#: Modules of fewer than 60 lines, those that only mark a package among them: may only fall.
+LEAFLETS = 41
+
+
+def test_leaflets_only_become_fewer():
+    short = [path for path in MODULES if len(path.read_text("utf-8").splitlines()) < 60]
+    assert len(short) <= LEAFLETS, "a new module under 60 lines: join it to the one it serves"
+    assert len(short) == LEAFLETS, "fewer than before: write the new number here"
+
+
+#: Trials judge campaigns by the commands that users call, and commands start trials.
+CIRCLES = {("commands", "studies")}
+
+
+def test_nothing_imports_itself_by_way_of_others():
+    """Imports for types alone and those inside functions count like any other."""
+    names = {name_of(path) for path in MODULES}
+
+    def module_of(imported):
+        name = imported.removeprefix("pa10cal.")
+        return name if name in names else name.rpartition(".")[0]
+
+    every = {
+        name_of(path): {module_of(each) for each in imports_of(path) if each.startswith("pa10cal.")}
+        - {name_of(path)}
+        for path in MODULES
+    }
+    assert not circles(every)
+    packages = {}
+    for name, imported in every.items():
+        top = name.partition(".")[0]
+        packages.setdefault(top, set()).update({each.partition(".")[0] for each in imported} - {top})
+    assert {tuple(sorted(each)) for each in circles(packages)} == CIRCLES
+
+
+def circles(graph):
+    """Return the sets of nodes that reach each other (Tarjan, 1972)."""
+    index, low, stack, found = {}, {}, [], []
+
+    def visit(node):
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for other in graph.get(node, ()):
+            if other not in index:
+                visit(other)
+                low[node] = min(low[node], low[other])
+            elif other in stack:
+                low[node] = min(low[node], index[other])
+        if low[node] == index[node]:
+            at = stack.index(node)
+            if len(stack) > at + 1:
+                found.append(stack[at:])
+            del stack[at:]
+
+    for node in graph:
+        if node not in index:
+            visit(node)
+    return found
 
 
 def test_rules_only_call_commands():

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from pa10cal.discovery.verdict import Verdict as Verdict
     from pa10cal.errors import Pa10calError as Pa10calError
     from pa10cal.files.arms import load_arm as load_arm
+    from pa10cal.fit.fitted import Compensation as Compensation
+    from pa10cal.fit.fitted import Prediction as Prediction
     from pa10cal.fit.fitted_model import FittedModel as FittedModel
-    from pa10cal.fit.model_file import load_model as load_model
-    from pa10cal.fit.prediction import Compensation as Compensation
-    from pa10cal.fit.prediction import Prediction as Prediction
+    from pa10cal.fit.fitted_model import load_model as load_model
     from pa10cal.interface import calibrate as calibrate
     from pa10cal.interface import compare as compare
     from pa10cal.interface import discover as discover
@@ -44,15 +44,15 @@ _HOMES = {
     "load_arm": "pa10cal.files.arms",
     "calibrate": "pa10cal.interface",
     "discover": "pa10cal.interface",
-    "load_model": "pa10cal.fit.model_file",
+    "load_model": "pa10cal.fit.fitted_model",
     "compare": "pa10cal.interface",
     "report": "pa10cal.interface",
     "PlanOptions": "pa10cal.pose_plan.options",
     "PosePlan": "pa10cal.pose_plan.plan",
     "Campaign": "pa10cal.campaign.read",
     "FittedModel": "pa10cal.fit.fitted_model",
-    "Prediction": "pa10cal.fit.prediction",
-    "Compensation": "pa10cal.fit.prediction",
+    "Prediction": "pa10cal.fit.fitted",
+    "Compensation": "pa10cal.fit.fitted",
     "Verdict": "pa10cal.discovery.verdict",
     "Pa10calError": "pa10cal.errors",
 }

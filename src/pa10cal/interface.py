@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign, read_campaign, read_group
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.model_file import load_model
+from pa10cal.fit.fitted_model import FittedModel, load_model
 from pa10cal.options import DiscoveryOptions
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from pa10cal.commands.command_line import run_command
-from pa10cal.fit.model_file import load_model
+from pa10cal.fit.fitted_model import load_model
 
 RAW = Path(__file__).parents[2] / "data" / "raw"
 

@@ -10,6 +10,7 @@ import yaml
 
 from made_up_arm import Missing, at_joint, harmonic, measure
 from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
 
 NAME = "small"
@@ -216,7 +217,7 @@ def test_the_extended_model_is_restored_as_it_was_fitted(tmp_path):
     found = made.discovery
     extended = found.extended
     assert {effect.id for effect in extended.effects} == {"transmission_error", "friction_torque"}
-    restored = model_from_plain(model_to_plain(found.model), where="extended.json")
+    restored = model_from_plain(model_to_plain(found.model), FittedModel, where="extended.json")
     assert restored.model.terms[-2:] == extended.effects
     poses = found.problem.cells
     T = restored.T_instr_base @ restored.model.predict(poses.states, restored.x)

@@ -8,7 +8,7 @@ import pytest
 from pa10cal.commands import chain as chain_module
 from pa10cal.commands.command_line import main
 from pa10cal.errors import OutputError
-from pa10cal.fit.model_file import load_model
+from pa10cal.fit.fitted_model import load_model
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import ChainRecord, FleetRecord
 

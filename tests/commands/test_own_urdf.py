@@ -15,7 +15,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.exports import urdf_text
 from pa10cal.commands.command_line import run_command
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.model_file import load_model
+from pa10cal.fit.fitted_model import load_model
 
 
 def run(name, *words):

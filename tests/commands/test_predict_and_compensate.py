@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from made_up_model import fitted, postures
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.fit.model_file import load_model, save_model
+from pa10cal.fit.fitted_model import load_model
+from pa10cal.fit.model_file import save_model
 from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.term import link_departures

@@ -9,7 +9,7 @@ import pytest
 from pa10cal.discovery.finding import Fault, fault_of, faults_of_input, to_check
 from pa10cal.discovery.preparation import effects_in, is_fault
 from pa10cal.discovery.verdict import is_named
-from pa10cal.fit.prediction import Suspicion
+from pa10cal.fit.fitted import Suspicion
 from pa10cal.terms.effects.in_time import BaseDrift
 from pa10cal.terms.log_faults import FaultText, LogFault
 from pa10cal.terms.term import Parameter

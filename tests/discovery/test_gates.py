@@ -12,7 +12,7 @@ from pa10cal.discovery import gates
 from pa10cal.discovery.evidence.discover import VerdictByRepeats
 from pa10cal.discovery.gates import MOST_ALTERNATIVES, MOST_SIZES, doubts, gated, unfit, with_pulls
 from pa10cal.discovery.lack_of_fit import PureErrorTest
-from pa10cal.fit.prediction import FittedTo
+from pa10cal.fit.fitted import FittedTo
 from pa10cal.terms.effects.joint_angle import GearRatioError
 
 

@@ -10,7 +10,7 @@ import pytest
 from pa10cal.discovery.gap import gap_of
 from pa10cal.discovery.gates import harmless
 from pa10cal.fit.angles_seen import nothing_seen, span_visited
-from pa10cal.fit.model_file import load_model
+from pa10cal.fit.fitted_model import load_model
 
 
 def with_errors(found, factor, beyond):

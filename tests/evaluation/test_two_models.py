@@ -19,7 +19,7 @@ from pa10cal.errors import ModelError
 from pa10cal.evaluation import two_models
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
-from pa10cal.fit.prediction import FallBack
+from pa10cal.fit.fitted import FallBack
 from pa10cal.options import Tolerances
 from pa10cal.settings_reading import parse_section
 from pa10cal.terms.term import link_departures

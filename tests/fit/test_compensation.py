@@ -15,8 +15,8 @@ from pa10cal.arm.chain import Chain
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.prediction import FallBack
 from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model

@@ -16,8 +16,8 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.calibration.general.problem import tool_frame
 from pa10cal.errors import ModelError, TermError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.model_file import SCHEMA, load_model, save_model
+from pa10cal.fit.fitted_model import FittedModel, load_model
+from pa10cal.fit.model_file import SCHEMA, save_model
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures

@@ -21,10 +21,10 @@ from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.load_case import LoadCase, model_deviations
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import summarise_by_load
+from pa10cal.fit.fitted import FittedTo, Suspicion
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import observability
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
-from pa10cal.fit.prediction import FittedTo, Suspicion
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.results.calibration import (
@@ -188,7 +188,7 @@ def calibration_options(record: CalibrationRecord, where: str) -> CalibrationOpt
 
 def _model_of(fit: Fit, where: str) -> FittedModel:
     """Return the model of a fit, with the covariance of the parameters it is solved in."""
-    model = model_from_plain(fit.fitted_model, where=where)
+    model = model_from_plain(fit.fitted_model, FittedModel, where=where)
     names, matrix = fit.covariance.names, fit.covariance.matrix
     solved = tuple(parameter.name for parameter in model.model.parameters)
     report = model.model.report(model.x)

@@ -61,7 +61,7 @@ def calibrate(
     from pa10cal.campaign.table import read_observations
     from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.errors import CalibrationError, DiscoveryError
-    from pa10cal.fit.model_file import load_model
+    from pa10cal.fit.fitted_model import load_model
     from pa10cal.results.calibration import BaseFrameRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
 

@@ -28,6 +28,7 @@ def read_extended(path: Path, campaign: str) -> Extended:
     record = read(ExtendedRecord, path, campaign)
     model = model_from_plain(
         record.fitted_model,
+        FittedModel,
         where=f"{path}: fitted_model",
         covariance=covariance_beside(path),
     )

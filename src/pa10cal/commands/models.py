@@ -10,8 +10,7 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.model_file import load_model
+from pa10cal.fit.fitted_model import FittedModel, load_model
 from pa10cal.results.health import UNRESERVED
 
 if TYPE_CHECKING:
@@ -181,7 +180,7 @@ def compare(first: Path, second: Path, *, out: Path | None = None) -> None:
         pa10cal compare june.yaml july.yaml --out compare.json
     """
     from pa10cal.evaluation.two_models import compare_models
-    from pa10cal.fit.model_file import load_model
+    from pa10cal.fit.fitted_model import load_model
     from pa10cal.results.codec import write
 
     models = load_model(first), load_model(second)
@@ -251,7 +250,7 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
         pa10cal drift results/june results/july results/august --out drift.json --figures figures
     """
     from pa10cal.evaluation.two_models import drift as over_campaigns
-    from pa10cal.fit.model_file import load_model
+    from pa10cal.fit.fitted_model import load_model
     from pa10cal.results.codec import write
 
     found = [load_model(path) for path in models]
@@ -308,7 +307,7 @@ def adapt(
     from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.errors import SettingsError
     from pa10cal.evaluation.adapted import adapted_steps
-    from pa10cal.fit.model_file import load_model
+    from pa10cal.fit.fitted_model import load_model
     from pa10cal.results.codec import write
     from pa10cal.results.comparison import AdaptationRecord
 

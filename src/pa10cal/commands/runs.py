@@ -35,7 +35,8 @@ def run(
     from pa10cal.campaign.description import read_description
     from pa10cal.errors import OutputError
     from pa10cal.files.output import writing_into
-    from pa10cal.fit.model_file import file_of, load_model
+    from pa10cal.fit.fitted_model import load_model
+    from pa10cal.fit.model_file import file_of
     from pa10cal.running.alone import WORK_FOLDER, alone
     from pa10cal.running.display import RunDisplay, paths, summarise, table
     from pa10cal.running.workflow import StageError, Workflow, run_workflow, settings_of

@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.fit.prediction import Suspicion
+from pa10cal.fit.fitted import Suspicion
 from pa10cal.results.record import FaultKind
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.log_faults import LogFault

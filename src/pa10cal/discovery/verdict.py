@@ -22,8 +22,8 @@ from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.short_forms import Arena, Proposal
 from pa10cal.discovery.weights import Scatter
 from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.prediction import FallBack
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.log_faults import LogFault

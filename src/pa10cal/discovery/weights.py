@@ -17,8 +17,9 @@ from scipy.special import chdtri
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.linear import by_joints, position_m
 from pa10cal.discovery.noise import MEDIAN_TO_SIGMA
+from pa10cal.fit.fitted import TOOL_FRAME
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.forward import TOOL_FRAME, Forward
+from pa10cal.fit.forward import Forward
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 

@@ -20,8 +20,9 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.evaluation.what_moved import what_moved
+from pa10cal.fit.fitted import FLANGE, TOOL_FRAME
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.forward import FLANGE, TOOL_FRAME, Forward, conditions
+from pa10cal.fit.forward import Forward, conditions
 from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.results.comparison import (
     ComparedFrame,

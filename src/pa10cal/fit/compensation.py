@@ -17,7 +17,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
-from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.fitted import Compensation, Fitted
 from pa10cal.fit.forward import (
     Conditions,
     Forward,
@@ -26,7 +26,6 @@ from pa10cal.fit.forward import (
     pose_difference,
     predicted,
 )
-from pa10cal.fit.prediction import Compensation
 
 #: A pose counts as reached within this [m, rad]; what a search leaves is far less.
 REACHED = 1e-6
@@ -66,7 +65,7 @@ _BY_GEOMETRY, _EXACT, _CLOSE = _Descent(False, 30, 4), _Descent(True, 40, 6), 1e
 
 
 def compensate(
-    model: FittedModel,
+    model: Fitted,
     T: Array,
     frame: str,
     given: Conditions,
@@ -112,7 +111,7 @@ def compensate(
 
 
 def _searched(
-    model: FittedModel, T: Array, frame: str, given: Conditions, seed: ArrayLike | None
+    model: Fitted, T: Array, frame: str, given: Conditions, seed: ArrayLike | None
 ) -> Array:
     """Return joint positions (N, n); where the model falls back, those of what it falls back to."""
     seeds = _seeds(model, len(T), seed)
@@ -145,7 +144,7 @@ def _refuse_no_pose(T: Array) -> None:
         )
 
 
-def _seeds(model: FittedModel, count: int, seed: ArrayLike | None) -> Array:
+def _seeds(model: Fitted, count: int, seed: ArrayLike | None) -> Array:
     """Return seeds (N, n), nan where there is none; the first row has one."""
     n = model.arm.n
     given = np.full(n, np.nan) if seed is None else np.asarray(seed, dtype=float)
@@ -171,7 +170,7 @@ def _reached(arm: Arm, off_m: Array, off_rad: Array) -> NDArray[np.bool_]:
     return np.asarray((off_m < REACHED) & (off_rad < near_rad))
 
 
-def _middle(model: FittedModel) -> Array:
+def _middle(model: Fitted) -> Array:
     """Return the middle of the joint positions that the fit has seen, else of the limits."""
     arm, seen = model.arm, model.seen
     middle: Array = arm.limits_rad.mean(axis=1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,18 +13,14 @@ from pa10cal.arm.chain import BASE, TOOL, EndPose, end_pose, end_pose_with_screw
 from pa10cal.arm.statics import PoseStates, Rows
 from pa10cal.arrays import Array, Index
 from pa10cal.errors import ModelError
+from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, Prediction
 from pa10cal.fit.loads import statics_of, with_torques
-from pa10cal.fit.prediction import FallBack, Prediction
+from pa10cal.fit.uncertain_weights import with_uncertain_weights
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines, b_splines_by_knots
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import falsifies_log, yields
 
-if TYPE_CHECKING:
-    from pa10cal.fit.fitted_model import FittedModel
-
-
-FLANGE, TOOL_FRAME, TARGET = "flange", "tool", "target_"
 #: Step of the central differences by which terms change with the joints [rad, m]: of harmonics as
 #: fine as those of a gear they are good to nine digits.
 _STEP = 1e-6
@@ -50,7 +45,7 @@ class Conditions:
 
 
 def conditions(
-    model: FittedModel,
+    model: Fitted,
     count: int,
     load_N: ArrayLike = 0.0,
     arrival: ArrayLike = 0.0,
@@ -105,14 +100,12 @@ def _of_every_pose(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array
         ) from None
 
 
-def _with_its_weights(model: FittedModel) -> FittedModel:
+def _with_its_weights(model: Fitted) -> Fitted:
     """Return a model with its weights unknown, where logged torques have set them.
 
     Predictions take the torques of the weights, and a fit to the log knows nothing of how
     uncertain these are.
     """
-    from pa10cal.fit.uncertain_weights import with_uncertain_weights  # late: it imports the model
-
     known, soft = model.arm.weights_known, any(yields(term) for term in model.model.terms)
     if known is None or known.origin != "logged" or not soft:
         return model
@@ -125,7 +118,7 @@ def _with_its_weights(model: FittedModel) -> FittedModel:
 class Forward:
     """Forward kinematics of a frame of a fitted model."""
 
-    whole: FittedModel  # the fitted model
+    whole: Fitted  # the fitted model
     # its terms that move the robot; what an instrument reads falsely and what a torque log shows
     # falsely move none
     physical: Model
@@ -135,7 +128,7 @@ class Forward:
     T_end_frame: Array  # (4, 4) the frame in the end of the chain
 
     @classmethod
-    def of(cls, model: FittedModel, frame: str = FLANGE) -> Forward:
+    def of(cls, model: Fitted, frame: str = FLANGE) -> Forward:
         """Return the forward kinematics of one of a model's frames.
 
         Raises:
@@ -304,7 +297,7 @@ class Forward:
             )
 
 
-def predicted(model: FittedModel, q: Array, frame: str, given: Conditions) -> Prediction:
+def predicted(model: Fitted, q: Array, frame: str, given: Conditions) -> Prediction:
     """Predict a frame at joint positions (N, n); see `FittedModel.predict`."""
     forward = Forward.of(model, frame)
     states = forward.states(q, given)
@@ -321,7 +314,7 @@ def predicted(model: FittedModel, q: Array, frame: str, given: Conditions) -> Pr
     return found.with_others(outside, T_base_away(model.falls_back, model) @ away.T)
 
 
-def T_base_away(away: FallBack, model: FittedModel) -> Array:
+def T_base_away(away: FallBack, model: Fitted) -> Array:
     """Return the base of what a model falls back to, in the model's own base, (4, 4)."""
     T: Array = np.linalg.inv(model.T_instr_base) @ away.model.T_instr_base
     return T
@@ -402,3 +395,17 @@ def _touched(between: Array, rows: Index, columns: Index, by_row: Array, by_colu
     """Return the covariance of two maps at each pose, (N,)."""
     four = between[rows[:, :, None], columns[:, None, :]]
     return np.asarray(np.einsum("ps,pst,pt->p", by_row, four, by_column))
+
+
+def T_flange_frame(model: Fitted, frame: str) -> Array:
+    """Return where a frame is in the flange, unloaded, (4, 4) [m].
+
+    Raises:
+        ModelError: when the frame is unknown.
+    """
+    forward = Forward.of(model, frame)
+    chain, at_flange = model.rigid_part()
+    _, at_end = model.rigid_part(tool=forward.on_tool)
+    T_base_flange, T_base_end = end_pose(chain, np.stack([at_flange, at_end]))
+    T: Array = np.linalg.inv(T_base_flange) @ T_base_end @ forward.T_end_frame
+    return T

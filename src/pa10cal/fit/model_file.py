@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from zipfile import BadZipFile
 
 import numpy as np
@@ -19,15 +19,16 @@ from pa10cal.arrays import Array
 from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AnglesSeen
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.forward import FLANGE, TARGET, TOOL_FRAME
-from pa10cal.fit.prediction import FallBack, FittedTo, Suspicion
+from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, FittedTo, Suspicion
+from pa10cal.fit.forward import T_flange_frame, conditions, predicted
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import is_constant
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.term import Offsets, Term
 from pa10cal.yaml_file import read_yaml
+
+F = TypeVar("F", bound=Fitted)
 
 SCHEMA = "pa10cal-model/2"
 _CONVENTIONS = {
@@ -38,7 +39,7 @@ _CONVENTIONS = {
 }
 
 
-def save_model(model: FittedModel, path: Path, **about: Any) -> None:
+def save_model(model: Fitted, path: Path, **about: Any) -> None:
     """Write a fitted model, and its covariance beside it, whole or not at all.
 
     Args:
@@ -63,11 +64,12 @@ def save_model(model: FittedModel, path: Path, **about: Any) -> None:
         place.write_text(text, encoding="utf-8", newline="\n")
 
 
-def load_model(path: str | Path) -> FittedModel:
+def read_model(path: str | Path, kind: type[F]) -> F:
     """Read a fitted model; without the file of its covariance it predicts without uncertainty.
 
     Args:
         path: of model.yaml, or of the folder `model`, or of the results, that it lies in.
+        kind: class of the model.
 
     Raises:
         ModelError: when the file, or that of its covariance, cannot be read, is of another schema,
@@ -82,7 +84,7 @@ def load_model(path: str | Path) -> FittedModel:
         allowed="a model.yaml that this package wrote",
         remedy="correct the path, or write the model again",
     )
-    return model_from_plain(content, where=str(path), covariance=covariance_beside(path))
+    return model_from_plain(content, kind, where=str(path), covariance=covariance_beside(path))
 
 
 def file_of(path: Path) -> Path:
@@ -93,7 +95,7 @@ def file_of(path: Path) -> Path:
     return next((each for each in inside if each.is_file()), inside[0])
 
 
-def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
+def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
     """Return a fitted model as numbers, texts, lists and mappings; see `model_from_plain`."""
     fitted = model.fitted_to
     head = {} if fitted is None else {f.name: getattr(fitted, f.name) for f in fields(fitted)}
@@ -117,7 +119,7 @@ def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
         "targets_off_m": model.targets_off_m.tolist(),
         # For people and other programs; here they follow from what stands above.
         "T_flange": {
-            name: model.T_flange_frame(name).tolist() for name in model.frames if name != FLANGE
+            name: T_flange_frame(model, name).tolist() for name in model.frames if name != FLANGE
         },
         "seen": None if model.seen is None else _seen_to_plain(model.seen),
         "falls_back": None
@@ -132,12 +134,13 @@ def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
 
 
 def model_from_plain(
-    content: object, *, where: str, covariance: Array | None = None
-) -> FittedModel:
+    content: object, kind: type[F], *, where: str, covariance: Array | None = None
+) -> F:
     """Return the model that `model_to_plain` described.
 
     Args:
         content: what it returned.
+        kind: class of the model.
         where: file and place, for messages.
         covariance: (k, k) of the parameters, or None.
 
@@ -166,7 +169,7 @@ def model_from_plain(
         targets = content["targets_m"]
         fitted, payload, seen = content["fitted_to"], content["payload"], content["seen"]
         away = content.get("falls_back")  # not in files written before there was one
-        return FittedModel(
+        return kind(
             model=Model(chain, terms),
             x=np.concatenate([np.zeros(0), *(x for _, x in pairs)]),
             T_instr_base=_frame(content["T_instr_base"], "T_instr_base"),
@@ -182,7 +185,7 @@ def model_from_plain(
             if away is None
             else FallBack(
                 _seen_from_plain(away["within"]),
-                model_from_plain(away["model"], where=f"{where}: falls_back.model"),
+                model_from_plain(away["model"], kind, where=f"{where}: falls_back.model"),
             ),
         )
     except Pa10calError:
@@ -218,7 +221,7 @@ def _seen_from_plain(content: Any) -> AnglesSeen:
     )
 
 
-def _term_to_plain(model: FittedModel, term: Term) -> dict[str, Any]:
+def _term_to_plain(model: Fitted, term: Term) -> dict[str, Any]:
     """Return a term with its form, what readers know of it, and the values it is solved in."""
     report, std = model.reported(term)
     return {
@@ -264,7 +267,7 @@ def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Arra
     return term, x
 
 
-def _arm_to_plain(model: FittedModel) -> dict[str, Any]:
+def _arm_to_plain(model: Fitted) -> dict[str, Any]:
     arm = model.arm
     columns = {name: getattr(arm, name) for name in ROW_FIELDS}
     bends = {name for motion in model.model.chain.motions for name in [motion.coordinate]}
@@ -414,7 +417,7 @@ def covariance_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}.covariance.npz")
 
 
-def write_covariance(model: FittedModel, path: Path) -> None:
+def write_covariance(model: Fitted, path: Path) -> None:
     """Write the covariance of a model's parameters, with their names (.npz)."""
     names = [*(parameter.name for parameter in model.model.parameters), *BASE]
     covariance = np.zeros((0, 0)) if model.covariance is None else model.covariance
@@ -466,14 +469,14 @@ class RigidPart:
     frames: dict[str, Array]  # tool or targets, and their poses (4, 4) in the flange
 
 
-def rigid_part(model: FittedModel) -> RigidPart:
+def rigid_part(model: Fitted) -> RigidPart:
     """Return the rigid part of a fitted model."""
     chain, coordinates = model.rigid_part()
     names = [f"{TARGET}{name}" for name in model.target_names] or [TOOL_FRAME]
-    return RigidPart(chain, coordinates, {name: model.T_flange_frame(name) for name in names})
+    return RigidPart(chain, coordinates, {name: T_flange_frame(model, name) for name in names})
 
 
-def beyond_rigid(model: FittedModel, observations: Observations) -> str:
+def beyond_rigid(model: Fitted, observations: Observations) -> str:
     """Say what a URDF cannot hold of a model, and how much that matters in measured poses."""
     beyond = [term for term in model.model.terms if not is_constant(term)]
     if not beyond:
@@ -489,21 +492,23 @@ def beyond_rigid(model: FittedModel, observations: Observations) -> str:
     )
 
 
-def beyond_rigid_mm(model: FittedModel, observations: Observations) -> tuple[float, float]:
+def beyond_rigid_mm(model: Fitted, observations: Observations) -> tuple[float, float]:
     """Return how far the flange is from that of the rigid part in measured poses, rms and peak.
 
     Raises:
         ModelError: when the model has springs and the weights that load them are not known.
     """
     states = observations.states
-    whole = model.predict(
-        states.q_rad,
-        load_N=states.load_N,
-        arrival=states.arrival,
-        temperature_C=states.temperature_C,
-        time_s=states.time_s,
+    given = conditions(
+        model,
+        len(states),
+        states.load_N,
+        states.arrival,
+        states.temperature_C,
+        states.time_s,
         extrapolate=True,
     )
+    whole = predicted(model, states.q_rad, FLANGE, given)
     chain, coordinates = model.rigid_part()
     at = np.tile(coordinates, (len(states), 1))
     at[:, chain.joint_columns] += states.q_rad
@@ -512,7 +517,7 @@ def beyond_rigid_mm(model: FittedModel, observations: Observations) -> tuple[flo
     return float(np.sqrt(np.mean(off_mm**2))), float(off_mm.max())
 
 
-def dh_text(model: FittedModel, mark: str) -> str:
+def dh_text(model: Fitted, mark: str) -> str:
     """Return the rows of the arm: nominal, departure, calibrated, standard uncertainty of each.
 
     Departures of one coordinate that several terms make are added up. The uncertainty is blank

@@ -8,14 +8,17 @@ error of the size stated here costs half a nat, one twice as large two, far less
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
-from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.fitted import Fitted
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import Weights, WeightSizes
+
+F = TypeVar("F", bound=Fitted)
 
 #: Standard uncertainty of the mass of a tool that is stated, relative, and of its centre, per axis
 #: [m].
@@ -80,7 +83,7 @@ def scale_is_known(payload: Payload, states: PoseStates) -> bool:
     return len(masses_kg) > 1 or bool(np.ptp(states.load_N) > 0.0)
 
 
-def with_uncertain_weights(model: FittedModel, payload: Payload) -> FittedModel:
+def with_uncertain_weights(model: F, payload: Payload) -> F:
     """Return a model, fitted to calculated torques, with all its weights unknown.
 
     What it has found of some of them already is kept.

@@ -12,7 +12,7 @@ from typing import get_args
 from pa10cal.errors import ALLOWED, Pa10calError, SettingsError, fits_a_folder
 from pa10cal.evaluation.two_models import compare_models
 from pa10cal.files.output import csv_cell
-from pa10cal.fit.model_file import load_model
+from pa10cal.fit.fitted_model import load_model
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import Attention, ChainRecord, FleetArm, FleetCampaign, FleetRecord
 from pa10cal.results.health import UNRESERVED

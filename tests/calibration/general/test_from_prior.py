@@ -16,7 +16,7 @@ from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.prediction import FittedTo
+from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.problem import Disagreement, Expected
 from pa10cal.studies.changes import Change, draw_changed
 from pa10cal.studies.simulated import (

@@ -21,6 +21,7 @@ from pa10cal.discovery.records import discovery_records, summary, verdict_keys
 from pa10cal.discovery.verdict import Plan
 from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
 from pa10cal.settings_reading import parse_section
 from pa10cal.studies.judging import calibrated_campaign
@@ -77,7 +78,7 @@ def test_it_is_told_and_written(found, campaign):
     assert "its motor followed" in " ".join(summary(keys))
     written = discovery_records(found, Plan(()), campaign.campaign.description, "combined")
     assert written.verdict.effects[0].witness == witness
-    back = model_from_plain(model_to_plain(found.model), where="model.yaml")
+    back = model_from_plain(model_to_plain(found.model), FittedModel, where="model.yaml")
     assert back.model.terms == found.model.model.terms
 
 

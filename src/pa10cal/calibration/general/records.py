@@ -13,10 +13,10 @@ from pa10cal.calibration.general.case import GeneralCase, fitted
 from pa10cal.calibration.health import health_part
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.records import by_load, fitted_to, reported_keys
+from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import not_identifiable, observability
 from pa10cal.fit.model_file import model_to_plain
-from pa10cal.fit.prediction import FittedTo
 from pa10cal.results.calibration import (
     CalibratedParameter,
     CampaignAlone,

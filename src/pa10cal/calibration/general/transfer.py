@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,8 +17,7 @@ from pa10cal.calibration.general.case import base_motion
 from pa10cal.calibration.general.fit import fit
 from pa10cal.calibration.general.problem import choose_unknowns, start_of_tool
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.prediction import FallBack
+from pa10cal.fit.fitted import FallBack, Fitted
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.observations import Observations
@@ -27,14 +27,14 @@ from pa10cal.terms.of_campaign import OF, OfPart, about_moved_base, motion_of_ba
 from pa10cal.terms.term import Offsets, fixed
 from pa10cal.terms.weights import Weights, WeightSizes
 
+F = TypeVar("F", bound=Fitted)
+
 #: Poses that say enough of how frames follow the arm, and how many of them are taken at once.
 _ENOUGH_POSES = 2000
 _AT_ONCE = 300
 
 
-def refit_frames(
-    model: FittedModel, observations: Observations, cuts_s: Sequence[float] = ()
-) -> FittedModel:
+def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] = ()) -> F:
     """Fit base and tool, or targets, of a calibrated model to other observations of the same arm.
 
     Args:
@@ -104,9 +104,7 @@ def refit_frames(
     )
 
 
-def with_tool_of(
-    model: FittedModel, payload: Payload | None, *, logged: bool = False
-) -> FittedModel:
+def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> F:
     """Return a calibrated model with what the arm carries in another campaign.
 
     Weights found beside springs go with the arm. Those of the tool belong to the campaign: where it
@@ -147,7 +145,7 @@ def with_tool_of(
     )
 
 
-def _without_weights(model: FittedModel) -> FittedModel:
+def _without_weights(model: F) -> F:
     """Return a model whose torques are not calculated from weights."""
     terms = tuple(term for term in model.model.terms if not isinstance(term, Weights))
     every, count = np.arange(len(model.x)), len(model.x)

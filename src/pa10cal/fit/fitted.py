@@ -1,0 +1,295 @@
+"""What a calibration found, as data: the model with its values, what it was fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from html import escape
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import TOOL, Chain, long_links
+from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import Payload, PoseStates
+from pa10cal.arrays import Array
+from pa10cal.errors import ModelError
+from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.loads import with_torques
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Comparison, Deviations
+from pa10cal.terms.model import Model
+from pa10cal.terms.of_campaign import is_constant
+from pa10cal.terms.term import Report, Term
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+M = TypeVar("M", bound=Instrument)
+
+FLANGE, TOOL_FRAME, TARGET = "flange", "tool", "target_"
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """Something in the input that is probably wrong, as the calibration found it."""
+
+    kind: str  # a word of the table in `docs/raw-data.md`
+    where: str  # column, joint, parameter, pose or file
+    what: str  # what it is, one clause
+    remedy: str  # what to do about it
+    # root mean square position error if it were put right; None if not tried
+    would_leave_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class FittedTo:
+    """What a model was fitted to."""
+
+    campaign: str  # name of the campaign, or of the group of campaigns
+    provenance: str  # where its data come from, in the campaign's own words
+    calibration: str  # load case: `combined`, `general`, or a load such as `44N`
+    instrument: str  # kind of the instrument
+    poses: int  # poses fitted
+    temperature_C: float  # their mean temperature; nan where it was not logged
+    time_s: tuple[float, float]  # (2,) first and last of their times
+    # how good the calibration is: `good`, `few_poses`, `incomplete`, `suspect_input` or
+    # `not_converged`; empty where that is not known
+    grade: str = ""
+    health: str = ""  # the reason, and what to do, in one sentence
+    suspicions: tuple[Suspicion, ...] = ()  # what is probably wrong in the input
+    # external loads of the poses, each once; empty where that is not known
+    loads_N: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Where a fitted model puts a frame of the robot in N poses."""
+
+    T: Array  # (N, 4, 4) the frame in the robot's base frame [m]
+    # (N,) standard uncertainty of its position, from the noise of the measurement, the base being
+    # where the fit puts it; nan where the model's covariance is not known
+    u_mm: Array
+    inside: NDArray[np.bool_]  # (N,) whether all joint angles were seen by the fit
+
+    def __len__(self) -> int:
+        return len(self.T)
+
+    def _repr_html_(self) -> str:
+        """Return the places as a notebook shows them."""
+        places = dict(zip(("x_mm", "y_mm", "z_mm"), 1e3 * self.T[:, :3, 3].T, strict=True))
+        return _table({**places, "u_mm": self.u_mm, "inside": self.inside})
+
+    def with_others(self, rows: NDArray[np.bool_], T: Array) -> Prediction:
+        """Return the prediction with other frames T (N, 4, 4) in some of the poses (N,).
+
+        How far they are from those that stood there becomes part of the uncertainty.
+        """
+        moved_mm = 1e3 * np.linalg.norm(T[:, :3, 3] - self.T[:, :3, 3], axis=1)
+        return Prediction(
+            np.where(rows[:, None, None], T, self.T),
+            np.where(rows, np.hypot(self.u_mm, moved_mm), self.u_mm),
+            self.inside & ~rows,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class FallBack:
+    """What a model falls back to outside the joint positions in which its effects hold."""
+
+    within: AnglesSeen  # joint positions in which they hold
+    # the model without them, of the same arm and measured by the same instrument
+    model: Fitted
+
+
+#: What became of a target: its pose is reached; by joint positions beyond their limits; not at all;
+#: or where some direction takes large motions of the joints.
+Status = Literal["ok", "outside_limits", "unreachable", "near_singular"]
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """Joint positions that bring a frame of the robot to N poses, by its model."""
+
+    # (N, n) joint positions to command [rad, m]; of an unreachable pose those that come nearest
+    q: Array
+    status: NDArray[np.str_]  # (N,) one of `Status`
+    error_mm: Array  # (N,) distance of the model's position there from the one wanted
+    error_deg: Array  # (N,) angle between the model's attitude there and the one wanted
+    u_mm: Array  # (N,) standard uncertainty of the position, as of a prediction
+    inside: NDArray[np.bool_]  # (N,) whether all joint angles were seen by the fit
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def _repr_html_(self) -> str:
+        """Return the joint positions [rad, m] as a notebook shows them."""
+        joints = {f"q{joint}": values for joint, values in enumerate(self.q.T, start=1)}
+        shown = {"status": self.status, "error_mm": self.error_mm, "u_mm": self.u_mm}
+        return _table({**joints, **shown, "inside": self.inside})
+
+
+def _table(columns: dict[str, NDArray[Any]]) -> str:
+    import pandas as pd  # late: a prediction needs none
+
+    html: str = pd.DataFrame(columns).to_html(max_rows=20)
+    return html
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A chain with terms and the values of their parameters, and what they were fitted to."""
+
+    # the nominal chain, and the terms that move it off nominal. The base frame is apart.
+    model: Model
+    x: Array  # (k,) the terms' parameters
+    T_instr_base: Array  # (4, 4) robot base in the instrument's frame [m]
+    # (3, 3) attitude of the target in the end of the chain, for an instrument that measures
+    # attitudes; the target's place there is the term of the tool
+    R_ee_target: Array = field(default_factory=lambda: np.eye(3))
+    # (t,) places of further targets in the flange, x, y, z of each
+    targets_m: Array = field(default_factory=lambda: np.zeros(0))
+    target_names: tuple[str, ...] = ()  # (t / 3,) their names
+    # (a,) by how much the places of an apparatus' targets are off those stated, which moves poses
+    # measured through them; empty where that is not known
+    targets_off_m: Array = field(default_factory=lambda: np.zeros(0))
+    # (k + 6, k + 6) of x and of six small motions of the base (the chain's `BASE`), or None where
+    # it is not known. Arm and base are kept together, since what they share, such as the zero of
+    # joint 1 and the yaw of the base, is uncertain in each and not in where the robot is.
+    covariance: Array | None = None
+    # what the arm carried, which springs and bending links need; None where not known
+    payload: Payload | None = None
+    fitted_to: FittedTo | None = None  # what it was fitted to, or None
+    seen: AnglesSeen | None = None  # joint positions seen by the fit, or None
+    # where its effects do not hold, and what is predicted there; None where they hold everywhere
+    falls_back: FallBack | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.model.parameters)
+        if len(self.x) != count:
+            raise ModelError(
+                f"{len(self.x)} values for {count} parameters",
+                where="model",
+                allowed="one value for each parameter of the terms",
+                remedy="write the model again",
+            )
+
+    @property
+    def grade(self) -> str:
+        """Return how good its calibration is, in a word; empty where that is not known."""
+        return "" if self.fitted_to is None else self.fitted_to.grade
+
+    @property
+    def arm(self) -> Arm:
+        """Return the nominal arm."""
+        return self.model.chain.arm
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """Return the parameters as readers know them: term, place, name, value, std and unit."""
+        import pandas as pd  # late: a prediction needs none
+
+        rows = []
+        for term in self.model.terms:
+            report, std = self.reported(term)
+            rows += [
+                (term.id, term.of, parameter.name, value, sigma, parameter.unit)
+                for parameter, value, sigma in zip(
+                    report.parameters, report.values, std, strict=True
+                )
+            ]
+        return pd.DataFrame(rows, columns=["term", "of", "parameter", "value", "std", "unit"])
+
+    def reported(self, term: Term) -> tuple[Report, Array]:
+        """Return what readers know of one of its terms, and standard uncertainties (nan: unknown).
+
+        Raises:
+            ValueError: when it has no such term.
+        """
+        columns = self.model.columns_of(term)
+        report = term.report(self.x[columns])
+        if self.covariance is None:
+            return report, np.full(len(report.values), np.nan)
+        own = report.jacobian @ self.covariance[columns, columns] @ report.jacobian.T
+        return report, np.sqrt(np.maximum(np.diag(own), 0.0))
+
+    def _repr_html_(self) -> str:
+        """Return the model as a notebook shows it."""
+        fitted = self.fitted_to
+        about = (
+            ""
+            if fitted is None
+            else f", fitted to {fitted.campaign}: {fitted.grade}: {fitted.health}"
+        )
+        return f"<p>{escape(self.arm.title + about)}</p>{self.parameters.to_html(index=False)}"
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Return the frames that it can predict."""
+        return (FLANGE, TOOL_FRAME, *(f"{TARGET}{name}" for name in self.target_names))
+
+    def with_bends(self) -> Self:
+        """Return the same model on a chain whose long links may bend, as some effects do."""
+        chain = Chain.of(self.arm, bends=long_links(self.arm))
+        return replace(self, model=Model(chain, self.model.terms))
+
+    def as_modelled(self, observations: Observations[M]) -> Observations[M]:
+        """Return measured poses as the model predicts them.
+
+        Attitudes are those of the end-effector in place of the target's; torques that were not
+        logged are those of the masses described, at the posture modelled.
+        """
+        states, _ = with_torques(self.model, self.x, observations.states, self.payload)
+        return observations.turned(self.R_ee_target).with_states(states)
+
+    def rigid_part(self, *, tool: bool = False) -> tuple[Chain, Array]:
+        """Return the chain, and its coordinates (m,) at zero joints, unloaded, at the flange.
+
+        Args:
+            tool: with the tool, at the chain's end.
+        """
+        zeros, zero = np.zeros((1, self.arm.n)), np.zeros(1)
+        unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
+        constant = [term for term in self.model.terms if is_constant(term)]
+        x = np.concatenate([np.zeros(0), *(self.values_of(term) for term in constant)])
+        chain = self.model.chain
+        at = Model(chain, tuple(constant)).chain_coordinates(unloaded, x)[0]
+        if not tool:
+            at[chain.columns(TOOL)] = 0.0
+        return chain, at
+
+    def deviations(self, observations: Observations) -> Deviations:
+        """Compare predictions with observations whose states hold what the terms need."""
+        measured = observations.measured.turned(self.R_ee_target)
+        found = measured.deviations(self.as_read(observations), self.T_instr_base, self.targets_m)
+        if self.falls_back is None:
+            return found
+        outside = ~self.falls_back.within.inside(observations.states.q_rad)
+        return found.with_others(outside, self.falls_back.model.deviations(observations))
+
+    def compared(self, observations: Observations) -> Comparison:
+        """Compare predictions with `as_modelled` poses, component by component."""
+        T_instr_ee = self.T_instr_base @ self.model.predict(observations.states, self.x)
+        return observations.measured.compare(T_instr_ee, self.targets_m)
+
+    def as_read(self, observations: Observations) -> Array:
+        """Return the end of the chain as the instrument is expected to read it, (P, 4, 4) [m]."""
+        T_base_ee = self.model.predict(observations.states, self.x)
+        if not len(self.targets_off_m):
+            return T_base_ee
+        off_m = self.targets_off_m
+        return observations.measured.as_read(T_base_ee, self.T_instr_base, off_m)
+
+    def nominal(self) -> Self:
+        """Return the arm as it was designed, at the same base."""
+        rigid = Model(self.model.chain, ())
+        return replace(self, model=rigid, x=np.zeros(0), covariance=None, falls_back=None)
+
+    def values_of(self, term: Term) -> Array:
+        """Return the parameters of one of its terms (ValueError where it has no such term)."""
+        return self.x[self.model.columns_of(term)]
+
+    def inside(self, q: Array) -> NDArray[np.bool_]:
+        """Return whether all joint angles of positions (N, n) were seen by the fit, (N,)."""
+        return np.ones(len(q), dtype=bool) if self.seen is None else self.seen.inside(q)
