@@ -42,8 +42,7 @@ include: "workflow/rules/campaigns.smk"
 
 
 rule all:
-    """Everything, for every campaign of the configuration, and a few blind trials."""
+    """Everything, for every campaign of the configuration."""
     default_target: True
     input:
         rules.campaigns.input,
-        rules.blind_trials_reduced.input,

@@ -287,7 +287,8 @@ def test_nothing_imports_itself_by_way_of_others():
     packages = {}
     for name, imported in every.items():
         top = name.partition(".")[0]
-        packages.setdefault(top, set()).update({each.partition(".")[0] for each in imported} - {top})
+        others = {each.partition(".")[0] for each in imported} - {top}
+        packages.setdefault(top, set()).update(others)
     assert {tuple(sorted(each)) for each in circles(packages)} == CIRCLES
 
 

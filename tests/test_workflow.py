@@ -237,13 +237,16 @@ def test_one_picture_is_drawn_by_its_path_from_what_it_needs(checkout):
 
 
 @pytest.mark.slow
-def test_the_default_target_runs_a_few_blind_trials_and_their_own_target_all(plan):
+def test_targets_of_trials_run_those_of_the_settings_and_the_default_target_none(plan):
     full, reduced, tracked = map(trial_counts, (SETTINGS.full, SETTINGS.reduced, SETTINGS.tracked))
     size = SETTINGS.trials_a_job
 
     def jobs(counts):
         return sum(-(-count // size) for count in counts.values())
 
+    code, text = plan()
+    assert code == 0, text
+    assert "judge_trials" not in planned(text)
     code, text = plan("blind_trials_reduced")
     assert code == 0, text
     assert planned(text)["judge_trials"] == jobs(reduced)

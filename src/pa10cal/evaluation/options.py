@@ -93,7 +93,7 @@ class BlindTrialsOptions(Section):
     )
     reduced: TrialCounts = Field(
         TrialCounts(null=4, single=1, pair=2, triple=1, outside=1, wrong_noise=0, wrong_mass=0),
-        description="the first of them, which the default target runs",
+        description="the first of them: `snakemake --cores 2 blind_trials_reduced`",
     )
     tracked: TrialCounts = Field(
         TrialCounts(

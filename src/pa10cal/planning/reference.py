@@ -45,7 +45,7 @@ def reference() -> str:
             parts += [f"## `pa10cal.{name}`\n", _text(thing), *_keys(thing)]
             parts += [
                 f"{_heading(f'{name}.{member}', _signature(of))}\n\n{_text(of)}"
-                for member, of in vars(thing).items()
+                for member, of in _members(thing).items()
                 if not member.startswith("_") and _documented(of)
             ]
         else:
@@ -82,11 +82,24 @@ def _docstring(thing: Any) -> str:
     return inspect.getdoc(getattr(thing, "__func__", thing)) or ""
 
 
+def _members(thing: type) -> dict[str, Any]:
+    """Return what a class and the classes of this package below it define."""
+    return {name: of for part in reversed(_own(thing)) for name, of in vars(part).items()}
+
+
+def _own(thing: type) -> list[type]:
+    return [part for part in thing.__mro__ if part.__module__.startswith("pa10cal.")]
+
+
 def _fields(thing: Any) -> list[str]:
     """Return the fields of a class with their comments, which stand behind or above them."""
     if not dataclasses.is_dataclass(thing) or not isinstance(thing, type):
         return []
-    lines = inspect.getsource(thing).splitlines()
+    return ["", "Attributes:", *(line for part in reversed(_own(thing)) for line in _said(part))]
+
+
+def _said(part: type) -> list[str]:
+    lines = inspect.getsource(part).splitlines()
     said: list[str] = []
     for statement in ast.parse(textwrap.dedent("\n".join(lines))).body[0].body:  # type: ignore[attr-defined]
         if not isinstance(statement, ast.AnnAssign):
@@ -103,7 +116,7 @@ def _fields(thing: Any) -> list[str]:
             initial_indent="    ",
             subsequent_indent="        ",
         )
-    return ["", "Attributes:", *said]
+    return said
 
 
 def _signature(thing: Any) -> str:

@@ -34,10 +34,6 @@ def write_generated(root: Path) -> None:
     write_text(root / SCHEMA, schema_text())
 
 
-if __name__ == "__main__":
-    write_generated(Path(*sys.argv[1:]))
-
-
 # The text of config.yaml: every setting with its default and, as a comment, its description.
 
 _WIDTH = 120
@@ -166,3 +162,7 @@ def _flow(value: Any) -> str:
     if isinstance(value, str) and value not in ("null", "true", "false"):
         return value
     return json.dumps(value)
+
+
+if __name__ == "__main__":
+    write_generated(Path(*sys.argv[1:]))

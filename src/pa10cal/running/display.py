@@ -35,7 +35,7 @@ _WORDS = {
     "trial_pictures": "draw blind trials",
 }
 #: Rules that only gather what others made.
-_SILENT = {"all", "campaigns", "figures", "blind_trials_reduced"}
+_SILENT = {"all", "campaigns", "figures"}
 
 
 class RunDisplay:
