@@ -120,7 +120,7 @@ def test_a_fault_leaves_nothing_behind(run, monkeypatch, capsys):
     def fail(*arguments):
         raise OSError("disk full")
 
-    monkeypatch.setattr("pa10cal.figures.campaign.montecarlo.draw_montecarlo_planes", fail)
+    monkeypatch.setattr("pa10cal.figures.draw.write_figure", fail)
     code, written = run("montecarlo_planes")
     assert (code, written) == (FAULT, [])
     assert "internal fault: OSError: disk full" in capsys.readouterr().err

@@ -124,7 +124,7 @@ def _with_effects(
 
     from pa10cal.calibration.load_case import COMBINED, rows_of_load
     from pa10cal.calibration.records import models_of
-    from pa10cal.commands.discover import effects_of, read_extended
+    from pa10cal.commands.extended import effects_of, read_extended
     from pa10cal.discovery.given import Place, calibrate_with, with_effects
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.errors import CalibrationError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from pa10cal.fleet.became import ChainOptions
+from pa10cal.evaluation.options import ChainOptions
 
 #: Stages, as messages call them, and what each writes under the results of the campaign.
 STAGES = {
@@ -49,7 +49,7 @@ def chain(
     import traceback
 
     from pa10cal.errors import OutputError, Pa10calError
-    from pa10cal.fleet.became import became, ended
+    from pa10cal.fleet.campaigns import became, ended
     from pa10cal.results.codec import write
     from pa10cal.results.fleet import ChainRecord
 

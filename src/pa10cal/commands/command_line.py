@@ -71,7 +71,7 @@ COMMANDS = tuple(name for names in GROUPS.values() for name in names)
 
 #: Modules that hold several commands; any other command stands in a module of its name.
 _MODULES = {
-    "data": ("columns", "doctor", "effects", "fetch", "import_arm", "import"),
+    "data": ("columns", "effects", "fetch", "import_arm", "import"),
     "models": ("predict", "compensate", "compare", "drift", "adapt"),
     "readings": ("ingest", "join", "seed"),
     "runs": ("run", "reproduce", "report", "fleet", "fleet_summary"),

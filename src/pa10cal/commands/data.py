@@ -1,4 +1,4 @@
-"""Commands: `columns`, `import`, `fetch`, `import_arm`, `effects`, `doctor`."""
+"""Commands for files, arms and data: `columns`, `import`, `fetch`, `import_arm`, `effects`."""
 
 from __future__ import annotations
 
@@ -76,8 +76,6 @@ def _tried(file: Path, text: str, arm: Arm) -> list[str]:
         return [f"# read so: {rows}", *(f"# check: {warning}" for warning in found.warnings)]
 
 
-# Command `import`.
-
 #: Rows left out that are shown one by one; all of them are in the campaign's left_out.csv.
 SHOWN = 10
 
@@ -140,9 +138,6 @@ def import_data(
             print(f"  … and {len(campaign.left_out) - SHOWN} more in {place / 'left_out.csv'}")
 
 
-# Command `fetch`.
-
-
 def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
     """Fetch a public data set from its owner, of the pinned version, and check it.
 
@@ -165,9 +160,6 @@ def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
         print(asked.published.terms, flush=True)
     fetched = fetch_files(asked, out, source or None)
     print(f"{out}: {', '.join(fetched) or 'nothing to fetch'}; all checksums are right")
-
-
-# Command `import_arm`.
 
 
 def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | None = None) -> None:
@@ -230,8 +222,6 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
     )
 
 
-# Command `effects`.
-
 #: Of more parameters only the first and the last are listed.
 _MOST_NAMES = 4
 
@@ -276,34 +266,3 @@ def _cells(places: tuple[Effect, ...]) -> tuple[str, ...]:
         ", ".join(shown),
         f"{size.plausible:.2g} {size.unit}".removesuffix(" 1"),
     )
-
-
-# Command `doctor`.
-
-
-def doctor() -> None:
-    """Check this machine: what pa10cal needs, what is missing, and what to do about it.
-
-    Exit code 2 where something that is needed is missing.
-
-    Examples:
-        pa10cal doctor
-    """
-    from pa10cal.errors import SettingsError
-    from pa10cal.running.machine import examine
-
-    checks = examine()
-    width = max(len(check.name) for check in checks)
-    for check in checks:
-        print(f"{check.mark:<7} {check.name:<{width}}  {check.found}")
-        if check.remedy:
-            print(f"{'':<7} {'':<{width}}  → {check.remedy}")
-    missing = [check.name for check in checks if check.state == "missing"]
-    if missing:
-        raise SettingsError(
-            f"{len(missing)} of {len(checks)} checks failed",
-            where="this machine",
-            value=", ".join(missing),
-            allowed="all of them passed",
-            remedy="see the arrows above",
-        )

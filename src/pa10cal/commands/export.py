@@ -41,7 +41,7 @@ def export(
     from pa10cal.calibration.records import models_of
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
-    from pa10cal.commands.discover import read_extended
+    from pa10cal.commands.extended import read_extended
     from pa10cal.errors import CalibrationError
     from pa10cal.files.arms import urdf_of_arm
     from pa10cal.files.output import write_text

@@ -6,14 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
-from pa10cal.fit.fitted_model import FittedModel, load_model
-from pa10cal.results.health import UNRESERVED
 
 if TYPE_CHECKING:
+    from pa10cal.arrays import Array
+    from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.results.comparison import ComparisonRecord
 
 
@@ -23,6 +20,8 @@ def model_in_use(path: Path, *, force: bool) -> FittedModel:
     Raises:
         ModelError: when it cannot be read, or its grade needs `force`.
     """
+    from pa10cal.fit.fitted_model import load_model
+
     model = load_model(path)
     if doubtful(model) and not force:
         assert model.fitted_to is not None
@@ -38,20 +37,21 @@ def model_in_use(path: Path, *, force: bool) -> FittedModel:
 
 def doubtful(model: FittedModel) -> bool:
     """Return whether a model's grade is one that needs `force`."""
+    from pa10cal.results.health import UNRESERVED
+
     return bool(model.grade) and model.grade not in UNRESERVED
 
 
 def loads_of(given_N: Array, load_N: float) -> Array:
     """Return the loads of rows, that of the command where a row gives none (nan)."""
+    import numpy as np
+
     return np.where(np.isnan(given_N), load_N, given_N)
 
 
 def not_read(path: Path, columns: tuple[str, ...]) -> str:
     """Return which columns of a list are not read, for the end of a line; nothing where all are."""
     return f"; not read of {path}: {', '.join(columns)}" if columns else ""
-
-
-# Command `predict`.
 
 
 def predict(
@@ -94,9 +94,6 @@ def predict(
         f"{out}: {frame} of {fitted.arm.name} at {len(found)} joint positions, "
         f"{outside} of them beyond the angles of the fit{not_read(joints, asked.unused)}"
     )
-
-
-# Command `compensate`.
 
 
 def compensate(
@@ -157,8 +154,6 @@ def compensate(
     rest = not_read(targets, asked.unused)
     print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {said}{rest}")
 
-
-# Command `compare`.
 
 #: Parameters shown: those that differ by most of their uncertainty, from so many of it on.
 _SHOWN, _WORTH_SHOWING = 5, 3.0
@@ -234,9 +229,6 @@ def _row(title: str, rms: float, peak: float | None = None, deg: float | None = 
     return f"{title:<24}{rms:>9.3f}{peak_shown:>9}{deg_shown:>10}".rstrip()
 
 
-# Command `drift`.
-
-
 def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -> None:
     """Show how the parameters of one arm went over campaigns, and what moved between them.
 
@@ -269,9 +261,6 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
         write_drift(record, figures, out.stem, FigureOptions().png_dpi)
     for step in record.steps:
         print(f"{step.first} to {step.second}: {step.what_moved.line}")
-
-
-# Command `adapt`.
 
 
 def adapt(

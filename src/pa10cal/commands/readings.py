@@ -46,9 +46,6 @@ def ingest(
         print(f"pa10cal ingest: warning: {campaign.name}: {warning}", file=sys.stderr)
 
 
-# Command `join`.
-
-
 def join(
     *,
     name: str,
@@ -130,9 +127,6 @@ def join(
         text.write_text(group_text(group), encoding="utf-8", newline="\n")
     counts = ", ".join(f"{each.name} {len(each.observations)}" for each in placed)
     print(f"{name}: {len(together)} configurations of one {group.robot}: {counts}")
-
-
-# Command `seed`.
 
 
 def seed(

@@ -82,9 +82,6 @@ def run(
     print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")
 
 
-# Command `reproduce`.
-
-
 def reproduce(
     *,
     cores: int = 0,
@@ -147,9 +144,6 @@ def reproduce(
     print(f"every picture  {results / 'report.html'}")
 
 
-# Command `report`.
-
-
 def report(
     results: Path, *, out: Path, campaign_dir: Path | None = None, calibration: str = "combined"
 ) -> None:
@@ -193,9 +187,6 @@ def write_what_there_is(results: Path, campaign_dir: Path, calibration: str) -> 
     except Pa10calError:  # there is nothing to tell but what ended the run
         return None
     return out
-
-
-# Command `fleet`.
 
 
 def fleet(
@@ -261,9 +252,6 @@ def fleet(
     words = ", ".join(f"{count} {word}" for word, count in found.counts.items())
     print(f"\n{len(found.campaigns)} campaigns of {len(found.arms)} arms: {words}")
     print(f"{out / 'fleet/fleet.html'}\nin {display.seconds:.0f} s")
-
-
-# Command `fleet_summary`.
 
 
 def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) -> None:

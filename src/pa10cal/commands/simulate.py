@@ -40,9 +40,6 @@ def simulate(
     print(f"{name}: {arm.title} in {out}, what is hidden in {truth}")
 
 
-# Command `draw_trials`.
-
-
 def draw_trials(
     *,
     kind: str,

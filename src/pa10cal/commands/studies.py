@@ -43,9 +43,6 @@ def coverage(
     write(record, out)
 
 
-# Command `changes`.
-
-
 def changes(
     *,
     out: Path,
@@ -78,9 +75,6 @@ def changes(
     record = changes_study(robot, instrument, poses, pairs, seed, say)
     write(record, out)
     say(f"95 % intervals of what moved hold the truth in {100 * record.inside:.0f} %")
-
-
-# Command `curve`.
 
 
 def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) -> None:
@@ -131,9 +125,6 @@ def _write(folder: Path, gait: Gait, record: CurveRecord) -> None:
         for beside, columns in zip(besides, tables.values(), strict=True):
             pd.DataFrame(columns).to_csv(beside, index=False, lineterminator="\n")
         write(record, record_beside)
-
-
-# Command `curve_calibration`.
 
 
 def curve_calibration(

@@ -8,7 +8,13 @@ from pydantic import Field, FiniteFloat, NonNegativeInt
 
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.observe.kinds import TrackerKind
-from pa10cal.options import DiscoveryOptions, IngestOptions, MonteCarloOptions, Section
+from pa10cal.options import (
+    BaseFrameOptions,
+    DiscoveryOptions,
+    IngestOptions,
+    MonteCarloOptions,
+    Section,
+)
 
 
 class EvaluationOptions(Section):
@@ -212,4 +218,22 @@ class PictureOptions(Section):
     )
     evaluation: EvaluationOptions = Field(
         EvaluationOptions(), description="held-out points and loads"
+    )
+
+
+class ChainOptions(Section):
+    """The settings of every stage from raw files to a model."""
+
+    ingest: IngestOptions = Field(IngestOptions(), description="raw logs to a table of poses")
+    base_frame: BaseFrameOptions = Field(
+        BaseFrameOptions(), description="from the straight-line moves"
+    )
+    calibration: CalibrationOptions = Field(
+        CalibrationOptions(), description="two levels, and the general model"
+    )
+    evaluation: EvaluationOptions = Field(
+        EvaluationOptions(), description="held-out points and loads"
+    )
+    discovery: DiscoveryOptions = Field(
+        DiscoveryOptions(), description="the search for missing effects"
     )

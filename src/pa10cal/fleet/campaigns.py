@@ -13,9 +13,18 @@ from pa10cal.errors import ALLOWED, Pa10calError, SettingsError, fits_a_folder
 from pa10cal.evaluation.two_models import compare_models
 from pa10cal.files.output import csv_cell
 from pa10cal.fit.fitted_model import load_model
+from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
-from pa10cal.results.fleet import Attention, ChainRecord, FleetArm, FleetCampaign, FleetRecord
+from pa10cal.results.fleet import (
+    Attention,
+    ChainRecord,
+    ChainStatus,
+    FleetArm,
+    FleetCampaign,
+    FleetRecord,
+)
 from pa10cal.results.health import UNRESERVED
+from pa10cal.running.display import summarise
 
 #: A table of campaigns larger than this is none [bytes].
 _MOST_BYTES = 64 * 1024**2
@@ -266,3 +275,40 @@ def _attention(last: FleetCampaign) -> tuple[Attention, str]:
     if became.verdict not in _WHOLE:
         return "incomplete", notes or said
     return "none", said
+
+
+# What became of a campaign, from its results.
+
+
+def became(results: Path, name: str, calibration: str) -> ChainRecord:
+    """Return what a campaign that is done came to.
+
+    Args:
+        results: its folder.
+        name: name of the campaign's folder.
+        calibration: load case that was evaluated.
+
+    Raises:
+        RecordError: when a result is missing.
+    """
+    found = summarise(results, calibration)
+    fitted = read(CalibrationRecord, results / f"calibration/{calibration}.json")
+    _, *notes = found.notes
+    return ChainRecord(
+        campaign=name,
+        status="done",
+        robot=fitted.robot,
+        provenance=fitted.provenance,
+        grade=found.grade,
+        line=fitted.health.line,
+        verdict=found.verdict,
+        notes=tuple(notes),
+        before_mm=found.before,
+        after_mm=found.after,
+        over=found.over,
+    )
+
+
+def ended(name: str, status: ChainStatus, stage: str, message: str) -> ChainRecord:
+    """Return what is known of a campaign that a stage ended."""
+    return ChainRecord(campaign=name, status=status, stage=stage, message=message)

@@ -16,14 +16,15 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import pa10cal
 from pa10cal.errors import OutputError, Pa10calError, SettingsError, last_message
 from pa10cal.extras import EXTRAS, MissingPackageError
 from pa10cal.running.alone import PARENTS, alone
-from pa10cal.settings import Settings, parse_settings
-from pa10cal.yaml_file import read_yaml
+
+if TYPE_CHECKING:
+    from pa10cal.settings import Settings
 
 #: In the work folder: what Snakemake and the commands print.
 PRINTED = "printed.log"
@@ -297,6 +298,9 @@ def settings_of(files: list[Path], over: Mapping[str, Any], where: str) -> Setti
     Raises:
         SettingsError: when a file cannot be read, or a setting does not fit.
     """
+    from pa10cal.settings import parse_settings  # late: `doctor` runs where little is installed
+    from pa10cal.yaml_file import read_yaml
+
     content: dict[str, Any] = {}
     for file in files:
         found = read_yaml(file, SettingsError, what="the settings cannot be read") or {}
