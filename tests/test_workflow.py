@@ -18,7 +18,7 @@ import yaml
 
 from pa10cal.evaluation.options import BlindTrialsOptions
 from pa10cal.planning.campaign import trial_counts
-from workflow_stand_ins import STAND_INS, stand_in
+from workflow_stand_ins import stand_ins
 
 ROOT = Path(__file__).parents[1]
 SETTINGS = BlindTrialsOptions()
@@ -66,8 +66,8 @@ def checkout(tmp_path):
     shutil.copytree(ROOT / "workflow", place / "workflow")
     for name in ("Snakefile", "config.yaml", "README.md"):
         shutil.copy(ROOT / name, place)
-    for command in STAND_INS:
-        (package / f"commands/{command}.py").write_text(stand_in(command))
+    for module, text in stand_ins().items():
+        (package / f"commands/{module}.py").write_text(text)
     (package / "calibration/probe.py").write_text("ANSWER = 1\n")
     campaign = place / "data/raw/c1"
     campaign.mkdir(parents=True)
@@ -119,7 +119,7 @@ def test_plans_a_group_of_campaigns_with_the_names_of_one(plan, tmp_path):
 
 @pytest.mark.slow
 def test_effects_of_the_verdict_are_sought_before_they_are_calibrated_with(plan, tmp_path):
-    out = tmp_path / "out/cell-a/calibration"
+    out = tmp_path / "out/cell-a/calibration/combined.json"
     code, text = plan(out, calibration="{effects: named}")
     assert code == 0, text
     jobs = planned(text)
@@ -344,3 +344,14 @@ def test_a_campaign_without_touches_is_planned_as_what_it_is(plan, tmp_path):
     assert jobs["simulate_tracked"] == 1
     assert jobs["simulate_campaign"] == 2  # the one of config.yaml, too
     assert str(tmp_path / "out/simulated/s1/poses.csv") in text
+
+
+def test_one_load_case_and_what_follows_from_all_are_planned_in_one_call(plan, tmp_path):
+    out = tmp_path / "out/cell-null"
+    wanted = [out / "calibration/combined.json", out / "discovery/verdict.json"]
+    code, text = plan(*map(str, wanted), campaigns='["cell-null"]')
+    assert code == 0, text
+    assert planned(text)["calibrate"] == planned(text)["discover"] == 1
+    code, text = plan(str(out / "calibration/44N.json"), str(wanted[1]), campaigns='["cell-null"]')
+    assert code == 0, text
+    assert planned(text)["calibrate_one"] == 1

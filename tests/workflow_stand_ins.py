@@ -2,6 +2,8 @@
 
 from textwrap import dedent
 
+from pa10cal.commands.command_line import module_of
+
 #: Command, the options it is called with, and what the stand-in writes. Several values follow a +;
 #: one with a ? may be left out; one without -- stands first, by its place.
 STAND_INS = {
@@ -145,8 +147,16 @@ def {command}({parameters}) -> None:
 """
 
 
+def stand_ins():
+    """Return the text of each module of commands, with stand-ins in place of its commands."""
+    modules = {}
+    for command in STAND_INS:
+        modules.setdefault(module_of(command), []).append(stand_in(command))
+    return {module: "\n".join(texts) for module, texts in modules.items()}
+
+
 def stand_in(command):
-    """Return the text of a module in place of a command's."""
+    """Return the text of a function in place of a command's."""
     options, body = STAND_INS[command]
     kinds = {"?": "str | None = None", "+": "tuple[str, ...]", "!": "bool = False"}
     given = [option for option in options if not option.startswith("--")]

@@ -48,7 +48,7 @@ class Placements:
         joints = [f"joint_{k}" for k in range(1, 7)]
         with tempfile.TemporaryDirectory() as name:
             arm, settings, readings = (
-                Path(name) / file for file in ("arm.exports", "settings.yaml", "readings.csv")
+                Path(name) / file for file in ("arm.urdf", "settings.yaml", "readings.csv")
             )
             arm.write_text(problem.urdf)
             settings.write_text(yaml.safe_dump(_settings(problem, method, str(readings))))

@@ -22,7 +22,7 @@ class Screws:
 
     def __init__(self, problem: Problem) -> None:
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "arm.exports"
+            path = Path(folder) / "arm.urdf"
             path.write_text(problem.urdf)
             robot = rtb.ERobot.URDF(str(path))
         np.random.seed(0)  # noqa: NPY002 - it draws its basis of corrections from there

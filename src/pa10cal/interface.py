@@ -83,7 +83,10 @@ def calibrate(
 
 
 def discover(
-    campaign: Campaign, model: FittedModel, options: DiscoveryOptions | None = None
+    campaign: Campaign,
+    model: FittedModel,
+    options: DiscoveryOptions | None = None,
+    calibration: CalibrationOptions | None = None,
 ) -> Verdict[Any]:
     """Find which effects a calibrated model lacks, and close the gap.
 
@@ -91,6 +94,7 @@ def discover(
         campaign: from `read_campaign`; its held-out poses serve nothing but the gap.
         model: from `calibrate`.
         options: how to search; None for the defaults.
+        calibration: the options given to `calibrate`; None for the defaults.
 
     Returns:
         The verdict: `verdict.verdict` in a word, `verdict.effects`, `verdict.model` with the
@@ -105,7 +109,10 @@ def discover(
     from pa10cal.discovery.preparation import setup_of
 
     setup = setup_of(
-        campaign.description, campaign.arm, CalibrationOptions(), options or DiscoveryOptions()
+        campaign.description,
+        campaign.arm,
+        calibration or CalibrationOptions(),
+        options or DiscoveryOptions(),
     )
     return search(campaign.observations, model, setup, campaign.wrong_rows)
 

@@ -19,6 +19,7 @@ ALLOWED = (
 #: The described arm, the words of the instruments, how a truth is written: no formula among them.
 WORDS = {
     "pa10cal.arm.description",
+    "pa10cal.arrays",
     "pa10cal.options",
     "pa10cal.observe.kinds",
     "pa10cal.results.codec",

@@ -146,7 +146,7 @@ def test_the_extended_model_is_exported(work, verdict):
         "--model",
         str(model),
         "--urdf",
-        str(work / "arm.exports"),
+        str(work / "arm.urdf"),
     ]
     assert run_command("export", words) == 0
     content = yaml.safe_load(model.read_text("utf-8"))

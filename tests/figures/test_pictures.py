@@ -51,7 +51,7 @@ from pa10cal.figures.style import looks, write_figure
 results = pickle.loads(bytes.fromhex(sys.argv[1]))
 for name in sys.argv[4:]:
     with looks():
-        figure = entries("campaign")[name].module.draw(results)
+        figure = entries("campaign")[name].make(results)
         write_figure(figure, results.footer, Path(sys.argv[2]), name, int(sys.argv[3]))
 """
 
@@ -74,7 +74,7 @@ def drawn(results, named, sighted, learnt, watched, tmp_path_factory):
 
             patch.setattr(Text, "draw", draw)
             with looks():
-                figure = FIGURES[name].module.draw(sources[source])
+                figure = FIGURES[name].make(sources[source])
                 write_figure(figure, sources[source].footer, place / source, name, DPI)
     return place, texts
 

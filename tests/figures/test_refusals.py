@@ -45,7 +45,7 @@ def unfinished(tmp_path):
 
 def make(name, results):
     entry = entries("campaign")[name]
-    return (entry.module.tabulate if entry.kind == "table" else entry.module.draw)(results)
+    return entry.make(results)
 
 
 @pytest.mark.parametrize("name", DRAWN_OF_FITS)

@@ -1,5 +1,8 @@
 rule calibrate:
-    """Every load of a campaign, all loads together, and the general model beside the paper's."""
+    """Every load of a campaign, all loads together, and the general model beside the paper's.
+
+    The other load cases lie beside the one of all loads, which is there of every campaign.
+    """
     input:
         campaign=description_of,
         arm=arm_of_campaign,
@@ -8,7 +11,7 @@ rule calibrate:
         named=named_effects,
         prior=SETTINGS.calibration.prior or [],
     output:
-        directory(result("calibration")),
+        result("calibration/combined.json"),
     log:
         result("logs/calibrate.log"),
     params:
@@ -16,11 +19,13 @@ rule calibrate:
         folder=campaign_folder,
         settings=settings_of("calibration"),
         load="",
+        out=folder_of_output,
         named=named_option,
+        discovery=discovery_option,
     shell:
         "python -m pa10cal calibrate --campaign-dir {params.folder:q} --poses {input.poses:q}"
-        " --base-frame {input.base_frame:q} --settings {params.settings:q} --out {output:q}"
-        " {params.load} {params.named} 2>&1 | tee {log:q} >&2"
+        " --base-frame {input.base_frame:q} --settings {params.settings:q} --out {params.out:q}"
+        " {params.load} {params.named} {params.discovery} 2>&1 | tee {log:q} >&2"
 
 
 use rule calibrate as calibrate_one with:
@@ -28,12 +33,16 @@ use rule calibrate as calibrate_one with:
         result("calibration/{load}.json"),
     log:
         result("logs/calibrate_{load}.log"),
+    wildcard_constraints:
+        load=r"(?!combined\.json$)[^/]+",
     params:
         code=code_of("commands.calibrate"),
         folder=campaign_folder,
         settings=settings_of("calibration"),
         load="--load {load}",
+        out=lambda wildcards, output: output[0],
         named=named_option,
+        discovery=discovery_option,
 
 
 # Where effects are those of the verdict, the search starts from a calibration without them.
@@ -45,7 +54,7 @@ use rule calibrate as calibrate_baseline with:
         base_frame=result("seed/base_frame.json"),
         prior=SETTINGS.calibration.prior or [],
     output:
-        directory(result("baseline")),
+        result("baseline/combined.json"),
     log:
         result("logs/calibrate_baseline.log"),
     params:
@@ -53,4 +62,6 @@ use rule calibrate as calibrate_baseline with:
         folder=campaign_folder,
         settings=settings_of("calibration", without=("effects",)),
         load="",
+        out=folder_of_output,
         named="",
+        discovery="",

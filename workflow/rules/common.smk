@@ -233,15 +233,28 @@ def named_option(wildcards, input):
     return f"--named {shlex.quote(str(input.named))}" if input.named else ""
 
 
+def discovery_option(wildcards):
+    """The settings of discovery, where effects are calibrated with: nothing else depends on them."""
+    if not SETTINGS.calibration.effects:
+        return ""
+    return f"--discovery {shlex.quote(SETTINGS.discovery.model_dump_json())}"
+
+
+def folder_of_output(wildcards, output):
+    """The folder of the one output of a rule, where a command writes more than the rule states."""
+    return os.path.dirname(output[0])
+
+
 def searched_calibration(wildcards):
     """The calibrations that discovery starts from: without effects that are those of its verdict."""
     folder = "baseline" if SETTINGS.calibration.effects == "named" else "calibration"
-    return expand(result(folder), campaign=wildcards.campaign)[0]
+    return expand(result(f"{folder}/combined.json"), campaign=wildcards.campaign)[0]
 
 
 def evaluated_calibration(wildcards, input):
     """The calibration that discovery, evaluation and export start from."""
-    return os.path.join(input.calibration, f"{SETTINGS.evaluation.calibration}.json")
+    folder = os.path.dirname(input.calibration)
+    return os.path.join(folder, f"{SETTINGS.evaluation.calibration}.json")
 
 
 def by_general_model(campaign):

@@ -12,21 +12,21 @@ def found_of(*names):
 NEEDS = {
     **dict.fromkeys(
         ("calibration", "papers_calibration", "general_calibration", "general"),
-        found_of("calibration"),
+        found_of("calibration/combined.json"),
     ),
     "poses": found_of("ingest/poses.parquet"),
     "base_frame": found_of("seed/base_frame.json"),
     "planes": planes_of,
     **dict.fromkeys(
         ("evaluation", "held_out"),
-        found_of("calibration", "evaluation/holdout.json", "discovery/verdict.json"),
+        found_of("calibration/combined.json", "evaluation/holdout.json", "discovery/verdict.json"),
     ),
     # The verdict says whether effects were sought, and the calibration whether it converged.
     **dict.fromkeys(
         ("analysis", "gap"),
-        found_of("calibration", "discovery/analysis.json", "discovery/verdict.json"),
+        found_of("calibration/combined.json", "discovery/analysis.json", "discovery/verdict.json"),
     ),
-    "verdict": found_of("calibration", "discovery/verdict.json"),
+    "verdict": found_of("calibration/combined.json", "discovery/verdict.json"),
 }
 
 

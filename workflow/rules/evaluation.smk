@@ -4,7 +4,7 @@ rule evaluate:
         campaign=description_of,
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
-        calibration=result("calibration"),
+        calibration=result("calibration/combined.json"),
         extended=result("discovery/extended.json"),
     output:
         held_out=result("evaluation/holdout.json"),

@@ -4,7 +4,7 @@ rule page:
         campaign=description_of,
         poses=result("ingest/poses.parquet"),
         base_frame=result("seed/base_frame.json"),
-        calibration=result("calibration"),
+        calibration=result("calibration/combined.json"),
         verdict=result("discovery/verdict.json"),
         held_out=result("evaluation/holdout.json"),
         model=result("model/model.yaml"),

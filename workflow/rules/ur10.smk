@@ -4,7 +4,7 @@ rule transfer:
         campaign=raw("campaign.yaml"),
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
-        calibration=lambda wildcards: expand(result("calibration"), campaign=wildcards.source)[0],
+        calibration=lambda wildcards: expand(rules.calibrate.output, campaign=wildcards.source)[0],
         extended=lambda wildcards: expand(
             result("discovery/extended.json"), campaign=wildcards.source
         ),
@@ -13,11 +13,10 @@ rule transfer:
     log:
         result("logs/transfer_{source}.log"),
     params:
-        calibration=lambda wildcards, input: os.path.join(input.calibration, "combined.json"),
         code=code_of("commands.transfer"),
         folder=campaign_folder,
     shell:
-        "python -m pa10cal transfer --calibration {params.calibration:q} --extended {input.extended:q}"
+        "python -m pa10cal transfer --calibration {input.calibration:q} --extended {input.extended:q}"
         " --campaign-dir {params.folder:q} --poses {input.poses:q} --out {output:q}"
         " 2>&1 | tee {log:q} >&2"
 

@@ -90,7 +90,7 @@ def _check(count: int | Literal["all"], available: int) -> None:
     if count != "all" and count > available:
         raise CalibrationError(
             "more inner poses than measured poses",
-            where="calibration.levels",
+            where="calibration.inner_poses",
             value=count,
             allowed=f"1 to {available}, or 'all'",
             remedy="lower inner_poses",

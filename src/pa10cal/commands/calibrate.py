@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.options import DiscoveryOptions
 
 if TYPE_CHECKING:
     from pa10cal.arm.description import Arm
@@ -31,6 +32,7 @@ def calibrate(
     prior: Path | None = None,
     force: bool = False,
     settings: CalibrationOptions = CalibrationOptions(),
+    discovery: DiscoveryOptions = DiscoveryOptions(),
 ) -> None:
     """Calibrate the arm, at every load and at all together, by the paper's model or the general.
 
@@ -44,6 +46,7 @@ def calibrate(
         prior: model.yaml of the same arm to start from, in place of calibration.prior.
         force: take a prior whatever its grade.
         settings: section calibration.
+        discovery: section discovery, for effects to calibrate with.
 
     Examples:
         pa10cal calibrate --campaign-dir data/raw/mine --poses poses.parquet --base-frame \\
@@ -98,13 +101,33 @@ def calibrate(
                 findings=findings,
                 prior=known,
             )
-            records[case] = _with_effects(record, campaign, arm, every, case, settings, named)
+            records[case] = _with_effects(
+                record, campaign, arm, every, case, settings, discovery, named
+            )
         except (CalibrationError, DiscoveryError) as error:
             place = error if load else error.within(f"load case {case}")
             raise explained(place, findings) from None
         _say(f"{campaign.name} {case}", records[case], time.perf_counter() - began)
-    for case, record in records.items():
-        write(record, out if load else out / f"{case}.json")
+    if load:
+        write(records[load], out)
+    else:
+        _write_all(records, out)
+
+
+def _write_all(records: dict[str, CalibrationRecord], folder: Path) -> None:
+    """Write every load case, that of all loads last: where it is, all are.
+
+    Those of loads that the campaign no longer has are removed.
+    """
+    from pa10cal.calibration.load_case import COMBINED
+    from pa10cal.results.calibration import CalibrationRecord
+    from pa10cal.results.codec import schema_of, write
+
+    for path in folder.glob("*.json"):
+        if path.stem not in records and schema_of(path) == CalibrationRecord.SCHEMA:
+            path.unlink()
+    for case in sorted(records, key=lambda case: case == COMBINED):
+        write(records[case], folder / f"{case}.json")
 
 
 def _with_effects(
@@ -114,6 +137,7 @@ def _with_effects(
     every: Observations,
     load: str,
     options: CalibrationOptions,
+    discovery: DiscoveryOptions,
     named: Path | None,
 ) -> CalibrationRecord:
     """Calibrate a load case once more with the effects that the options list."""
@@ -128,7 +152,6 @@ def _with_effects(
     from pa10cal.discovery.given import Place, calibrate_with, with_effects
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.errors import CalibrationError
-    from pa10cal.options import DiscoveryOptions
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
 
@@ -152,7 +175,7 @@ def _with_effects(
     case = COMBINED if load == GENERAL else load
     fitted = rows_of_load(every.states.load_N, case) | (every.kind != "grid")
     *_, model = models_of(record, f"calibration of {load}").values()
-    setup = setup_of(campaign, arm, options, DiscoveryOptions())
+    setup = setup_of(campaign, arm, options, discovery)
     found = calibrate_with(every.take(np.flatnonzero(fitted)), model, setup, effects)
     return with_effects(record, found, campaign)
 

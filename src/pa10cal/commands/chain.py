@@ -134,6 +134,7 @@ def _stages(folders: tuple[Path, ...], results: Path, settings: ChainOptions) ->
             out=folder,
             named=by_verdict,
             settings=settings.calibration.model_copy(update=bare),
+            discovery=settings.discovery,
         )
 
     if len(folders) > 1:

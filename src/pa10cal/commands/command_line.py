@@ -155,9 +155,14 @@ def limit_threads() -> None:
     os.environ["VECLIB_MAXIMUM_THREADS"] = "1"
 
 
+def module_of(name: str) -> str:
+    """Return the module of this package that one of `COMMANDS` stands in."""
+    return _MODULE_OF.get(name, name)
+
+
 def command_named(name: str) -> Command:
     """Return the function of one of `COMMANDS`."""
-    module = import_module(f"pa10cal.commands.{_MODULE_OF.get(name, name)}")
+    module = import_module(f"pa10cal.commands.{module_of(name)}")
     found: Command = getattr(module, _FUNCTIONS.get(name, name))
     return found
 
@@ -260,7 +265,7 @@ def _summary(name: str) -> str:
     It is read from the source: to list the commands is no reason to import them all.
     """
     function = _FUNCTIONS.get(name, name)
-    module = _MODULE_OF.get(name, name)
+    module = module_of(name)
     source = (Path(__file__).parent / f"{module}.py").read_text(encoding="utf-8")
     (found,) = (
         node
