@@ -37,7 +37,8 @@ def ended(poses=40, unknowns=6, told=None, named="delta_a", **changes):
     covariance = np.zeros((unknowns, unknowns))
     covariance[:told, :told] = np.linalg.inv(flat.T @ flat)
     made = FitSummary(
-        True, "settled", 5, (), parameters, covariance, found, white, position,
+        True, "settled", 5, (), np.arange(len(white)).astype(str), parameters, covariance, found,
+        white, position,
         not_identifiable(found, parameters), np.zeros(unknowns),
     )  # fmt: skip
     return replace(made, **changes)

@@ -18,7 +18,13 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results import health as health_parts
 from pa10cal.results.evaluation import Accuracy
-from pa10cal.results.health import Grade
+from pa10cal.results.health import (
+    CorrelatedPair,
+    ExpectedUncertainty,
+    Health,
+    PosesNeeded,
+    RepeatScatter,
+)
 from pa10cal.terms.joint_spring import stiffness_by_solved
 from pa10cal.terms.term import Parameter
 
@@ -35,6 +41,7 @@ class FitSummary:
     reason: str  # why it stopped
     iterations: int  # steps taken
     at_bound: tuple[str, ...]  # names of parameters at the end of their physical range
+    pose: NDArray[np.str_]  # (P,) labels of the poses fitted
     parameters: tuple[Parameter, ...]  # the k parameters it was solved in
     covariance: Array  # (k, k) theirs
     identifiability: Identifiability  # rank of the rows
@@ -81,36 +88,6 @@ class Errors:
     weights: str = ""  # where weights come from that nobody stated; else nothing
 
 
-@dataclass(frozen=True)
-class CorrelatedPair:
-    """Two parameters that the poses can hardly separate."""
-
-    first: str
-    second: str
-    correlation: float
-
-
-@dataclass(frozen=True)
-class Health:
-    """What a reader should look at before trusting a calibration."""
-
-    ended: FitSummary
-    grade: Grade  # how good it is, in a word
-    line: str  # the reason and the remedy, in one sentence
-    evidence: Evidence  # what the grade rests on
-    findings: tuple[InputFinding, ...]  # what is probably wrong in the input
-    pairs: tuple[CorrelatedPair, ...]  # correlated parameters, the worst first
-    # train_rms_mm and held_out_rms_mm: remaining position error; None where nothing was held out
-    train_rms_mm: float
-    held_out_rms_mm: float | None
-    noise_mm: float | None  # the part that the noise of the readings explains, None where not known
-    design: PoseDesign  # how many poses it needs
-    poses: int  # how many it had
-    poses_needed: int | None  # how many well-chosen ones suffice, None where more than were tried
-    u_model_mm: float  # expected standard uncertainty of a predicted position
-    u_needed_mm: float  # the uncertainty that counts as small here
-
-
 def health(ended: FitSummary, errors: Errors) -> Health:
     """Judge a calibration by its convergence and its remaining errors."""
     design = pose_design(
@@ -119,24 +96,40 @@ def health(ended: FitSummary, errors: Errors) -> Health:
         np.array([p.scale for p in ended.parameters]),
         ended.identifiability.rank,
     )
-    u_needed_mm = SMALL_SHARE * errors.train_rms_mm
     evidence = _evidence(ended, errors, design)
     grade, line, findings = graded(evidence)
     return Health(
-        ended=ended,
         grade=grade,
         line=line,
-        evidence=evidence,
-        findings=findings,
-        pairs=_correlated(ended),
+        converged=ended.converged,
+        reason=ended.reason,
+        iterations=ended.iterations,
+        at_bounds=tuple(map(reported_name, ended.at_bound)),
+        rank=ended.identifiability.rank,
+        unknowns=len(ended.parameters),
+        condition=ended.identifiability.condition,
+        not_identifiable=tuple(sorted(map(reported_name, ended.not_identifiable))),
+        correlated_pairs=_correlated(ended),
         train_rms_mm=errors.train_rms_mm,
-        held_out_rms_mm=None if errors.held_out is None else errors.held_out.accuracy.rms_mm,
+        held_out_rms_mm=evidence.held_out_rms_mm,
         noise_mm=errors.noise_mm,
-        design=design,
-        poses=len(ended.white),
-        poses_needed=poses_needed(design, 1e-3 * u_needed_mm),
-        u_model_mm=1e3 * design.u_all_m,
-        u_needed_mm=u_needed_mm,
+        error_over_noise=evidence.over_noise,
+        held_out_over_expected=evidence.over_expected,
+        repeats=tuple(
+            RepeatScatter(kind=each.kind, found=each.found, stated=each.stated, pairs=each.pairs)
+            for each in evidence.repeats
+        ),
+        findings=tuple(
+            health_parts.InputFinding(
+                what=each.what,
+                where=each.where,
+                remedy=each.remedy,
+                would_leave_mm=each.would_leave_mm,
+                kind=each.kind,
+            )
+            for each in findings
+        ),
+        poses=_poses_needed(design, SMALL_SHARE * errors.train_rms_mm, ended.pose),
     )
 
 
@@ -228,7 +221,10 @@ def _correlated(ended: FitSummary) -> tuple[CorrelatedPair, ...]:
     sizes = correlation[first, second]
     worst = np.argsort(-np.abs(sizes))[:_MOST_PAIRS]
     return tuple(
-        CorrelatedPair(names[known[first[k]]], names[known[second[k]]], float(sizes[k]))
+        CorrelatedPair(
+            parameters=(names[known[first[k]]], names[known[second[k]]]),
+            correlation=float(sizes[k]),
+        )
         for k in worst
     )
 
@@ -306,71 +302,23 @@ def poses_needed(design: PoseDesign, u_needed_m: float) -> int | None:
     return int(design.numbers[enough[0]]) if len(enough) else None
 
 
-# The health of a calibration, as its record has it.
-
-
-def health_part(health: Health, pose: NDArray[np.str_]) -> health_parts.Health:
-    """Return what to look at before a calibration is trusted.
-
-    Args:
-        health: of the calibration.
-        pose: (P,) labels of the poses it was fitted to.
-    """
-    ended, design = health.ended, health.design
+def _poses_needed(design: PoseDesign, u_needed_mm: float, pose: NDArray[np.str_]) -> PosesNeeded:
     finite = np.isfinite(design.u_optimal_m)
     both = finite & np.isfinite(design.u_measured_m)
-    return health_parts.Health(
-        grade=health.grade,
-        line=health.line,
-        converged=ended.converged,
-        reason=ended.reason,
-        iterations=ended.iterations,
-        at_bounds=tuple(map(reported_name, ended.at_bound)),
-        rank=ended.identifiability.rank,
-        unknowns=len(ended.parameters),
-        condition=ended.identifiability.condition,
-        not_identifiable=tuple(sorted(map(reported_name, ended.not_identifiable))),
-        correlated_pairs=tuple(
-            health_parts.CorrelatedPair(
-                parameters=(pair.first, pair.second), correlation=pair.correlation
+    u_model_mm = 1e3 * design.u_all_m
+    return PosesNeeded(
+        measured=len(pose),
+        needed=poses_needed(design, 1e-3 * u_needed_mm),
+        u_needed_mm=u_needed_mm,
+        u_model_mm=u_model_mm if np.isfinite(u_model_mm) else None,
+        d_optimal_order=tuple(pose[design.order].tolist()),
+        expected=tuple(
+            ExpectedUncertainty(
+                poses=int(number),
+                u_optimal_mm=1e3 * float(design.u_optimal_m[k]),
+                u_measured_mm=1e3 * float(design.u_measured_m[k]) if both[k] else None,
             )
-            for pair in health.pairs
-        ),
-        train_rms_mm=health.train_rms_mm,
-        held_out_rms_mm=health.held_out_rms_mm,
-        noise_mm=health.noise_mm,
-        error_over_noise=health.evidence.over_noise,
-        held_out_over_expected=health.evidence.over_expected,
-        repeats=tuple(
-            health_parts.RepeatScatter(
-                kind=each.kind, found=each.found, stated=each.stated, pairs=each.pairs
-            )
-            for each in health.evidence.repeats
-        ),
-        findings=tuple(
-            health_parts.InputFinding(
-                what=each.what,
-                where=each.where,
-                remedy=each.remedy,
-                would_leave_mm=each.would_leave_mm,
-                kind=each.kind,
-            )
-            for each in health.findings
-        ),
-        poses=health_parts.PosesNeeded(
-            measured=health.poses,
-            needed=health.poses_needed,
-            u_needed_mm=health.u_needed_mm,
-            u_model_mm=health.u_model_mm if np.isfinite(health.u_model_mm) else None,
-            d_optimal_order=tuple(pose[design.order].tolist()),
-            expected=tuple(
-                health_parts.ExpectedUncertainty(
-                    poses=int(number),
-                    u_optimal_mm=1e3 * float(design.u_optimal_m[k]),
-                    u_measured_mm=1e3 * float(design.u_measured_m[k]) if both[k] else None,
-                )
-                for k, number in enumerate(design.numbers)
-                if finite[k]
-            ),
+            for k, number in enumerate(design.numbers)
+            if finite[k]
         ),
     )

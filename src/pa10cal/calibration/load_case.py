@@ -19,7 +19,7 @@ from pa10cal.calibration.calibrate import (
     solve_one_level,
     tolerance_rows,
 )
-from pa10cal.calibration.health import Errors, FitSummary, Health, health, held_out_errors
+from pa10cal.calibration.health import Errors, FitSummary, health, held_out_errors
 from pa10cal.calibration.levels import TwoLevel, random_poses, rows_of
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import (
@@ -42,6 +42,7 @@ from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.calibration import LCurvePoint
 from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.health import Health
 from pa10cal.terms.joint_spring import baseline, nominal
 from pa10cal.terms.model import Model
 
@@ -249,6 +250,7 @@ def _health(
         reason=solution.reason,
         iterations=solution.iterations,
         at_bound=tuple(held),
+        pose=level.observations.pose,
         parameters=whole.parameters,
         covariance=covariance,
         identifiability=cubic.identifiability,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from pa10cal.calibration.calibrate import (
     pull_beyond_bounds,
     weak_directions,
 )
-from pa10cal.calibration.health import Health, health_part
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.load_case import LoadCase, model_deviations
 from pa10cal.calibration.options import CalibrationOptions
@@ -41,6 +40,7 @@ from pa10cal.results.calibration import (
     WeakDirection,
 )
 from pa10cal.results.evaluation import Accuracy, ResidualRows
+from pa10cal.results.health import Health
 from pa10cal.results.record import Campaign
 from pa10cal.terms.term import Report
 
@@ -111,7 +111,7 @@ def paper_record(
         ),
         l_curve=case.l_curve,
         residuals=_residuals(case),
-        health=health_part(case.health, cubic.level.observations.pose),
+        health=case.health,
         warnings=_warnings(case),
         seconds=None,
         settings=settings.model_dump(mode="json"),
@@ -229,7 +229,7 @@ def fitted_to(
         time_s=(float(states.time_s.min()), float(states.time_s.max())),
         grade=health.grade,
         health=health.line,
-        suspicions=tuple(Suspicion(**asdict(finding)) for finding in health.findings),
+        suspicions=tuple(Suspicion(**dict(finding)) for finding in health.findings),
         loads_N=tuple(map(float, np.unique(states.load_N))),
     )
 

@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.health import Errors, FitSummary, Health, HeldOut, health, health_part
+from pa10cal.calibration.health import Errors, FitSummary, HeldOut, health
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.records import by_load, fitted_to, reported_keys
 from pa10cal.calibration.uncertainty import summarise, summarise_by_load
@@ -36,6 +35,7 @@ from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.calibration import CalibratedParameter, CalibrationRecord, Covariance
 from pa10cal.results.evaluation import ResidualRows
+from pa10cal.results.health import Health
 from pa10cal.results.record import Campaign
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
 
@@ -56,7 +56,7 @@ class CalibratedWith:
     converged: bool  # whether the fit came to rest
     poses: Observations  # averaged poses that were fitted, with what the model needs
     found: Deviations  # its deviations there
-    cells: NDArray[np.str_]  # labels of the poses as they were weighed, which the health goes by
+    ended: FitSummary  # how the fit ended
     health: Health  # whether it is good
 
 
@@ -131,7 +131,7 @@ def calibrate_with(
         converged=fitted.converged,
         poses=poses,
         found=deviations,
-        cells=used.pose,
+        ended=summary,
         health=health(summary, errors),
     )
 
@@ -183,6 +183,7 @@ def _summary(
         reason="the last step was small" if fitted.converged else "steps were not enough",
         iterations=0,
         at_bound=(),
+        pose=poses.pose,
         parameters=parameters,
         covariance=covariance,
         identifiability=rank,
@@ -214,7 +215,7 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
     return record.model_copy(
         update={
             "status": converged,
-            "reason": found.health.ended.reason,
+            "reason": found.ended.reason,
             "parameters": _parameters(found),
             "covariance": Covariance(
                 names=(*(p.name for p in model.model.parameters), *_BASE),
@@ -222,10 +223,10 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
             ),
             "T_instr_base": model.T_instr_base,
             "fitted_model": model_to_plain(model),
-            "rank": found.health.ended.identifiability.rank,
-            "unknowns": len(found.health.ended.parameters),
-            "condition": found.health.ended.identifiability.condition,
-            "singular_values": found.health.ended.identifiability.singular_values,
+            "rank": found.ended.identifiability.rank,
+            "unknowns": len(found.ended.parameters),
+            "condition": found.ended.identifiability.condition,
+            "singular_values": found.ended.identifiability.singular_values,
             "errors": {
                 load: errors.model_copy(update={"after": after[load]}) if load in after else errors
                 for load, errors in record.errors.items()
@@ -237,7 +238,7 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
                 position_mm=found.found.position_mm,
                 rotation_deg=found.found.rotation_deg,
             ),
-            "health": health_part(found.health, found.cells),
+            "health": found.health,
             "warnings": () if found.health.grade == "good" else (found.health.line,),
         }
     )
@@ -248,7 +249,7 @@ _BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
 
 def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
     """Return every parameter with value, standard uncertainty and unit, effects by their place."""
-    model, openly = found.model, found.health.ended.not_identifiable
+    model, openly = found.model, found.ended.not_identifiable
     assert model.covariance is not None
     parameters = {}
     for term in model.model.terms:

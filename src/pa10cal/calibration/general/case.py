@@ -17,7 +17,7 @@ from pa10cal.calibration.general.calibrate import GeneralCalibration, at_rest, c
 from pa10cal.calibration.general.fit import Fit, fit
 from pa10cal.calibration.general.prior import Moved, Prior, Release, prior_of
 from pa10cal.calibration.general.problem import check_enough, choose_unknowns, start_of_tool
-from pa10cal.calibration.health import Errors, FitSummary, Health, health, held_out_errors
+from pa10cal.calibration.health import Errors, FitSummary, health, held_out_errors
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import (
     Suspects,
@@ -38,6 +38,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations, Start
 from pa10cal.results.calibration import SuspectedOutlier
 from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.health import Health
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
@@ -412,6 +413,7 @@ def _fit_summary(general: GeneralCalibration, openly: frozenset[str]) -> FitSumm
         at_bound=tuple(
             parameter.name for parameter, held in zip(parameters, fit.at_bound, strict=True) if held
         ),
+        pose=general.problem.observations.pose,
         parameters=parameters,
         covariance=fit.covariance,
         identifiability=fit.identifiability,

@@ -10,7 +10,6 @@ import numpy as np
 from pa10cal.calibration.general.apart import Apart
 from pa10cal.calibration.general.calibrate import GeneralCalibration
 from pa10cal.calibration.general.case import GeneralCase, fitted
-from pa10cal.calibration.health import health_part
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.records import by_load, fitted_to, reported_keys
 from pa10cal.fit.fitted import FittedTo
@@ -90,7 +89,7 @@ def general_record(
         residuals=_residuals(case),
         suspected_outliers=case.suspected_outliers,
         group=None if case.apart is None else _group(case.apart),
-        health=health_part(case.health, full.problem.observations.pose),
+        health=case.health,
         prior=None
         if full.moved is None
         else PriorPart(
