@@ -11,7 +11,6 @@ import pytest
 import pa10cal
 from pa10cal.calibration.campaign import calibrated
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.description import InputFinding
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
@@ -19,7 +18,7 @@ from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import judged_models
 from pa10cal.files.arms import load_arm
 from pa10cal.options import DiscoveryOptions
-from pa10cal.results.health import UNRESERVED
+from pa10cal.results.health import UNRESERVED, InputFinding
 from pa10cal.settings_reading import parse_section
 
 RAW = Path(__file__).parents[2] / "data/raw"
@@ -158,7 +157,13 @@ def test_a_joint_zero_that_no_arm_was_built_with(campaign):
 
 
 def test_what_checks_of_the_input_found(campaign):
-    told = InputFinding("its sign is reversed", "joint 6", "reverse it", 0.05, "joint_sign")
+    told = InputFinding(
+        what="its sign is reversed",
+        where="joint 6",
+        remedy="reverse it",
+        would_leave_mm=0.05,
+        kind="joint_sign",
+    )
     grade, line = graded(campaign(departs="rows"), findings=(told,))
     assert grade == "suspect_input"
     assert line.endswith("joint 6: its sign is reversed; reverse it (0.05 mm rms would remain)")

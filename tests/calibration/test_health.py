@@ -16,9 +16,9 @@ from pa10cal.calibration.health import (
     poses_needed,
 )
 from pa10cal.calibration.uncertainty import ScatterOfRepeats
-from pa10cal.campaign.description import InputFinding
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.health import InputFinding
 from pa10cal.terms.term import Parameter
 
 NOISE_M = 1e-5
@@ -82,7 +82,13 @@ def test_a_fit_down_to_the_noise_is_good():
     assert found.findings == ()
 
 
-GUESS = InputFinding("its sign is reversed", "joint 6", "correct the sign", 0.02, "joint_sign")
+GUESS = InputFinding(
+    what="its sign is reversed",
+    where="joint 6",
+    remedy="correct the sign",
+    would_leave_mm=0.02,
+    kind="joint_sign",
+)
 BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
 
 

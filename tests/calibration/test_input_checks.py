@@ -12,9 +12,9 @@ from made_up_sightings import sighted
 from mended import QUATERNION, describe, findings, mend, simulated
 from pa10cal.arm.chain import Chain
 from pa10cal.calibration.input_checks import explained
-from pa10cal.campaign.description import InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
+from pa10cal.results.health import InputFinding
 
 TOUCHED, LOG = "cmm.csv.gz", "resolver.csv.gz"
 
@@ -184,7 +184,13 @@ def test_right_data_are_not_accused(tmp_path, robot, instrument, seed):
 def test_a_refusal_says_what_was_found():
     error = CalibrationError("it does not fit", where="here", allowed="that", remedy="look")
     assert explained(error, ()) is error
-    found = InputFinding("the sign is reversed", "q2", "multiply by -1")
+    found = InputFinding(
+        what="the sign is reversed",
+        where="q2",
+        remedy="multiply by -1",
+        would_leave_mm=None,
+        kind="input",
+    )
     assert str(explained(error, [found])) == (
         "here: it does not fit; allowed: that; check the input: q2: the sign is reversed; "
         "multiply by -1"

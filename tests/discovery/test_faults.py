@@ -9,7 +9,7 @@ import pytest
 from pa10cal.discovery.finding import Fault, fault_of, faults_of_input, to_check
 from pa10cal.discovery.preparation import effects_in, is_fault
 from pa10cal.discovery.verdict import is_named
-from pa10cal.fit.fitted import Suspicion
+from pa10cal.results.health import InputFinding
 from pa10cal.terms.effects.in_time import BaseDrift
 from pa10cal.terms.log_faults import FaultText, LogFault
 from pa10cal.terms.term import Parameter
@@ -75,12 +75,34 @@ def test_faults_do_not_make_it_harder_to_name_an_effect():
 def test_what_the_calibration_finds_wrong_in_the_log_is_a_fault_of_it():
     found = faults_of_input(
         [
-            Suspicion(
-                "departure", "delta_theta_3", "140 tolerances from nominal", "check the zero"
+            InputFinding(
+                kind="departure",
+                where="delta_theta_3",
+                what="140 tolerances from nominal",
+                remedy="check the zero",
+                would_leave_mm=None,
             ),
-            Suspicion("departure", "a_2", "109 tolerances from nominal", "check it"),
-            Suspicion("joint_sign", "q6", "the sign of joint 6 is reversed", "reverse it", 0.05),
-            Suspicion("gravity", "campaign.yaml: gravity_m_s2", "upside down", "state it"),
+            InputFinding(
+                kind="departure",
+                where="a_2",
+                what="109 tolerances from nominal",
+                remedy="check it",
+                would_leave_mm=None,
+            ),
+            InputFinding(
+                kind="joint_sign",
+                where="q6",
+                what="the sign of joint 6 is reversed",
+                remedy="reverse it",
+                would_leave_mm=0.05,
+            ),
+            InputFinding(
+                kind="gravity",
+                where="campaign.yaml: gravity_m_s2",
+                what="upside down",
+                remedy="state it",
+                would_leave_mm=None,
+            ),
         ]
     )
     assert [(fault.kind, fault.where) for fault in found] == [

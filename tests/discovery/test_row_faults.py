@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from made_up_arm import forced
-from pa10cal.campaign.description import InputFinding
 from pa10cal.campaign.labels import EXCHANGED
 from pa10cal.campaign.raw_rows import quarantined
 from pa10cal.campaign.read import wrong_rows
@@ -23,6 +22,7 @@ from pa10cal.discovery.row_faults import (
     row_faults,
 )
 from pa10cal.fit.robust_weights import Tails
+from pa10cal.results.health import InputFinding
 
 
 def with_loads(readings, load_N):
@@ -105,7 +105,9 @@ class TestWrongRows:
         [("target_label", "label", True), ("outlier", "outlier", False)],
     )
     def test_labels_decide(self, of, kind, decides):
-        fault = of_wrong_row(InputFinding("what", "where", "do", kind=of))
+        fault = of_wrong_row(
+            InputFinding(what="what", where="where", remedy="do", kind=of, would_leave_mm=None)
+        )
         assert (fault.kind, fault.where, fault.decides) == (kind, "where", decides)
 
 

@@ -15,13 +15,14 @@ from pa10cal.calibration.load_case import COMBINED, LoadCase, rows_of_load, work
 from pa10cal.calibration.options import CalibrationOptions, takes_general_model
 from pa10cal.calibration.records import fitted_to, paper_record
 from pa10cal.calibration.uncertainty import align_nominal, suspected_held_out
-from pa10cal.campaign.description import CampaignDescription, InputFinding
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
+from pa10cal.results.health import InputFinding
 from pa10cal.terms.joint_spring import nominal
 
 

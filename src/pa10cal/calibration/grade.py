@@ -12,8 +12,7 @@ import numpy as np
 
 from pa10cal.arm.statics import reported_name
 from pa10cal.calibration.uncertainty import ScatterOfRepeats
-from pa10cal.campaign.description import InputFinding
-from pa10cal.results.health import Grade
+from pa10cal.results.health import Grade, InputFinding
 
 #: Remaining error over the noise above which a model lacks something.
 OVER_NOISE = 1.25
@@ -216,20 +215,23 @@ def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
     """Return what the fit itself shows to be wrong in the input."""
     if evidence.train_rms_mm > FITS_NOT * evidence.spread_mm and not evidence.soft:
         yield InputFinding(
-            "the arm as described does not fit the readings",
-            "the whole campaign",
-            "check robot, order, signs and zeros of the joints, and units",
+            what="the arm as described does not fit the readings",
+            where="the whole campaign",
+            remedy="check robot, order, signs and zeros of the joints, and units",
             kind="other_arm",
+            would_leave_mm=None,
         )
     yield from _stated(evidence)
     over = max(evidence.over_noise or 1.0, 1.0)
     far = [d for d in evidence.departures if abs(d.size) - BY_CHANCE * over * d.std > FAR_OFF]
     for departure in sorted(far, key=lambda d: -abs(d.size)):
         yield InputFinding(
-            f"{abs(departure.size):.0f} tolerances from nominal",
-            departure.name,
-            "check this value in the description of the arm, and the zero of its joint in the log",
+            what=f"{abs(departure.size):.0f} tolerances from nominal",
+            where=departure.name,
+            remedy="check this value in the description of the arm, and the zero of its joint in "
+            "the log",
             kind="departure",
+            would_leave_mm=None,
         )
 
 
@@ -245,21 +247,23 @@ def _stated(evidence: Evidence) -> Iterator[InputFinding]:
         )
         if too_small or too_large:
             yield InputFinding(
-                f"{1e3 * scatter.stated:.2g} {unit} is stated, repeats scatter by "
+                what=f"{1e3 * scatter.stated:.2g} {unit} is stated, repeats scatter by "
                 f"{1e3 * scatter.found:.2g} {unit}",
-                f"stated uncertainty of the {scatter.kind}",
-                "check its unit and value, and whether readings were copied or averaged",
+                where=f"stated uncertainty of the {scatter.kind}",
+                remedy="check its unit and value, and whether readings were copied or averaged",
                 kind="stated_uncertainty",
+                would_leave_mm=None,
             )
     if evidence.repeats or evidence.noise_is_found or not evidence.noise_mm:
         return
     ratio = evidence.error_mm / evidence.noise_mm
     if EXACT < ratio < 1.0 / STATED_OFF or ratio > UNIT_OFF:
         yield InputFinding(
-            f"{evidence.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
-            "stated uncertainty of the position",
-            "check its unit and value",
+            what=f"{evidence.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
+            where="stated uncertainty of the position",
+            remedy="check its unit and value",
             kind="stated_uncertainty",
+            would_leave_mm=None,
         )
 
 

@@ -11,17 +11,16 @@ from pa10cal.arm.statics import reported_name
 from pa10cal.arrays import Array, Index
 from pa10cal.calibration.grade import SMALL_SHARE, Departure, Evidence, graded
 from pa10cal.calibration.uncertainty import ScatterOfRepeats, summarise
-from pa10cal.campaign.description import InputFinding
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.numerics.exchange import Criterion, Share, one_by_one
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
-from pa10cal.results import health as health_parts
 from pa10cal.results.evaluation import Accuracy
 from pa10cal.results.health import (
     CorrelatedPair,
     ExpectedUncertainty,
     Health,
+    InputFinding,
     PosesNeeded,
     RepeatScatter,
 )
@@ -119,16 +118,7 @@ def health(ended: FitSummary, errors: Errors) -> Health:
             RepeatScatter(kind=each.kind, found=each.found, stated=each.stated, pairs=each.pairs)
             for each in evidence.repeats
         ),
-        findings=tuple(
-            health_parts.InputFinding(
-                what=each.what,
-                where=each.where,
-                remedy=each.remedy,
-                would_leave_mm=each.would_leave_mm,
-                kind=each.kind,
-            )
-            for each in findings
-        ),
+        findings=findings,
         poses=_poses_needed(design, SMALL_SHARE * errors.train_rms_mm, ended.pose),
     )
 

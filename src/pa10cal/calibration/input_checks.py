@@ -20,13 +20,14 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.conventions import better_convention
-from pa10cal.campaign.description import CampaignDescription, InputFinding
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.labels import exchange_text, stated_order, stated_shape
 from pa10cal.campaign.weighed_arm import weights_finding
 from pa10cal.errors import CalibrationError, Pa10calError
 from pa10cal.fit.loads import statics_of
 from pa10cal.frame.hand_eye import LEVER_M
 from pa10cal.observe.observations import Observations, average_repeats
+from pa10cal.results.health import InputFinding
 from pa10cal.terms.model import Model
 
 Refusal = TypeVar("Refusal", bound=Pa10calError)
@@ -64,7 +65,7 @@ def check_input(
     members = dict(zip(every.by_campaign(), campaign.campaigns, strict=True))
     if members:
         return tuple(
-            replace(finding, where=f"{name}: {finding.where}")
+            finding.model_copy(update={"where": f"{name}: {finding.where}"})
             for name, own in every.by_campaign().items()
             for finding in check_input(members[name], arm, own, options)
         )
@@ -120,6 +121,7 @@ def _attitudes(arm: Arm, grid: Observations) -> tuple[InputFinding, ...]:
             what=f"the attitudes are {np.degrees(better.scatter_rad):.0f} deg off the nominal arm, "
             f"and {np.degrees(better.would_leave_rad):.2g} deg if they are {better.name}",
             remedy=better.remedy,
+            would_leave_mm=None,
         ),
     )
 
@@ -222,6 +224,7 @@ def _shape(
                 what=f"the names of {swapped} seem exchanged: the nominal arm carries each of them "
                 "where the other is stated to be",
                 remedy="exchange their stated places, or rename their columns",
+                would_leave_mm=None,
             )
         return
     if off.order is not None:
@@ -232,6 +235,7 @@ def _shape(
             what=f"the names of {swapped} seem exchanged: distances between targets are up to "
             f"{off.largest_mm:.3g} mm off as stated",
             remedy="exchange their stated places, or rename their columns",
+            would_leave_mm=None,
         )
         return
     yield InputFinding(
@@ -240,6 +244,7 @@ def _shape(
         what=f"target {names[off.target]} is not where it is stated to be: its distance from "
         f"another is {off.largest_mm:.3g} mm off, known to {off.u_mm:.2g} mm",
         remedy="check its stated place",
+        would_leave_mm=None,
     )
 
 
@@ -260,6 +265,7 @@ def _temperature(campaign: CampaignDescription, every: Observations) -> Iterator
             what=f"{temperature_C:g} deg C is no usual temperature of a laboratory; in degrees "
             f"Fahrenheit it would be {(temperature_C - 32.0) / 1.8:.0f} deg C",
             remedy="state temperatures in degrees Celsius",
+            would_leave_mm=None,
         )
 
 

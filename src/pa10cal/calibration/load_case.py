@@ -33,7 +33,6 @@ from pa10cal.calibration.uncertainty import (
     summarise_by_load,
     with_own_scatter,
 )
-from pa10cal.campaign.description import InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.problem import Problem
@@ -42,7 +41,7 @@ from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.calibration import LCurvePoint
 from pa10cal.results.evaluation import Accuracy
-from pa10cal.results.health import Health
+from pa10cal.results.health import Health, InputFinding
 from pa10cal.terms.joint_spring import baseline, nominal
 from pa10cal.terms.model import Model
 

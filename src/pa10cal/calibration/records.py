@@ -20,7 +20,7 @@ from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.load_case import LoadCase, model_deviations
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import summarise_by_load
-from pa10cal.fit.fitted import FittedTo, Suspicion
+from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import observability
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
@@ -229,7 +229,7 @@ def fitted_to(
         time_s=(float(states.time_s.min()), float(states.time_s.max())),
         grade=health.grade,
         health=health.line,
-        suspicions=tuple(Suspicion(**dict(finding)) for finding in health.findings),
+        suspicions=health.findings,
         loads_N=tuple(map(float, np.unique(states.load_N))),
     )
 

@@ -16,7 +16,6 @@ from scipy.special import ndtri
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.levels import TwoLevelRows, fit_base_frame
-from pa10cal.campaign.description import InputFinding
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.robust_weights import far_from_prediction
 from pa10cal.observe.observations import (
@@ -29,6 +28,7 @@ from pa10cal.observe.observations import (
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.health import InputFinding
 from pa10cal.terms.model import Model
 
 # Position and orientation error of predicted poses, as the paper states them.
@@ -289,10 +289,11 @@ def gross_errors_of_repeats(mean_square_mm: float, usual_mm: float) -> tuple[Inp
         return ()
     return (
         InputFinding(
-            f"the mean square of repeats is {mean_square_mm:.2g} mm, their median "
+            what=f"the mean square of repeats is {mean_square_mm:.2g} mm, their median "
             f"{usual_mm:.2g} mm: a few readings are far from their repeats",
-            "repeated poses",
-            "look for exchanged labels and gross errors among them",
+            where="repeated poses",
+            remedy="look for exchanged labels and gross errors among them",
             kind="outlier",
+            would_leave_mm=None,
         ),
     )

@@ -17,7 +17,6 @@ from pa10cal.campaign.description import (
     DESCRIPTION_FILE,
     CampaignDescription,
     Holdout,
-    InputFinding,
     MemberRead,
     describe_group,
     read_description,
@@ -35,6 +34,7 @@ from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import with_what_tells_time
 from pa10cal.options import IngestOptions
+from pa10cal.results.health import InputFinding
 
 LINES = ("line_x", "line_y")
 
@@ -308,6 +308,7 @@ def wrong_rows(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:
                 where=where,
                 what=f"the labels of {labels} seem exchanged there; its rows are quarantined",
                 remedy="correct the labels of this configuration",
+                would_leave_mm=None,
             )
         else:
             finding = InputFinding(
@@ -315,6 +316,7 @@ def wrong_rows(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:
                 where=where,
                 what=f"{row.reason}; its rows are quarantined",
                 remedy="look at the raw reading, and measure it again or leave it out",
+                would_leave_mm=None,
             )
         found.setdefault((where, finding.kind), finding)
     return tuple(found.values())

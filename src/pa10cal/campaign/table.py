@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.campaign.description import CampaignDescription, InputFinding
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import BaseTargets, MotionFound
 from pa10cal.observe.joined import joined
 from pa10cal.observe.observations import JointLog, Observations
+from pa10cal.results.health import InputFinding
 
 SCHEMA = "pa10cal-poses/1"
 
@@ -50,7 +51,7 @@ def write_pose_table(
     table = pa.table(_columns(every, prismatic))
     metadata = {"schema": SCHEMA, "campaign": campaign}
     if findings:
-        metadata["findings"] = json.dumps([asdict(finding) for finding in findings])
+        metadata["findings"] = json.dumps([finding.model_dump() for finding in findings])
     if every.base is not None and every.base.found is not None:
         metadata["base_motion"] = json.dumps(every.base.found.plain())
     table = table.replace_schema_metadata(metadata)

@@ -18,11 +18,12 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, WeightsKnown, weights_known
 from pa10cal.arm.statics import CENTRE, DRIVES, Payload, with_assumed_weights
 from pa10cal.arrays import Array
-from pa10cal.campaign.description import CampaignDescription, InputFinding
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.observations import Observations, average_repeats
+from pa10cal.results.health import InputFinding
 from pa10cal.terms.model import Model
 
 #: Masses that a drawing program exports where nobody gave any [kg].
@@ -102,10 +103,11 @@ def weights_finding(arm: Arm) -> tuple[InputFinding, ...]:
         return ()
     return (
         InputFinding(
-            known.why,
-            f"{arm.name}: mass_kg, com_m",
-            "correct the masses in the arm's description, or the tool in campaign.yaml",
+            what=known.why,
+            where=f"{arm.name}: mass_kg, com_m",
+            remedy="correct the masses in the arm's description, or the tool in campaign.yaml",
             kind="masses",
+            would_leave_mm=None,
         ),
     )
 

@@ -71,7 +71,6 @@ def join(
           results/ur10-a/ingest/poses.parquet results/ur10-c/ingest/poses.parquet --base-frame \\
           results/ur10-a/seed/base_frame.json results/ur10-c/seed/base_frame.json --out-dir ur10
     """
-    from dataclasses import replace
 
     from pa10cal.calibration.general.calibrate import start_of
     from pa10cal.campaign.description import (
@@ -110,7 +109,7 @@ def join(
     group = describe_group(name, members)
     together = join_campaigns(placed)
     findings = [
-        replace(finding, where=f"{each.name}: {finding.where}")
+        finding.model_copy(update={"where": f"{each.name}: {finding.where}"})
         for each, table in zip(placed, poses, strict=True)
         for finding in read_findings(table)
     ]

@@ -46,8 +46,8 @@ from pa10cal.terms.effects.joint_error_map import JointErrorMap
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pa10cal.campaign.description import InputFinding
     from pa10cal.discovery.finding import Finding
+    from pa10cal.results.health import InputFinding
 
 
 # The verdict on a campaign that can be calibrated, and in which effects cannot be sought.

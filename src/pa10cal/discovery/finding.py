@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.fit.fitted import Suspicion
+from pa10cal.results.health import InputFinding
 from pa10cal.results.record import FaultKind
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.log_faults import LogFault
@@ -168,7 +168,7 @@ def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) ->
     return Fault(term.kind, told.where, told.what, told.remedy, gain)
 
 
-def faults_of_input(suspicions: Sequence[Suspicion]) -> tuple[Fault, ...]:
+def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[Fault, ...]:
     """Return what the calibration found wrong in the input, as far as it is a fault of the log."""
     found = []
     for each in suspicions:

@@ -15,7 +15,6 @@ from scipy.special import chdtri
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.campaign.description import InputFinding
 from pa10cal.discovery.finding import Fault
 from pa10cal.discovery.in_time.wander import moved_between_repeats
 from pa10cal.discovery.linear import by_every_joint, residual
@@ -35,6 +34,7 @@ from pa10cal.fit.robust_weights import (
 )
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_groups
+from pa10cal.results.health import InputFinding
 from pa10cal.results.record import FaultKind
 
 #: Labels are exchanged where another order leaves so little of what is left.

@@ -19,6 +19,7 @@ from pa10cal.fit.loads import with_torques
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Comparison, Deviations
+from pa10cal.results.health import InputFinding
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import is_constant
 from pa10cal.terms.term import Report, Term
@@ -29,18 +30,6 @@ if TYPE_CHECKING:
 M = TypeVar("M", bound=Instrument)
 
 FLANGE, TOOL_FRAME, TARGET = "flange", "tool", "target_"
-
-
-@dataclass(frozen=True)
-class Suspicion:
-    """Something in the input that is probably wrong, as the calibration found it."""
-
-    kind: str  # a word of the table in `docs/raw-data.md`
-    where: str  # column, joint, parameter, pose or file
-    what: str  # what it is, one clause
-    remedy: str  # what to do about it
-    # root mean square position error if it were put right; None if not tried
-    would_leave_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -58,7 +47,7 @@ class FittedTo:
     # `not_converged`; empty where that is not known
     grade: str = ""
     health: str = ""  # the reason, and what to do, in one sentence
-    suspicions: tuple[Suspicion, ...] = ()  # what is probably wrong in the input
+    suspicions: tuple[InputFinding, ...] = ()  # what is probably wrong in the input
     # external loads of the poses, each once; empty where that is not known
     loads_N: tuple[float, ...] = ()
 

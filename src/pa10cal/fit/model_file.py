@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
 from zipfile import BadZipFile
@@ -19,9 +19,10 @@ from pa10cal.arrays import Array
 from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AnglesSeen
-from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, FittedTo, Suspicion
+from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, FittedTo
 from pa10cal.fit.forward import T_flange_frame, conditions, predicted
 from pa10cal.observe.observations import Observations
+from pa10cal.results.health import InputFinding
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import is_constant
 from pa10cal.terms.plain import term_from_plain, term_to_plain
@@ -31,6 +32,7 @@ from pa10cal.yaml_file import read_yaml
 F = TypeVar("F", bound=Fitted)
 
 SCHEMA = "pa10cal-model/2"
+_SUSPICION = ("kind", "where", "what", "remedy", "would_leave_mm")
 _CONVENTIONS = {
     "standard": "T_base_row1, then Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) of every row, then "
     "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
@@ -100,7 +102,9 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
     fitted = model.fitted_to
     head = {} if fitted is None else {f.name: getattr(fitted, f.name) for f in fields(fitted)}
     if suspicions := head.pop("suspicions", ()):
-        head["suspicions"] = [asdict(each) for each in suspicions]
+        head["suspicions"] = [
+            {key: getattr(each, key) for key in _SUSPICION} for each in suspicions
+        ]
     content: dict[str, Any] = {
         "schema": SCHEMA,
         "robot": model.arm.name,
@@ -350,7 +354,7 @@ def _fitted_to(content: Mapping[str, Any]) -> FittedTo:
         time_s=(float(first), float(last)),
         grade=str(content["grade"]),
         health=str(content["health"]),
-        suspicions=tuple(Suspicion(**each) for each in content.get("suspicions", ())),
+        suspicions=tuple(InputFinding(**each) for each in content.get("suspicions", ())),
         loads_N=tuple(map(float, content.get("loads_N") or ())),
     )
 

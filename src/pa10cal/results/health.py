@@ -26,6 +26,11 @@ class InputFinding(Part):
     )
     kind: str = Field(description="its kind in a word, such as `joint_sign`")
 
+    def __str__(self) -> str:
+        left = self.would_leave_mm
+        then = "" if left is None else f" ({left:.3g} mm rms would remain)"
+        return f"{self.where}: {self.what}; {self.remedy}{then}"
+
 
 class RepeatScatter(Part):
     """What repeats scatter by, beside the stated uncertainty."""

@@ -15,8 +15,8 @@ from scipy.special import chdtrc
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.fit import Fit, reach_of
-from pa10cal.campaign.description import InputFinding
 from pa10cal.fit.problem import Problem
+from pa10cal.results.health import InputFinding
 from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.term import Parameter
 
@@ -90,14 +90,16 @@ class Apart:
         others = " and ".join(each.name for each in self.campaigns if each is not worst)
         return (
             InputFinding(
-                f"{worst.name} and {others} contradict each other: it differs by "
+                what=f"{worst.name} and {others} contradict each other: it differs by "
                 f"{scale * abs(worst.worst_off):.3g} {unit} with a standard uncertainty of "
                 f"{scale * worst.worst_u:.2g} {unit} (chi-square {worst.chi_square:.0f} for "
                 f"{worst.dof:.0f} degrees of freedom, {worst.worst_chi_square:.0f} of it by this "
                 "parameter alone): the arm was changed between them",
-                parameter.name,
-                "calibrate the campaigns before and after the change apart, and compare them",
+                where=parameter.name,
+                remedy="calibrate the campaigns before and after the change apart, and compare "
+                "them",
                 kind="joint_zero" if parameter.name.startswith(_JOINT_ZERO) else "campaigns",
+                would_leave_mm=None,
             ),
         )
 

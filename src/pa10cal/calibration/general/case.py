@@ -25,7 +25,6 @@ from pa10cal.calibration.uncertainty import (
     summarise,
     summarise_by_load,
 )
-from pa10cal.campaign.description import InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
 from pa10cal.fit.fitted_model import FittedModel
@@ -38,7 +37,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations, Start
 from pa10cal.results.calibration import SuspectedOutlier
 from pa10cal.results.evaluation import Accuracy
-from pa10cal.results.health import Health
+from pa10cal.results.health import Health, InputFinding
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
