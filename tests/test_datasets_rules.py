@@ -63,6 +63,17 @@ def test_a_campaign_of_a_data_set_is_fetched_and_imported_first(snakemake, tmp_p
 
 
 @pytest.mark.slow
+def test_nothing_is_fetched_over_a_campaign_of_the_same_name(snakemake, tmp_path):
+    own = tmp_path / "raw/ur10-a"
+    own.mkdir(parents=True)
+    (own / "campaign.yaml").write_text("name: ur10-a\nrobot: ur10\ninstrument: {kind: pose}\n")
+    code, text = snakemake("-n", tmp_path / "out/ur10-a/ingest/poses.parquet", sources={})
+    assert code == 0, text
+    jobs = re.search(r"^Job stats:\n.*\n-.*\n((?:\S+ +\d+\n)+)", text, re.MULTILINE)[1].split()
+    assert jobs[::2] == ["ingest", "total"]
+
+
+@pytest.mark.slow
 def test_the_measured_robot_is_planned_from_the_fetch_to_the_transfer(snakemake, tmp_path):
     raw = tmp_path / "raw"
     for name in ("ur10-a", "ur10-c"):
@@ -70,6 +81,7 @@ def test_the_measured_robot_is_planned_from_the_fetch_to_the_transfer(snakemake,
         (raw / name / "campaign.yaml").write_text(
             f"name: {name}\nrobot: ur10\ninstrument: {{kind: pose}}\n"
         )
+        (raw / name / "left_out.csv").write_text("file,line,reason\n")
     code, text = snakemake("-n", "ur10", sources={})
     assert code == 0, text
     jobs = re.search(r"^Job stats:\n.*\n-.*\n((?:\S+ +\d+\n)+)", text, re.MULTILINE)[1].split()

@@ -41,6 +41,14 @@ try:
     SETTINGS = parse_settings(config, where="config.yaml or --config")
 except SettingsError as error:
     refuse(error)
+# The import leaves a list of what it left out: a campaign of that name without one is the user's own,
+# and nothing is fetched over it.
+IMPORTED = {
+    name: readings
+    for name, readings in IMPORTED.items()
+    if not Path(SETTINGS.raw_dir, name, "campaign.yaml").is_file()
+    or Path(SETTINGS.raw_dir, name, "left_out.csv").is_file()
+}
 IN_GROUPS = tuple(name for each in SETTINGS.groups.values() for name in each)
 for campaign in (*(() if isinstance(FLEET, str) else SETTINGS.campaigns), *IN_GROUPS):
     if campaign in IMPORTED:

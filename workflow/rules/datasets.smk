@@ -39,7 +39,7 @@ rule import_ipa_robot_accuracy:
     output:
         [
             os.path.join(_literal(SETTINGS.raw_dir), campaign, name)
-            for campaign, readings in UR10.items()
+            for campaign, readings in IMPORTED.items()
             for name in ("campaign.yaml", readings, "left_out.csv")
         ],
     log:
