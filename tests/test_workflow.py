@@ -67,7 +67,7 @@ def checkout(tmp_path):
     for name in ("Snakefile", "config.yaml", "README.md"):
         shutil.copy(ROOT / name, place)
     for module, text in stand_ins().items():
-        (package / f"commands/{module}.py").write_text(text)
+        (package / f"{module.replace('.', '/')}.py").write_text(text)
     (package / "calibration/probe.py").write_text("ANSWER = 1\n")
     campaign = place / "data/raw/c1"
     campaign.mkdir(parents=True)

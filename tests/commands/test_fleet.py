@@ -5,12 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from pa10cal.commands import chain as chain_module
 from pa10cal.commands.command_line import main
 from pa10cal.errors import OutputError
 from pa10cal.fit.fitted_model import load_model
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import ChainRecord, FleetRecord
+from pa10cal.stages import pipeline
+from pa10cal.stages.pipeline import Stage
 
 EXAMPLE = Path(__file__).parents[2] / "examples/irb120-points"
 
@@ -65,9 +66,9 @@ def test_a_fault_of_the_program_ends_one_campaign_alone(tmp_path, monkeypatch):
         def fail():
             raise ZeroDivisionError("oh")
 
-        yield "ingest", fail
+        yield Stage("ingest", ("ingest",), fail)
 
-    monkeypatch.setattr(chain_module, "_stages", broken)
+    monkeypatch.setattr(pipeline, "stages", broken)
     assert take(EXAMPLE, tmp_path) == 0
     found = read(ChainRecord, tmp_path / "chain.json")
     assert (found.status, found.message) == ("fault", "internal fault: ZeroDivisionError: oh")
@@ -85,9 +86,9 @@ def test_a_full_disk_is_no_verdict_on_a_campaign(tmp_path, monkeypatch, error, c
         def fail():
             raise error
 
-        yield "ingest", fail
+        yield Stage("ingest", ("ingest",), fail)
 
-    monkeypatch.setattr(chain_module, "_stages", full)
+    monkeypatch.setattr(pipeline, "stages", full)
     assert take(EXAMPLE, tmp_path) == code
     assert not (tmp_path / "chain.json").exists()
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
+from pa10cal.evaluation import iso9283
 from pa10cal.evaluation.holdout import judged
 from pa10cal.evaluation.iso9283 import LEAST_REPEATS, iso9283_record, repeatability
 from pa10cal.files.arms import load_arm
@@ -90,3 +91,12 @@ def test_says_why_there_is_none():
     assert iso9283_record(CAMPAIGN, "combined", every, {}, np.eye(3)).note is not None
     blind = SimpleNamespace(measured=SimpleNamespace(directional=Distance.directional))
     assert "a distance alone" in iso9283_record(CAMPAIGN, "combined", blind, {}, np.eye(3)).note
+
+
+def test_a_configuration_of_which_no_target_was_seen_every_time_is_left_out():
+    places_m = np.ones((2 * LEAST_REPEATS, 2, 3))
+    places_m[0, 0], places_m[1, 1] = np.nan, np.nan  # of the first, each target once
+    places_m[LEAST_REPEATS, 0] = np.nan  # of the second, one target once
+    seen = SimpleNamespace(directional=True, measures_pose=False, places_m=places_m)
+    code = np.repeat([0, 1], LEAST_REPEATS)
+    assert iso9283._repeated(SimpleNamespace(measured=seen), code).tolist() == [1]

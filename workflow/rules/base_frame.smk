@@ -9,7 +9,7 @@ rule base_frame:
     log:
         result("logs/base_frame.log"),
     params:
-        code=code_of("commands.readings"),
+        code=code_of("stages.readings"),
         folder=campaign_folder,
         settings=settings_of("base_frame"),
     shell:

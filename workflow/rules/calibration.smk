@@ -15,7 +15,7 @@ rule calibrate:
     log:
         result("logs/calibrate.log"),
     params:
-        code=code_of("commands.calibrate"),
+        code=code_of("stages.calibrate"),
         folder=campaign_folder,
         settings=settings_of("calibration"),
         load="",
@@ -36,7 +36,7 @@ use rule calibrate as calibrate_one with:
     wildcard_constraints:
         load=r"(?!combined\.json$)[^/]+",
     params:
-        code=code_of("commands.calibrate"),
+        code=code_of("stages.calibrate"),
         folder=campaign_folder,
         settings=settings_of("calibration"),
         load="--load {load}",
@@ -58,7 +58,7 @@ use rule calibrate as calibrate_baseline with:
     log:
         result("logs/calibrate_baseline.log"),
     params:
-        code=code_of("commands.calibrate"),
+        code=code_of("stages.calibrate"),
         folder=campaign_folder,
         settings=settings_of("calibration", without=("effects",)),
         load="",

@@ -15,7 +15,7 @@ rule discover:
         result("logs/discover.log"),
     params:
         calibration=evaluated_calibration,
-        code=code_of("commands.discover"),
+        code=code_of("stages.discover"),
         folder=campaign_folder,
         settings=settings_of("discovery"),
     shell:

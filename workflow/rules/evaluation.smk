@@ -13,7 +13,7 @@ rule evaluate:
         result("logs/evaluate.log"),
     params:
         calibration=evaluated_calibration,
-        code=code_of("commands.evaluate"),
+        code=code_of("stages.evaluate"),
         folder=campaign_folder,
     shell:
         "python -m pa10cal evaluate --campaign-dir {params.folder:q} --poses {input.poses:q}"

@@ -15,7 +15,7 @@ rule export:
         result("logs/export.log"),
     params:
         calibration=evaluated_calibration,
-        code=code_of("commands.export"),
+        code=code_of("stages.export"),
         folder=campaign_folder,
     shell:
         "python -m pa10cal export --calibration {params.calibration:q} --extended {input.extended:q}"

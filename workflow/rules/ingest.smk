@@ -12,7 +12,7 @@ rule ingest:
     wildcard_constraints:
         campaign=NO_GROUP,
     params:
-        code=code_of("commands.readings"),
+        code=code_of("stages.readings"),
         folder=campaign_folder,
         settings=settings_of("ingest"),
     shell:
@@ -36,7 +36,7 @@ rule join:
     wildcard_constraints:
         campaign=one_of(GROUPS),
     params:
-        code=code_of("commands.readings"),
+        code=code_of("stages.readings"),
         folders=members_of(os.path.join(_literal(os.path.normpath(SETTINGS.raw_dir)), "{campaign}")),
         out=campaign_folder,
     shell:

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pa10cal.evaluation.options import ChainOptions
 
-#: Stages, as messages call them, and what each writes under the results of the campaign.
-STAGES = {
-    "import": (),
-    "join": ("ingest",),
-    "ingest": ("ingest",),
-    "seed": ("seed",),
-    "calibrate": ("baseline", "calibration"),
-    "discover": ("discovery",),
-    "evaluate": ("evaluation",),
-    "export": ("model",),
-}
+if TYPE_CHECKING:
+    from pa10cal.stages.pipeline import Stage
+
+#: What a run writes under the results of a campaign.
+_WRITTEN = ("ingest", "seed", "baseline", "calibration", "discovery", "evaluation", "model")
 
 
 def chain(
@@ -52,24 +47,25 @@ def chain(
     from pa10cal.fleet.campaigns import became, ended
     from pa10cal.results.codec import write
     from pa10cal.results.fleet import ChainRecord
+    from pa10cal.stages.pipeline import stages
 
     name, record = results.name if len(campaign_dir) > 1 else campaign_dir[0].name, ChainRecord.FILE
-    _remove(results, record, *dict.fromkeys(part for parts in STAGES.values() for part in parts))
+    _remove(results, record, *_WRITTEN)
     bring = _imported(dataset, source, campaign_dir[0], settings) if dataset and source else ()
-    for stage, run in (*bring, *_stages(campaign_dir, results, settings)):
+    for stage in (*bring, *stages(campaign_dir, results, settings)):
         try:
-            run()
+            stage.run()
         except (OutputError, OSError, MemoryError):  # of the machine, not of the campaign
             raise
         except Pa10calError as error:
-            _remove(results, *STAGES[stage])
-            found = ended(name, "refused", stage, str(error))
+            _remove(results, *stage.writes)
+            found = ended(name, "refused", stage.name, str(error))
             break
         except Exception as error:  # a fault of one campaign is not to end the others
-            _remove(results, *STAGES[stage])
+            _remove(results, *stage.writes)
             traceback.print_exc()
             told = f"internal fault: {type(error).__name__}: {error}"
-            found = ended(name, "fault", stage, told)
+            found = ended(name, "fault", stage.name, told)
             break
     else:
         found = became(results, name, settings.evaluation.calibration)
@@ -78,123 +74,15 @@ def chain(
         print(f"pa10cal chain: {name}: {found.stage}: {found.message}", file=sys.stderr)
 
 
-_Stage = tuple[str, Callable[[], None]]
-
-
-def _imported(dataset: str, source: Path, raw: Path, settings: ChainOptions) -> Iterator[_Stage]:
+def _imported(dataset: str, source: Path, raw: Path, settings: ChainOptions) -> Iterator[Stage]:
     """Yield the import of a campaign from a public data set."""
     from pa10cal.commands.data import import_data
+    from pa10cal.stages.pipeline import Stage
 
-    yield (
-        "import",
-        lambda: import_data(
-            dataset, source, out=raw.parent, only=(raw.name,), settings=settings.ingest
-        ),
-    )
+    def bring() -> None:
+        import_data(dataset, source, out=raw.parent, only=(raw.name,), settings=settings.ingest)
 
-
-def _joined(folders: tuple[Path, ...], results: Path) -> Iterator[_Stage]:
-    """Yield the join of campaigns to a group; their own results lie beside those of the group."""
-    from pa10cal.commands.readings import join
-
-    own = [results.parent / folder.name for folder in folders]
-    yield (
-        "join",
-        lambda: join(
-            name=results.name,
-            campaign_dir=folders,
-            poses=tuple(each / "ingest/poses.parquet" for each in own),
-            base_frame=tuple(each / "seed/base_frame.json" for each in own),
-            out_dir=results / "ingest",
-        ),
-    )
-
-
-def _stages(folders: tuple[Path, ...], results: Path, settings: ChainOptions) -> Iterator[_Stage]:
-    """Yield every stage by name: the functions of the single commands, one after the other."""
-    from pa10cal.commands.calibrate import calibrate
-    from pa10cal.commands.discover import discover
-    from pa10cal.commands.evaluate import evaluate
-    from pa10cal.commands.export import export
-    from pa10cal.commands.readings import ingest, seed
-
-    poses, base_frame = results / "ingest/poses.parquet", results / "seed/base_frame.json"
-    verdicts, model = results / "discovery", results / "model"
-    calibrated = results / "calibration"
-    load = f"{settings.evaluation.calibration}.json"
-    named = settings.calibration.effects == "named"
-    searched = results / "baseline" if named else calibrated
-
-    def calibrate_into(folder: Path, by_verdict: Path | None = None) -> None:
-        bare = {"effects": ()} if named and by_verdict is None else {}
-        calibrate(
-            campaign_dir=raw,
-            poses=poses,
-            base_frame=base_frame,
-            out=folder,
-            named=by_verdict,
-            settings=settings.calibration.model_copy(update=bare),
-            discovery=settings.discovery,
-        )
-
-    if len(folders) > 1:
-        raw = results / "ingest"
-        yield from _joined(folders, results)
-    else:
-        (raw,) = folders
-        yield (
-            "ingest",
-            lambda: ingest(
-                campaign_dir=raw,
-                out=poses,
-                quarantine=results / "ingest/quarantine.csv",
-                settings=settings.ingest,
-            ),
-        )
-    yield (
-        "seed",
-        lambda: seed(campaign_dir=raw, poses=poses, out=base_frame, settings=settings.base_frame),
-    )
-    yield "calibrate", lambda: calibrate_into(searched)
-    yield (
-        "discover",
-        lambda: discover(
-            campaign_dir=raw,
-            poses=poses,
-            calibration=searched / load,
-            verdict=verdicts / "verdict.json",
-            analysis=verdicts / "analysis.json",
-            extended=verdicts / "extended.json",
-            suggested=verdicts / "suggested_poses.csv",
-            settings=settings.discovery,
-        ),
-    )
-    if named:
-        yield "calibrate", lambda: calibrate_into(calibrated, verdicts / "extended.json")
-    yield (
-        "evaluate",
-        lambda: evaluate(
-            campaign_dir=raw,
-            poses=poses,
-            calibration=calibrated / load,
-            extended=verdicts / "extended.json",
-            out=results / "evaluation/holdout.json",
-            iso9283=results / "evaluation/iso9283.json",
-        ),
-    )
-    yield (
-        "export",
-        lambda: export(
-            campaign_dir=raw,
-            poses=poses,
-            calibration=calibrated / load,
-            extended=verdicts / "extended.json",
-            model=model / "model.yaml",
-            urdf=model / "robot.urdf",
-            dh=model / "dh.csv",
-            force=True,
-        ),
-    )
+    yield Stage("import", (), bring)
 
 
 def _remove(results: Path, *names: str) -> None:

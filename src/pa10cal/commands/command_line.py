@@ -69,14 +69,16 @@ GROUPS = {
 }
 COMMANDS = tuple(name for names in GROUPS.values() for name in names)
 
-#: Modules that hold several commands; any other command stands in a module of its name.
+#: Modules that hold several commands, and the stages of a run; any other command stands in a
+#: module of its name.
 _MODULES = {
-    "data": ("columns", "effects", "fetch", "import_arm", "import"),
-    "models": ("predict", "compensate", "compare", "drift", "adapt"),
-    "readings": ("ingest", "join", "seed"),
-    "runs": ("run", "reproduce", "report", "fleet", "fleet_summary"),
-    "simulate": ("simulate", "draw_trials"),
-    "studies": ("coverage", "changes", "curve", "curve_calibration"),
+    "commands.data": ("columns", "effects", "fetch", "import_arm", "import"),
+    "commands.models": ("predict", "compensate", "compare", "drift", "adapt"),
+    "commands.runs": ("run", "reproduce", "report", "fleet", "fleet_summary"),
+    "commands.simulate": ("simulate", "draw_trials"),
+    "commands.studies": ("coverage", "changes", "curve", "curve_calibration"),
+    "stages.readings": ("ingest", "join", "seed"),
+    **{f"stages.{name}": (name,) for name in ("calibrate", "discover", "evaluate", "export")},
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 #: Commands whose function cannot have their name, since it is a word of Python.
@@ -156,13 +158,13 @@ def limit_threads() -> None:
 
 
 def module_of(name: str) -> str:
-    """Return the module of this package that one of `COMMANDS` stands in."""
-    return _MODULE_OF.get(name, name)
+    """Return the module of `pa10cal` that one of `COMMANDS` stands in."""
+    return _MODULE_OF.get(name, f"commands.{name}")
 
 
 def command_named(name: str) -> Command:
     """Return the function of one of `COMMANDS`."""
-    module = import_module(f"pa10cal.commands.{module_of(name)}")
+    module = import_module(f"pa10cal.{module_of(name)}")
     found: Command = getattr(module, _FUNCTIONS.get(name, name))
     return found
 
@@ -266,7 +268,8 @@ def _summary(name: str) -> str:
     """
     function = _FUNCTIONS.get(name, name)
     module = module_of(name)
-    source = (Path(__file__).parent / f"{module}.py").read_text(encoding="utf-8")
+    path = Path(__file__).parents[1] / f"{module.replace('.', '/')}.py"
+    source = path.read_text(encoding="utf-8")
     (found,) = (
         node
         for node in ast.parse(source).body

@@ -34,13 +34,13 @@ def transfer(
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
     from pa10cal.campaign.weighed_arm import arm_of
-    from pa10cal.commands.extended import read_extended
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.errors import CalibrationError, RecordError
     from pa10cal.evaluation.compared import judged_elsewhere, said_of_parts, transfer_record
     from pa10cal.options import DiscoveryOptions
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
+    from pa10cal.stages.extended import read_extended
 
     campaign = read_description(campaign_dir)
     every = read_observations(poses, campaign)

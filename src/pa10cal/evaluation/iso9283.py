@@ -78,10 +78,7 @@ def iso9283_record(
     """
     readings = {kind: every.of_kind(kind) for kind in judged}
     groups = {kind: reading_groups(single) for kind, single in readings.items()}
-    chosen = {
-        kind: np.flatnonzero(np.bincount(code) >= LEAST_REPEATS) if len(code) else code
-        for kind, code in groups.items()
-    }
+    chosen = {kind: _repeated(readings[kind], code) for kind, code in groups.items()}
     note = _why_not(every, max((len(rows) for rows in chosen.values()), default=0))
     if note is not None:
         return Iso9283Record(
@@ -108,6 +105,22 @@ def iso9283_record(
     )
 
 
+def _repeated(single: Observations, code: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the configurations with enough repeats that all see one target at least."""
+    if not len(code) or not single.measured.directional:
+        return np.zeros(0, dtype=np.intp)
+    enough = np.flatnonzero(np.bincount(code) >= LEAST_REPEATS)
+    if single.measured.measures_pose:
+        return enough
+    places_m = single.measured.places_m
+    return np.array([row for row in enough if _in_all(places_m[code == row]).any()], dtype=np.intp)
+
+
+def _in_all(places_m: Array) -> NDArray[np.bool_]:
+    """Return which targets (B,) every reading (P, B, 3) has."""
+    return np.asarray(np.isfinite(places_m).all(axis=(0, 2)))
+
+
 def _why_not(every: Observations, configurations: int) -> str | None:
     if not every.measured.directional:
         return "a distance alone shows neither the position nor the attitude attained"
@@ -128,7 +141,7 @@ def _repeatability(
     for row in rows:
         at = code == row
         p = positions[at]
-        seen = np.isfinite(p).all(axis=(0, 2))  # targets that every reading has
+        seen = _in_all(p)
         R = None if attitudes is None else attitudes[at]
         found.append(repeatability(p[:, seen].mean(axis=1), R))
     first = np.array([int(np.flatnonzero(code == row)[0]) for row in rows])

@@ -18,7 +18,7 @@ def code_digest(*modules: str) -> str:
     """Return a digest of the files that the modules need: it changes when one of them does.
 
     Args:
-        modules: full names, such as `pa10cal.commands.readings`.
+        modules: full names, such as `pa10cal.stages.readings`.
 
     Raises:
         ModuleNotFoundError: when a module named here is not in the package.
@@ -37,7 +37,7 @@ def source_files(*modules: str) -> tuple[Path, ...]:
     folder (arm descriptions, say); what lies outside pa10cal is pinned by the lock and left out.
 
     Args:
-        modules: full names, such as `pa10cal.commands.readings`.
+        modules: full names, such as `pa10cal.stages.readings`.
 
     Raises:
         ModuleNotFoundError: when a module named here is not in the package.

@@ -23,13 +23,9 @@ from pa10cal.cell.measured_trials import SORTED, UNSTATED, after_geometry
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.trials import Trial
 from pa10cal.cell.write import Places, write_campaign
-from pa10cal.commands.calibrate import calibrate
-from pa10cal.commands.discover import discover
-from pa10cal.commands.evaluate import evaluate
-from pa10cal.commands.readings import ingest, seed
 from pa10cal.errors import Pa10calError
 from pa10cal.evaluation.blind_trial import WILD
-from pa10cal.evaluation.options import JudgingOptions
+from pa10cal.evaluation.options import ChainOptions, JudgingOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.codec import read
@@ -42,6 +38,8 @@ from pa10cal.results.trials import (
     TrialTruthRecord,
     TrialVerdictRecord,
 )
+from pa10cal.stages.pipeline import Places as ResultPlaces
+from pa10cal.stages.pipeline import Stage, stages
 from pa10cal.studies.trial_records import truth_record
 from pa10cal.terms.joint_spring import JointSpring
 
@@ -219,52 +217,32 @@ def calibrated_by_commands(raw: Path, out: Path, options: JudgingOptions) -> Cal
     Raises:
         Pa10calError: where a command refuses.
     """
-    out.mkdir(parents=True, exist_ok=True)
     with _silent():
-        poses, base, case = out / "poses.parquet", out / "base_frame.json", out / "combined.json"
-        ingest(
-            campaign_dir=raw, out=poses, quarantine=out / "quarantine.csv", settings=options.ingest
-        )
-        seed(campaign_dir=raw, poses=poses, out=base)
-        calibrate(
-            campaign_dir=raw,
-            poses=poses,
-            base_frame=base,
-            out=case,
-            load=COMBINED,
-            settings=options.calibration,
-        )
-    return read(CalibrationRecord, case)
+        for stage in _until("calibrate", raw, out, options):
+            stage.run()
+    return read(CalibrationRecord, ResultPlaces(out).calibration())
 
 
 def judged_by_commands(
     raw: Path, out: Path, calibration: CalibrationRecord, options: JudgingOptions
 ) -> Judged:
     """Judge a campaign that `calibrated_by_commands` has calibrated, in the same folders."""
-    began = time.process_time()
-    poses, case = out / "poses.parquet", out / "combined.json"
-    verdict, extended = out / "verdict.json", out / "extended.json"
+    began, at = time.process_time(), ResultPlaces(out)
+    before = len(_until("calibrate", raw, out, options))
     with _silent():
-        discover(
-            campaign_dir=raw,
-            poses=poses,
-            calibration=case,
-            verdict=verdict,
-            analysis=out / "analysis.json",
-            extended=extended,
-            suggested=out / "suggested_poses.csv",
-            settings=options.discovery,
-        )
-        evaluate(
-            campaign_dir=raw,
-            poses=poses,
-            calibration=case,
-            out=out / "holdout.json",
-            extended=extended,
-        )
+        for stage in _until("evaluate", raw, out, options)[before:]:
+            stage.run()
     seconds = time.process_time() - began
-    left_out = sorted({*_quarantined(raw, out / "quarantine.csv"), *_suspected(calibration)})
-    return Judged(calibration, read(VerdictRecord, verdict), tuple(left_out), seconds)
+    left_out = sorted({*_quarantined(raw, at.quarantine), *_suspected(calibration)})
+    return Judged(calibration, read(VerdictRecord, at.verdict), tuple(left_out), seconds)
+
+
+def _until(last: str, raw: Path, out: Path, options: JudgingOptions) -> list[Stage]:
+    """Return the stages up to one, of all loads together."""
+    given = {name: getattr(options, name) for name in JudgingOptions.model_fields}
+    every = list(stages((raw,), out, ChainOptions(**given), load=COMBINED))
+    (end,) = (place for place, stage in enumerate(every, 1) if stage.name == last)
+    return every[:end]
 
 
 @contextmanager

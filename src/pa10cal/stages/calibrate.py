@@ -1,4 +1,4 @@
-"""Command `calibrate`."""
+"""Stage `calibrate`."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pa10cal.observe.observations import Observations
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.terms.effects.effect import Effect
+
 
 #: Load case of the general model beside the paper's: all loads together.
 GENERAL = "general"
@@ -148,12 +149,12 @@ def _with_effects(
 
     from pa10cal.calibration.load_case import COMBINED, rows_of_load
     from pa10cal.calibration.records import models_of
-    from pa10cal.commands.extended import effects_of, read_extended
     from pa10cal.discovery.given import Place, calibrate_with, with_effects
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.errors import CalibrationError
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
+    from pa10cal.stages.extended import effects_of, read_extended
 
     if options.effects != "named":
         effects: list[Place | Effect] = [Place(each.id, each.of) for each in options.effects]

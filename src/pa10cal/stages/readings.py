@@ -1,4 +1,4 @@
-"""Commands from raw files to readings and frames: `ingest`, `join`, `seed`."""
+"""Stages from raw files to readings and frames: `ingest`, `join`, `seed`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Command `export`."""
+"""Stage `export`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,6 @@ def export(
     from pa10cal.calibration.records import models_of
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
-    from pa10cal.commands.extended import read_extended
     from pa10cal.errors import CalibrationError
     from pa10cal.files.arms import urdf_of_arm
     from pa10cal.files.output import write_text
@@ -50,6 +49,7 @@ def export(
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
     from pa10cal.results.health import UNRESERVED
+    from pa10cal.stages.extended import read_extended
 
     record = read(CalibrationRecord, calibration)
     health = record.health

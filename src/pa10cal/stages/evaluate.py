@@ -1,4 +1,4 @@
-"""Command `evaluate`."""
+"""Stage `evaluate`."""
 
 from __future__ import annotations
 
@@ -32,7 +32,6 @@ def evaluate(
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
     from pa10cal.campaign.weighed_arm import arm_of
-    from pa10cal.commands.extended import read_extended
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.evaluation.compared import (
         holdout_record,
@@ -46,6 +45,7 @@ def evaluate(
     from pa10cal.options import DiscoveryOptions
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read, write
+    from pa10cal.stages.extended import read_extended
 
     campaign = read_description(campaign_dir)
     every = read_observations(poses, campaign)

@@ -1,4 +1,4 @@
-"""Command `discover`."""
+"""Stage `discover`."""
 
 from __future__ import annotations
 
