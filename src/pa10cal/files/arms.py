@@ -8,7 +8,7 @@ from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from statistics import median
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import yaml
@@ -17,13 +17,15 @@ from pydantic import Field, FiniteFloat
 from pa10cal.arm.chain import placed, roll_pitch_yaw
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD, Arm, neighbouring_axes, with_hayati_rows
 from pa10cal.arm.exports import UrdfSource
-from pa10cal.arm.imported import ImportedArm, arm_from_urdf_text
 from pa10cal.arrays import Array
 from pa10cal.errors import ALLOWED, ArmError, fits_a_folder
 from pa10cal.files.output import write_text
 from pa10cal.options import Positive, Section
 from pa10cal.settings_reading import parse_section
 from pa10cal.yaml_file import parse_yaml, read_yaml
+
+if TYPE_CHECKING:
+    from pa10cal.arm.imported import ImportedArm
 
 # One row of an arm's file: its keys, and what its figures give away of wrong units.
 
@@ -454,6 +456,8 @@ def arm_from_urdf(
     Raises:
         ArmError: when the file cannot be read or used.
     """
+    from pa10cal.arm.imported import arm_from_urdf_text  # late: it needs pinocchio
+
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
