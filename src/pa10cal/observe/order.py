@@ -12,9 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Mask
@@ -80,6 +78,8 @@ def goes_with(
         every: single readings, of one campaign.
         prismatic: (n,) which joints slide.
     """
+    from scipy.stats import rankdata  # late: it takes half a second
+
     states = every.states
     if len(every) < _LEAST_ROWS or measured_again(every):
         return ()
@@ -117,6 +117,8 @@ def with_what_tells_time(
 
 def measured_again(every: Observations) -> bool:
     """Return whether readings of the same pose and load are spread over time: they tell it."""
+    from scipy.stats import rankdata  # late: it takes half a second
+
     load = np.unique(every.states.load_N, return_inverse=True)[1].ravel()
     pose = np.unique(every.pose, return_inverse=True)[1].ravel()
     group = np.unique(pose * (load.max() + 1) + load, return_inverse=True)[1].ravel()
@@ -145,6 +147,8 @@ def partings(states: PoseStates, time_s: float, prismatic: Mask | None = None) -
         time_s: the time.
         prismatic: (n,) which joints slide.
     """
+    from scipy.stats import rankdata  # late: it takes half a second
+
     order = np.argsort(states.time_s, kind="stable")
     middle = int(np.searchsorted(states.time_s[order], time_s))
     near = order[max(middle - _NEAR, 0) : middle + _NEAR]
@@ -265,6 +269,8 @@ def _by_order(every: Observations) -> tuple[Array, Array] | None:
 
     None where no order is known.
     """
+    import pandas as pd  # late: few campaigns need it
+
     states = every.states
     if len(np.unique(states.time_s)) < _OWN_TIMES * len(every):
         return None
