@@ -220,7 +220,8 @@ def calibrated_by_commands(raw: Path, out: Path, options: JudgingOptions) -> Cal
     with _silent():
         for stage in _until("calibrate", raw, out, options):
             stage.run()
-    return read(CalibrationRecord, ResultPlaces(out).calibration())
+    searched = options.calibration.effects == "named"
+    return read(CalibrationRecord, ResultPlaces(out).calibration(bare=searched))
 
 
 def judged_by_commands(
@@ -238,10 +239,10 @@ def judged_by_commands(
 
 
 def _until(last: str, raw: Path, out: Path, options: JudgingOptions) -> list[Stage]:
-    """Return the stages up to one, of all loads together."""
+    """Return the stages up to the first of a name, of all loads together."""
     given = {name: getattr(options, name) for name in JudgingOptions.model_fields}
     every = list(stages((raw,), out, ChainOptions(**given), load=COMBINED))
-    (end,) = (place for place, stage in enumerate(every, 1) if stage.name == last)
+    end = next(place for place, stage in enumerate(every, 1) if stage.name == last)
     return every[:end]
 
 
