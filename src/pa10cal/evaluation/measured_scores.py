@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pa10cal.evaluation.blind_trial import SORTED, SPRING, UNSTATED, BlindTrial, Hidden
 from pa10cal.evaluation.trial_rates import bar, figure, rate
 from pa10cal.evaluation.trial_scores import LIMIT
-from pa10cal.evaluation.wild_scores import WORSE, is_accused, is_worse, trial_row
+from pa10cal.evaluation.wild_scores import WORSE, gathered, is_accused, is_worse
 from pa10cal.results.trials import Bar, WildScoresRecord, WildSubject
 
 _PROVENANCE = (
@@ -64,17 +64,7 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
 
 def scores_record(trials: Sequence[BlindTrial]) -> WildScoresRecord:
     """Return what many such trials come to."""
-    subjects = sorted({(t.kind, name) for t in trials for name in _subjects(t)})
-    return WildScoresRecord(
-        provenance=_PROVENANCE,
-        trials=len(trials),
-        bars=bars(trials),
-        subjects=tuple(
-            _subject(kind, name, [t for t in trials if t.kind == kind and name in _subjects(t)])
-            for kind, name in subjects
-        ),
-        per_trial=tuple(trial_row(trial, failings(trial)) for trial in trials),
-    )
+    return gathered(trials, _PROVENANCE, bars(trials), _subjects, _subject, failings)
 
 
 def failings(trial: BlindTrial) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ counted as a crash, since a campaign that can be calibrated is not withheld.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 from pa10cal.evaluation.blind_trial import BlindTrial, Disturbed, Name
@@ -186,17 +186,29 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
 
 def scores_record(trials: Sequence[BlindTrial]) -> WildScoresRecord:
     """Return what many wild trials come to."""
-    subjects = sorted({(t.kind, name) for t in trials for name in _subjects(t)})
+    found = gathered(trials, _PROVENANCE, bars(trials), _subjects, _subject, failings)
+    return found.model_copy(update={"proposed": score_formulas(trials)})
+
+
+def gathered(
+    trials: Sequence[BlindTrial],
+    provenance: str,
+    reached: tuple[Bar, ...],
+    subjects_of: Callable[[BlindTrial], tuple[str, ...]],
+    subject: Callable[[str, str, Sequence[BlindTrial]], WildSubject],
+    failings_of: Callable[[BlindTrial], tuple[str, ...]],
+) -> WildScoresRecord:
+    """Return the record of many trials, by what each was about and what counts against it."""
+    about = sorted({(t.kind, name) for t in trials for name in subjects_of(t)})
     return WildScoresRecord(
-        provenance=_PROVENANCE,
+        provenance=provenance,
         trials=len(trials),
-        bars=bars(trials),
+        bars=reached,
         subjects=tuple(
-            _subject(kind, name, [t for t in trials if t.kind == kind and name in _subjects(t)])
-            for kind, name in subjects
+            subject(kind, name, [t for t in trials if t.kind == kind and name in subjects_of(t)])
+            for kind, name in about
         ),
-        proposed=score_formulas(trials),
-        per_trial=tuple(trial_row(trial, failings(trial)) for trial in trials),
+        per_trial=tuple(trial_row(trial, failings_of(trial)) for trial in trials),
     )
 
 
