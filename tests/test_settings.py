@@ -66,6 +66,7 @@ def test_config_is_accepted_and_names_the_shipped_campaigns(config):
     ("change", "words"),
     [
         ({"montecarl": {}}, ["unknown key montecarl", "'montecarlo'"]),
+        ({'campaigns=["a"] raw_dir=b': 1}, ["unknown key campaigns=[", "remove it"]),
         ({"calibration": {"start": 3}}, ["unknown key calibration.start;", "'starts'"]),
         ({"calibration": {"tolerances": {"a_mm": 1}}}, ["calibration.tolerances.a_mm", "'a_m'"]),
         ({"simulate": {"x": {"seed": 1}}}, ["unknown key simulate.x.seed"]),

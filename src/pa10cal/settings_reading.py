@@ -68,10 +68,13 @@ def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> Se
     """
     first = min(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
     parts = tuple(str(part) for part in first["loc"])
-    # Where a value may be of several types, pydantic puts the type it tried into the place.
-    location = tuple(part for part in parts if "[" not in part)
+    unknown = first["type"] == "extra_forbidden"
+    # Where a value may be of several types, pydantic puts the type it tried into the place; the
+    # last part of an unknown key is the key as it was written.
+    within, last = (parts[:-1], parts[-1:]) if unknown else (parts, ())
+    location = (*(part for part in within if "[" not in part), *last)
     key = ".".join(location) or "the whole"
-    if first["type"] == "extra_forbidden":
+    if unknown:
         known = _known_keys(section, location[:-1])
         return SettingsError(
             f"unknown key {key}",

@@ -124,3 +124,24 @@ def test_a_centre_that_torques_contradict_is_told():
     arm = weighed_arm(described(), replace(ARM, com_m=com_m), readings())
     (finding,) = weights_finding(arm)
     assert "link 3" in finding.what
+
+
+@pytest.mark.parametrize(("away_m", "said"), [(0.9, "is stated at"), (3.0, "from its frame")])
+def test_a_centre_so_far_off_that_torques_no_longer_follow_is_told(away_m, said):
+    com_m = ARM.com_m.copy()
+    com_m[2, 0] += away_m
+    arm = weighed_arm(described(), replace(ARM, com_m=com_m), readings())
+    (found,) = weights_finding(arm)
+    assert "of link 3" in found.what
+    assert said in found.what
+    np.testing.assert_allclose(
+        arm.com_m[2, 0] * arm.mass_kg[2], ARM.com_m[2, 0] * ARM.mass_kg[2], atol=0.6
+    )
+
+
+def test_torques_of_the_other_sign_are_no_weights():
+    logged = readings()
+    states = replace(logged.states, tau_Nm=-logged.states.tau_Nm)
+    arm = weighed_arm(described(), ARM, replace(logged, states=states))
+    assert not weights_finding(arm)
+    np.testing.assert_array_equal(arm.mass_kg, ARM.mass_kg)

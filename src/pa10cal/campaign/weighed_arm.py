@@ -90,10 +90,17 @@ def weighed_arm(campaign: CampaignDescription, arm: Arm, every: Observations) ->
         return arm
     if not np.linalg.norm(payload.gravity_m_s2):
         return arm
-    rows = _Torques.of(arm, payload, _some(average_repeats(grid)))
+    poses = _some(average_repeats(grid))
+    rows = _Torques.of(arm, payload, poses)
     if not rows.of_weights:
-        return arm  # no weights make such torques: their signs, or gravity, are another matter
-    return rows.without_contradiction() if arm.weights_known is None else rows.weighed()
+        return arm
+    if arm.weights_known is not None:
+        return rows.weighed() if rows.follow else arm
+    if rows.follow:
+        return rows.without_contradiction()
+    # One link may be so far off; more than one are as well the signs of torques, or gravity.
+    found = rows.without_contradiction(most=1)
+    return found if _Torques.of(found, payload, poses).follow else arm
 
 
 def weights_finding(arm: Arm) -> tuple[InputFinding, ...]:
@@ -121,6 +128,15 @@ def _not_meant(arm: Arm, total_kg: float | None) -> str:
             "the masses of the links are all 0 or 1 kg, as a drawing program exports them where "
             "none were given: they are treated as not known"
         )
+    if arm.com_m is not None:
+        away_m = np.linalg.norm(arm.com_m, axis=1)
+        link = int(away_m.argmax())
+        if away_m[link] > arm.reach_m:
+            return (
+                f"the centre of mass of link {link + 1} is stated {away_m[link]:.4g} m from its "
+                f"frame, and the arm reaches {arm.reach_m:.3g} m: masses and centres are treated "
+                "as not known"
+            )
     sum_kg = float(arm.mass_kg.sum())
     if total_kg is not None and abs(sum_kg - total_kg) > _TOTAL_OFF * max(sum_kg, total_kg):
         return (
@@ -174,23 +190,32 @@ class _Torques:
 
     @property
     def of_weights(self) -> bool:
-        """Return whether weights of some kind make such torques."""
+        """Return whether weights of some kind, or their opposite, make such torques."""
         spread_Nm = np.sqrt(np.mean(self.logged_Nm**2))
         scatter_Nm = np.sqrt(np.mean(self._noise_Nm**2))
-        along = float(np.sum((self.logged_Nm - self.left_Nm) * self.logged_Nm))
-        size = np.linalg.norm(self.logged_Nm - self.left_Nm) * np.linalg.norm(self.logged_Nm)
-        return bool(scatter_Nm < _SCATTER * spread_Nm and along > _FOLLOWS * size)
+        return bool(scatter_Nm < _SCATTER * spread_Nm)
+
+    @property
+    def follow(self) -> bool:
+        """Return whether logged torques follow those of the weights described."""
+        calculated_Nm = self.logged_Nm - self.left_Nm
+        along = float(np.sum(calculated_Nm * self.logged_Nm))
+        size = np.linalg.norm(calculated_Nm) * np.linalg.norm(self.logged_Nm)
+        return bool(along > _FOLLOWS * size)
 
     def weighed(self) -> Arm:
         """Return the arm with the weights that its torques have, of one that states none."""
         sizes = weight_sizes(self.arm, self.payload).columns(self.arm)
         x, covariance, _ = self._solve(sizes)
-        return self._with(x, covariance, "")
+        return self._with(x, covariance, weights_known(self.arm).why)
 
-    def without_contradiction(self) -> Arm:
+    def without_contradiction(self, most: int | None = None) -> Arm:
         """Return the arm; with a weight or a centre as the torques have it where they contradict.
 
         One link after the other, each in its mass or its centre, whichever alone explains most.
+
+        Args:
+            most: how many links at most; None for all.
         """
         arm, mass_kg = self.arm, self.arm.mass_kg
         assert mass_kg is not None
@@ -198,7 +223,7 @@ class _Torques:
         known, before = sizes.copy(), self._solve(sizes)[2]
         reach_m = CENTRE * (1.0 + DRIVES) * arm.reach_m
         said = []
-        for _ in range(arm.n):
+        for _ in range(most or arm.n):
             tried = []
             for link in range(arm.n):
                 for part, columns, wide in (
