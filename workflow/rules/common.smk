@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from pa10cal.errors import Pa10calError, SettingsError
+from pa10cal.evaluation.options import ChainOptions
 from pa10cal.fleet.campaigns import campaigns_of
 from pa10cal.planning.campaign import (
     arm_files,
@@ -23,6 +24,7 @@ from pa10cal.planning.campaign import trial_counts
 from pa10cal.running.alone import SHARED, WORK_FOLDER, hold
 from pa10cal.running.alone import PARENTS, end_with_parents
 from pa10cal.settings import parse_settings
+from pa10cal.stages.pipeline import stages
 
 
 def refuse(error):
@@ -166,6 +168,33 @@ def _literal(path):
     return os.path.normpath(path).replace("{", "{{").replace("}", "}}")
 
 
+CHAIN = ChainOptions(**{name: getattr(SETTINGS, name) for name in ChainOptions.model_fields})
+
+
+def stages_of(folders, results, load=None):
+    """The stages of a campaign, or of a group of several, by name."""
+    paths = tuple(Path(os.path.normpath(SETTINGS.raw_dir), folder) for folder in folders)
+    return {each.name: each for each in stages(paths, Path(results), CHAIN, load)}
+
+
+# The stages of any campaign, and how those of a group begin; their files as patterns of paths.
+STAGES = stages_of(["a", "b"], result("")) | stages_of(["a"], result(""))
+READS = {name: {of: str(path) for of, path in each.reads.items()} for name, each in STAGES.items()}
+WRITES = {
+    name: {of: str(path) for of, path in each.writes.items()} for name, each in STAGES.items()
+}
+
+
+def words_of(stage):
+    """The words of the command line that runs a stage of a campaign."""
+
+    def words(wildcards):
+        folders = GROUPS.get(wildcards.campaign, [wildcards.campaign])
+        return stages_of(folders, results_folder(wildcards), wildcards.get("load"))[stage].words
+
+    return words
+
+
 def code_of(*modules):
     """A digest of the files that a command is made of, so that editing one runs it again.
 
@@ -174,9 +203,9 @@ def code_of(*modules):
     return lambda wildcards: code_digest(*(f"pa10cal.{module}" for module in modules))
 
 
-def settings_of(section, without=()):
+def settings_of(section):
     """One section of the settings as JSON: changing another section runs nothing again."""
-    text = getattr(SETTINGS, section).model_dump_json(exclude=set(without))
+    text = getattr(SETTINGS, section).model_dump_json()
     return lambda wildcards: text
 
 
@@ -228,41 +257,6 @@ def robot_of_campaign(wildcards):
 def planes_of(campaign):
     """The Monte Carlo results of a campaign, one a plane; of those with the paper's model alone."""
     return expand(rules.montecarlo.output, campaign=campaign) * (not by_general_model(campaign))
-
-
-def named_effects(wildcards):
-    """The extended model of the search, where its effects are to be calibrated with."""
-    wanted = SETTINGS.calibration.effects == "named"
-    return expand(result("discovery/extended.json"), campaign=wildcards.campaign) * wanted
-
-
-def named_option(wildcards, input):
-    """The option that says where that model is."""
-    return f"--named {shlex.quote(str(input.named))}" if input.named else ""
-
-
-def discovery_option(wildcards):
-    """The settings of discovery, where effects are calibrated with: nothing else depends on them."""
-    if not SETTINGS.calibration.effects:
-        return ""
-    return f"--discovery {shlex.quote(SETTINGS.discovery.model_dump_json())}"
-
-
-def folder_of_output(wildcards, output):
-    """The folder of the one output of a rule, where a command writes more than the rule states."""
-    return os.path.dirname(output[0])
-
-
-def searched_calibration(wildcards):
-    """The calibrations that discovery starts from: without effects that are those of its verdict."""
-    folder = "baseline" if SETTINGS.calibration.effects == "named" else "calibration"
-    return expand(result(f"{folder}/combined.json"), campaign=wildcards.campaign)[0]
-
-
-def evaluated_calibration(wildcards, input):
-    """The calibration that discovery, evaluation and export start from."""
-    folder = os.path.dirname(input.calibration)
-    return os.path.join(folder, f"{SETTINGS.evaluation.calibration}.json")
 
 
 def by_general_model(campaign):

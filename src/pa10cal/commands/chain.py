@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pa10cal.evaluation.options import ChainOptions
-
-if TYPE_CHECKING:
-    from pa10cal.stages.pipeline import Stage
 
 #: What a run writes under the results of a campaign.
 _WRITTEN = ("ingest", "seed", "baseline", "calibration", "discovery", "evaluation", "model")
@@ -47,25 +44,23 @@ def chain(
     from pa10cal.fleet.campaigns import became, ended
     from pa10cal.results.codec import write
     from pa10cal.results.fleet import ChainRecord
-    from pa10cal.stages.pipeline import stages
 
     name, record = results.name if len(campaign_dir) > 1 else campaign_dir[0].name, ChainRecord.FILE
     _remove(results, record, *_WRITTEN)
-    bring = _imported(dataset, source, campaign_dir[0], settings) if dataset and source else ()
-    for stage in (*bring, *stages(campaign_dir, results, settings)):
+    for stage, written, run in _steps(campaign_dir, results, dataset, source, settings):
         try:
-            stage.run()
+            run()
         except (OutputError, OSError, MemoryError):  # of the machine, not of the campaign
             raise
         except Pa10calError as error:
-            _remove(results, *stage.writes)
-            found = ended(name, "refused", stage.name, str(error))
+            _remove(results, *written)
+            found = ended(name, "refused", stage, str(error))
             break
         except Exception as error:  # a fault of one campaign is not to end the others
-            _remove(results, *stage.writes)
+            _remove(results, *written)
             traceback.print_exc()
             told = f"internal fault: {type(error).__name__}: {error}"
-            found = ended(name, "fault", stage.name, told)
+            found = ended(name, "fault", stage, told)
             break
     else:
         found = became(results, name, settings.evaluation.calibration)
@@ -74,15 +69,26 @@ def chain(
         print(f"pa10cal chain: {name}: {found.stage}: {found.message}", file=sys.stderr)
 
 
-def _imported(dataset: str, source: Path, raw: Path, settings: ChainOptions) -> Iterator[Stage]:
-    """Yield the import of a campaign from a public data set."""
+def _steps(
+    folders: tuple[Path, ...],
+    results: Path,
+    dataset: str,
+    source: Path | None,
+    settings: ChainOptions,
+) -> Iterator[tuple[str, set[str], Callable[[], None]]]:
+    """Yield the name of every step, the folders of the results that are its own, and its work."""
     from pa10cal.commands.data import import_data
-    from pa10cal.stages.pipeline import Stage
+    from pa10cal.stages.pipeline import stages
 
-    def bring() -> None:
-        import_data(dataset, source, out=raw.parent, only=(raw.name,), settings=settings.ingest)
-
-    yield Stage("import", (), bring)
+    if dataset and source:
+        raw = folders[0]
+        work = partial(
+            import_data, dataset, source, out=raw.parent, only=(raw.name,), settings=settings.ingest
+        )
+        yield "import", set(), work
+    for stage in stages(folders, results, settings):
+        written = {path.relative_to(results).parts[0] for path in stage.writes.values()}
+        yield stage.name, written, stage.run
 
 
 def _remove(results: Path, *names: str) -> None:

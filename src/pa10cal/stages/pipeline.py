@@ -1,16 +1,20 @@
 """The stages from raw files to a model: one list, which whoever judges a campaign walks.
 
-Every stage is the function of the command of its name. What it reads and writes lies under one
-folder of results, at the places that the rules of the workflow give it.
+A stage is a command with its options. Snakemake's rules run it as a process of its own, with the
+words of its command line; `chain`, fleets and trials call its function with the same options.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import shlex
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from pa10cal.evaluation.options import ChainOptions
+from pa10cal.options import Section
 
 #: Load case of all loads together.
 _COMBINED = "combined"
@@ -18,11 +22,42 @@ _COMBINED = "combined"
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage of a campaign."""
+    """One stage of a campaign: a command, its options, and what lies on disk before and after."""
 
-    name: str  # as the command and messages have it
-    writes: tuple[str, ...]  # folders under the results that are its own
-    run: Callable[[], None]
+    name: str  # of the rule; no two stages of a campaign share one
+    module: str  # of the package `stages`, where the command's function stands
+    options: Mapping[str, Any]  # those of the command
+    writes: Mapping[str, Path]  # its own results
+    reads: Mapping[str, Path] = field(default_factory=dict)  # results of earlier stages
+
+    @property
+    def command(self) -> str:
+        """Return the command that it is."""
+        return "calibrate" if self.name == "baseline" else self.name
+
+    def run(self) -> None:
+        """Run it in this process.
+
+        Raises:
+            Pa10calError: what its command raises.
+        """
+        getattr(import_module(f"pa10cal.stages.{self.module}"), self.command)(**self.options)
+
+    @property
+    def words(self) -> str:
+        """Return the words of the command line that runs it, after the name of the program."""
+        words = [self.command]
+        for name, value in self.options.items():
+            option = "--" + name.replace("_", "-")
+            if isinstance(value, Section):
+                words += [option, value.model_dump_json()]
+            elif isinstance(value, tuple):
+                words += [option, *map(str, value)]
+            elif value is True:
+                words.append(option)
+            elif value is not None:
+                words += [option, str(value)]
+        return shlex.join(words)
 
 
 @dataclass(frozen=True)
@@ -69,6 +104,9 @@ def stages(
 ) -> Iterator[Stage]:
     """Yield every stage of a campaign, or of a group, in order.
 
+    With the effects of the verdict a campaign is calibrated twice: what is searched is the first,
+    `baseline`, without them.
+
     Args:
         folders: raw files of the campaign; of a group those of its members, whose own results lie
             beside those of the group.
@@ -76,95 +114,133 @@ def stages(
         settings: sections of the stages.
         load: one load case alone; None for all.
     """
-    from pa10cal.stages.calibrate import calibrate
-    from pa10cal.stages.discover import discover
-    from pa10cal.stages.evaluate import evaluate
-    from pa10cal.stages.export import export
-    from pa10cal.stages.readings import ingest, seed
-
-    at, verdicts, model = Places(results), results / "discovery", results / "model"
-    case = settings.evaluation.calibration
+    at, group = Places(results), len(folders) > 1
+    yield _joined(folders, at) if group else _ingested(folders[0], at, settings)
+    raw = at.poses.parent if group else folders[0]
+    campaign: dict[str, Any] = {"campaign_dir": raw, "poses": at.poses}
+    reads = {"poses": at.poses}
+    yield Stage(
+        "seed",
+        "readings",
+        options=campaign | {"out": at.base_frame, "settings": settings.base_frame},
+        reads=reads,
+        writes={"base_frame": at.base_frame},
+    )
     named = settings.calibration.effects == "named"
-    group = len(folders) > 1
-    raw = results / "ingest" if group else folders[0]
-
-    def calibrate_into(folder: Path, by_verdict: Path | None = None) -> None:
-        bare = {"effects": ()} if named and by_verdict is None else {}
-        calibrate(
-            campaign_dir=raw,
-            poses=at.poses,
-            base_frame=at.base_frame,
-            out=folder / f"{load}.json" if load else folder,
-            load=load,
-            named=by_verdict,
-            settings=settings.calibration.model_copy(update=bare),
-            discovery=settings.discovery,
-        )
-
-    def ingest_it() -> None:
-        ingest(campaign_dir=raw, out=at.poses, quarantine=at.quarantine, settings=settings.ingest)
-
-    def seed_it() -> None:
-        seed(campaign_dir=raw, poses=at.poses, out=at.base_frame, settings=settings.base_frame)
-
-    def discover_it() -> None:
-        discover(
-            campaign_dir=raw,
-            poses=at.poses,
-            calibration=at.calibration(case, bare=named),
-            verdict=at.verdict,
-            analysis=verdicts / "analysis.json",
-            extended=at.extended,
-            suggested=verdicts / "suggested_poses.csv",
-            settings=settings.discovery,
-        )
-
-    def evaluate_it() -> None:
-        evaluate(
-            campaign_dir=raw,
-            poses=at.poses,
-            calibration=at.calibration(case),
-            extended=at.extended,
-            out=results / "evaluation/holdout.json",
-            iso9283=results / "evaluation/iso9283.json",
-        )
-
-    def export_it() -> None:
-        export(
-            campaign_dir=raw,
-            poses=at.poses,
-            calibration=at.calibration(case),
-            extended=at.extended,
-            model=model / "model.yaml",
-            urdf=model / "robot.urdf",
-            dh=model / "dh.csv",
-            force=True,
-        )
-
-    if group:
-        yield Stage("join", ("ingest",), lambda: _join(folders, results))
-    else:
-        yield Stage("ingest", ("ingest",), ingest_it)
-    yield Stage("seed", ("seed",), seed_it)
-    searched = at.calibration(bare=named).parent
-    yield Stage("calibrate", (searched.name,), lambda: calibrate_into(searched))
-    yield Stage("discover", ("discovery",), discover_it)
     if named:
-        own = at.calibration().parent
-        yield Stage("calibrate", (own.name,), lambda: calibrate_into(own, at.extended))
-    yield Stage("evaluate", ("evaluation",), evaluate_it)
-    yield Stage("export", ("model",), export_it)
+        yield _calibrated(campaign, at, settings, load, bare=True)
+    else:
+        yield _calibrated(campaign, at, settings, load)
+    case = settings.evaluation.calibration
+    found = {
+        "verdict": at.verdict,
+        "analysis": at.verdict.with_name("analysis.json"),
+        "extended": at.extended,
+        "suggested": at.verdict.with_name("suggested_poses.csv"),
+    }
+    yield Stage(
+        "discover",
+        "discover",
+        options=campaign
+        | {"calibration": at.calibration(case, bare=named), "settings": settings.discovery}
+        | found,
+        reads=reads | {"calibration": at.calibration(bare=named)},
+        writes=found | {"covariance": at.extended.with_name("extended.covariance.npz")},
+    )
+    if named:
+        yield _calibrated(campaign, at, settings, load)
+    reads = reads | {"calibration": at.calibration(), "extended": at.extended}
+    models = campaign | {"calibration": at.calibration(case), "extended": at.extended}
+    held_out = results / "evaluation/holdout.json"
+    iso9283 = held_out.with_name("iso9283.json")
+    yield Stage(
+        "evaluate",
+        "evaluate",
+        options=models | {"out": held_out, "iso9283": iso9283},
+        reads=reads,
+        writes={"held_out": held_out, "iso9283": iso9283},
+    )
+    model = results / "model"
+    exported = {
+        "model": model / "model.yaml",
+        "urdf": model / "robot.urdf",
+        "dh": model / "dh.csv",
+    }
+    yield Stage(
+        "export",
+        "export",
+        options=models | exported | {"force": True},
+        reads=reads,
+        writes=exported | {"covariance": model / "model.covariance.npz"},
+    )
 
 
-def _join(folders: tuple[Path, ...], results: Path) -> None:
-    """Join campaigns to a group; their own results lie beside those of the group."""
-    from pa10cal.stages.readings import join
+def _ingested(raw: Path, at: Places, settings: ChainOptions) -> Stage:
+    """Return the stage that reads the raw files of a campaign."""
+    return Stage(
+        "ingest",
+        "readings",
+        options={
+            "campaign_dir": raw,
+            "out": at.poses,
+            "quarantine": at.quarantine,
+            "settings": settings.ingest,
+        },
+        writes={"poses": at.poses, "quarantine": at.quarantine},
+    )
 
-    own = [Places(results.parent / folder.name) for folder in folders]
-    join(
-        name=results.name,
-        campaign_dir=folders,
-        poses=tuple(each.poses for each in own),
-        base_frame=tuple(each.base_frame for each in own),
-        out_dir=results / "ingest",
+
+def _joined(folders: tuple[Path, ...], at: Places) -> Stage:
+    """Return the stage that joins campaigns to a group."""
+    own = [Places(at.results.parent / folder.name) for folder in folders]
+    out = at.poses.parent
+    return Stage(
+        "join",
+        "readings",
+        options={
+            "name": at.results.name,
+            "campaign_dir": folders,
+            "poses": tuple(each.poses for each in own),
+            "base_frame": tuple(each.base_frame for each in own),
+            "out_dir": out,
+        },
+        writes={
+            "poses": at.poses,
+            "quarantine": at.quarantine,
+            "campaign": out / "campaign.yaml",
+        },
+    )
+
+
+def _calibrated(
+    campaign: Mapping[str, Path],
+    at: Places,
+    settings: ChainOptions,
+    load: str | None,
+    *,
+    bare: bool = False,
+) -> Stage:
+    """Return the stage that calibrates; `bare`: without effects that are those of the verdict."""
+    options, reads = settings.calibration, {"poses": at.poses, "base_frame": at.base_frame}
+    effects: dict[str, Any] = {}
+    if bare:
+        options = options.model_copy(update={"effects": ()})
+    elif options.effects:
+        effects["discovery"] = settings.discovery
+        if options.effects == "named":
+            effects["named"] = reads["named"] = at.extended
+    out = at.calibration(load or _COMBINED, bare=bare)
+    return Stage(
+        "baseline" if bare else "calibrate",
+        "calibrate",
+        options={
+            **campaign,
+            "base_frame": at.base_frame,
+            "out": out if load else out.parent,
+            "load": load,
+            "settings": options,
+            **effects,
+        },
+        reads=reads,
+        writes={"calibration": out},
     )

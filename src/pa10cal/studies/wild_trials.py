@@ -217,11 +217,11 @@ def calibrated_by_commands(raw: Path, out: Path, options: JudgingOptions) -> Cal
     Raises:
         Pa10calError: where a command refuses.
     """
+    first = _until_calibrated(raw, out, options)
     with _silent():
-        for stage in _until("calibrate", raw, out, options):
+        for stage in first:
             stage.run()
-    searched = options.calibration.effects == "named"
-    return read(CalibrationRecord, ResultPlaces(out).calibration(bare=searched))
+    return read(CalibrationRecord, first[-1].writes["calibration"])
 
 
 def judged_by_commands(
@@ -229,21 +229,27 @@ def judged_by_commands(
 ) -> Judged:
     """Judge a campaign that `calibrated_by_commands` has calibrated, in the same folders."""
     began, at = time.process_time(), ResultPlaces(out)
-    before = len(_until("calibrate", raw, out, options))
+    before = len(_until_calibrated(raw, out, options))
     with _silent():
-        for stage in _until("evaluate", raw, out, options)[before:]:
-            stage.run()
+        for stage in _stages(raw, out, options)[before:]:
+            if stage.name != "export":
+                stage.run()
     seconds = time.process_time() - began
     left_out = sorted({*_quarantined(raw, at.quarantine), *_suspected(calibration)})
     return Judged(calibration, read(VerdictRecord, at.verdict), tuple(left_out), seconds)
 
 
-def _until(last: str, raw: Path, out: Path, options: JudgingOptions) -> list[Stage]:
-    """Return the stages up to the first of a name, of all loads together."""
-    given = {name: getattr(options, name) for name in JudgingOptions.model_fields}
-    every = list(stages((raw,), out, ChainOptions(**given), load=COMBINED))
-    end = next(place for place, stage in enumerate(every, 1) if stage.name == last)
+def _until_calibrated(raw: Path, out: Path, options: JudgingOptions) -> list[Stage]:
+    """Return the stages up to the calibration that is searched."""
+    every = _stages(raw, out, options)
+    end = next(at for at, stage in enumerate(every, 1) if stage.command == "calibrate")
     return every[:end]
+
+
+def _stages(raw: Path, out: Path, options: JudgingOptions) -> list[Stage]:
+    """Return the stages of a trial, of all loads together."""
+    given = {name: getattr(options, name) for name in JudgingOptions.model_fields}
+    return list(stages((raw,), out, ChainOptions(**given), load=COMBINED))
 
 
 @contextmanager
