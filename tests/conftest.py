@@ -9,6 +9,7 @@ for _library in ("OPENBLAS", "OMP", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 import gzip
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
+from snakemake_calls import Snakemake
 
 # A change is judged by the same examples each time; at a desk every run looks at new ones.
 hypothesis_settings.register_profile("same_examples", derandomize=True)
@@ -45,6 +47,14 @@ def ipa_data() -> Path:
             pytest.fail(f"PA10CAL_IPA_DATA names no folder: {named}")
         pytest.skip("no copy of ipa-robot-accuracy here: PA10CAL_IPA_DATA names none")
     return folder
+
+
+@pytest.fixture(scope="session")
+def call_snakemake(tmp_path_factory) -> Iterator[Snakemake]:
+    """Call Snakemake, which is started once."""
+    snakemake = Snakemake(tmp_path_factory.mktemp("snakemake"))
+    yield snakemake
+    snakemake.close()
 
 
 @dataclass
