@@ -10,7 +10,8 @@ for _library in ("OPENBLAS", "OMP", "MKL"):
 
 import gzip
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -88,8 +89,14 @@ class RawCampaign:
 
 
 @pytest.fixture
-def raw_campaign(tmp_path: Path) -> RawCampaign:
+def raw_campaign(tmp_path: Path, made_up_campaign: RawCampaign) -> RawCampaign:
     """34 configurations: two lines of 4, 6 grid poses x 2 loads x 2 repeats, 2 held out."""
+    return replace(deepcopy(made_up_campaign), folder=tmp_path / "made-up")
+
+
+@pytest.fixture(scope="session")
+def made_up_campaign() -> RawCampaign:
+    """The raw campaign before a test spoils its copy."""
     rng = np.random.default_rng(20080427)
     chain = Chain.of(load_arm("pa10_6ce"))
     centre = np.radians([0.0, 10.0, 100.0, 5.0, 50.0, -80.0])
@@ -111,7 +118,7 @@ def raw_campaign(tmp_path: Path) -> RawCampaign:
     T_instr_base[:3, 3] = [0.3, 0.2, -0.15]
     T_instr_ee = T_instr_base @ chain.forward(q_rad)
     return RawCampaign(
-        folder=tmp_path / "made-up",
+        folder=Path("made-up"),
         T_instr_base=T_instr_base,
         q_rad=q_rad,
         T_instr_ee=T_instr_ee,
