@@ -30,12 +30,30 @@ hypothesis_settings.register_profile("same_examples", derandomize=True)
 if os.environ.get("CI"):
     hypothesis_settings.load_profile("same_examples")
 
+#: Files that come first: a long one at the end would keep one worker alone, and what is built once
+#: a session is there when the others ask for it.
+FIRST = (
+    "tests/test_workflow.py",
+    "tests/figures/test_discovery_pictures.py",
+    "tests/discovery/evidence/test_discover.py",
+    "tests/discovery/blocked_cv/test_discover.py",
+    "tests/test_interface.py",
+    "tests/test_examples.py",
+    "tests/test_datasets_rules.py",
+    "tests/running/",
+)
+
 BALLS_MM = {"A": [95.0, 0.0, 310.0], "B": [-50.0, 80.0, 310.0], "C": [-50.0, -80.0, 312.0]}
 RADIUS_MM = 12.7
 NORMALS = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], dtype=float)
 PERIOD_S, STILL_S = 45.0, 4.0
 APPROACH, DWELL = 6, 10
 NOISE_MM = 0.004
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the files first that are named so; workers take files in the order of the items."""
+    items.sort(key=lambda item: not item.nodeid.startswith(FIRST))
 
 
 @pytest.fixture(scope="session")
