@@ -62,12 +62,15 @@ figures: setup
 report: setup
 	$(SNAKEMAKE) --report results/report.html
 
+# Files are shared out in the order of tests/conftest.py, not by how many tests they have.
+PYTEST := $(BIN)/pytest -n $(CORES) --dist loadfile --no-loadscope-reorder --ignore tests/browser
+
 test: tools
-	$(BIN)/pytest -n $(CORES) --dist loadfile --ignore tests/browser -m "not slow"
+	$(PYTEST) -m "not slow"
 
 # Those marked slow too: half an hour on two cores.
 test-all: tools
-	$(BIN)/pytest -n $(CORES) --dist loadfile --ignore tests/browser
+	$(PYTEST)
 
 # Needs Chromium; make test does not.
 test-browser: tools

@@ -9,7 +9,9 @@ for _library in ("OPENBLAS", "OMP", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 import gzip
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +23,25 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
+from snakemake_calls import Snakemake
 
 # A change is judged by the same examples each time; at a desk every run looks at new ones.
 hypothesis_settings.register_profile("same_examples", derandomize=True)
 if os.environ.get("CI"):
     hypothesis_settings.load_profile("same_examples")
+
+#: Files that come first: a long one at the end would keep one worker alone, and what is built once
+#: a session is there when the others ask for it.
+FIRST = (
+    "tests/test_workflow.py",
+    "tests/figures/test_discovery_pictures.py",
+    "tests/discovery/evidence/test_discover.py",
+    "tests/discovery/blocked_cv/test_discover.py",
+    "tests/test_interface.py",
+    "tests/test_examples.py",
+    "tests/test_datasets_rules.py",
+    "tests/running/",
+)
 
 BALLS_MM = {"A": [95.0, 0.0, 310.0], "B": [-50.0, 80.0, 310.0], "C": [-50.0, -80.0, 312.0]}
 RADIUS_MM = 12.7
@@ -33,6 +49,11 @@ NORMALS = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], dt
 PERIOD_S, STILL_S = 45.0, 4.0
 APPROACH, DWELL = 6, 10
 NOISE_MM = 0.004
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the files first that are named so; workers take files in the order of the items."""
+    items.sort(key=lambda item: not item.nodeid.startswith(FIRST))
 
 
 @pytest.fixture(scope="session")
@@ -45,6 +66,14 @@ def ipa_data() -> Path:
             pytest.fail(f"PA10CAL_IPA_DATA names no folder: {named}")
         pytest.skip("no copy of ipa-robot-accuracy here: PA10CAL_IPA_DATA names none")
     return folder
+
+
+@pytest.fixture(scope="session")
+def call_snakemake(tmp_path_factory) -> Iterator[Snakemake]:
+    """Call Snakemake, which is started once."""
+    snakemake = Snakemake(tmp_path_factory.mktemp("snakemake"))
+    yield snakemake
+    snakemake.close()
 
 
 @dataclass
@@ -78,8 +107,14 @@ class RawCampaign:
 
 
 @pytest.fixture
-def raw_campaign(tmp_path: Path) -> RawCampaign:
+def raw_campaign(tmp_path: Path, made_up_campaign: RawCampaign) -> RawCampaign:
     """34 configurations: two lines of 4, 6 grid poses x 2 loads x 2 repeats, 2 held out."""
+    return replace(deepcopy(made_up_campaign), folder=tmp_path / "made-up")
+
+
+@pytest.fixture(scope="session")
+def made_up_campaign() -> RawCampaign:
+    """The raw campaign before a test spoils its copy."""
     rng = np.random.default_rng(20080427)
     chain = Chain.of(load_arm("pa10_6ce"))
     centre = np.radians([0.0, 10.0, 100.0, 5.0, 50.0, -80.0])
@@ -101,7 +136,7 @@ def raw_campaign(tmp_path: Path) -> RawCampaign:
     T_instr_base[:3, 3] = [0.3, 0.2, -0.15]
     T_instr_ee = T_instr_base @ chain.forward(q_rad)
     return RawCampaign(
-        folder=tmp_path / "made-up",
+        folder=Path("made-up"),
         T_instr_base=T_instr_base,
         q_rad=q_rad,
         T_instr_ee=T_instr_ee,

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -15,14 +13,12 @@ RULES = {"coverage"}
 
 
 @pytest.mark.slow
-def test_one_target_covers_both_models_with_the_settings_given(tmp_path):
+def test_one_target_covers_both_models_with_the_settings_given(tmp_path, call_snakemake):
     section = json.dumps({"campaigns": 3, "random_seed": 7, "poses": 44})
     pairs = [f"raw_dir={ROOT / 'data/raw'}", f"results_dir={tmp_path}", f"coverage={section}"]
-    command = [sys.executable, "-m", "snakemake", "--cores", "1", "--nocolor", "-n", "-p"]
-    command += ["-s", str(ROOT / "Snakefile"), "coverage", "--config", *pairs]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    text = done.stdout + done.stderr
-    assert done.returncode == 0, text
+    words = ("--cores", "1", "--nocolor", "-n", "-p", "-s", ROOT / "Snakefile", "coverage")
+    code, text = call_snakemake(*words, "--config", *pairs, cwd=tmp_path)
+    assert code == 0, text
     jobs = re.search(r"^Job stats:\n.*\n-.*\n((?:\S+ +\d+\n)+)", text, re.MULTILINE)[1].split()
     assert set(jobs[::2]) == {*RULES, "total"}
     assert "coverage --settings" in text

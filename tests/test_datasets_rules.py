@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -24,7 +21,7 @@ ENDS = {
 
 
 @pytest.fixture
-def snakemake(tmp_path):
+def snakemake(tmp_path, call_snakemake):
     """Run the project's workflow with a folder of campaigns and results of its own."""
 
     def run(*words, sources, more=()):
@@ -32,17 +29,8 @@ def snakemake(tmp_path):
         pairs += [f"dataset_sources={json.dumps(sources)}", *more]
         (tmp_path / "raw/x").mkdir(parents=True, exist_ok=True)
         (tmp_path / "raw/x/campaign.yaml").write_text("name: x\n")
-        command = [sys.executable, "-m", "snakemake", "--cores", "1", "--nocolor"]
-        done = subprocess.run(
-            [*command, "-s", str(ROOT / "Snakefile"), *map(str, words), "--config", *pairs],
-            cwd=tmp_path,
-            env=os.environ,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            timeout=300,
-        )
-        return done.returncode, done.stdout
+        common = ("--cores", "1", "--nocolor", "-s", ROOT / "Snakefile")
+        return call_snakemake(*common, *words, "--config", *pairs, cwd=tmp_path)
 
     return run
 

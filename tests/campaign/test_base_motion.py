@@ -55,6 +55,12 @@ def still(folder, **plan):
     return read_campaign(written(folder, disturbances=(), **plan))
 
 
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory):
+    """The campaign as `written` has it without being asked, read once; nobody spoils it."""
+    return read_campaign(written(tmp_path_factory.mktemp("usual") / "c"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("instrument", ["points", "pose"])
 def test_readings_are_as_of_an_instrument_that_stands_still(tmp_path, instrument):
@@ -75,8 +81,8 @@ def test_readings_are_as_of_an_instrument_that_stands_still(tmp_path, instrument
     assert any("move together by up to" in note for note in found.notes)
 
 
-def test_the_noise_of_the_motion_is_shared_by_the_targets_of_a_pose(tmp_path):
-    found = read_campaign(written(tmp_path / "c")).observations
+def test_the_noise_of_the_motion_is_shared_by_the_targets_of_a_pose(usual):
+    found = usual.observations
     base, measured = found.base, found.measured
     cov = measured.stated_covariance
     p_m = measured.p_instr_m[7]
@@ -95,8 +101,10 @@ def test_the_noise_of_the_motion_is_shared_by_the_targets_of_a_pose(tmp_path):
 
 
 @pytest.mark.parametrize("instrument", ["points", "pose"])
-def test_the_table_keeps_targets_motion_and_noise(tmp_path, instrument):
-    campaign = read_campaign(written(tmp_path / "c", instrument))
+def test_the_table_keeps_targets_motion_and_noise(tmp_path, usual, instrument):
+    campaign = usual
+    if instrument != "points":
+        campaign = read_campaign(written(tmp_path / "c", instrument))
     path = tmp_path / "poses.parquet"
     write_pose_table(path, campaign.observations, campaign.arm.prismatic, "c")
     back = read_observations(path, campaign.description)
@@ -149,9 +157,10 @@ def measured_of(raw):
     return measured.places_m, measured.stated_covariance
 
 
-def test_another_target_read_by_mistake_is_warned_of_and_changes_nothing_else(tmp_path):
+def test_another_target_read_by_mistake_is_warned_of_and_changes_nothing_else(tmp_path, usual):
     raw = written(tmp_path / "c")
-    places_m, cov = measured_of(raw)
+    clean = usual.observations.measured
+    places_m, cov = clean.places_m, clean.stated_covariance
     rows = [17, 60, 133]
 
     def exchanged(table):
@@ -275,9 +284,9 @@ def test_a_name_on_the_tool_and_on_the_base_is_refused(tmp_path):
         read_campaign(raw)
 
 
-def test_a_file_with_names_of_its_own_maps_them_as_targets(tmp_path):
+def test_a_file_with_names_of_its_own_maps_them_as_targets(tmp_path, usual):
     raw = written(tmp_path / "c")
-    known = read_campaign(raw).observations
+    known = usual.observations
     path = raw / "campaign.yaml"
     spoil(raw, lambda table: table.rename(columns=lambda name: name.replace("base", "SMR")))
     said = yaml.safe_load(path.read_text())
@@ -307,10 +316,8 @@ def test_a_file_with_names_of_its_own_maps_them_as_targets(tmp_path):
         read_campaign(raw)
 
 
-def test_a_group_keeps_what_the_motion_is_uncertain_by(tmp_path):
-    first, second = (
-        read_campaign(written(tmp_path / name, seed=seed)) for name, seed in (("a", 3), ("b", 4))
-    )
+def test_a_group_keeps_what_the_motion_is_uncertain_by(tmp_path, usual):
+    first, second = usual, read_campaign(written(tmp_path / "b", seed=4))
     members = [
         Member(name, each.observations, find_start(each.arm, each.observations))
         for name, each in (("a", first), ("b", second))

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from built_once import built_once
 from made_up_records import accuracy, effect, made_up_gap, set_gap, stretches_deg, verdict_keys
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.table import write_pose_table
@@ -57,7 +58,11 @@ def _results(folder, raw, settings=None) -> Results:
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory) -> Path:
     """The results folder of a campaign, as the workflow lays it out; to be read only."""
-    place = tmp_path_factory.mktemp("results") / "cell-null"
+    return built_once(tmp_path_factory, "cell-null", _calibrated)
+
+
+def _calibrated(within: Path) -> Path:
+    place = within / "cell-null"
     poses, base_frame = place / "ingest/poses.parquet", place / "seed/base_frame.json"
     raw = ("--campaign-dir", CAMPAIGN)
     _run("ingest", *raw, "--out", poses, "--quarantine", place / "ingest/quarantine.csv")
@@ -85,8 +90,13 @@ def results(folder) -> Results:
 @pytest.fixture(scope="session")
 def named(results, tmp_path_factory) -> Results:
     """The same campaign with a kinematic error in joint 2, which discovery names."""
-    place = tmp_path_factory.mktemp("named") / "cell-null"
-    shutil.copytree(results.folder, place)
+    place = built_once(tmp_path_factory, "named", lambda within: _named(within, results.folder))
+    return replace(results, folder=place)
+
+
+def _named(within: Path, calibrated: Path) -> Path:
+    place = within / "cell-null"
+    shutil.copytree(calibrated, place)
     path = place / "ingest/poses.parquet"
     table = pq.read_table(path)
     q_rad = table["q2_rad"].to_numpy()
@@ -98,7 +108,7 @@ def named(results, tmp_path_factory) -> Results:
     words = ("--settings", LITTLE_CALIBRATION, "--out", out)
     _run("calibrate", "--campaign-dir", CAMPAIGN, *given, *words)
     _discover(place)
-    return replace(results, folder=place)
+    return place
 
 
 #: Instruments without touches, the arm that each measures in the tests, and at which loads.
@@ -115,7 +125,11 @@ def sighted(tmp_path_factory) -> dict[str, Results]:
 
     Their poses are too few for effects to be sought.
     """
-    return {kind: _sighted(kind, tmp_path_factory.mktemp(kind)) for kind in SIGHTED}
+
+    def build(within: Path) -> dict[str, Results]:
+        return {kind: _sighted(kind, within / kind) for kind in SIGHTED}
+
+    return built_once(tmp_path_factory, "sighted", build)
 
 
 def _sighted(kind, place) -> Results:
@@ -234,7 +248,10 @@ def changed_from(tmp_path):
 @pytest.fixture(scope="session")
 def watched(tmp_path_factory) -> Results:
     """Results of a small made-up campaign with targets on the base: the table of poses alone."""
-    place = tmp_path_factory.mktemp("watched")
+    return built_once(tmp_path_factory, "watched", _watched)
+
+
+def _watched(place: Path) -> Results:
     asked = {
         "random_seed": 6,
         "robot": "irb120",

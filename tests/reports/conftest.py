@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from built_once import built_once
 from made_up_results import NAME, VERDICTS, small_results, with_verdict
 
 
 @pytest.fixture(scope="session")
 def small(tmp_path_factory) -> Path:
     """Results of a campaign that is too small for a search; to be read only."""
-    return small_results(tmp_path_factory.mktemp("report"))
+    return built_once(tmp_path_factory, "small", small_results)
 
 
 @pytest.fixture

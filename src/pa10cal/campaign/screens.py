@@ -115,7 +115,9 @@ def robust_misfit(fit: Fit, rows: int) -> Misfit | None:
         for _ in range(FITS):
             misfit = fit(used, weights)
             # In millimetres, so that weights are about one.
-            weights = 1e-3 / np.maximum(misfit.size_m[used], ALIKE_M)
+            before, weights = weights, 1e-3 / np.maximum(misfit.size_m[used], ALIKE_M)
+            if np.array_equal(weights, before):
+                break  # the next fit would be this one
     except CalibrationError:
         return None
     return misfit
