@@ -9,82 +9,17 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.statics import reported_name
 from pa10cal.arrays import Array, Index
-from pa10cal.calibration.grade import SMALL_SHARE, Departure, Evidence, graded
-from pa10cal.calibration.uncertainty import ScatterOfRepeats, summarise
-from pa10cal.fit.identifiability import Identifiability
+from pa10cal.calibration.grade import SMALL_SHARE, Errors, Evidence, FitSummary, HeldOut, graded
+from pa10cal.calibration.uncertainty import summarise
 from pa10cal.numerics.exchange import Criterion, Share, one_by_one
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
-from pa10cal.results.evaluation import Accuracy
-from pa10cal.results.health import (
-    CorrelatedPair,
-    ExpectedUncertainty,
-    Health,
-    InputFinding,
-    PosesNeeded,
-    RepeatScatter,
-)
+from pa10cal.results.health import CorrelatedPair, ExpectedUncertainty, Health, PosesNeeded
 from pa10cal.terms.joint_spring import stiffness_by_solved
-from pa10cal.terms.term import Parameter
 
 #: Correlation above which two parameters are nearly inseparable, and how many pairs to list.
 _CORRELATED = 0.95
 _MOST_PAIRS = 20
-
-
-@dataclass(frozen=True)
-class FitSummary:
-    """How a fit ended, whichever fit it was."""
-
-    converged: bool  # whether it stopped at a stationary point
-    reason: str  # why it stopped
-    iterations: int  # steps taken
-    at_bound: tuple[str, ...]  # names of parameters at the end of their physical range
-    pose: NDArray[np.str_]  # (P,) labels of the poses fitted
-    parameters: tuple[Parameter, ...]  # the k parameters it was solved in
-    covariance: Array  # (k, k) theirs
-    identifiability: Identifiability  # rank of the rows
-    white: Array  # (P, b, k) rows of unit variance
-    position: Array  # (P, c, k) derivative of the predicted position [m]
-    not_identifiable: frozenset[str]  # names of those that the data do not identify
-    x: Array  # (k,) values of the parameters
-    # names of those that no pose of this instrument can determine
-    hidden: frozenset[str] = frozenset()
-    # names of those that the mounting of base or tool moves as well, so that they say nothing of
-    # how the arm was built
-    of_mounting: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """Remaining errors of held-out poses."""
-
-    accuracy: Accuracy  # the errors
-    u_mm: float | None = None  # standard uncertainty of the predictions there; None where not known
-    repeats: float = 1.0  # readings behind a held-out pose over those behind a fitted one
-    suspected: int = 0  # further held-out poses, with a suspected reading, that do not count
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Remaining errors of a calibrated model."""
-
-    # root mean square position error of the poses fitted, suspected outliers aside
-    train_rms_mm: float
-    held_out: HeldOut | None  # errors of poses held out, None where there are none
-    noise_mm: float | None  # the part that the noise of readings explains, None where not known
-    spread_mm: float  # root mean square distance of the measured positions from their mean
-    suspected_outliers: int = 0  # poses far outside the scatter of the others
-    # whether that noise is what readings scatter by, and not what is stated
-    noise_is_found: bool = False
-    # error that the targets' places on an apparatus leave in all poses alike
-    apparatus_mm: float = 0.0
-    # what repeats show of the stated uncertainty, by kind
-    repeats: tuple[ScatterOfRepeats, ...] = ()
-    findings: tuple[InputFinding, ...] = ()  # what checks of the input found
-    # the same as `train_rms_mm` with rigid joints; None where the model has no springs
-    without_springs_mm: float | None = None
-    weights: str = ""  # where weights come from that nobody stated; else nothing
 
 
 def health(ended: FitSummary, errors: Errors) -> Health:
@@ -95,7 +30,7 @@ def health(ended: FitSummary, errors: Errors) -> Health:
         np.array([p.scale for p in ended.parameters]),
         ended.identifiability.rank,
     )
-    evidence = _evidence(ended, errors, design)
+    evidence, away = Evidence(ended, errors, 1e3 * design.u_all_m), errors.held_out
     grade, line, findings = graded(evidence)
     return Health(
         grade=grade,
@@ -110,14 +45,11 @@ def health(ended: FitSummary, errors: Errors) -> Health:
         not_identifiable=tuple(sorted(map(reported_name, ended.not_identifiable))),
         correlated_pairs=_correlated(ended),
         train_rms_mm=errors.train_rms_mm,
-        held_out_rms_mm=evidence.held_out_rms_mm,
+        held_out_rms_mm=None if away is None else away.accuracy.rms_mm,
         noise_mm=errors.noise_mm,
         error_over_noise=evidence.over_noise,
         held_out_over_expected=evidence.over_expected,
-        repeats=tuple(
-            RepeatScatter(kind=each.kind, found=each.found, stated=each.stated, pairs=each.pairs)
-            for each in evidence.repeats
-        ),
+        repeats=errors.repeats,
         findings=findings,
         poses=_poses_needed(design, SMALL_SHARE * errors.train_rms_mm, ended.pose),
     )
@@ -152,46 +84,6 @@ def held_out_errors(
         accuracy=summarise(deviations),
         u_mm=float(1e3 * np.sqrt(np.mean(np.maximum(variance, 0.0)))),
         repeats=float(np.mean(1.0 / fitted.readings) / np.mean(1.0 / held_out.readings)),
-    )
-
-
-def _evidence(ended: FitSummary, errors: Errors, design: PoseDesign) -> Evidence:
-    """Return what the grade rests on."""
-    held_out = errors.held_out
-    std = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
-    return Evidence(
-        converged=ended.converged,
-        reason=ended.reason,
-        train_rms_mm=errors.train_rms_mm,
-        held_out_rms_mm=None if held_out is None else held_out.accuracy.rms_mm,
-        held_out=0 if held_out is None else held_out.accuracy.configurations,
-        held_out_u_mm=None if held_out is None else held_out.u_mm,
-        held_out_repeats=1.0 if held_out is None else held_out.repeats,
-        held_out_suspected=0 if held_out is None else held_out.suspected,
-        noise_mm=errors.noise_mm,
-        repeats=errors.repeats,
-        noise_is_found=errors.noise_is_found,
-        apparatus_mm=errors.apparatus_mm,
-        u_model_mm=1e3 * design.u_all_m,
-        poses=len(ended.white),
-        rows=int(np.count_nonzero(np.any(ended.white != 0.0, axis=2))),
-        rank=ended.identifiability.rank,
-        unknowns=len(ended.parameters),
-        condition=ended.identifiability.condition,
-        undetermined=tuple(sorted(ended.not_identifiable - ended.hidden)),
-        at_bound=ended.at_bound,
-        departures=tuple(
-            Departure(each.name, float(value) / each.tolerance, float(sigma) / each.tolerance)
-            for each, value, sigma in zip(ended.parameters, ended.x, std, strict=True)
-            if each.tolerance
-            and each.name not in ended.not_identifiable
-            and each.name not in ended.of_mounting
-        ),
-        spread_mm=errors.spread_mm,
-        suspected_outliers=errors.suspected_outliers,
-        findings=errors.findings,
-        without_springs_mm=errors.without_springs_mm,
-        weights=errors.weights,
     )
 
 

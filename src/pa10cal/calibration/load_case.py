@@ -19,7 +19,8 @@ from pa10cal.calibration.calibrate import (
     solve_one_level,
     tolerance_rows,
 )
-from pa10cal.calibration.health import Errors, FitSummary, health, held_out_errors
+from pa10cal.calibration.grade import Errors, FitSummary
+from pa10cal.calibration.health import health, held_out_errors
 from pa10cal.calibration.levels import TwoLevel, random_poses, rows_of
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import (
@@ -291,6 +292,7 @@ def _health(
             noise_is_found=bool(scatter),
             apparatus_mm=1e3 * _left_by_apparatus_m(level, jacobian, u_apparatus_m),
             repeats=scatter,
+            from_touches=stated.measured.from_touches,
             findings=findings,
         ),
     )

@@ -28,7 +28,7 @@ from pa10cal.observe.observations import (
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.evaluation import Accuracy
-from pa10cal.results.health import InputFinding
+from pa10cal.results.health import InputFinding, RepeatScatter
 from pa10cal.terms.model import Model
 
 # Position and orientation error of predicted poses, as the paper states them.
@@ -219,24 +219,7 @@ _FAR = 3.0
 _MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
 
 
-@dataclass(frozen=True)
-class ScatterOfRepeats:
-    """Scatter of one reading, as repeats show it, beside what the instrument states."""
-
-    kind: str  # `position`, `attitude` or `distance`
-    # found and stated: standard uncertainty of one component [m or rad], typical of the readings
-    found: float
-    stated: float
-    pairs: int  # pairs of readings behind it
-    from_touches: bool = False  # whether the instrument touches balls
-
-    @property
-    def ratio(self) -> float:
-        """Return the scatter found over the one stated."""
-        return self.found / self.stated
-
-
-def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[ScatterOfRepeats, ...]:
+def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[RepeatScatter, ...]:
     """Compare successive readings of the same pose, load and direction of arrival.
 
     What joint positions and torques of a reading explain is taken off by the model; what drifts
@@ -273,7 +256,7 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Scat
         size = float(np.sqrt(0.5 * np.median(stated[:, columns][seen])))
         ratio = np.sqrt(np.median(squares / stated[:, columns][seen]) / _MEDIAN_SQUARE)
         found.append(
-            ScatterOfRepeats(kind, float(ratio) * size, size, len(at), measured.from_touches)
+            RepeatScatter(kind=kind, found=float(ratio) * size, stated=size, pairs=len(at))
         )
     return tuple(found)
 

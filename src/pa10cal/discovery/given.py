@@ -13,7 +13,8 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.health import Errors, FitSummary, HeldOut, health
+from pa10cal.calibration.grade import Errors, FitSummary, HeldOut
+from pa10cal.calibration.health import health
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.records import by_load, fitted_to, reported_keys
 from pa10cal.calibration.uncertainty import summarise, summarise_by_load

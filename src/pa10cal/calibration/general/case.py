@@ -17,7 +17,8 @@ from pa10cal.calibration.general.calibrate import GeneralCalibration, at_rest, c
 from pa10cal.calibration.general.fit import Fit, fit
 from pa10cal.calibration.general.prior import Moved, Prior, Release, prior_of
 from pa10cal.calibration.general.problem import check_enough, choose_unknowns, start_of_tool
-from pa10cal.calibration.health import Errors, FitSummary, health, held_out_errors
+from pa10cal.calibration.grade import Errors, FitSummary
+from pa10cal.calibration.health import health, held_out_errors
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import (
     Suspects,
@@ -327,6 +328,7 @@ def work_out_general(
         spread_mm=used.measured.spread_mm,
         suspected_outliers=len(doubts),
         repeats=() if readings is None else scatter_of_repeats(readings, calibrated),
+        from_touches=used.measured.from_touches,
         findings=findings,
         without_springs_mm=summarise(fitted(geometry).deviations(grid).take(trusted)).rms_mm
         if geometry is not full
