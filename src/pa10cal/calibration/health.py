@@ -1,20 +1,31 @@
-"""Whether a calibration is good: its convergence, rank and errors, and its grade."""
+"""Whether a calibration is good: its convergence, rank, errors and grade, and what all record."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.statics import reported_name
 from pa10cal.arrays import Array, Index
+from pa10cal.calibration.calibrate import Solution
+from pa10cal.calibration.general.fit import Fit
 from pa10cal.calibration.grade import SMALL_SHARE, Errors, Evidence, FitSummary, HeldOut, graded
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import summarise
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.identifiability import observability, unidentified_directions
+from pa10cal.fit.model_file import model_to_plain
 from pa10cal.numerics.exchange import Criterion, Share, one_by_one
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
+from pa10cal.results.calibration import CalibratedParameter, Covariance
+from pa10cal.results.evaluation import ResidualRows
 from pa10cal.results.health import CorrelatedPair, ExpectedUncertainty, Health, PosesNeeded
+from pa10cal.results.record import Campaign
 from pa10cal.terms.joint_spring import stiffness_by_solved
 
 #: Correlation above which two parameters are nearly inseparable, and how many pairs to list.
@@ -85,6 +96,81 @@ def held_out_errors(
         u_mm=float(1e3 * np.sqrt(np.mean(np.maximum(variance, 0.0)))),
         repeats=float(np.mean(1.0 / fitted.readings) / np.mean(1.0 / held_out.readings)),
     )
+
+
+def fit_keys(
+    ended: Solution | Fit,
+    model: FittedModel,
+    parameters: Mapping[str, CalibratedParameter],
+    names: Sequence[str],
+    covariance: Array,
+) -> dict[str, Any]:
+    """Return what a record holds of every fit.
+
+    Args:
+        ended: where it ended.
+        model: the fitted model, and what it was fitted to.
+        parameters: all parameters by name.
+        names: of those of the covariance.
+        covariance: (k, k) theirs.
+    """
+    return {
+        "status": "converged" if ended.converged else "not converged",
+        "reason": ended.reason,
+        "cost": ended.cost,
+        "iterations": ended.iterations,
+        "parameters": parameters,
+        "covariance": Covariance(names=tuple(names), matrix=covariance),
+        "T_instr_base": model.T_instr_base,
+        "fitted_model": model_to_plain(model),
+    }
+
+
+def case_keys(
+    campaign: Campaign,
+    load: str,
+    options: CalibrationOptions,
+    ended: FitSummary,
+    found: Health,
+    model: FittedModel,
+    grid: Observations,
+) -> dict[str, Any]:
+    """Return what the record of a load case holds whatever the model.
+
+    Args:
+        campaign: whose it is.
+        load: the load case.
+        options: what it was computed with.
+        ended: how the fit ended.
+        found: whether it is good.
+        model: the fitted model, and what it was fitted to.
+        grid: grid poses of every load, as the model takes them.
+    """
+    identified, left = ended.identifiability, model.deviations(grid)
+    return {
+        "campaign": campaign.name,
+        "provenance": campaign.provenance,
+        "robot": campaign.robot,
+        "load": load,
+        "loads_fitted": () if model.fitted_to is None else model.fitted_to.loads_N,
+        "rank": identified.rank,
+        "unknowns": len(ended.parameters),
+        "condition": identified.condition,
+        "singular_values": identified.singular_values,
+        "null_directions": unidentified_directions(identified, ended.parameters),
+        "observability": observability(identified, len(ended.pose)),
+        # place, position and rotation residual along base axes
+        "residuals": ResidualRows(
+            pose=grid.pose,
+            load_N=grid.states.load_N,
+            place_mm=1e3 * model.model.predict(grid.states, model.x)[:, :3, 3],
+            position_mm=left.position_mm,
+            rotation_deg=left.rotation_deg,
+        ),
+        "health": found,
+        "seconds": None,
+        "settings": options.model_dump(mode="json"),
+    }
 
 
 def _correlated(ended: FitSummary) -> tuple[CorrelatedPair, ...]:

@@ -28,7 +28,7 @@ def evaluate(
         pa10cal evaluate --campaign-dir data/raw/mine --poses poses.parquet --calibration \\
           calibration/combined.json --extended extended.json --out holdout.json
     """
-    from pa10cal.calibration.records import calibration_options, models_of
+    from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
     from pa10cal.campaign.weighed_arm import arm_of
@@ -42,16 +42,18 @@ def evaluate(
         summary,
     )
     from pa10cal.evaluation.iso9283 import iso9283_record
+    from pa10cal.fit.fitted_model import models_of
     from pa10cal.options import DiscoveryOptions
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read, write
+    from pa10cal.settings_reading import parse_section
     from pa10cal.stages.extended import read_extended
 
     campaign = read_description(campaign_dir)
     every = read_observations(poses, campaign)
     arm = arm_of(campaign, campaign_dir, every)
     record = read(CalibrationRecord, calibration, campaign.name)
-    options = calibration_options(record, str(calibration))
+    options = parse_section(CalibrationOptions, record.settings, where=str(calibration))
     fitted = models_of(record, str(calibration))
     with_effects = None if extended is None else read_extended(extended, campaign.name)
     setup = setup_of(campaign, arm, options, DiscoveryOptions())
