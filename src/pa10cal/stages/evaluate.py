@@ -34,9 +34,7 @@ def evaluate(
     from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.evaluation.compared import (
-        holdout_record,
-        judged_by_parts,
-        judged_models,
+        held_out_record,
         judged_where_repeated,
         said_of_parts,
         summary,
@@ -57,11 +55,7 @@ def evaluate(
     fitted = models_of(record, str(calibration))
     with_effects = None if extended is None else read_extended(extended, campaign.name)
     setup = setup_of(campaign, arm, options, DiscoveryOptions())
-    models = judged_models(every, fitted, with_effects, setup)
-    by_parts = None
-    if with_effects is not None and with_effects.steps_s:
-        by_parts = judged_by_parts(every, fitted, with_effects, setup)
-    found = holdout_record(campaign, record.load, models, by_parts)
+    found = held_out_record(campaign, record.load, every, fitted, with_effects, setup)
     write(found, out)
     if iso9283 is not None:
         *_, last = fitted.values()
@@ -69,7 +63,7 @@ def evaluate(
             campaign,
             record.load,
             every,
-            judged_where_repeated(every, fitted, with_effects, setup, held_out=models),
+            judged_where_repeated(every, fitted, with_effects, setup, held_out=found.models),
             last.T_instr_base[:3, :3],
         )
         write(repeated, iso9283)
