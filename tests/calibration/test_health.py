@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pa10cal.calibration.grade import Errors, FitSummary, HeldOut
-from pa10cal.calibration.health import health, pose_design, poses_needed
+from pa10cal.calibration.health import health, poses_needed
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.results.evaluation import Accuracy
 from pa10cal.results.health import InputFinding, RepeatScatter
@@ -170,13 +170,12 @@ def test_a_few_poses_promise_larger_errors_elsewhere():
 
 def test_the_first_poses_of_the_d_optimal_order_tell_more_than_any_others():
     made = ended(poses=30)
-    design = pose_design(made.white, made.position, np.full(6, 1e-3), 6)
-    assert sorted(design.order) == list(range(30))
-    both = np.isfinite(design.u_optimal_m)
-    assert np.all(np.diff(design.u_optimal_m[both]) < 0.0)
-    assert design.u_optimal_m[-1] == pytest.approx(design.u_all_m)
-    some = np.flatnonzero(design.numbers == 5)[0]
-    assert design.u_optimal_m[some] < design.u_measured_m[some]
-    wanted = poses_needed(design, float(design.u_optimal_m[some]))
-    assert wanted == 5
-    assert poses_needed(design, 0.0) is None
+    found = poses_needed(made, 0.0)
+    assert sorted(map(int, found.d_optimal_order)) == list(range(30))
+    u_mm = [each.u_optimal_mm for each in found.expected]
+    assert np.all(np.diff(u_mm) < 0.0)
+    assert u_mm[-1] == pytest.approx(found.u_model_mm)
+    (some,) = (each for each in found.expected if each.poses == 5)
+    assert some.u_optimal_mm < some.u_measured_mm
+    assert poses_needed(made, some.u_optimal_mm).needed == 5
+    assert found.needed is None

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.statics import reported_name
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import Solution
 from pa10cal.calibration.general.fit import Fit
 from pa10cal.calibration.grade import SMALL_SHARE, Errors, Evidence, FitSummary, HeldOut, graded
@@ -35,13 +35,9 @@ _MOST_PAIRS = 20
 
 def health(ended: FitSummary, errors: Errors) -> Health:
     """Judge a calibration by its convergence and its remaining errors."""
-    design = pose_design(
-        ended.white,
-        ended.position,
-        np.array([p.scale for p in ended.parameters]),
-        ended.identifiability.rank,
-    )
-    evidence, away = Evidence(ended, errors, 1e3 * design.u_all_m), errors.held_out
+    poses = poses_needed(ended, SMALL_SHARE * errors.train_rms_mm)
+    u_model_mm = float("inf") if poses.u_model_mm is None else poses.u_model_mm
+    evidence, away = Evidence(ended, errors, u_model_mm), errors.held_out
     grade, line, findings = graded(evidence)
     return Health(
         grade=grade,
@@ -62,7 +58,7 @@ def health(ended: FitSummary, errors: Errors) -> Health:
         held_out_over_expected=evidence.over_expected,
         repeats=errors.repeats,
         findings=findings,
-        poses=_poses_needed(design, SMALL_SHARE * errors.train_rms_mm, ended.pose),
+        poses=poses,
     )
 
 
@@ -210,50 +206,44 @@ _MOST = 200
 _POSSIBLE_SCALES = 30.0
 
 
-@dataclass(frozen=True)
-class PoseDesign:
-    """Expected uncertainty of the model by the number of poses of this kind."""
-
-    order: Index  # poses in D-optimal order, as rows, the first the most telling
-    numbers: Index  # (m,) numbers of poses
-    # (m,) expected standard uncertainty of a predicted position, root mean square over all poses,
-    # with the first of `order`; inf where they are too few
-    u_optimal_m: Array
-    u_measured_m: Array  # (m,) the same with the first of the poses in the order measured
-    u_all_m: float
-
-
-def pose_design(white: Array, position: Array, scale: Array, unknowns: int) -> PoseDesign:
-    """Order poses by their information.
+def poses_needed(ended: FitSummary, u_needed_mm: float) -> PosesNeeded:
+    """Order the poses of a fit by their information, and tell how many an uncertainty takes.
 
     Args:
-        white: (P, b, k) rows of every pose, of unit variance.
-        position: (P, c, k) derivative of the predicted position [m].
-        scale: (k,) typical size of each parameter.
-        unknowns: parameters that all poses together identify.
+        ended: how the fit ended.
+        u_needed_mm: standard uncertainty of a predicted position to reach, root mean square over
+            all poses.
     """
-    count = len(white)
-    scales = np.outer(scale, scale)
+    white, scale = ended.white, np.array([parameter.scale for parameter in ended.parameters])
+    count, scales = len(white), np.outer(scale, scale)
     pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
     information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
     criterion = Criterion(white[pool] * scale * _POSSIBLE_SCALES, [Share(1.0, len(scale))])
     order = pool[one_by_one(criterion, min(len(pool), _MOST))]
-    spread = _gram(position) * scales / count
-    numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp))
-    enough = -(-unknowns // white.shape[1])
+    spread = _gram(ended.position) * scales / count
+    enough = -(-ended.identifiability.rank // white.shape[1])
 
-    def expected(of_poses: Array) -> float:
+    def u_mm(of_poses: Array) -> float | None:
         if len(of_poses) < enough:
-            return float("inf")
+            return None
         covariance = np.linalg.inv(information + _gram(of_poses) * scales)
-        return float(np.sqrt(np.sum(covariance * spread)))
+        u_m = float(np.sqrt(np.sum(covariance * spread)))
+        return 1e3 * u_m if np.isfinite(u_m) else None
 
-    return PoseDesign(
-        order=order,
-        numbers=numbers,
-        u_optimal_m=np.array([expected(white[order[:n]]) for n in numbers]),
-        u_measured_m=np.array([expected(white[:n]) for n in numbers]),
-        u_all_m=expected(white),
+    numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp)).tolist()
+    expected = [
+        ExpectedUncertainty(poses=n, u_optimal_mm=optimal, u_measured_mm=u_mm(white[:n]))
+        for n in numbers
+        if (optimal := u_mm(white[order[:n]])) is not None
+    ]
+    few = (each.poses for each in expected if each.u_optimal_mm <= u_needed_mm)
+    return PosesNeeded(
+        measured=count,
+        needed=next(few, None),
+        u_needed_mm=u_needed_mm,
+        u_model_mm=u_mm(white),
+        d_optimal_order=tuple(ended.pose[order].tolist()),
+        expected=tuple(expected),
     )
 
 
@@ -262,31 +252,3 @@ def _gram(rows: Array) -> Array:
     flat = rows.reshape(-1, rows.shape[2])
     found: Array = flat.T @ flat
     return found
-
-
-def poses_needed(design: PoseDesign, u_needed_m: float) -> int | None:
-    """Return the least number of well-chosen poses with that uncertainty; None where more."""
-    enough = np.flatnonzero(design.u_optimal_m <= u_needed_m)
-    return int(design.numbers[enough[0]]) if len(enough) else None
-
-
-def _poses_needed(design: PoseDesign, u_needed_mm: float, pose: NDArray[np.str_]) -> PosesNeeded:
-    finite = np.isfinite(design.u_optimal_m)
-    both = finite & np.isfinite(design.u_measured_m)
-    u_model_mm = 1e3 * design.u_all_m
-    return PosesNeeded(
-        measured=len(pose),
-        needed=poses_needed(design, 1e-3 * u_needed_mm),
-        u_needed_mm=u_needed_mm,
-        u_model_mm=u_model_mm if np.isfinite(u_model_mm) else None,
-        d_optimal_order=tuple(pose[design.order].tolist()),
-        expected=tuple(
-            ExpectedUncertainty(
-                poses=int(number),
-                u_optimal_mm=1e3 * float(design.u_optimal_m[k]),
-                u_measured_mm=1e3 * float(design.u_measured_m[k]) if both[k] else None,
-            )
-            for k, number in enumerate(design.numbers)
-            if finite[k]
-        ),
-    )
