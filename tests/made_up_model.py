@@ -1,12 +1,17 @@
-"""Fitted models made up of terms and values, without a fit."""
+"""Fitted models made up of terms and values, and what becomes of poses made up."""
 
 from __future__ import annotations
+
+from types import SimpleNamespace
 
 import numpy as np
 
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload
+from pa10cal.calibration.general.calibrate import find_start
+from pa10cal.calibration.general.case import general_case
 from pa10cal.calibration.general.problem import tool_frame
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted import FittedTo
@@ -76,3 +81,12 @@ def fitted(robot, seed, terms=None):
         fitted_to=FittedTo("c1", "synthetic", "combined", "pose", 81, 21.5, (10.0, 3000.0), "good"),
         seen=AnglesSeen(tuple(np.array([[-1.0, 1.0]]) for _ in range(arm.n)), (False,) * arm.n),
     )
+
+
+def case_of(arm, every):
+    """Return record and fit of all poses with the general model, of a campaign without weights."""
+    campaign = SimpleNamespace(
+        name="made-up", provenance="made up", robot=arm.name, payload=lambda _arm: None
+    )
+    start = find_start(arm, every)
+    return general_case(campaign, arm, every, start, "combined", CalibrationOptions())

@@ -7,18 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.health import (
-    Errors,
-    FitSummary,
-    HeldOut,
-    health,
-    pose_design,
-    poses_needed,
-)
-from pa10cal.calibration.uncertainty import ScatterOfRepeats
+from pa10cal.calibration.grade import Errors, FitSummary, HeldOut
+from pa10cal.calibration.health import health, poses_needed
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.results.evaluation import Accuracy
-from pa10cal.results.health import InputFinding
+from pa10cal.results.health import InputFinding, RepeatScatter
 from pa10cal.terms.term import Parameter
 
 NOISE_M = 1e-5
@@ -61,9 +54,9 @@ def errors(**changes):
     return replace(Errors(0.0167, left, 0.0173, 500.0), **changes)
 
 
-def repeats(found=1e-5, stated=1e-5, kind="position", *, from_touches=False):
+def repeats(found=1e-5, stated=1e-5, kind="position"):
     """What repeats show of the stated uncertainty."""
-    return (ScatterOfRepeats(kind, found, stated, 100, from_touches),)
+    return (RepeatScatter(kind=kind, found=found, stated=stated, pairs=100),)
 
 
 def off(sizes, **fit):
@@ -155,10 +148,9 @@ def test_a_departure_that_no_arm_was_built_with():
 
 
 def test_a_touched_ball_may_be_stated_with_what_its_touches_share():
-    shared = repeats(0.3e-5, from_touches=True)
-    assert health(ended(), errors(repeats=shared, noise_is_found=True)).grade == "good"
-    unit = repeats(1e-8, from_touches=True)
-    assert health(ended(), errors(repeats=unit, noise_is_found=True)).grade == "suspect_input"
+    touched = {"noise_is_found": True, "from_touches": True}
+    assert health(ended(), errors(repeats=repeats(0.3e-5), **touched)).grade == "good"
+    assert health(ended(), errors(repeats=repeats(1e-8), **touched)).grade == "suspect_input"
 
 
 def test_an_attitude_is_held_to_its_unit_alone():
@@ -178,13 +170,12 @@ def test_a_few_poses_promise_larger_errors_elsewhere():
 
 def test_the_first_poses_of_the_d_optimal_order_tell_more_than_any_others():
     made = ended(poses=30)
-    design = pose_design(made.white, made.position, np.full(6, 1e-3), 6)
-    assert sorted(design.order) == list(range(30))
-    both = np.isfinite(design.u_optimal_m)
-    assert np.all(np.diff(design.u_optimal_m[both]) < 0.0)
-    assert design.u_optimal_m[-1] == pytest.approx(design.u_all_m)
-    some = np.flatnonzero(design.numbers == 5)[0]
-    assert design.u_optimal_m[some] < design.u_measured_m[some]
-    wanted = poses_needed(design, float(design.u_optimal_m[some]))
-    assert wanted == 5
-    assert poses_needed(design, 0.0) is None
+    found = poses_needed(made, 0.0)
+    assert sorted(map(int, found.d_optimal_order)) == list(range(30))
+    u_mm = [each.u_optimal_mm for each in found.expected]
+    assert np.all(np.diff(u_mm) < 0.0)
+    assert u_mm[-1] == pytest.approx(found.u_model_mm)
+    (some,) = (each for each in found.expected if each.poses == 5)
+    assert some.u_optimal_mm < some.u_measured_mm
+    assert poses_needed(made, some.u_optimal_mm).needed == 5
+    assert found.needed is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +15,7 @@ from pa10cal.cell.options import TrackerOptions
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.evaluation.compared import (
-    judged_by_parts,
-    judged_elsewhere,
+    held_out_record,
     judged_models,
     said_of_parts,
     transfer_record,
@@ -26,6 +26,7 @@ from pa10cal.studies.changes import Change, draw_changed
 from pa10cal.studies.simulated import measured, observations_of, payload_of_individual
 
 ARM = load_arm("ur10")
+CAMPAIGN = SimpleNamespace(name="b", provenance="p", robot="ur10")
 POSES, KNOCKED_AT = 120, 70
 SHIFT_M, TURN_RAD = np.array([2.5e-4, -3e-4, 1e-4]), np.array([0.0, 1e-4, 1e-4])
 
@@ -54,7 +55,7 @@ def knocked(every):
 
 def elsewhere(carried, every):
     model, _, setup = carried
-    return judged_elsewhere(every, {"linear": model}, None, setup)
+    return transfer_record(CAMPAIGN, "a", every, {"linear": model}, None, setup)
 
 
 @pytest.fixture(scope="module", name="in_parts")
@@ -64,8 +65,8 @@ def _in_parts(carried):
 
 def test_a_base_for_every_part_brings_back_what_the_model_is_worth(carried, in_parts):
     still = elsewhere(carried, carried[1])
-    assert still.parts == ()
-    assert still.one_base == {}
+    assert still.parts is None
+    assert still.one_base is None
     assert in_parts.models["linear"].rms_mm < 1.1 * still.models["linear"].rms_mm
     assert in_parts.one_base["linear"].rms_mm > 1.5 * still.models["linear"].rms_mm
 
@@ -85,15 +86,13 @@ def test_the_parts_and_the_motion_between_them_are_recovered(carried, in_parts):
 
 
 def test_the_record_says_so(carried, in_parts):
-    campaign = type("Campaign", (), {"name": "b", "provenance": "p", "robot": "ur10"})()
-    record = transfer_record(campaign, "a", in_parts)
-    plain = record.model_dump(mode="json")
+    plain = in_parts.model_dump(mode="json")
     assert [set(part) for part in plain["parts"]] == [
         {"from", "to", "poses", "held_out", "moved_by_mm", "turned_by_mrad"}
     ] * 2
-    assert record.one_base["linear"].rms_mm > record.models["linear"].rms_mm
-    assert "a base for every part" in said_of_parts(record.parts)
-    still = transfer_record(campaign, "a", elsewhere(carried, carried[1]))
+    assert in_parts.one_base["linear"].rms_mm > in_parts.models["linear"].rms_mm
+    assert "a base for every part" in said_of_parts(in_parts.parts)
+    still = elsewhere(carried, carried[1])
     assert not {"parts", "one_base"} & set(still.model_dump(mode="json"))
     assert said_of_parts(still.parts or ()) == ""
 
@@ -109,7 +108,7 @@ def test_rows_in_the_order_of_their_angles_are_not_cut(carried):
     seen[KNOCKED_AT:] = T @ seen[KNOCKED_AT:]
     seen[:, :3, 3] += 1e-5 * np.random.default_rng(1).standard_normal((POSES, 3))
     every = every.with_states(states).with_measured(T_instr_target=seen)
-    assert elsewhere(carried, every).parts == ()
+    assert elsewhere(carried, every).parts is None
 
 
 def test_in_its_own_campaign_a_model_is_parted_where_the_verdict_tells_a_step(carried):
@@ -117,11 +116,14 @@ def test_in_its_own_campaign_a_model_is_parted_where_the_verdict_tells_a_step(ca
     every = knocked(carried[1])
     times_s = every.states.time_s
     step_s = 0.5 * (times_s[KNOCKED_AT - 1] + times_s[KNOCKED_AT])
-    found = judged_by_parts(every, {"linear": model}, Extended(model, steps_s=(step_s,)), setup)
+    models, extended = {"linear": model}, Extended(model, steps_s=(step_s,))
+    found = held_out_record(CAMPAIGN, "combined", every, models, extended, setup)
     assert [part.poses + part.held_out for part in found.parts] == [KNOCKED_AT, POSES - KNOCKED_AT]
     whole = judged_models(every, {"linear": model}, None, setup, elsewhere=True)
-    assert found.models["linear"].rms_mm < 0.7 * whole["linear"].rms_mm
-    assert judged_by_parts(every, {"linear": model}, Extended(model), setup).models == {}
+    assert found.by_parts["linear"].rms_mm < 0.7 * whole["linear"].rms_mm
+    still = held_out_record(CAMPAIGN, "combined", every, models, Extended(model), setup)
+    assert still.by_parts is None
+    assert still.parts is None
 
 
 def test_a_part_with_too_few_poses_joins_its_neighbour(carried):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.montecarlo.plane import ErrorSums, convergence, counts_of, summarise
+from pa10cal.montecarlo.plane import ErrorSums, counts_of, drawn_keys, moments
 
 CYCLES, PLACES = 4000, 30
 
@@ -11,7 +11,7 @@ CYCLES, PLACES = 4000, 30
 @pytest.fixture(scope="module")
 def drawn():
     source = np.random.default_rng(1)
-    level = source.uniform(1e-4, 3e-4, (PLACES, 1))
+    level = source.uniform(100.0, 300.0, (PLACES, 1))  # m: rounded far below
     return level * source.chisquare(3, (PLACES, CYCLES))
 
 
@@ -23,23 +23,25 @@ def sums(drawn):
 
 
 def test_moments(drawn, sums):
-    statistics = summarise(sums)
+    found = drawn_keys(sums)
     deviations = drawn.std(axis=1, ddof=1)
-    np.testing.assert_allclose(statistics.place_mean_m, drawn.mean(axis=1), rtol=1e-12)
-    np.testing.assert_allclose(statistics.place_std_m, deviations, rtol=1e-10)
-    assert statistics.mean_m == pytest.approx(drawn.mean(), rel=1e-12)
-    assert statistics.std_within_m == pytest.approx(np.sqrt((deviations**2).mean()), rel=1e-10)
-    assert statistics.std_between_m == pytest.approx(drawn.mean(axis=1).std(ddof=1), rel=1e-10)
-    assert statistics.std_total_m == pytest.approx(drawn.std(), rel=1e-10)
+    mean, variance = (each[:, -1] for each in moments(sums))
+    np.testing.assert_allclose(mean, drawn.mean(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(np.sqrt(variance), deviations, rtol=1e-10)
+    assert found["mean_mm"] == pytest.approx(1e3 * drawn.mean(), rel=1e-12)
+    assert found["std_mm"] == pytest.approx(1e3 * np.sqrt((deviations**2).mean()), rel=1e-10)
+    assert found["std_between_mm"] == pytest.approx(1e3 * drawn.mean(axis=1).std(ddof=1), rel=1e-10)
+    assert found["std_total_mm"] == pytest.approx(1e3 * drawn.std(), rel=1e-10)
 
 
 def test_half_width_covers_the_mean_of_these_places_and_shrinks(drawn, sums):
-    trace = convergence(sums)
-    assert trace.mean_m[-1] == pytest.approx(drawn.mean(), rel=1e-12)
-    assert trace.half_width_m[-1] == pytest.approx(summarise(sums).half_width_m, rel=1e-12)
-    expected = 1.96 * drawn.std(axis=1).mean() / np.sqrt(PLACES * trace.cycles)
-    np.testing.assert_allclose(trace.half_width_m[8:], expected[8:], rtol=0.2)
-    inside = np.abs(trace.mean_m - trace.mean_m[-1]) < 2 * trace.half_width_m
+    found = drawn_keys(sums)
+    trace, all_cycles_mm = found["convergence"], found["half_width95_cycles_mm"]
+    assert trace.mean_mm[-1] == pytest.approx(1e3 * drawn.mean(), rel=1e-12)
+    assert trace.half_width95_mm[-1] == pytest.approx(all_cycles_mm, rel=1e-12)
+    expected = 1.96e3 * drawn.std(axis=1).mean() / np.sqrt(PLACES * trace.cycles)
+    np.testing.assert_allclose(trace.half_width95_mm[8:], expected[8:], rtol=0.2)
+    inside = np.abs(trace.mean_mm - trace.mean_mm[-1]) < 2 * trace.half_width95_mm
     assert inside.all()
 
 

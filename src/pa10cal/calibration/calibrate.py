@@ -19,17 +19,12 @@ from pa10cal.calibration.uncertainty import Covariances, ErrorSources, propagate
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.identifiability import (
-    Direction,
-    Identifiability,
-    identify,
-    not_identifiable,
-    unidentified_directions,
-)
+from pa10cal.fit.identifiability import Identifiability, identify, not_identifiable
 from pa10cal.fit.problem import Rows
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.results.calibration import WeakDirection
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Parameter
@@ -54,9 +49,8 @@ class Calibration:
     inner_poses: tuple[str, ...]  # labels of the poses of the inner level
     T_instr_base: Array  # (4, 4) base frame
     identifiability: Identifiability  # of all unknowns, base frame included
-    # directions of all unknowns that the data do not identify
-    unidentified_directions: tuple[Direction, ...]
-    not_identifiable: frozenset[str]  # names of the parameters that take part in them
+    # names of the parameters that take part in directions that the data do not identify
+    not_identifiable: frozenset[str]
     covariances: Covariances  # of parameters and base frame
 
     @property
@@ -157,7 +151,6 @@ def describe(
         inner_poses=inner_poses,
         T_instr_base=at_solution.T_instr_base,
         identifiability=identifiability,
-        unidentified_directions=unidentified_directions(identifiability, whole.parameters),
         not_identifiable=not_identifiable(identifiability, whole.parameters)
         & {parameter.name for parameter in model.parameters},
         covariances=propagate(
@@ -190,32 +183,31 @@ def pull_beyond_bounds(calibration: Calibration) -> Array:
     return np.where(solution.at_bound, pull, 0.0)
 
 
-def weak_directions(calibration: Calibration) -> tuple[tuple[float, Direction], ...]:
+def weak_directions(calibration: Calibration) -> tuple[WeakDirection, ...]:
     """Return directions of the link parameters that tolerances determine better than the data.
 
-    Returns:
-        Standard uncertainty over the tolerance of each, above 1, and the direction.
+    The parameters that make up most of each are named, in tolerances, the largest first.
     """
-    parameters = calibration.level.model.parameters
-    links = [
-        k
-        for k, parameter in enumerate(parameters)
-        if parameter.tolerance is not None and parameter.name not in calibration.not_identifiable
+    parameters = [
+        (k, each.name, each.tolerance)
+        for k, each in enumerate(calibration.level.model.parameters)
+        if each.tolerance is not None and each.name not in calibration.not_identifiable
     ]
-    tolerance = np.array([parameters[k].tolerance for k in links], dtype=float)
+    links, names, tolerances = zip(*parameters, strict=True) if parameters else ((), (), ())
     covariance = calibration.covariances.parameters[np.ix_(links, links)]
-    sizes, vectors = np.linalg.eigh(covariance / np.outer(tolerance, tolerance))
+    sizes, vectors = np.linalg.eigh(covariance / np.outer(tolerances, tolerances))
     return tuple(
-        (float(np.sqrt(size)), _direction(vector, [parameters[k].name for k in links]))
+        WeakDirection(
+            std_over_tolerance=float(np.sqrt(size)),
+            weights={
+                names[k]: float(vector[k])
+                for k in np.argsort(-np.abs(vector))
+                if abs(vector[k]) > 0.1
+            },
+        )
         for size, vector in zip(sizes[::-1], vectors.T[::-1], strict=True)
         if size > 1.0
     )
-
-
-def _direction(vector: Array, names: list[str]) -> Direction:
-    """Name the parameters that make up most of a direction, in tolerances, largest first."""
-    order = np.argsort(-np.abs(vector))
-    return Direction({names[k]: float(vector[k]) for k in order if abs(vector[k]) > 0.1})
 
 
 def solve_one_level(

@@ -7,12 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pa10cal.arm.statics import reported_name
-from pa10cal.calibration.uncertainty import ScatterOfRepeats
-from pa10cal.results.health import Grade, InputFinding
+from pa10cal.arrays import Array
+from pa10cal.fit.identifiability import Identifiability
+from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.health import Grade, InputFinding, RepeatScatter
+from pa10cal.terms.term import Parameter
 
 #: Remaining error over the noise above which a model lacks something.
 OVER_NOISE = 1.25
@@ -54,81 +59,131 @@ _MOST_NAMES = 4
 
 
 @dataclass(frozen=True)
-class Departure:
-    """How far a link parameter is from its nominal value."""
+class FitSummary:
+    """How a fit ended, whichever fit it was."""
 
-    name: str  # of the parameter
-    size: float  # departure over tolerance
-    std: float  # its standard uncertainty over tolerance
+    converged: bool  # whether it stopped at a stationary point
+    reason: str  # why it stopped
+    iterations: int  # steps taken
+    at_bound: tuple[str, ...]  # names of parameters at the end of their physical range
+    pose: NDArray[np.str_]  # (P,) labels of the poses fitted
+    parameters: tuple[Parameter, ...]  # the k parameters it was solved in
+    covariance: Array  # (k, k) theirs
+    identifiability: Identifiability  # rank of the rows
+    white: Array  # (P, b, k) rows of unit variance
+    position: Array  # (P, c, k) derivative of the predicted position [m]
+    not_identifiable: frozenset[str]  # names of those that the data do not identify
+    x: Array  # (k,) values of the parameters
+    # names of those that no pose of this instrument can determine
+    hidden: frozenset[str] = frozenset()
+    # names of those that the mounting of base or tool moves as well, so that they say nothing of
+    # how the arm was built
+    of_mounting: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True, kw_only=True)
-class Evidence:
-    """What a grade rests on."""
+@dataclass(frozen=True)
+class HeldOut:
+    """Remaining errors of held-out poses."""
 
-    converged: bool = True  # whether the fit came to rest
-    reason: str = ""  # why it stopped
-    train_rms_mm: float  # remaining error of the poses fitted
-    held_out_rms_mm: float | None = None  # the same of held-out poses; None where there are none
-    held_out: int = 0  # how many configurations were held out
-    # standard uncertainty of their predictions; None where only `u_model_mm` is known
-    held_out_u_mm: float | None = None
-    held_out_repeats: float = 1.0  # readings behind a held-out pose over those behind a fitted one
-    held_out_suspected: int = 0  # further held-out poses, which have a suspected reading
-    # the part that the noise of readings explains; None where not known
-    noise_mm: float | None = None
-    # what repeats show of the stated uncertainty, by kind
-    repeats: tuple[ScatterOfRepeats, ...] = ()
-    # whether `noise_mm` is what readings scatter by, and not what is stated
+    accuracy: Accuracy  # the errors
+    u_mm: float | None = None  # standard uncertainty of the predictions there; None where not known
+    repeats: float = 1.0  # readings behind a held-out pose over those behind a fitted one
+    suspected: int = 0  # further held-out poses, with a suspected reading, that do not count
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Remaining errors of a calibrated model."""
+
+    # root mean square position error of the poses fitted, suspected outliers aside
+    train_rms_mm: float
+    held_out: HeldOut | None  # errors of poses held out, None where there are none
+    noise_mm: float | None  # the part that the noise of readings explains, None where not known
+    spread_mm: float  # root mean square distance of the measured positions from their mean
+    suspected_outliers: int = 0  # poses far outside the scatter of the others
+    # whether that noise is what readings scatter by, and not what is stated
     noise_is_found: bool = False
     # error that the targets' places on an apparatus leave in all poses alike, and that no
     # parameter takes up
     apparatus_mm: float = 0.0
-    # standard uncertainty of a predicted position; inf where it is not determined
-    u_model_mm: float
-    poses: int  # poses fitted
-    rows: int  # components fitted
-    # rank and unknowns: directions identified, parameters fitted
-    rank: int
-    unknowns: int
-    condition: float = 1.0  # condition number over the identified directions
-    # parameters that these poses do not determine, and others of the arm could
-    undetermined: tuple[str, ...] = ()
-    at_bound: tuple[str, ...] = ()  # parameters at the end of their physical range
-    # of the links, without those that the mounting of base or tool may cause
-    departures: tuple[Departure, ...] = ()
-    spread_mm: float  # root mean square distance of the measured positions from their mean
-    suspected_outliers: int = 0  # poses far outside the scatter of the others
+    # what repeats show of the stated uncertainty, by kind
+    repeats: tuple[RepeatScatter, ...] = ()
+    from_touches: bool = False  # whether the instrument touches balls
     findings: tuple[InputFinding, ...] = ()  # what checks of the input found
-    # remaining error of the poses fitted with rigid joints; None where the model has no springs
+    # the same as `train_rms_mm` with rigid joints; None where the model has no springs
     without_springs_mm: float | None = None
     # where weights come from that nobody stated: `assumed` from the lengths of the links, or from
     # the mass of the whole arm (`total`); else nothing
     weights: str = ""
 
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a grade rests on."""
+
+    ended: FitSummary  # how the fit ended
+    left: Errors  # what it left
+    # standard uncertainty of a predicted position; inf where it is not determined
+    u_model_mm: float
+
+    @property
+    def poses(self) -> int:
+        """Return how many poses were fitted."""
+        return len(self.ended.white)
+
+    @property
+    def rank(self) -> int:
+        """Return how many directions are identified."""
+        return self.ended.identifiability.rank
+
+    @cached_property
+    def rows(self) -> int:
+        """Return how many components were fitted."""
+        return int(np.count_nonzero(np.any(self.ended.white != 0.0, axis=2)))
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Return what these poses do not determine, and others of the arm could."""
+        return tuple(sorted(self.ended.not_identifiable - self.ended.hidden))
+
+    @property
+    def far_off(self) -> list[tuple[float, str]]:
+        """Return departures that no arm was built with, over their tolerance, the largest first."""
+        ended, over = self.ended, max(self.over_noise or 1.0, 1.0)
+        std = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
+        apart = ended.not_identifiable | ended.of_mounting
+        found = [
+            (abs(float(value)) / each.tolerance, float(sigma) / each.tolerance, each.name)
+            for each, value, sigma in zip(ended.parameters, ended.x, std, strict=True)
+            if each.tolerance and each.name not in apart
+        ]
+        far = [(size, name) for size, u, name in found if size - BY_CHANCE * over * u > FAR_OFF]
+        return sorted(far, key=lambda each: -each[0])
+
     @property
     def soft(self) -> bool:
         """Return whether springs explain the larger part of what rigid joints leave."""
-        rigid_mm = self.without_springs_mm
-        return rigid_mm is not None and self.train_rms_mm**2 < MOSTLY * rigid_mm**2
+        rigid_mm = self.left.without_springs_mm
+        return rigid_mm is not None and self.left.train_rms_mm**2 < MOSTLY * rigid_mm**2
 
     @property
     def error_mm(self) -> float:
         """Return the remaining error without what the fit has taken up of it."""
-        return self.train_rms_mm / float(np.sqrt(1.0 - min(self.rank / max(self.rows, 1), 0.9)))
+        taken = min(self.rank / max(self.rows, 1), 0.9)
+        return self.left.train_rms_mm / float(np.sqrt(1.0 - taken))
 
     @property
     def own_noise_mm(self) -> float | None:
         """Return the error that readings and apparatus explain; None where it is not known."""
         noise_mm = self.reading_noise_mm
-        return None if noise_mm is None else float(np.hypot(noise_mm, self.apparatus_mm))
+        return None if noise_mm is None else float(np.hypot(noise_mm, self.left.apparatus_mm))
 
     @property
     def reading_noise_mm(self) -> float | None:
         """Return the noise of the poses fitted: as repeats show it, else as stated."""
-        if self.noise_mm is None or self.noise_is_found or not self.repeats:
-            return self.noise_mm
-        return self.noise_mm * self.repeats[0].ratio
+        if self.left.noise_mm is None or self.left.noise_is_found or not self.left.repeats:
+            return self.left.noise_mm
+        return self.left.noise_mm * self.left.repeats[0].ratio
 
     @property
     def over_noise(self) -> float | None:
@@ -143,7 +198,8 @@ class Evidence:
         limit = OVER_NOISE * _by_chance(self.rows - self.rank)
         if not own_mm or reading_mm is None:
             return limit
-        return limit * float(np.hypot(reading_mm, OF_ONE_APPARATUS * self.apparatus_mm)) / own_mm
+        of_targets_mm = OF_ONE_APPARATUS * self.left.apparatus_mm
+        return limit * float(np.hypot(reading_mm, of_targets_mm)) / own_mm
 
     @property
     def expected_held_out_mm(self) -> float:
@@ -153,16 +209,20 @@ class Evidence:
         """
         noise_mm = min(self.reading_noise_mm or self.error_mm, self.error_mm)
         lacking = self.error_mm**2 - noise_mm**2
-        u_mm = self.u_model_mm if self.held_out_u_mm is None else self.held_out_u_mm
-        return float(np.sqrt(lacking + noise_mm**2 / self.held_out_repeats + u_mm**2))
+        away = self.left.held_out
+        u_mm = self.u_model_mm if away is None or away.u_mm is None else away.u_mm
+        repeats = 1.0 if away is None else away.repeats
+        return float(np.sqrt(lacking + noise_mm**2 / repeats + u_mm**2))
 
     @property
     def over_expected(self) -> float | None:
         """Return the held-out error over the one promised, where chance does not explain it."""
-        if self.held_out_rms_mm is None:
+        if self.left.held_out is None:
             return None
-        ratio = self.held_out_rms_mm / self.expected_held_out_mm
-        at_most = max(OVER_EXPECTED, 1.0 + BY_CHANCE / np.sqrt(2.0 * max(self.held_out, 1)))
+        found = self.left.held_out.accuracy
+        ratio = found.rms_mm / self.expected_held_out_mm
+        count = max(found.configurations, 1)
+        at_most = max(OVER_EXPECTED, 1.0 + BY_CHANCE / np.sqrt(2.0 * count))
         return ratio if ratio > at_most else None
 
 
@@ -172,11 +232,11 @@ def graded(evidence: Evidence) -> tuple[Grade, str, tuple[InputFinding, ...]]:
     Returns:
         The grade, one sentence with the reason and the remedy, and what is suspected of the input.
     """
-    if not evidence.converged:
+    if not evidence.ended.converged:
         remedy = "raise calibration.max_iterations, or measure more poses"
-        return "not_converged", f"the fit did not converge: {evidence.reason}; {remedy}", ()
+        return "not_converged", f"the fit did not converge: {evidence.ended.reason}; {remedy}", ()
     errors = _errors(evidence)
-    if findings := (*evidence.findings, *_suspected(evidence)):
+    if findings := (*evidence.left.findings, *_suspected(evidence)):
         more = f"; {len(findings) - 1} more in health.findings" if findings[1:] else ""
         return "suspect_input", f"{errors}; check the input: {findings[0]}{more}", findings
     beside = "".join(f"; {remark}" for remark in _remarks(evidence))
@@ -203,17 +263,17 @@ def most_stated(factor: float = STATED_OFF, *, from_touches: bool) -> float:
 
 
 def _errors(evidence: Evidence) -> str:
-    text = f"remaining error {evidence.train_rms_mm:.3f} mm rms over the poses fitted"
-    if evidence.held_out_rms_mm is not None:
-        text += f", {evidence.held_out_rms_mm:.3f} mm over held-out poses"
-        if evidence.held_out_suspected:
-            text += f" without {evidence.held_out_suspected} with a suspected reading"
+    text = f"remaining error {evidence.left.train_rms_mm:.3f} mm rms over the poses fitted"
+    if (away := evidence.left.held_out) is not None:
+        text += f", {away.accuracy.rms_mm:.3f} mm over held-out poses"
+        if away.suspected:
+            text += f" without {away.suspected} with a suspected reading"
     return text
 
 
 def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
     """Return what the fit itself shows to be wrong in the input."""
-    if evidence.train_rms_mm > FITS_NOT * evidence.spread_mm and not evidence.soft:
+    if evidence.left.train_rms_mm > FITS_NOT * evidence.left.spread_mm and not evidence.soft:
         yield InputFinding(
             what="the arm as described does not fit the readings",
             where="the whole campaign",
@@ -222,12 +282,10 @@ def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
             would_leave_mm=None,
         )
     yield from _stated(evidence)
-    over = max(evidence.over_noise or 1.0, 1.0)
-    far = [d for d in evidence.departures if abs(d.size) - BY_CHANCE * over * d.std > FAR_OFF]
-    for departure in sorted(far, key=lambda d: -abs(d.size)):
+    for size, name in evidence.far_off:
         yield InputFinding(
-            what=f"{abs(departure.size):.0f} tolerances from nominal",
-            where=departure.name,
+            what=f"{size:.0f} tolerances from nominal",
+            where=name,
             remedy="check this value in the description of the arm, and the zero of its joint in "
             "the log",
             kind="departure",
@@ -237,14 +295,13 @@ def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
 
 def _stated(evidence: Evidence) -> Iterator[InputFinding]:
     """Return where stated and found uncertainty are off by more than a factor."""
-    for scatter in evidence.repeats:
+    for scatter in evidence.left.repeats:
         turns = scatter.kind.startswith("attitude")
         unit, off = ("mrad", ATTITUDE_OFF) if turns else ("mm", STATED_OFF)
-        joints = JOINT_RAD * (1.0 if turns else 1e-3 * evidence.spread_mm)
+        joints = JOINT_RAD * (1.0 if turns else 1e-3 * evidence.left.spread_mm)
         too_small = scatter.found > off * np.hypot(scatter.stated, joints)
-        too_large = (
-            scatter.stated > most_stated(off, from_touches=scatter.from_touches) * scatter.found
-        )
+        most = most_stated(off, from_touches=evidence.left.from_touches)
+        too_large = scatter.stated > most * scatter.found
         if too_small or too_large:
             yield InputFinding(
                 what=f"{1e3 * scatter.stated:.2g} {unit} is stated, repeats scatter by "
@@ -254,12 +311,12 @@ def _stated(evidence: Evidence) -> Iterator[InputFinding]:
                 kind="stated_uncertainty",
                 would_leave_mm=None,
             )
-    if evidence.repeats or evidence.noise_is_found or not evidence.noise_mm:
+    if evidence.left.repeats or evidence.left.noise_is_found or not evidence.left.noise_mm:
         return
-    ratio = evidence.error_mm / evidence.noise_mm
+    ratio = evidence.error_mm / evidence.left.noise_mm
     if EXACT < ratio < 1.0 / STATED_OFF or ratio > UNIT_OFF:
         yield InputFinding(
-            what=f"{evidence.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
+            what=f"{evidence.left.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
             where="stated uncertainty of the position",
             remedy="check its unit and value",
             kind="stated_uncertainty",
@@ -272,7 +329,7 @@ def _lacking(evidence: Evidence) -> str:
     parts = []
     over = evidence.over_noise
     if over is not None and over > evidence.most_over_noise:
-        known = "" if evidence.noise_is_found or evidence.repeats else "stated "
+        known = "" if evidence.left.noise_is_found or evidence.left.repeats else "stated "
         parts.append(
             f"{over:.2g} times the {known}noise of {evidence.own_noise_mm:.3f} mm: the model is "
             "missing an effect"
@@ -284,20 +341,21 @@ def _lacking(evidence: Evidence) -> str:
             f"{ratio:.2g} times the error that the fit promises for held-out poses: they differ "
             "from the poses fitted, or the model is missing an effect"
         )
-    if parts and evidence.soft and evidence.without_springs_mm is not None:
+    rigid_mm = evidence.left.without_springs_mm
+    if parts and evidence.soft and rigid_mm is not None:
         parts.append(
-            f"a soft arm: with rigid joints {evidence.without_springs_mm:.3f} mm remain, springs "
-            "explain the larger part"
+            f"a soft arm: with rigid joints {rigid_mm:.3f} mm remain, springs explain the larger "
+            "part"
         )
     return "; ".join(parts) + "; see the verdict" if parts else ""
 
 
 def _few(evidence: Evidence) -> str:
     """Return what more poses would bring; nothing where there are enough."""
-    names = evidence.undetermined
-    told = f"the poses identify {evidence.rank} of {evidence.unknowns} unknowns"
+    names, unknowns = evidence.undetermined, len(evidence.ended.parameters)
+    told = f"the poses identify {evidence.rank} of {unknowns} unknowns"
     if not np.isfinite(evidence.u_model_mm):
-        return f"{told}; measure at least {-(-evidence.unknowns // 2)} poses, well spread"
+        return f"{told}; measure at least {-(-unknowns // 2)} poses, well spread"
     if names:
         weights = all(name.startswith("weight_") for name in names)
         remedy = (
@@ -320,26 +378,26 @@ def _few(evidence: Evidence) -> str:
 def _remarks(evidence: Evidence) -> Iterator[str]:
     """Return what a reader should know besides."""
     # A linear spring at its bound is a joint as rigid as the readings can show: no remark.
-    held = tuple(name for name in evidence.at_bound if not name.startswith("windup"))
+    held = tuple(name for name in evidence.ended.at_bound if not name.startswith("windup"))
     if held:
         yield f"{_listed(held)} at the end of the physical range"
-    if evidence.weights:
+    if evidence.left.weights:
         yield (
             "no masses are stated, so weights are assumed "
             + (
                 "from the lengths of the links"
-                if evidence.weights == "assumed"
+                if evidence.left.weights == "assumed"
                 else "from the mass of the whole arm"
             )
             + ": stiffness is relative to them"
         )
-    if evidence.condition > ILL_CONDITIONED:
-        yield f"condition number {evidence.condition:.1e}"
-    if evidence.suspected_outliers:
-        many = "s have" if evidence.suspected_outliers > 1 else " has"
+    if evidence.ended.identifiability.condition > ILL_CONDITIONED:
+        yield f"condition number {evidence.ended.identifiability.condition:.1e}"
+    if count := evidence.left.suspected_outliers:
+        many = "s have" if count > 1 else " has"
         yield (
-            f"{evidence.suspected_outliers} suspected outlier{many} less weight in the fit and no "
-            "part in the remaining error; see tables/suspected_outliers"
+            f"{count} suspected outlier{many} less weight in the fit and no part in the remaining "
+            "error; see tables/suspected_outliers"
         )
 
 

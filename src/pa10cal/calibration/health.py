@@ -1,101 +1,43 @@
-"""Whether a calibration is good: its convergence, rank and errors, and its grade."""
+"""Whether a calibration is good: its convergence, rank, errors and grade, and what all record."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.statics import reported_name
-from pa10cal.arrays import Array, Index
-from pa10cal.calibration.grade import SMALL_SHARE, Departure, Evidence, graded
-from pa10cal.calibration.uncertainty import ScatterOfRepeats, summarise
-from pa10cal.fit.identifiability import Identifiability
+from pa10cal.arrays import Array
+from pa10cal.calibration.calibrate import Solution
+from pa10cal.calibration.general.fit import Fit
+from pa10cal.calibration.grade import SMALL_SHARE, Errors, Evidence, FitSummary, HeldOut, graded
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.uncertainty import summarise
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.identifiability import observability, unidentified_directions
+from pa10cal.fit.model_file import model_to_plain
 from pa10cal.numerics.exchange import Criterion, Share, one_by_one
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
-from pa10cal.results.evaluation import Accuracy
-from pa10cal.results.health import (
-    CorrelatedPair,
-    ExpectedUncertainty,
-    Health,
-    InputFinding,
-    PosesNeeded,
-    RepeatScatter,
-)
+from pa10cal.results.calibration import CalibratedParameter, Covariance
+from pa10cal.results.evaluation import ResidualRows
+from pa10cal.results.health import CorrelatedPair, ExpectedUncertainty, Health, PosesNeeded
+from pa10cal.results.record import Campaign
 from pa10cal.terms.joint_spring import stiffness_by_solved
-from pa10cal.terms.term import Parameter
 
 #: Correlation above which two parameters are nearly inseparable, and how many pairs to list.
 _CORRELATED = 0.95
 _MOST_PAIRS = 20
 
 
-@dataclass(frozen=True)
-class FitSummary:
-    """How a fit ended, whichever fit it was."""
-
-    converged: bool  # whether it stopped at a stationary point
-    reason: str  # why it stopped
-    iterations: int  # steps taken
-    at_bound: tuple[str, ...]  # names of parameters at the end of their physical range
-    pose: NDArray[np.str_]  # (P,) labels of the poses fitted
-    parameters: tuple[Parameter, ...]  # the k parameters it was solved in
-    covariance: Array  # (k, k) theirs
-    identifiability: Identifiability  # rank of the rows
-    white: Array  # (P, b, k) rows of unit variance
-    position: Array  # (P, c, k) derivative of the predicted position [m]
-    not_identifiable: frozenset[str]  # names of those that the data do not identify
-    x: Array  # (k,) values of the parameters
-    # names of those that no pose of this instrument can determine
-    hidden: frozenset[str] = frozenset()
-    # names of those that the mounting of base or tool moves as well, so that they say nothing of
-    # how the arm was built
-    of_mounting: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """Remaining errors of held-out poses."""
-
-    accuracy: Accuracy  # the errors
-    u_mm: float | None = None  # standard uncertainty of the predictions there; None where not known
-    repeats: float = 1.0  # readings behind a held-out pose over those behind a fitted one
-    suspected: int = 0  # further held-out poses, with a suspected reading, that do not count
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Remaining errors of a calibrated model."""
-
-    # root mean square position error of the poses fitted, suspected outliers aside
-    train_rms_mm: float
-    held_out: HeldOut | None  # errors of poses held out, None where there are none
-    noise_mm: float | None  # the part that the noise of readings explains, None where not known
-    spread_mm: float  # root mean square distance of the measured positions from their mean
-    suspected_outliers: int = 0  # poses far outside the scatter of the others
-    # whether that noise is what readings scatter by, and not what is stated
-    noise_is_found: bool = False
-    # error that the targets' places on an apparatus leave in all poses alike
-    apparatus_mm: float = 0.0
-    # what repeats show of the stated uncertainty, by kind
-    repeats: tuple[ScatterOfRepeats, ...] = ()
-    findings: tuple[InputFinding, ...] = ()  # what checks of the input found
-    # the same as `train_rms_mm` with rigid joints; None where the model has no springs
-    without_springs_mm: float | None = None
-    weights: str = ""  # where weights come from that nobody stated; else nothing
-
-
 def health(ended: FitSummary, errors: Errors) -> Health:
     """Judge a calibration by its convergence and its remaining errors."""
-    design = pose_design(
-        ended.white,
-        ended.position,
-        np.array([p.scale for p in ended.parameters]),
-        ended.identifiability.rank,
-    )
-    evidence = _evidence(ended, errors, design)
+    poses = poses_needed(ended, SMALL_SHARE * errors.train_rms_mm)
+    u_model_mm = float("inf") if poses.u_model_mm is None else poses.u_model_mm
+    evidence, away = Evidence(ended, errors, u_model_mm), errors.held_out
     grade, line, findings = graded(evidence)
     return Health(
         grade=grade,
@@ -110,16 +52,13 @@ def health(ended: FitSummary, errors: Errors) -> Health:
         not_identifiable=tuple(sorted(map(reported_name, ended.not_identifiable))),
         correlated_pairs=_correlated(ended),
         train_rms_mm=errors.train_rms_mm,
-        held_out_rms_mm=evidence.held_out_rms_mm,
+        held_out_rms_mm=None if away is None else away.accuracy.rms_mm,
         noise_mm=errors.noise_mm,
         error_over_noise=evidence.over_noise,
         held_out_over_expected=evidence.over_expected,
-        repeats=tuple(
-            RepeatScatter(kind=each.kind, found=each.found, stated=each.stated, pairs=each.pairs)
-            for each in evidence.repeats
-        ),
+        repeats=errors.repeats,
         findings=findings,
-        poses=_poses_needed(design, SMALL_SHARE * errors.train_rms_mm, ended.pose),
+        poses=poses,
     )
 
 
@@ -155,44 +94,79 @@ def held_out_errors(
     )
 
 
-def _evidence(ended: FitSummary, errors: Errors, design: PoseDesign) -> Evidence:
-    """Return what the grade rests on."""
-    held_out = errors.held_out
-    std = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
-    return Evidence(
-        converged=ended.converged,
-        reason=ended.reason,
-        train_rms_mm=errors.train_rms_mm,
-        held_out_rms_mm=None if held_out is None else held_out.accuracy.rms_mm,
-        held_out=0 if held_out is None else held_out.accuracy.configurations,
-        held_out_u_mm=None if held_out is None else held_out.u_mm,
-        held_out_repeats=1.0 if held_out is None else held_out.repeats,
-        held_out_suspected=0 if held_out is None else held_out.suspected,
-        noise_mm=errors.noise_mm,
-        repeats=errors.repeats,
-        noise_is_found=errors.noise_is_found,
-        apparatus_mm=errors.apparatus_mm,
-        u_model_mm=1e3 * design.u_all_m,
-        poses=len(ended.white),
-        rows=int(np.count_nonzero(np.any(ended.white != 0.0, axis=2))),
-        rank=ended.identifiability.rank,
-        unknowns=len(ended.parameters),
-        condition=ended.identifiability.condition,
-        undetermined=tuple(sorted(ended.not_identifiable - ended.hidden)),
-        at_bound=ended.at_bound,
-        departures=tuple(
-            Departure(each.name, float(value) / each.tolerance, float(sigma) / each.tolerance)
-            for each, value, sigma in zip(ended.parameters, ended.x, std, strict=True)
-            if each.tolerance
-            and each.name not in ended.not_identifiable
-            and each.name not in ended.of_mounting
+def fit_keys(
+    ended: Solution | Fit,
+    model: FittedModel,
+    parameters: Mapping[str, CalibratedParameter],
+    names: Sequence[str],
+    covariance: Array,
+) -> dict[str, Any]:
+    """Return what a record holds of every fit.
+
+    Args:
+        ended: where it ended.
+        model: the fitted model, and what it was fitted to.
+        parameters: all parameters by name.
+        names: of those of the covariance.
+        covariance: (k, k) theirs.
+    """
+    return {
+        "status": "converged" if ended.converged else "not converged",
+        "reason": ended.reason,
+        "cost": ended.cost,
+        "iterations": ended.iterations,
+        "parameters": parameters,
+        "covariance": Covariance(names=tuple(names), matrix=covariance),
+        "T_instr_base": model.T_instr_base,
+        "fitted_model": model_to_plain(model),
+    }
+
+
+def case_keys(
+    campaign: Campaign,
+    load: str,
+    options: CalibrationOptions,
+    ended: FitSummary,
+    found: Health,
+    model: FittedModel,
+    grid: Observations,
+) -> dict[str, Any]:
+    """Return what the record of a load case holds whatever the model.
+
+    Args:
+        campaign: whose it is.
+        load: the load case.
+        options: what it was computed with.
+        ended: how the fit ended.
+        found: whether it is good.
+        model: the fitted model, and what it was fitted to.
+        grid: grid poses of every load, as the model takes them.
+    """
+    identified, left = ended.identifiability, model.deviations(grid)
+    return {
+        "campaign": campaign.name,
+        "provenance": campaign.provenance,
+        "robot": campaign.robot,
+        "load": load,
+        "loads_fitted": () if model.fitted_to is None else model.fitted_to.loads_N,
+        "rank": identified.rank,
+        "unknowns": len(ended.parameters),
+        "condition": identified.condition,
+        "singular_values": identified.singular_values,
+        "null_directions": unidentified_directions(identified, ended.parameters),
+        "observability": observability(identified, len(ended.pose)),
+        # place, position and rotation residual along base axes
+        "residuals": ResidualRows(
+            pose=grid.pose,
+            load_N=grid.states.load_N,
+            place_mm=1e3 * model.model.predict(grid.states, model.x)[:, :3, 3],
+            position_mm=left.position_mm,
+            rotation_deg=left.rotation_deg,
         ),
-        spread_mm=errors.spread_mm,
-        suspected_outliers=errors.suspected_outliers,
-        findings=errors.findings,
-        without_springs_mm=errors.without_springs_mm,
-        weights=errors.weights,
-    )
+        "health": found,
+        "seconds": None,
+        "settings": options.model_dump(mode="json"),
+    }
 
 
 def _correlated(ended: FitSummary) -> tuple[CorrelatedPair, ...]:
@@ -232,50 +206,44 @@ _MOST = 200
 _POSSIBLE_SCALES = 30.0
 
 
-@dataclass(frozen=True)
-class PoseDesign:
-    """Expected uncertainty of the model by the number of poses of this kind."""
-
-    order: Index  # poses in D-optimal order, as rows, the first the most telling
-    numbers: Index  # (m,) numbers of poses
-    # (m,) expected standard uncertainty of a predicted position, root mean square over all poses,
-    # with the first of `order`; inf where they are too few
-    u_optimal_m: Array
-    u_measured_m: Array  # (m,) the same with the first of the poses in the order measured
-    u_all_m: float
-
-
-def pose_design(white: Array, position: Array, scale: Array, unknowns: int) -> PoseDesign:
-    """Order poses by their information.
+def poses_needed(ended: FitSummary, u_needed_mm: float) -> PosesNeeded:
+    """Order the poses of a fit by their information, and tell how many an uncertainty takes.
 
     Args:
-        white: (P, b, k) rows of every pose, of unit variance.
-        position: (P, c, k) derivative of the predicted position [m].
-        scale: (k,) typical size of each parameter.
-        unknowns: parameters that all poses together identify.
+        ended: how the fit ended.
+        u_needed_mm: standard uncertainty of a predicted position to reach, root mean square over
+            all poses.
     """
-    count = len(white)
-    scales = np.outer(scale, scale)
+    white, scale = ended.white, np.array([parameter.scale for parameter in ended.parameters])
+    count, scales = len(white), np.outer(scale, scale)
     pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
     information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
     criterion = Criterion(white[pool] * scale * _POSSIBLE_SCALES, [Share(1.0, len(scale))])
     order = pool[one_by_one(criterion, min(len(pool), _MOST))]
-    spread = _gram(position) * scales / count
-    numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp))
-    enough = -(-unknowns // white.shape[1])
+    spread = _gram(ended.position) * scales / count
+    enough = -(-ended.identifiability.rank // white.shape[1])
 
-    def expected(of_poses: Array) -> float:
+    def u_mm(of_poses: Array) -> float | None:
         if len(of_poses) < enough:
-            return float("inf")
+            return None
         covariance = np.linalg.inv(information + _gram(of_poses) * scales)
-        return float(np.sqrt(np.sum(covariance * spread)))
+        u_m = float(np.sqrt(np.sum(covariance * spread)))
+        return 1e3 * u_m if np.isfinite(u_m) else None
 
-    return PoseDesign(
-        order=order,
-        numbers=numbers,
-        u_optimal_m=np.array([expected(white[order[:n]]) for n in numbers]),
-        u_measured_m=np.array([expected(white[:n]) for n in numbers]),
-        u_all_m=expected(white),
+    numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp)).tolist()
+    expected = [
+        ExpectedUncertainty(poses=n, u_optimal_mm=optimal, u_measured_mm=u_mm(white[:n]))
+        for n in numbers
+        if (optimal := u_mm(white[order[:n]])) is not None
+    ]
+    few = (each.poses for each in expected if each.u_optimal_mm <= u_needed_mm)
+    return PosesNeeded(
+        measured=count,
+        needed=next(few, None),
+        u_needed_mm=u_needed_mm,
+        u_model_mm=u_mm(white),
+        d_optimal_order=tuple(ended.pose[order].tolist()),
+        expected=tuple(expected),
     )
 
 
@@ -284,31 +252,3 @@ def _gram(rows: Array) -> Array:
     flat = rows.reshape(-1, rows.shape[2])
     found: Array = flat.T @ flat
     return found
-
-
-def poses_needed(design: PoseDesign, u_needed_m: float) -> int | None:
-    """Return the least number of well-chosen poses with that uncertainty; None where more."""
-    enough = np.flatnonzero(design.u_optimal_m <= u_needed_m)
-    return int(design.numbers[enough[0]]) if len(enough) else None
-
-
-def _poses_needed(design: PoseDesign, u_needed_mm: float, pose: NDArray[np.str_]) -> PosesNeeded:
-    finite = np.isfinite(design.u_optimal_m)
-    both = finite & np.isfinite(design.u_measured_m)
-    u_model_mm = 1e3 * design.u_all_m
-    return PosesNeeded(
-        measured=len(pose),
-        needed=poses_needed(design, 1e-3 * u_needed_mm),
-        u_needed_mm=u_needed_mm,
-        u_model_mm=u_model_mm if np.isfinite(u_model_mm) else None,
-        d_optimal_order=tuple(pose[design.order].tolist()),
-        expected=tuple(
-            ExpectedUncertainty(
-                poses=int(number),
-                u_optimal_mm=1e3 * float(design.u_optimal_m[k]),
-                u_measured_mm=1e3 * float(design.u_measured_m[k]) if both[k] else None,
-            )
-            for k, number in enumerate(design.numbers)
-            if finite[k]
-        ),
-    )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,35 +16,51 @@ from pa10cal.calibration.calibrate import (
     calibrate,
     fitted_model,
     nominal_start,
+    pull_beyond_bounds,
     solve,
     solve_one_level,
     tolerance_rows,
+    weak_directions,
 )
-from pa10cal.calibration.health import Errors, FitSummary, health, held_out_errors
-from pa10cal.calibration.levels import TwoLevel, random_poses, rows_of
+from pa10cal.calibration.grade import Errors, FitSummary
+from pa10cal.calibration.health import case_keys, fit_keys, health, held_out_errors
+from pa10cal.calibration.levels import TwoLevel, random_poses, report_base, rows_of
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import (
     ErrorSources,
-    Suspects,
     align_nominal,
+    calibrated_parameters,
     deviations,
     gross_errors_of_repeats,
     scatter_of_repeats,
     summarise,
     summarise_by_load,
+    suspected_held_out,
     with_own_scatter,
 )
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.fitted import FittedTo
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.problem import Problem
-from pa10cal.observe.observations import Observations, average_repeats
+from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
-from pa10cal.results.calibration import LCurvePoint
-from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.calibration import (
+    CalibratedParameter,
+    InnerDependence,
+    LCurvePoint,
+    LinearFit,
+    OneLevel,
+    PaperCalibrationRecord,
+    PaperErrors,
+    SeedDifference,
+)
 from pa10cal.results.health import Health, InputFinding
 from pa10cal.terms.joint_spring import baseline, nominal
 from pa10cal.terms.model import Model
+from pa10cal.terms.term import Report
 
 COMBINED = "combined"
 #: Random postures at which it is found what no pose determines.
@@ -52,71 +69,49 @@ _POSTURES = 60
 _L_CURVE_WEIGHTS = np.geomspace(1e-6, 3e-2, 14)
 
 
-@dataclass(frozen=True)
-class OneLevelCheck:
-    """The one-level solution beside the two-level one."""
-
-    # of any identifiable parameter from two levels with M = N, over the parameter's size (its
-    # value, or its scale where that is larger)
-    largest_difference: float
-    mean_mm: float  # mean position error of the one-level solution over the poses fitted
-    # (k,) one-level minus two-level solution with M poses, over its standard uncertainty
-    shift: Array
+#: The straight lines give the base frame to about the nominal model's own error, near 1 deg.
+_FAR_FROM_SEED_DEG = 3.0
+#: Standard uncertainties beyond a bound that noise reaches in one case of twenty.
+_PULL_OF_NOISE = 2.0
+#: Root mean square error over that of the noise above which the model lacks something.
+_INCOMPLETE = 3.0
 
 
-@dataclass(frozen=True)
-class LoadCase:
-    """One load case of a campaign, computed."""
-
-    load: str  # `combined`, or a load such as `44N`
-    cubic: Calibration  # the paper's model
-    linear: Calibration  # the same with K_cub = 0
-    grid: Observations[Pose]  # averaged grid poses of every load
-    # the poses fitted, with the covariance that their readings show about the model
-    noise: Observations[Pose]
-    residuals: Deviations  # predicted minus measured of the cubic model on `grid`
-    # nominal rigid model, base frame aligned on unloaded positions, for every load
-    before: dict[float, Accuracy]
-    # nominal rigid model with the base frame of the straight-line moves
-    before_seed_frame: dict[float, Accuracy]
-    dependence: InnerDependence  # on the choice of inner poses
-    one_level: OneLevelCheck  # the one-level solution beside it
-    # what the weight of the tolerance terms would do, for the combined case
-    l_curve: tuple[LCurvePoint, ...]
-    health: Health  # whether the cubic model's calibration is good
-    # seed_angle_deg and seed_distance_mm: how far the base frame ended from its seed
-    seed_angle_deg: float
-    seed_distance_mm: float
-
-
-def work_out(
+def paper_case(
+    campaign: CampaignDescription,
     arm: Arm,
-    readings: Observations[Pose],
-    held_out: Observations[Pose] | None,
+    every: Observations,
     T_instr_base_seed: Array,
     load: str,
     options: CalibrationOptions,
-    stated: Observations[Pose] | None = None,
     findings: tuple[InputFinding, ...] = (),
-    suspects: Suspects | None = None,
-) -> LoadCase:
-    """Compute one load case.
+) -> tuple[PaperCalibrationRecord, FittedModel]:
+    """Compute a load case on two levels, with the paper's unknowns.
 
     Args:
+        campaign: description of the campaign.
         arm: the nominal arm.
-        readings: single readings of the grid poses, of every load.
-        held_out: poses held out, only judged; None where there are none.
-        T_instr_base_seed: (4, 4) base frame from the straight-line moves.
+        every: single readings of all kinds.
+        T_instr_base_seed: (4, 4) about where the base is.
         load: `combined`, or a load such as `44N`.
         options: how to calibrate.
-        stated: `readings` with the covariance that the instrument states; None where it is theirs.
         findings: what checks of the input found.
-        suspects: says which of the held-out poses have a suspected reading; None for none.
 
     Raises:
-        CalibrationError: when no grid pose has that load, or there are too few of them.
+        CalibrationError: when the instrument measures no poses, no grid pose has that load, or
+            there are too few of them.
     """
-    chosen = readings.take(rows_of_load(readings.states.load_N, load))
+    if not every.measured.measures_pose:
+        raise CalibrationError(
+            "the paper's model needs positions and attitudes of one campaign",
+            where="calibration.model",
+            value=options.model,
+            allowed=f"auto or general for {campaign.instrument_kinds}",
+            remedy="set calibration.model to auto",
+        )
+    readings = poses_of(every, "grid", average=False)
+    rows = rows_of_load(readings.states.load_N, load)
+    chosen = readings.take(rows)
     grid, used = average_repeats(readings), average_repeats(chosen)
     errors = ErrorSources(chosen, 1e-3 * options.apparatus_uncertainty_mm)
     joints, tau_ref_Nm = options.flexible_joints, np.abs(used.states.tau_Nm).max(axis=0)
@@ -127,46 +122,132 @@ def work_out(
 
     cubic = calibrated(cubic=True)
     linear = calibrated(cubic=False) if joints else cubic
-    rigid = nominal(arm)
+    rigid, load_N = nominal(arm), grid.states.load_N
     T_rigid = rigid.predict(grid.states, np.zeros(0))
-    away = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base
+    before = summarise_by_load(deviations(T_rigid, align_nominal(rigid, grid), grid), load_N)
+    from_seed = summarise_by_load(deviations(T_rigid, T_instr_base_seed, grid), load_N)
+    after = summarise_by_load(model_deviations(cubic, grid), load_N)
     noise = with_own_scatter(used, chosen, cubic.level.model, cubic.solution.x)
-    return LoadCase(
-        load=load,
-        cubic=cubic,
-        linear=linear,
-        grid=grid,
-        noise=noise,
-        residuals=model_deviations(cubic, grid),
-        before=summarise_by_load(
-            deviations(T_rigid, align_nominal(rigid, grid), grid), grid.states.load_N
+    stated = poses_of(every, "grid", average=False, covariance="instrument").take(rows)
+    ended = _fit_summary(cubic, noise)
+    found = _health(cubic, ended, noise, every, stated, errors.u_apparatus_m, findings)
+    about, payload = FittedTo.of(used, load, found, campaign), campaign.payload(arm)
+    model = replace(fitted_model(cubic, payload), fitted_to=about)
+    away = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base
+    seed_angle_deg = float(np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1))))
+    record = PaperCalibrationRecord(
+        **case_keys(campaign, load, options, ended, found, model, grid),
+        **_paper_fit_keys(cubic, model),
+        weak_directions=weak_directions(cubic),
+        errors={
+            load: PaperErrors(
+                before=before[load], before_seed_frame=from_seed[load], after=after[load]
+            )
+            for load in after
+        },
+        inner_poses=cubic.inner_poses,
+        inner_dependence=inner_dependence(
+            cubic.level, cubic.solution.x, options, options.inner_subsets
         ),
-        before_seed_frame=summarise_by_load(
-            deviations(T_rigid, T_instr_base_seed, grid), grid.states.load_N
+        one_level=_one_level(cubic, T_instr_base_seed, options),
+        seed_difference=SeedDifference(
+            angle_deg=seed_angle_deg, distance_mm=float(1e3 * np.linalg.norm(away[:3, 3]))
         ),
-        dependence=inner_dependence(cubic.level, cubic.solution.x, options, options.inner_subsets),
-        one_level=_check_one_level(cubic, T_instr_base_seed, options),
+        linear=LinearFit(
+            **_paper_fit_keys(linear, replace(fitted_model(linear, payload), fitted_to=about)),
+            after=summarise_by_load(model_deviations(linear, grid), load_N),
+        ),
         l_curve=(
             l_curve(cubic.level, cubic.solution.x, _L_CURVE_WEIGHTS, options.max_iterations)
             if load == COMBINED
             else ()
         ),
-        health=_health(
-            cubic,
-            noise,
-            held_out,
-            (readings if stated is None else stated).take(
-                rows_of_load(readings.states.load_N, load)
-            ),
-            1e-3 * options.apparatus_uncertainty_mm,
-            findings,
-            suspects,
-        ),
-        seed_angle_deg=float(
-            np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1)))
-        ),
-        seed_distance_mm=float(1e3 * np.linalg.norm(away[:3, 3])),
+        warnings=_warnings(cubic, noise, seed_angle_deg),
     )
+    return record, model
+
+
+def _paper_fit_keys(calibration: Calibration, model: FittedModel) -> dict[str, Any]:
+    """Return what a record holds of a fit on two levels."""
+    report = calibration.level.model.report(calibration.solution.x)
+    return {
+        **fit_keys(
+            calibration.solution,
+            model,
+            parameter_records(calibration),
+            [parameter.name for parameter in report.parameters],
+            report.jacobian @ calibration.covariances.parameters @ report.jacobian.T,
+        ),
+        "starts": len(calibration.starts),
+        "starts_agreeing": calibration.starts_agreeing,
+    }
+
+
+def parameter_records(calibration: Calibration) -> dict[str, CalibratedParameter]:
+    """Return every parameter with value, standard uncertainty, unit and tolerance."""
+    outer = calibration.level.model.report(calibration.solution.x)
+    covariances = calibration.covariances
+    held, at_bound = calibration.not_identifiable, _at_bound(calibration, outer)
+    return {
+        **calibrated_parameters(outer, covariances.parameters, held, at_bound),
+        **calibrated_parameters(report_base(calibration.T_instr_base), covariances.base),
+    }
+
+
+def _warnings(
+    cubic: Calibration, noise: Observations[Pose], seed_angle_deg: float
+) -> tuple[str, ...]:
+    """Return what a reader should know before trusting the fit."""
+    found = []
+    if not cubic.converged:
+        found.append(f"not converged: {cubic.solution.reason}")
+    bound = sorted(_at_bound(cubic, cubic.level.model.report(cubic.solution.x)))
+    if bound:
+        pull = float(pull_beyond_bounds(cubic).max())
+        meaning = (
+            "the data fit best with a stiffness that is not positive, as happens when an effect is "
+            "missing from the model"
+            if pull > _PULL_OF_NOISE
+            else "indistinguishable from the bound with these data"
+        )
+        found.append(
+            f"{', '.join(bound)} at the end of the physical range, {pull:.1f} standard "
+            f"uncertainties beyond it: {meaning}"
+        )
+    over = _over_repeats(cubic, noise)
+    if over > _INCOMPLETE:
+        found.append(
+            f"the remaining error is {over:.0f} times the noise of the readings: the model is "
+            "incomplete, and the uncertainties do not cover the missing effect"
+        )
+    if cubic.starts_agreeing < 2 <= len(cubic.starts):
+        found.append(f"only one of {len(cubic.starts)} starts found this minimum")
+    if seed_angle_deg > _FAR_FROM_SEED_DEG:
+        found.append(f"the base frame is {seed_angle_deg:.2f} deg from its seed")
+    return tuple(found)
+
+
+def _over_repeats(cubic: Calibration, noise: Observations[Pose]) -> float:
+    """Return the position error of the poses fitted over the part that their noise explains."""
+    level = cubic.level
+    noise_m2 = np.trace(noise.measured.cov[:, :3, :3], axis1=1, axis2=2).mean()
+    if not noise_m2 > 0:
+        return 0.0
+    residuals = level.residual(cubic.solution.x)[:, :3] * level.r_max_m
+    return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)) / noise_m2))
+
+
+def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:
+    """Return the reported parameters that depend on a parameter at its bound.
+
+    A linear spring's K_cub is at its end, zero, while its K_lin is an ordinary number.
+    """
+    held = np.flatnonzero(calibration.solution.at_bound)
+    touched = np.abs(report.jacobian[:, held]).sum(axis=1) > 0
+    at_zero = touched & (report.values == 0.0)
+    names = (parameter.name for parameter in report.parameters)
+    flagged = at_zero if at_zero.any() else touched
+    return frozenset(name for name, is_held in zip(names, flagged, strict=True) if is_held)
 
 
 def load_cases(load_N: Array) -> tuple[str, ...]:
@@ -199,9 +280,9 @@ def model_deviations(calibration: Calibration, poses: Observations[Pose]) -> Dev
     return deviations(T_base_ee, calibration.T_instr_base, poses)
 
 
-def _check_one_level(
+def _one_level(
     cubic: Calibration, T_instr_base_seed: Array, options: CalibrationOptions
-) -> OneLevelCheck:
+) -> OneLevel:
     """Solve on one level from the seed, and on two with all poses inside."""
     level, terms = cubic.level, cubic.terms
     start = nominal_start(level.model)
@@ -209,88 +290,91 @@ def _check_one_level(
     x = one.x[:-6]
     all_inside = replace(level, inner_rows=np.arange(len(level.observations)))
     two = solve(all_inside, start, terms, options.max_iterations)
-    known = np.array(
-        [parameter.name not in cubic.not_identifiable for parameter in level.model.parameters]
-    )
+    names = [parameter.name for parameter in level.model.parameters]
+    known = np.array([name not in cubic.not_identifiable for name in names])
+    # A parameter counts by its value, or by its scale where that is larger.
     size = np.maximum(np.abs(two.x), level.model.scale)
     T_base_ee = level.model.predict(level.observations.states, x)
     found = deviations(T_base_ee, all_inside.base(x).T_instr_base, level.observations)
     std = np.sqrt(np.diag(cubic.covariances.parameters))
-    return OneLevelCheck(
+    shift = np.where(known, (x - cubic.solution.x) / np.where(std > 0, std, 1.0), 0.0)
+    return OneLevel(
         largest_difference=float((np.abs(x - two.x) / size)[known].max()),
         mean_mm=float(found.distance_mm.mean()),
-        shift=np.where(known, (x - cubic.solution.x) / np.where(std > 0, std, 1.0), 0.0),
+        shift_over_std=dict(zip(names, shift.tolist(), strict=True)),
     )
 
 
-def _health(
-    cubic: Calibration,
-    noise: Observations[Pose],
-    held_out: Observations[Pose] | None,
-    stated: Observations[Pose],
-    u_apparatus_m: float,
-    findings: tuple[InputFinding, ...],
-    suspects: Suspects | None,
-) -> Health:
-    """Judge the calibration, base frame included."""
+def _fit_summary(cubic: Calibration, noise: Observations[Pose]) -> FitSummary:
+    """Return how the fit ended, base frame included."""
     level, solution = cubic.level, cubic.solution
     whole, x = level.one_level(cubic.T_instr_base), np.concatenate([solution.x, np.zeros(6)])
     jacobian = whole.rows(x).jacobian
-    whitener = np.linalg.inv(np.linalg.cholesky(noise.measured.cov))
-    held = [
-        parameter.name
-        for parameter, at_bound in zip(level.model.parameters, solution.at_bound, strict=True)
-        if at_bound
-    ]
-    covariance = cubic.covariances.together(cubic.T_instr_base)
     hidden = _hidden(whole, x)
-    ended = FitSummary(
+    return FitSummary(
         converged=solution.converged,
         reason=solution.reason,
         iterations=solution.iterations,
-        at_bound=tuple(held),
+        at_bound=tuple(
+            parameter.name
+            for parameter, at_bound in zip(level.model.parameters, solution.at_bound, strict=True)
+            if at_bound
+        ),
         pose=level.observations.pose,
         parameters=whole.parameters,
-        covariance=covariance,
+        covariance=cubic.covariances.together(cubic.T_instr_base),
         identifiability=cubic.identifiability,
-        white=whitener @ jacobian,
+        white=np.linalg.inv(np.linalg.cholesky(noise.measured.cov)) @ jacobian,
         position=jacobian[:, :3],
         not_identifiable=cubic.not_identifiable,
         x=x,
         hidden=hidden,
         of_mounting=hidden | _of_last_row(level.model),
     )
+
+
+def _health(
+    cubic: Calibration,
+    ended: FitSummary,
+    noise: Observations[Pose],
+    every: Observations,
+    stated: Observations[Pose],
+    u_apparatus_m: float,
+    findings: tuple[InputFinding, ...],
+) -> Health:
+    """Judge the calibration; `stated` are the readings with the covariance of the instrument."""
+    level, used = cubic.level, cubic.level.observations
+    whole, model = level.one_level(cubic.T_instr_base), fitted_model(cubic, None)
     noise_mm = 1e3 * float(
         np.sqrt(np.trace(noise.measured.cov[:, :3, :3], axis1=1, axis2=2).mean())
     )
-    p_instr_m = level.observations.measured.T_instr_target[:, :3, 3]
-    off = None
-    if held_out is not None:
-        elsewhere = replace(whole, observations=held_out).rows(x).jacobian[:, :3]
+    p_instr_m = used.measured.T_instr_target[:, :3, 3]
+    held_out, off = poses_of(every, "holdout"), None
+    if len(held_out):
         off = held_out_errors(
             model_deviations(cubic, held_out),
-            level.observations,
+            used,
             held_out,
-            elsewhere,
-            covariance,
-            None if suspects is None else suspects(fitted_model(cubic, None)),
+            replace(whole, observations=held_out).rows(ended.x).jacobian[:, :3],
+            ended.covariance,
+            suspected_held_out(every, model),
         )
-    scatter = scatter_of_repeats(stated, fitted_model(cubic, None))
+    scatter = scatter_of_repeats(stated, model)
     if scatter:
-        usual_mm = (
-            1e3 * scatter[0].found * np.sqrt(3.0 * np.mean(1.0 / level.observations.readings))
-        )
+        usual_mm = 1e3 * scatter[0].found * np.sqrt(3.0 * np.mean(1.0 / used.readings))
         findings = (*findings, *gross_errors_of_repeats(noise_mm, float(usual_mm)))
+    jacobian = whole.rows(ended.x).jacobian
     return health(
         ended,
         Errors(
-            train_rms_mm=summarise(model_deviations(cubic, level.observations)).rms_mm,
+            train_rms_mm=summarise(model_deviations(cubic, used)).rms_mm,
             held_out=off,
             noise_mm=noise_mm,
             spread_mm=1e3 * float(np.sqrt(np.sum(np.var(p_instr_m, axis=0)))),
             noise_is_found=bool(scatter),
             apparatus_mm=1e3 * _left_by_apparatus_m(level, jacobian, u_apparatus_m),
             repeats=scatter,
+            from_touches=stated.measured.from_touches,
             findings=findings,
         ),
     )
@@ -338,20 +422,13 @@ def _of_last_row(model: Model) -> frozenset[str]:
 # How far the answer depends on which M poses the inner level uses.
 
 
-@dataclass(frozen=True)
-class InnerDependence:
-    """Spread of the answer over random choices of the inner poses."""
-
-    choices: int  # how many were tried
-    std: Array  # (k',) standard deviation of each reported parameter over the choices
-    mean_mm: Array  # (choices,) mean position error of the poses fitted, for each choice
-
-
 def inner_dependence(
     level: TwoLevel, x: Array, options: CalibrationOptions, draws: int
 ) -> InnerDependence:
     """Calibrate again with random inner poses, each time from the solution x."""
-    reported, means = [], []
+    reported: list[Array] = []
+    means: list[float] = []
+    report = level.model.report(x)
     for poses in random_poses(level.observations, options.inner_poses, draws, options.random_seed):
         other = replace(level, inner_rows=rows_of(level.observations, poses))
         terms = tolerance_rows(other, x, options)
@@ -361,12 +438,11 @@ def inner_dependence(
         means.append(summarise(deviations(T_base_ee, base, other.observations)).mean_mm)
         reported.append(other.model.report(solution.x).values)
     count = len(reported)
-    std = (
-        np.std(reported, axis=0, ddof=1)
-        if count > 1
-        else np.zeros(len(level.model.report(x).values))
+    std = np.std(reported, axis=0, ddof=1) if count > 1 else np.zeros(len(report.values))
+    names = [parameter.name for parameter in report.parameters]
+    return InnerDependence(
+        choices=count, std=dict(zip(names, std.tolist(), strict=True)), mean_mm=np.array(means)
     )
-    return InnerDependence(count, std, np.array(means))
 
 
 # What the weight of the tolerance terms costs: misfit against departure from nominal.

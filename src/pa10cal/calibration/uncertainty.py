@@ -7,8 +7,9 @@ places of the tooling balls on the apparatus is the same in all poses and is add
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +28,11 @@ from pa10cal.observe.observations import (
 )
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
+from pa10cal.results.calibration import CalibratedParameter
 from pa10cal.results.evaluation import Accuracy
-from pa10cal.results.health import InputFinding
+from pa10cal.results.health import InputFinding, RepeatScatter
 from pa10cal.terms.model import Model
+from pa10cal.terms.term import Report
 
 # Position and orientation error of predicted poses, as the paper states them.
 
@@ -53,9 +56,9 @@ def summarise(found: Deviations, rows: NDArray[np.bool_] | slice = slice(None)) 
     )
 
 
-def summarise_by_load(found: Deviations, load_N: Array) -> dict[float, Accuracy]:
-    """Summarise deviations for every load."""
-    return {float(load): summarise(found, load_N == load) for load in np.unique(load_N)}
+def summarise_by_load(found: Deviations, load_N: Array) -> dict[str, Accuracy]:
+    """Summarise deviations for every load, keyed as the files are named: `0N`, `22N`, …"""
+    return {f"{load:g}N": summarise(found, load_N == load) for load in np.unique(load_N)}
 
 
 def align_nominal(nominal: Model, observations: Observations[Pose]) -> Array:
@@ -74,9 +77,6 @@ def align_nominal(nominal: Model, observations: Observations[Pose]) -> Array:
 
 
 # Held-out poses with a reading that is wrong itself: they say nothing of a model.
-
-#: Says by a calibrated model which held-out poses have a suspected reading.
-Suspects = Callable[[FittedModel], NDArray[np.bool_]]
 
 
 def suspected_held_out(every: Observations, model: FittedModel) -> NDArray[np.bool_]:
@@ -209,6 +209,55 @@ def _common(influence: Array, common: Array, u_m: float) -> Array:
     return total
 
 
+# Parameters as readers know them.
+
+
+def reported_keys(report: Report, covariance: Array) -> dict[str, dict[str, Any]]:
+    """Return value, standard uncertainty, unit and tolerance of reported parameters, by name.
+
+    Args:
+        report: k parameters, and their derivative by the m solved ones.
+        covariance: (m, m) of those solved.
+    """
+    std = np.sqrt(np.diag(report.jacobian @ covariance @ report.jacobian.T))
+    return {
+        parameter.name: {
+            "value": float(value),
+            "std": float(sigma),
+            "unit": parameter.unit,
+            "tolerance": parameter.tolerance,
+        }
+        for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
+    }
+
+
+def calibrated_parameters(
+    report: Report,
+    covariance: Array,
+    held: Collection[str] = (),
+    at_bound: Collection[str] = (),
+) -> dict[str, CalibratedParameter]:
+    """Return reported parameters by name.
+
+    A parameter of a direction that is not identifiable is held by its tolerance term alone, so
+    its tolerance is given as its uncertainty.
+
+    Args:
+        report: k parameters, and their derivative by the m solved ones.
+        covariance: (m, m) of those solved.
+        held: names of those that the data do not identify.
+        at_bound: names of those at the end of their physical range.
+    """
+    return {
+        name: CalibratedParameter(
+            **(keys | {"std": keys["tolerance"]} if name in held else keys),
+            identifiable=name not in held,
+            at_bound=name in at_bound,
+        )
+        for name, keys in reported_keys(report, covariance).items()
+    }
+
+
 # Does the stated uncertainty agree with what repeats scatter by?
 
 #: Pairs of readings below which their scatter says too little about a factor of three.
@@ -219,24 +268,7 @@ _FAR = 3.0
 _MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
 
 
-@dataclass(frozen=True)
-class ScatterOfRepeats:
-    """Scatter of one reading, as repeats show it, beside what the instrument states."""
-
-    kind: str  # `position`, `attitude` or `distance`
-    # found and stated: standard uncertainty of one component [m or rad], typical of the readings
-    found: float
-    stated: float
-    pairs: int  # pairs of readings behind it
-    from_touches: bool = False  # whether the instrument touches balls
-
-    @property
-    def ratio(self) -> float:
-        """Return the scatter found over the one stated."""
-        return self.found / self.stated
-
-
-def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[ScatterOfRepeats, ...]:
+def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[RepeatScatter, ...]:
     """Compare successive readings of the same pose, load and direction of arrival.
 
     What joint positions and torques of a reading explain is taken off by the model; what drifts
@@ -273,7 +305,7 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Scat
         size = float(np.sqrt(0.5 * np.median(stated[:, columns][seen])))
         ratio = np.sqrt(np.median(squares / stated[:, columns][seen]) / _MEDIAN_SQUARE)
         found.append(
-            ScatterOfRepeats(kind, float(ratio) * size, size, len(at), measured.from_touches)
+            RepeatScatter(kind=kind, found=float(ratio) * size, stated=size, pairs=len(at))
         )
     return tuple(found)
 

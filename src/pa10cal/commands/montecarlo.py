@@ -35,27 +35,14 @@ def montecarlo(
         pa10cal montecarlo --campaign mine --robot ur10 --plane-mm 500 --out z500.json \\
           --settings '{"cycles": 1000}'
     """
-    import math
-
     from pa10cal.files.arms import load_arm
-    from pa10cal.montecarlo.plane import PlaneTask, study_plane
-    from pa10cal.montecarlo.records import plane_record
+    from pa10cal.montecarlo.plane import study_plane
     from pa10cal.results.codec import write
 
     arm = load_arm(robot, campaign_dir)
     for height_mm in settings.planes_mm if plane_mm is None else (plane_mm,):
-        task = PlaneTask(
-            plane_mm=height_mm,
-            reach_m=settings.reach_m,
-            positions=settings.positions,
-            cycles=settings.cycles,
-            sigma_rad=math.radians(settings.sigma_deg),
-            random_seed=settings.random_seed,
-            map_spacing_m=1e-3 * settings.map_spacing_mm,
-        )
-        progress = _Progress(f"montecarlo z = {height_mm} mm", task.cycles)
-        errors = study_plane(arm, task, progress)
-        record = plane_record(errors, settings, campaign, robot, height_mm)
+        progress = _Progress(f"montecarlo z = {height_mm} mm", settings.cycles)
+        record = study_plane(arm, height_mm, settings, campaign, robot, progress)
         write(record, out / f"z{height_mm}.json" if plane_mm is None else out)
         print(
             f"{campaign} z = {height_mm} mm: {record.mean_mm:.4f} ± {record.std_mm:.4f} mm, "

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.curve.options import CurveOptions, CurveStudyOptions
 from pa10cal.evaluation.options import CoverageOptions
-
-if TYPE_CHECKING:
-    from pa10cal.curve.gait import Gait
-    from pa10cal.results.studies import CurveRecord
 
 
 def coverage(
@@ -89,10 +84,13 @@ def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) 
         pa10cal curve --out-dir helix --settings '{"curve": {"shape": "helix", "radius_m": 0.2, \\
           "pitch_m": 0.4, "turns": 1.5}, "link_m": 0.1}'
     """
-    from pa10cal.curve.gait import curve_through, gait_of, shape_of
-    from pa10cal.curve.records import curve_record, summary
+    import pandas as pd
+
+    from pa10cal.curve.gait import curve_through, laid, shape_of
     from pa10cal.errors import SettingsError
     from pa10cal.files.curve_points import read_curve_points
+    from pa10cal.files.output import whole_files
+    from pa10cal.results.codec import write
 
     if points is not None and settings.curve is None:
         shape = curve_through(read_curve_points(points), settings.through)
@@ -105,26 +103,13 @@ def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) 
             allowed="points, or a shape by name",
             remedy="give one of them",
         )
-    gait = gait_of(shape, settings)
-    record = curve_record(gait, settings)
-    _write(out_dir, gait, record)
-    print(f"{out_dir}: {summary(record)}")
-
-
-def _write(folder: Path, gait: Gait, record: CurveRecord) -> None:
-    """Write `angles.csv`, `points.csv`, `links.csv`, `shape.csv` and `curve.json`, all or none."""
-    import pandas as pd
-
-    from pa10cal.curve.records import curve_tables
-    from pa10cal.files.output import whole_files
-    from pa10cal.results.codec import write
-
-    tables = curve_tables(gait)
-    paths = [*(folder / f"{name}.csv" for name in tables), folder / "curve.json"]
+    record, tables = laid(shape, settings)
+    paths = [*(out_dir / f"{name}.csv" for name in tables), out_dir / "curve.json"]
     with whole_files(*paths) as (*besides, record_beside):
         for beside, columns in zip(besides, tables.values(), strict=True):
             pd.DataFrame(columns).to_csv(beside, index=False, lineterminator="\n")
         write(record, record_beside)
+    print(f"{out_dir}: {record.line}")
 
 
 def curve_calibration(

@@ -30,16 +30,18 @@ def transfer(
           --campaign-dir data/raw/ur10-c --poses results/ur10-c/ingest/poses.parquet --out \\
           transfer_ur10-a.json
     """
-    from pa10cal.calibration.records import calibration_options, models_of
+    from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
     from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.errors import CalibrationError, RecordError
-    from pa10cal.evaluation.compared import judged_elsewhere, said_of_parts, transfer_record
+    from pa10cal.evaluation.compared import said_of_parts, transfer_record
+    from pa10cal.fit.fitted_model import models_of
     from pa10cal.options import DiscoveryOptions
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
+    from pa10cal.settings_reading import parse_section
     from pa10cal.stages.extended import read_extended
 
     campaign = read_description(campaign_dir)
@@ -62,16 +64,18 @@ def transfer(
             allowed="converged",
             remedy="raise calibration.max_iterations, or look at its warnings",
         )
-
-    carried = judged_elsewhere(
+    options = parse_section(CalibrationOptions, record.settings, where=str(calibration))
+    carried = transfer_record(
+        campaign,
+        record.campaign,
         every,
         models_of(record, str(calibration)),
         None if extended is None else read_extended(extended, record.campaign),
-        setup_of(campaign, arm, calibration_options(record, str(calibration)), DiscoveryOptions()),
+        setup_of(campaign, arm, options, DiscoveryOptions()),
     )
-    write(transfer_record(campaign, record.campaign, carried), out)
+    write(carried, out)
     summary = ", ".join(f"{name} {model.rms_mm:.3f} mm" for name, model in carried.models.items())
     print(f"{campaign.name}: model of {record.campaign}, base and tool fitted: rms {summary}")
-    if carried.parts:
+    if carried.parts and carried.one_base:
         whole = ", ".join(f"{name} {each.rms_mm:.3f} mm" for name, each in carried.one_base.items())
         print(f"{said_of_parts(carried.parts)} (with one base: rms {whole})")

@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.curve.angles import JointAngles, Order, first_axes, joint_angles
+from pa10cal.curve.angles import JointAngles, Order, chain_points, first_axes, joint_angles
 from pa10cal.curve.curve import Curve, circle, helix, line, polyline, serpenoid, spline_through
 from pa10cal.curve.options import CircleShape, CurveOptions, HelixShape, LineShape, Shape
 from pa10cal.curve.points import Points, equal_links, lay_points
 from pa10cal.curve.roll import (
     JointLimits,
     RollMap,
+    feasible_rolls,
     most_room,
     roll_for_last,
     room_at,
@@ -28,6 +29,7 @@ from pa10cal.curve.roll import (
     smallest_angle_near,
 )
 from pa10cal.errors import CurveError
+from pa10cal.results.studies import CurveRecord, CurveShape
 
 
 @dataclass(frozen=True)
@@ -209,11 +211,6 @@ def curve_through(points_m: NDArray[np.float64], through: Through) -> Curve:
     return spline_through(points_m, closed=through == "closed_spline")
 
 
-def gait_of(curve: Curve, options: CurveOptions) -> Gait:
-    """Return the chain of links along a curve, at time zero alone where it does not move."""
-    return _still(curve, options) if options.gait is None else _moving(curve, options)
-
-
 def _still(curve: Curve, options: CurveOptions) -> Gait:
     """Lay links along a curve: one shape, at time zero."""
     if options.link_m is not None:
@@ -260,3 +257,109 @@ def _moving(curve: Curve, options: CurveOptions) -> Gait:
         given = given_rolls(rolls_rad, limits)
         choose = small_angles(np.radians(moves.move_deg), limits) if small else given
     return follow(curves, time_s, options.link_m, options.links, choose, options.order)
+
+
+# `curve.json` and the tables beside it: joint angles, points, links and the curve.
+
+#: Columns of a table by name.
+Columns = dict[str, NDArray[np.float64] | NDArray[np.int_]]
+
+#: Places of the curve that are written for drawing, and of each of several.
+_PLACES, _PLACES_OF_MANY = 1000, 150
+
+
+def laid(curve: Curve, options: CurveOptions) -> tuple[CurveRecord, dict[str, Columns]]:
+    """Lay a chain of links along a curve, at time zero alone where it does not move.
+
+    Returns:
+        Statuses and largest angles, and the tables `angles`, `points`, `links` and `shape`.
+
+    Raises:
+        CurveError: when the links do not fit on the curve, or no roll keeps the limits.
+    """
+    gait = _still(curve, options) if options.gait is None else _moving(curve, options)
+    points, free = gait.points[0], None
+    limits = limits_of(options, points.n - 1)
+    if limits is not None:
+        chain = RollMap.of(points.directions, options.order)
+        free = tuple(map(tuple, np.degrees(feasible_rolls(chain, limits)).tolist()))
+    shapes = tuple(map(_shape, gait.time_s, gait.points, gait.joints, gait.roll_rad))
+    record = CurveRecord(
+        link_m=points.link_m,
+        links=points.n,
+        order=options.order,
+        largest_angle_deg=max(shape.largest_angle_deg for shape in shapes),
+        largest_move_deg=float(np.degrees(gait.move_rad.max(initial=0.0))),
+        feasible_rolls_deg=free,
+        shapes=shapes,
+        settings=options.model_dump(mode="json"),
+    )
+    return record, _tables(gait)
+
+
+def _shape(time_s: float, points: Points, joints: JointAngles, roll_rad: float) -> CurveShape:
+    chords_m = np.linalg.norm(np.diff(points.p_m, axis=0), axis=1)
+    back_m = chain_points(
+        joints.a_rad, joints.b_rad, joints.order, joints.axes[0], points.p_m[0], points.link_m
+    )
+    largest = np.abs([joints.a_rad, joints.b_rad]).max(initial=0.0)
+    return CurveShape(
+        time_s=float(time_s),
+        ending=points.ending.name.lower(),
+        ending_is=points.ending.value,
+        left_m=points.left_m,
+        gap_m=points.gap_m,
+        touches=tuple((np.flatnonzero(points.touches) + 1).tolist()),
+        open_joints=tuple((np.flatnonzero(joints.open) + 1).tolist()),
+        roll_deg=float(np.degrees(roll_rad)),
+        largest_angle_deg=float(np.degrees(largest)),
+        chord_error=float(np.abs(chords_m / points.link_m - 1.0).max()),
+        forward_kinematics_error_m=float(np.linalg.norm(back_m - points.p_m, axis=1).max()),
+    )
+
+
+def _tables(gait: Gait) -> dict[str, Columns]:
+    """Return one row a joint, a point (from the curve's beginning on) and a link of each shape.
+
+    Of links the axes x, along it, and z of their frames; of the curve places, for drawing.
+    """
+    count = _PLACES if len(gait.curves) == 1 else _PLACES_OF_MANY
+    t = [np.linspace(curve.bounds.start, curve.bounds.end, count) for curve in gait.curves]
+    places_m = [curve.at(each) for curve, each in zip(gait.curves, t, strict=True)]
+    axes = np.stack([each.axes for each in gait.joints])
+    joints, ends, links = gait.a_rad.shape[1], gait.p_m.shape[1], axes.shape[1]
+    touches = [np.append(False, points.touches) for points in gait.points]
+
+    def numbered(name: str, first: int, count: int) -> Columns:
+        number = np.tile(np.arange(first, first + count), len(gait.time_s))
+        return {"time_s": np.repeat(gait.time_s, count), name: number}
+
+    def xyz(name: str, vectors: Array) -> Columns:
+        return dict(
+            zip((name.format(axis) for axis in "xyz"), vectors.reshape(-1, 3).T, strict=True)
+        )
+
+    return {
+        "angles": {
+            **numbered("joint", 1, joints),
+            "a_rad": gait.a_rad.ravel(),
+            "b_rad": gait.b_rad.ravel(),
+            "first_turn_open": np.concatenate([each.open for each in gait.joints]).astype(int),
+        },
+        "points": {
+            **numbered("point", 0, ends),
+            "t": np.concatenate([points.t for points in gait.points]),
+            **xyz("{}_m", gait.p_m),
+            "touches": np.concatenate(touches).astype(int),
+        },
+        "links": {
+            **numbered("link", 1, links),
+            **xyz("x_{}", axes[..., 0]),
+            **xyz("z_{}", axes[..., 2]),
+        },
+        "shape": {
+            "time_s": np.repeat(gait.time_s, count),
+            "t": np.concatenate(t),
+            **xyz("{}_m", np.stack(places_m)),
+        },
+    }

@@ -9,7 +9,7 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.levels import report_base
-from pa10cal.calibration.records import reported_keys
+from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery import lack_of_fit as domain
 from pa10cal.discovery.blocked_cv.alone import ByCampaign, Pair, by_campaign
 from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks

@@ -13,10 +13,10 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.health import Errors, FitSummary, HeldOut, health
+from pa10cal.calibration.grade import Errors, FitSummary, HeldOut
+from pa10cal.calibration.health import health
 from pa10cal.calibration.levels import report_base
-from pa10cal.calibration.records import by_load, fitted_to, reported_keys
-from pa10cal.calibration.uncertainty import summarise, summarise_by_load
+from pa10cal.calibration.uncertainty import reported_keys, summarise, summarise_by_load
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable
 from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
 from pa10cal.discovery.blocked_cv.survey import survey
@@ -28,6 +28,7 @@ from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared
 from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.model_file import model_to_plain
@@ -207,10 +208,10 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
         found: the calibration with them.
         campaign: whose it is.
     """
-    about = fitted_to(found.poses, record.load, found.health, campaign)
+    about = FittedTo.of(found.poses, record.load, found.health, campaign)
     model = replace(found.model, fitted_to=about)
     load_N = found.poses.states.load_N
-    after = by_load(summarise_by_load(found.found, load_N))
+    after = summarise_by_load(found.found, load_N)
     converged = "converged" if found.converged else "not converged"
     return record.model_copy(
         update={

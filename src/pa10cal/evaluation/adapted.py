@@ -9,8 +9,8 @@ import numpy as np
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
-from pa10cal.calibration.general.case import calibrate_from, fitted
-from pa10cal.calibration.general.prior import prior_of
+from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.prior import calibrate_from, prior_of
 from pa10cal.calibration.general.transfer import refit_frames, with_tool_of
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.errors import CalibrationError
@@ -64,7 +64,7 @@ def adapted_steps(
             alone = judged(fitted(calibrate_general(arm, some, start, payload)))
         except CalibrationError:
             pass  # too few poses for these; a prior needs fewer
-        assert general.moved is not None
+        assert general.prior is not None
         steps.append(
             AdaptedStep(
                 share=share,
@@ -72,7 +72,7 @@ def adapted_steps(
                 prior=judged(fitted(general)),
                 frames=frames,
                 alone=alone,
-                line=general.moved.line,
+                line=general.prior.line,
             )
         )
         last = steps[-1]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -111,63 +110,96 @@ def judged_models(
     return found
 
 
-@dataclass(frozen=True)
-class Carried:
-    """Models carried to a campaign: base and tool fitted there, part by part where it moved."""
-
-    models: dict[str, HeldOutModel]  # errors by model
-    # of the campaign, each with its own base; none where nothing moved
-    parts: tuple[PartOfCampaign, ...] = ()
-    # errors by model with one base for all; empty where nothing moved
-    one_base: Mapping[str, HeldOutModel] = field(default_factory=dict)
-
-
-def judged_elsewhere(
+def held_out_record(
+    campaign: Campaign,
+    calibration: str,
     every: Observations,
     models: Mapping[str, FittedModel],
     extended: Extended | None,
     setup: MeasurementSetup,
-) -> Carried:
+) -> HoldoutRecord:
+    """Judge models on held-out poses of their own campaign.
+
+    Where the verdict tells steps, they are judged with a base for every part as well.
+
+    Args:
+        campaign: whose poses they are.
+        calibration: load case of the calibration judged.
+        every, models, extended, setup: see `judged_models`.
+
+    Raises:
+        CalibrationError: when base and tool are not determined by the poses.
+    """
+    found = judged_models(every, models, extended, setup)
+    cuts_s: Sequence[float] = ()
+    if found and extended is not None and not every.measured.campaigns:
+        cuts_s = worth_cutting(every, extended.steps_s)
+    parts = by_parts = None
+    if cuts_s:
+        in_parts = judged_models(every, models, extended, setup, elsewhere=True, cuts_s=cuts_s)
+        by_parts = _errors_of(in_parts)
+        parts = parts_of(*_best(every, models, extended, setup, cuts_s), cuts_s)
+    return HoldoutRecord(
+        campaign=campaign.name,
+        provenance=campaign.provenance,
+        calibration=calibration,
+        configurations=_configurations(found),
+        models=found,
+        parts=parts,
+        by_parts=by_parts,
+        note=None if found else "no held-out rows measured",
+    )
+
+
+def transfer_record(
+    campaign: Campaign,
+    from_: str,
+    every: Observations,
+    models: Mapping[str, FittedModel],
+    extended: Extended | None,
+    setup: MeasurementSetup,
+) -> TransferRecord:
     """Judge models of one campaign in another, part by part where instrument or base moved there.
 
     Args:
+        campaign: in which they are judged.
+        from_: the other.
         every, models, extended, setup: see `judged_models`.
 
     Raises:
         CalibrationError: when base and tool are not determined by the poses.
     """
-    if not len(every.of_kind("holdout")):
-        return Carried({})
-    at_once = judged_models(every, models, extended, setup, elsewhere=True)
-    best, arrived = _best(every, models, extended, setup)
-    cuts_s = steps_elsewhere(best.model, arrived, setup)
-    if not cuts_s:
-        return Carried(at_once)
-    found = judged_models(every, models, extended, setup, elsewhere=True, cuts_s=cuts_s)
-    best, arrived = _best(every, models, extended, setup, cuts_s)
-    return Carried(found, parts_of(best, arrived, cuts_s), at_once)
+    found = judged_models(every, models, extended, setup, elsewhere=True)
+    cuts_s: Sequence[float] = ()
+    if found:
+        best, arrived = _best(every, models, extended, setup)
+        cuts_s = steps_elsewhere(best.model, arrived, setup)
+    parts = one_base = None
+    if cuts_s:
+        one_base = _errors_of(found)
+        found = judged_models(every, models, extended, setup, elsewhere=True, cuts_s=cuts_s)
+        parts = parts_of(*_best(every, models, extended, setup, cuts_s), cuts_s)
+    return TransferRecord(
+        campaign=campaign.name,
+        provenance=campaign.provenance,
+        from_=from_,
+        configurations=_configurations(found),
+        models=found,
+        parts=parts,
+        one_base=one_base,
+    )
 
 
-def judged_by_parts(
-    every: Observations,
-    models: Mapping[str, FittedModel],
-    extended: Extended,
-    setup: MeasurementSetup,
-) -> Carried:
-    """Judge models in their own campaign where its verdict tells steps: a base for every part.
+def _configurations(models: Mapping[str, HeldOutModel]) -> int:
+    return max((model.configurations for model in models.values()), default=0)
 
-    Args:
-        every, models, extended, setup: see `judged_models`.
 
-    Raises:
-        CalibrationError: when base and tool are not determined by the poses.
-    """
-    cuts_s = () if every.measured.campaigns else worth_cutting(every, extended.steps_s)
-    if not cuts_s or not len(every.of_kind("holdout")):
-        return Carried({})
-    found = judged_models(every, models, extended, setup, elsewhere=True, cuts_s=cuts_s)
-    best, arrived = _best(every, models, extended, setup, cuts_s)
-    return Carried(found, parts_of(best, arrived, cuts_s))
+def _errors_of(models: Mapping[str, HeldOutModel]) -> dict[str, Accuracy]:
+    """Return the errors of models over all configurations."""
+    return {
+        name: Accuracy(**{key: getattr(model, key) for key in Accuracy.model_fields})
+        for name, model in models.items()
+    }
 
 
 def _best(
@@ -209,63 +241,6 @@ def judged_where_repeated(
         known = held_out if kind == "holdout" else None
         found[kind] = known or judged_models(every, models, extended, setup, kind=kind)
     return found
-
-
-# `evaluation/holdout.json` and `transfer_<campaign>.json`: models on held-out poses.
-
-
-def holdout_record(
-    campaign: Campaign,
-    calibration: str,
-    models: dict[str, HeldOutModel],
-    by_parts: Carried | None = None,
-) -> HoldoutRecord:
-    """Return the record of some models on held-out poses.
-
-    Args:
-        campaign: whose poses they are.
-        calibration: load case of the calibration judged.
-        models: errors by model; empty where no poses were held out.
-        by_parts: the same with a base for every part, where instrument or base moved at once.
-    """
-    return HoldoutRecord(
-        campaign=campaign.name,
-        provenance=campaign.provenance,
-        calibration=calibration,
-        configurations=max((model.configurations for model in models.values()), default=0),
-        models=models,
-        parts=None if by_parts is None else by_parts.parts or None,
-        by_parts=None if by_parts is None else errors_of(by_parts.models) or None,
-        note=None if models else "no held-out rows measured",
-    )
-
-
-def transfer_record(campaign: Campaign, from_: str, carried: Carried) -> TransferRecord:
-    """Return the record of the models of one campaign in another.
-
-    Args:
-        campaign: in which they are judged.
-        from_: the other.
-        carried: what became of them.
-    """
-    models = carried.models
-    return TransferRecord(
-        campaign=campaign.name,
-        provenance=campaign.provenance,
-        from_=from_,
-        configurations=max((model.configurations for model in models.values()), default=0),
-        models=models,
-        parts=carried.parts or None,
-        one_base=errors_of(carried.one_base) or None,
-    )
-
-
-def errors_of(models: Mapping[str, HeldOutModel]) -> dict[str, Accuracy]:
-    """Return the errors of models over all configurations."""
-    return {
-        name: Accuracy(**{key: getattr(model, key) for key in Accuracy.model_fields})
-        for name, model in models.items()
-    }
 
 
 def said_of_parts(parts: Sequence[PartOfCampaign]) -> str:

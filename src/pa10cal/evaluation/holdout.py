@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import BASE
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.transfer import refit_frames, with_tool_of
-from pa10cal.calibration.records import by_load
 from pa10cal.calibration.uncertainty import summarise, summarise_by_load
 from pa10cal.discovery.finding import steps_told
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time
@@ -96,7 +95,7 @@ def judged(
 
     return HeldOutModel(
         **dict(summarise(found)),
-        per_load=by_load(summarise_by_load(found, held_out.states.load_N)),
+        per_load=summarise_by_load(found, held_out.states.load_N),
         per_point={
             str(label): summarise(found.take(held_out.pose == label)) for label in _points(held_out)
         },

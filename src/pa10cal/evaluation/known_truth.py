@@ -61,8 +61,9 @@ def parameter_scores(general: GeneralCalibration, truth: KnownTruth) -> dict[str
         for k, parameter in enumerate(problem.parameters)
         if not fit.at_bound[k] and parameter.name not in without
     }
-    for each in general.settled:
-        scores[each.parameter.name] = -values.get(each.parameter.name, 0.0) / each.std
+    for name, each in general.settled.items():
+        if each.std:
+            scores[name] = -values.get(name, 0.0) / each.std
     return scores
 
 

@@ -19,7 +19,8 @@ from pa10cal.fit.loads import with_torques
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Comparison, Deviations
-from pa10cal.results.health import InputFinding
+from pa10cal.results.health import Health, InputFinding
+from pa10cal.results.record import Campaign
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import is_constant
 from pa10cal.terms.term import Report, Term
@@ -50,6 +51,24 @@ class FittedTo:
     suspicions: tuple[InputFinding, ...] = ()  # what is probably wrong in the input
     # external loads of the poses, each once; empty where that is not known
     loads_N: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, poses: Observations, load: str, health: Health, campaign: Campaign) -> FittedTo:
+        """Return it of the poses fitted, of a load case and of its health."""
+        states = poses.states
+        return cls(
+            campaign=campaign.name,
+            provenance=campaign.provenance,
+            calibration=load,
+            instrument=" and ".join(poses.measured.kinds),
+            poses=len(poses),
+            temperature_C=float(states.temperature_C.mean()),
+            time_s=(float(states.time_s.min()), float(states.time_s.max())),
+            grade=health.grade,
+            health=health.line,
+            suspicions=health.findings,
+            loads_N=tuple(map(float, np.unique(states.load_N))),
+        )
 
 
 @dataclass(frozen=True, eq=False)

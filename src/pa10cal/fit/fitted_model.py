@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.compensation import compensate
 from pa10cal.fit.fitted import FLANGE, Compensation, Fitted, Prediction
 from pa10cal.fit.forward import Forward, T_flange_frame, conditions, predicted
-from pa10cal.fit.model_file import read_model, save_model
+from pa10cal.fit.model_file import model_from_plain, read_model, save_model
+from pa10cal.results.calibration import CalibrationRecord, Fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,3 +166,41 @@ def load_model(path: str | Path) -> FittedModel:
         TermError: when it has a term that is not known.
     """
     return read_model(path, FittedModel)
+
+
+def models_of(record: CalibrationRecord, where: str) -> dict[str, FittedModel]:
+    """Return the fitted models of a calibration by the names under which they are evaluated.
+
+    Args:
+        record: what `calibration/<load>.json` holds; the last model is the calibration itself.
+        where: file that it was read from, for messages.
+
+    Raises:
+        ModelError: when a model cannot be made of what is written.
+        TermError: when it has a term that is not known.
+    """
+    return {
+        name: _model_of(fit, f"{where}: fitted_model of {name}")
+        for name, fit in record.fits_by_model.items()
+    }
+
+
+def _model_of(fit: Fit, where: str) -> FittedModel:
+    """Return the model of a fit, with the covariance of the parameters it is solved in."""
+    model = model_from_plain(fit.fitted_model, FittedModel, where=where)
+    names, matrix = fit.covariance.names, fit.covariance.matrix
+    solved = tuple(parameter.name for parameter in model.model.parameters)
+    report = model.model.report(model.x)
+    k = len(solved)
+    covariance = np.zeros((k + 6, k + 6))
+    if names[:k] == solved:
+        base = [name.replace(".", "_") for name in BASE]
+        known = [names.index(name) for name in (*solved, *base) if name in names]
+        at = [*range(k), *(k + base.index(name) for name in names if name in base)]
+        covariance[np.ix_(at, at)] = matrix[np.ix_(known, known)]
+    elif names == tuple(parameter.name for parameter in report.parameters):
+        back = np.linalg.pinv(report.jacobian)
+        covariance[:k, :k] = back @ matrix @ back.T
+    else:
+        return model
+    return replace(model, covariance=covariance)

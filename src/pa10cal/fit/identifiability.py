@@ -17,13 +17,6 @@ NULL_RATIO = 1e-9
 
 
 @dataclass(frozen=True)
-class Direction:
-    """A direction of parameter space that the data do not identify."""
-
-    weights: dict[str, float]  # parameter name to its part, in its own unit, the first being 1 unit
-
-
-@dataclass(frozen=True)
 class Identifiability:
     """Singular values of the Jacobian in parameters divided by their scale."""
 
@@ -47,8 +40,12 @@ def identify(jacobian: Array, scale: Array) -> Identifiability:
 
 def unidentified_directions(
     identifiability: Identifiability, parameters: tuple[Parameter, ...]
-) -> tuple[Direction, ...]:
-    """Name the null directions, each by as few parameters as the null space allows."""
+) -> tuple[dict[str, float], ...]:
+    """Name the null directions, each by as few parameters as the null space allows.
+
+    Returns:
+        Of each the part of its parameters by name, in their own units, the first being 1 unit.
+    """
     basis = identifiability.null_space
     count = basis.shape[1]
     if count == 0:
@@ -62,7 +59,7 @@ def unidentified_directions(
         weights = column * scale / scale[pivot]
         members = np.flatnonzero(np.abs(column) > 1e-6)
         ranked = sorted(members, key=lambda k: (k != pivot, -abs(column[k])))
-        directions.append(Direction({parameters[k].name: float(weights[k]) for k in ranked}))
+        directions.append({parameters[k].name: float(weights[k]) for k in ranked})
     return tuple(directions)
 
 

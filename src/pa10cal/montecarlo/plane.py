@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +22,10 @@ from pa10cal.montecarlo.displacement import (
     joint_motion,
     plan_displacement,
 )
-from pa10cal.montecarlo.places import Places, draw_places, grid_places, reference_in_plane
+from pa10cal.montecarlo.places import draw_places, grid_places, reference_in_plane
+from pa10cal.options import MonteCarloOptions
+from pa10cal.results.studies import Convergence, PlaneMap, PlaneRecord
+from pa10cal.results.studies import Places as PlacesDrawn
 
 # Drawing joint errors, and the length of the flange's displacement for each draw.
 #
@@ -120,32 +125,6 @@ _MEAN_OF_CHI_3 = np.sqrt(8.0 / np.pi)
 
 
 @dataclass(frozen=True)
-class ErrorStatistics:
-    """Statistics of the drawn errors at P places."""
-
-    place_mean_m: Array  # (P,) mean at each place
-    place_std_m: Array  # (P,) standard deviation at each place
-    mean_m: float  # mean of all draws
-    std_within_m: float  # spread within a place: root mean square of `place_std_m`
-    std_between_m: float  # standard deviation of `place_mean_m`
-    std_total_m: float  # standard deviation of all draws
-    # half the 95 % interval of `mean_m` over these places: what more cycles would narrow
-    half_width_m: float
-    # half the 95 % interval of `mean_m` over all places of the plane: what more places would
-    # narrow
-    places_half_width_m: float
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """Mean of all places after the first cycles at each."""
-
-    cycles: NDArray[np.int64]  # (C,) cycles at each place
-    mean_m: Array  # (C,) running mean
-    half_width_m: Array  # (C,) half its 95 % interval over these places
-
-
-@dataclass(frozen=True)
 class ExpectedError:
     """Expected length of the flange's displacement at P positions."""
 
@@ -158,32 +137,32 @@ def counts_of(cycles: int, most: int = 20, first: int = 10) -> NDArray[np.int64]
     return np.unique(np.round(np.geomspace(min(first, cycles), cycles, most)).astype(np.int64))
 
 
-def summarise(sums: ErrorSums) -> ErrorStatistics:
-    """Return the statistics of all cycles."""
-    mean, variance = _moments(sums)
-    mean, variance = mean[:, -1], variance[:, -1]
-    places, cycles = len(mean), int(sums.cycles[-1])
+def drawn_keys(sums: ErrorSums) -> dict[str, Any]:
+    """Return what the record of a plane holds of the draws alone, in millimetres.
+
+    The spread `std_mm` is that within a place, as the paper's.
+    """
+    means, variances = moments(sums)
+    mean, variance = means[:, -1], variances[:, -1]
+    half_widths = _half_width(variances, sums.cycles)
+    total = np.mean(sums.squared_m2[:, -1]) / sums.cycles[-1] - np.mean(mean) ** 2
     between = float(np.std(mean, ddof=1))
-    total = np.mean(sums.squared_m2[:, -1]) / cycles - np.mean(mean) ** 2
-    return ErrorStatistics(
-        place_mean_m=mean,
-        place_std_m=np.sqrt(variance),
-        mean_m=float(np.mean(mean)),
-        std_within_m=float(np.sqrt(np.mean(variance))),
-        std_between_m=between,
-        std_total_m=float(np.sqrt(total)),
-        half_width_m=float(_half_width(variance[:, None], sums.cycles[-1:])[0]),
-        places_half_width_m=_NORMAL_95 * between / float(np.sqrt(places)),
-    )
+    return {
+        "mean_mm": _mm(np.mean(mean)),
+        "std_mm": _mm(np.sqrt(np.mean(variance))),
+        "std_between_mm": _mm(between),
+        "std_total_mm": _mm(np.sqrt(total)),
+        "half_width95_cycles_mm": _mm(half_widths[-1]),
+        "half_width95_positions_mm": _mm(_NORMAL_95 * between / np.sqrt(len(mean))),
+        "convergence": Convergence(
+            cycles=sums.cycles,
+            mean_mm=_mm_each(means.mean(axis=0)),
+            half_width95_mm=_mm_each(half_widths),
+        ),
+    }
 
 
-def convergence(sums: ErrorSums) -> Convergence:
-    """Return how the mean settled."""
-    mean, variance = _moments(sums)
-    return Convergence(sums.cycles, mean.mean(axis=0), _half_width(variance, sums.cycles))
-
-
-def _moments(sums: ErrorSums) -> tuple[Array, Array]:
+def moments(sums: ErrorSums) -> tuple[Array, Array]:
     """Return mean and unbiased variance (P, C) of the first cycles at each place."""
     mean = sums.error_m / sums.cycles
     return mean, np.maximum(sums.squared_m2 - sums.error_m * mean, 0.0) / (sums.cycles - 1)
@@ -210,38 +189,30 @@ def expected_error(jacobian: Array, sigma_rad: float) -> ExpectedError:
     return ExpectedError(mean_m=mean_m, std_m=np.sqrt(variance))
 
 
-@dataclass(frozen=True)
-class PlaneTask:
-    """What to compute."""
-
-    plane_mm: int  # height of the flange above the base
-    reach_m: tuple[float, float]  # least and greatest distance of the flange from the base z axis
-    positions: int  # places drawn
-    cycles: int  # draws at each place
-    sigma_rad: float  # standard uncertainty of every joint
-    random_seed: int  # of places and draws
-    map_spacing_m: float  # grid of the map
-
-
-@dataclass(frozen=True)
-class PlaneErrors:
-    """Errors in one plane."""
-
-    places: Places  # P places that were drawn
-    sums: ErrorSums  # of the drawn errors there
-    expected: ExpectedError  # closed form there
-    map_places: Places  # K places of the map
-    map_expected: ExpectedError  # closed form there
+_ATTITUDE = (
+    "flange axis straight down, turned about the base axis with the azimuth of its place; "
+    "one posture throughout, the one nearest the middle of the joint ranges"
+)
+_REACH = "distance of the flange from the base z axis, in the plane"
+_STD = "within a position: root mean square of the standard deviations of the positions"
 
 
 def study_plane(
-    arm: Arm, task: PlaneTask, progress: Progress = lambda _done, _all: None
-) -> PlaneErrors:
+    arm: Arm,
+    plane_mm: int,
+    settings: MonteCarloOptions,
+    campaign: str,
+    robot: str,
+    progress: Progress = lambda _done, _all: None,
+) -> PlaneRecord:
     """Draw resolver errors at places of one plane and set the closed form beside them.
 
     Args:
         arm: the nominal arm.
-        task: what to compute.
+        plane_mm: height of the flange above the base.
+        settings: what to draw.
+        campaign: whose result it is.
+        robot: name of the arm.
         progress: called before the first and after every position.
 
     Raises:
@@ -249,24 +220,60 @@ def study_plane(
         ArmError: when a joint slides.
     """
     _refuse_sliding_joints(arm)
-    chain = Chain.of(arm)
-    reference = reference_in_plane(chain, 1e-3 * task.plane_mm, task.reach_m)
-    map_places = grid_places(chain, reference, task.reach_m, task.map_spacing_m)
-    map_motion = joint_motion(chain, map_places.q_rad)
-    source = stream(task.random_seed, task.plane_mm, None)
-    places = draw_places(chain, reference, task.reach_m, task.positions, source)
+    chain, sigma_rad = Chain.of(arm), math.radians(settings.sigma_deg)
+    reference = reference_in_plane(chain, 1e-3 * plane_mm, settings.reach_m)
+    on_map = grid_places(chain, reference, settings.reach_m, 1e-3 * settings.map_spacing_mm)
+    seed, count = settings.random_seed, settings.positions
+    places = draw_places(chain, reference, settings.reach_m, count, stream(seed, plane_mm, None))
     motion = joint_motion(chain, places.q_rad)
-    streams = [
-        stream(task.random_seed, task.plane_mm, position) for position in range(task.positions)
-    ]
-    plan = plan_displacement(motion, task.sigma_rad)
-    return PlaneErrors(
-        places=places,
-        sums=sample_errors(plan, streams, counts_of(task.cycles), progress),
-        expected=expected_error(motion.jacobian, task.sigma_rad),
-        map_places=map_places,
-        map_expected=expected_error(map_motion.jacobian, task.sigma_rad),
+    sums = sample_errors(
+        plan_displacement(motion, sigma_rad),
+        [stream(seed, plane_mm, position) for position in range(count)],
+        counts_of(settings.cycles),
+        progress,
     )
+    expected = expected_error(motion.jacobian, sigma_rad)
+    map_expected = expected_error(joint_motion(chain, on_map.q_rad).jacobian, sigma_rad)
+    mean_m, variance = (each[:, -1] for each in moments(sums))
+    expected_m = float(expected.mean_m.mean())
+    per_place = [places.p_base_m, mean_m, np.sqrt(variance), expected.mean_m]
+    return PlaneRecord(
+        campaign=campaign,
+        robot=robot,
+        plane_mm=plane_mm,
+        reach_m=settings.reach_m,
+        reach_is=_REACH,
+        attitude=_ATTITUDE,
+        sigma_deg=settings.sigma_deg,
+        random_seed=seed,
+        cycles=settings.cycles,
+        positions=count,
+        rejected_positions=places.rejected,
+        std_is=_STD,
+        closed_form_mean_mm=_mm(expected_m),
+        closed_form_std_mm=_mm(np.sqrt(np.mean(expected.std_m**2))),
+        closed_form_relative_difference=float(f"{np.mean(mean_m) / expected_m - 1:.6g}"),
+        per_position=PlacesDrawn(
+            columns=("x_mm", "y_mm", "mean_mm", "std_mm", "closed_form_mean_mm"),
+            rows=_mm_each(np.column_stack(per_place)),
+        ),
+        map=PlaneMap(
+            spacing_mm=settings.map_spacing_mm,
+            unreachable_points=on_map.rejected,
+            columns=("x_mm", "y_mm", "closed_form_mean_mm"),
+            rows=_mm_each(np.column_stack([on_map.p_base_m, map_expected.mean_m])),
+        ),
+        **drawn_keys(sums),
+    )
+
+
+def _mm(value_m: Any) -> float:
+    return float(_mm_each(value_m))
+
+
+def _mm_each(value_m: Any) -> Array:
+    """Return metres as millimetres, rounded far below the resolution of the draws."""
+    return np.round(1e3 * np.asarray(value_m), 9)
 
 
 def _refuse_sliding_joints(arm: Arm) -> None:

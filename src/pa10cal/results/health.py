@@ -40,6 +40,11 @@ class RepeatScatter(Part):
     stated: float = Field(description="its stated standard uncertainty [m or rad]")
     pairs: int = Field(description="pairs of successive readings behind it")
 
+    @property
+    def ratio(self) -> float:
+        """Return the scatter found over the one stated."""
+        return self.found / self.stated
+
 
 class CorrelatedPair(Part):
     """Two parameters that the poses can hardly separate."""

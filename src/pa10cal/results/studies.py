@@ -250,6 +250,16 @@ class CurveRecord(Record):
         description="settings of the curve"
     )
 
+    @property
+    def line(self) -> str:
+        """Return in one line what was laid."""
+        text = (
+            f"{self.links} links of {self.link_m:.6g} m, {self.shapes[0].ending_is}; largest "
+            f"joint angle {self.largest_angle_deg:.4g} degrees"
+        )
+        moves = self.settings["gait"] is not None
+        return f"{text}, largest move {self.largest_move_deg:.3g}" if moves else text
+
 
 # `montecarlo/z<mm>.json`: position error from resolver uncertainty in a horizontal plane.
 

@@ -56,8 +56,8 @@ def calibrate(
           base_frame.json --load 44N --out 44N.json
     """
     from pa10cal.calibration.campaign import calibration_record, refuse_prior
+    from pa10cal.calibration.general.case import as_load
     from pa10cal.calibration.general.prior import refuse_unsound
-    from pa10cal.calibration.general.records import as_load
     from pa10cal.calibration.input_checks import check_input, explained
     from pa10cal.calibration.load_case import load_cases
     from pa10cal.calibration.options import takes_general_model
@@ -148,10 +148,10 @@ def _with_effects(
     import numpy as np
 
     from pa10cal.calibration.load_case import COMBINED, rows_of_load
-    from pa10cal.calibration.records import models_of
     from pa10cal.discovery.given import Place, calibrate_with, with_effects
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.errors import CalibrationError
+    from pa10cal.fit.fitted_model import models_of
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
     from pa10cal.stages.extended import effects_of, read_extended

@@ -28,38 +28,34 @@ def evaluate(
         pa10cal evaluate --campaign-dir data/raw/mine --poses poses.parquet --calibration \\
           calibration/combined.json --extended extended.json --out holdout.json
     """
-    from pa10cal.calibration.records import calibration_options, models_of
+    from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
     from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.evaluation.compared import (
-        holdout_record,
-        judged_by_parts,
-        judged_models,
+        held_out_record,
         judged_where_repeated,
         said_of_parts,
         summary,
     )
     from pa10cal.evaluation.iso9283 import iso9283_record
+    from pa10cal.fit.fitted_model import models_of
     from pa10cal.options import DiscoveryOptions
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read, write
+    from pa10cal.settings_reading import parse_section
     from pa10cal.stages.extended import read_extended
 
     campaign = read_description(campaign_dir)
     every = read_observations(poses, campaign)
     arm = arm_of(campaign, campaign_dir, every)
     record = read(CalibrationRecord, calibration, campaign.name)
-    options = calibration_options(record, str(calibration))
+    options = parse_section(CalibrationOptions, record.settings, where=str(calibration))
     fitted = models_of(record, str(calibration))
     with_effects = None if extended is None else read_extended(extended, campaign.name)
     setup = setup_of(campaign, arm, options, DiscoveryOptions())
-    models = judged_models(every, fitted, with_effects, setup)
-    by_parts = None
-    if with_effects is not None and with_effects.steps_s:
-        by_parts = judged_by_parts(every, fitted, with_effects, setup)
-    found = holdout_record(campaign, record.load, models, by_parts)
+    found = held_out_record(campaign, record.load, every, fitted, with_effects, setup)
     write(found, out)
     if iso9283 is not None:
         *_, last = fitted.values()
@@ -67,7 +63,7 @@ def evaluate(
             campaign,
             record.load,
             every,
-            judged_where_repeated(every, fitted, with_effects, setup, held_out=models),
+            judged_where_repeated(every, fitted, with_effects, setup, held_out=found.models),
             last.T_instr_base[:3, :3],
         )
         write(repeated, iso9283)

@@ -38,12 +38,12 @@ def export(
           --model model.yaml --urdf robot.urdf
     """
     from pa10cal.arm.exports import flange_off_m, patched_urdf, ur_kinematics, urdf_text
-    from pa10cal.calibration.records import models_of
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
     from pa10cal.errors import CalibrationError
     from pa10cal.files.arms import urdf_of_arm
     from pa10cal.files.output import write_text
+    from pa10cal.fit.fitted_model import models_of
     from pa10cal.fit.model_file import beyond_rigid, dh_text, rigid_part, save_model
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read

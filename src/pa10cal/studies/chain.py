@@ -18,7 +18,6 @@ import numpy as np
 
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.records import models_of
 from pa10cal.campaign.read import Campaign
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
@@ -29,6 +28,7 @@ from pa10cal.curve.postures import Postures, draw_postures
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import UNCALIBRATED, judged_models
 from pa10cal.evaluation.known_truth import reported_scores
+from pa10cal.fit.fitted_model import models_of
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results import studies as results
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord

@@ -17,8 +17,8 @@ from scipy.special import betaincinv
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
-from pa10cal.calibration.general.case import calibrate_from, fitted
-from pa10cal.calibration.general.prior import prior_of
+from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.prior import calibrate_from, prior_of
 from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.cell.robot import Robot
@@ -205,9 +205,9 @@ def _adapted(arm: Arm, plan: TrackerOptions, arms: int, seed: int) -> tuple[Adap
             general = calibrate_from(
                 prior_of(model, arm, payload), arm, some, find_start(arm, some), payload
             )
-            adapted, moved = fitted(general), general.moved
+            adapted, moved = fitted(general), general.prior
             assert moved is not None
-            named = {each.of for each in moved.releases}
+            named = {each.of for each in moved.moved}
             found.append(
                 (
                     _error_mm(adapted, measured_after),

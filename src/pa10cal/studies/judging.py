@@ -13,14 +13,13 @@ from pa10cal.calibration.calibrate import Calibration, calibrate, fitted_model
 from pa10cal.calibration.campaign import calibration_record
 from pa10cal.calibration.load_case import COMBINED
 from pa10cal.calibration.options import CalibrationOptions, takes_general_model
-from pa10cal.calibration.records import models_of
 from pa10cal.calibration.uncertainty import ErrorSources, deviations
 from pa10cal.campaign.read import Campaign, read_campaign
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.records import verdict_keys
 from pa10cal.evaluation.options import JudgingOptions
-from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.fitted_model import FittedModel, models_of
 from pa10cal.observe.observations import average_repeats, poses_of
 from pa10cal.observe.seed import locate_base
 from pa10cal.options import BaseFrameOptions

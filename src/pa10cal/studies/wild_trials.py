@@ -16,7 +16,6 @@ import pandas as pd
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.load_case import COMBINED
-from pa10cal.calibration.records import models_of
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.disturbances.disturbance import all_disturbances
 from pa10cal.cell.measured_trials import SORTED, UNSTATED, after_geometry
@@ -27,6 +26,7 @@ from pa10cal.errors import Pa10calError
 from pa10cal.evaluation.blind_trial import WILD
 from pa10cal.evaluation.options import ChainOptions, JudgingOptions
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import models_of
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord

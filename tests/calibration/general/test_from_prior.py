@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
-from pa10cal.calibration.general.case import calibrate_from, fitted
-from pa10cal.calibration.general.prior import prior_of, refuse_unsound
+from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.prior import calibrate_from, prior_of, refuse_unsound
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import MeasurementSetup
@@ -80,8 +80,8 @@ def test_base_and_tool_are_found_anew_and_nothing_else_moved(arms, kind):
     model, seen, payload, exact = arms(kind, Change(place=True))
     found = from_prior(model, seen.take(slice(20)), payload)
     assert found.fit.converged
-    assert found.moved.releases == ()
-    assert found.moved.factor == 1.0
+    assert found.prior.moved == ()
+    assert found.prior.factor == 1.0
     assert error_mm(found, exact) < 0.08
 
 
@@ -90,18 +90,18 @@ def test_the_joint_whose_zero_moved_is_found(arms, joint):
     moved = Change(place=True, zero_rad=((joint, 1.5e-3),))
     model, seen, payload, exact = arms("pose", moved)
     found = from_prior(model, seen.take(slice(20)), payload)
-    (what,) = found.moved.releases
+    (what,) = found.prior.moved
     assert (what.kind, what.of, what.unit) == ("joint_zero", f"joint {joint}", "rad")
     assert abs(what.by - 1.5e-3) < 4 * what.std
-    assert f"the zero of joint {joint} moved by" in found.moved.line
+    assert f"the zero of joint {joint} moved by" in found.prior.line
     assert error_mm(found, exact) < 0.08
 
 
 def test_a_softer_drive_is_found(arms):
     model, seen, payload, _ = arms("pose", Change(place=True, softer=((2, 0.6),)))
     found = from_prior(model, seen, payload)
-    assert [(each.kind, each.of) for each in found.moved.releases] == [("stiffness", "joint 2")]
-    assert found.moved.releases[0].by == pytest.approx(1 / 0.6 - 1, abs=0.2)
+    assert [(each.kind, each.of) for each in found.prior.moved] == [("stiffness", "joint 2")]
+    assert found.prior.moved[0].by == pytest.approx(1 / 0.6 - 1, abs=0.2)
 
 
 def test_a_prior_and_further_poses_are_as_good_as_all_poses_together(arms):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.calibration.general.apart import apart
+from pa10cal.calibration.general.apart import apart, contradictions
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.files.arms import load_arm
@@ -120,16 +120,16 @@ def test_two_halves_of_a_campaign_give_what_the_whole_gives(see):
 def test_a_robot_that_was_changed_contradicts_itself(members, kinds, moved_rad):
     general = together(members(kinds, NOISE_M, moved_rad=moved_rad))
     found = apart(general.problem, general.fit)
-    assert [each.name for each in found.campaigns] == ["of-0", "of-1"]
+    assert list(found.campaigns) == ["of-0", "of-1"]
     if not moved_rad:
-        assert not found.contradictions
-        assert all(each.p_value > 1e-3 for each in found.campaigns)
+        assert not contradictions(found)
+        assert all(each.p_value > 1e-3 for each in found.campaigns.values())
         return
-    (told,) = found.contradictions
+    (told,) = contradictions(found)
     assert (told.where, told.kind) == ("delta_theta_3", "joint_zero")
     assert "contradict each other" in told.what
-    worst = found.campaigns[0]
-    assert abs(abs(worst.worst_off) - moved_rad) < 3.0 * worst.worst_u
+    worst = found.campaigns["of-0"].worst
+    assert abs(abs(worst.value) - moved_rad) < 3.0 * worst.std
 
 
 def test_what_one_campaign_leaves_open_another_determines(see, members):
@@ -141,9 +141,10 @@ def test_what_one_campaign_leaves_open_another_determines(see, members):
     general = together([still, moving])
     found = apart(general.problem, general.fit)
     first, second = found.campaigns
-    assert not first.determined.all()
-    assert second.determined.all()
-    assert np.all(found.std <= 1.1 * second.std)
+    shared = found.parameters.values()
+    assert not all(first in each.determined_by for each in shared)
+    assert all(second in each.determined_by for each in shared)
+    assert all(each.std <= 1.1 * each.std_alone[second] for each in shared)
 
 
 def test_a_single_campaign_is_not_held_against_others(see):

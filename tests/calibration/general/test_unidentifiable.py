@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from made_up_model import case_of
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
-from pa10cal.calibration.general.case import fitted, work_out_general
-from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.general.case import fitted
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.points import Points
 
@@ -18,11 +18,7 @@ NOISE_M = 5e-5
 
 
 def worked_out(robot, observations):
-    arm = load_arm(robot)
-    every = np.ones(len(observations), dtype=bool)
-    start = find_start(arm, observations)
-    options = CalibrationOptions()
-    return work_out_general(arm, observations, None, every, start, "combined", None, options)
+    return case_of(load_arm(robot), observations)
 
 
 def calibrated(robot, observations):
@@ -55,24 +51,24 @@ def held(joint, angle_rad, jitter_rad=0.0):
 @pytest.mark.parametrize("jitter_rad", [0.0, 1e-7, 1e-6, 1e-5, 1e-4])
 def test_a_joint_that_never_moved(see, kind, jitter_rad):
     posed = held(3, 0.4, jitter_rad)
-    case = worked_out("ur10", see("ur10", kind, noise_m=NOISE_M, posed=posed))
-    fit, parameters = case.full.fit, case.full.problem.parameters
+    record, full = worked_out("ur10", see("ur10", kind, noise_m=NOISE_M, posed=posed))
+    fit, parameters = full.fit, full.problem.parameters
     assert fit.converged
     assert fit.identifiability.rank < len(parameters)
     # Link 2 and link 3 are one: what is between them shows as one length, one height, one angle.
-    named = set().union(*(direction.weights for direction in case.unidentified_directions))
+    named = set().union(*record.null_directions)
     assert {"delta_a_2", "delta_a_3", "delta_theta_2", "delta_theta_3"} <= named
     assert named <= {
         f"delta_{kind}_{row}"
         for kind in ("a", "alpha", "beta", "theta", "d")
         for row in (2, 3, 4)
     }  # fmt: skip
-    assert case.health.grade == "few_poses"
-    assert "not identifiable" in case.health.line
+    assert record.health.grade == "few_poses"
+    assert "not identifiable" in record.health.line
     # What is open stays about where it was; what is not is known.
-    off = np.abs(fit.x / case.full.problem.scale)[["delta" in p.name for p in parameters]]
+    off = np.abs(fit.x / full.problem.scale)[["delta" in p.name for p in parameters]]
     assert off.max() < 10.0
-    std = std_of(case.full)
+    std = std_of(full)
     assert std["delta_theta_3"] > 10.0 * 5e-4
     assert std["base_z"] < 1e-3
     assert std["delta_a_1"] < 0.25e-3
@@ -96,31 +92,33 @@ def test_poses_of_one_attitude(see):
         q_rad[:, 3] = 0.3 - q_rad[:, 0] - q_rad[:, 1]
         return q_rad
 
-    case = worked_out("gx4_351s", see("gx4_351s", "pose", noise_m=NOISE_M, size=0.0, posed=posed))
-    assert case.full.fit.converged
-    assert case.full.fit.identifiability.rank < len(case.full.problem.parameters)
-    named = set().union(*(direction.weights for direction in case.unidentified_directions))
+    record, full = worked_out(
+        "gx4_351s", see("gx4_351s", "pose", noise_m=NOISE_M, size=0.0, posed=posed)
+    )
+    assert full.fit.converged
+    assert full.fit.identifiability.rank < len(full.problem.parameters)
+    named = set().union(*record.null_directions)
     assert {"base_x", "base_y", "tool_x", "tool_y"} <= named
-    assert case.health.grade == "few_poses"
+    assert record.health.grade == "few_poses"
     again = see("gx4_351s", "pose", count=40, size=0.0, posed=posed)
-    assert fitted(case.full).deviations(again).distance_mm.max() < 0.15
+    assert fitted(full).deviations(again).distance_mm.max() < 0.15
 
 
 def test_a_target_on_the_last_axis(see):
     """The last joint moves it nowhere: of seven lengths and angles beyond joint 5 five show."""
     on_axis_m = np.array([[0.0, 0.0, 0.11]])
-    case = worked_out("ur10", see("ur10", "point", noise_m=NOISE_M, targets_m=on_axis_m))
-    names = left_out(case.full)
+    record, full = worked_out("ur10", see("ur10", "point", noise_m=NOISE_M, targets_m=on_axis_m))
+    names = left_out(full)
     assert names["delta_d_6"] == {"target_T1_z": pytest.approx(1.0)}
     assert max(map(abs, names["delta_theta_6"].values())) < 1e-3  # an angle, by a place on the axis
-    rank, unknowns = case.full.fit.identifiability.rank, len(case.full.problem.parameters)
+    rank, unknowns = full.fit.identifiability.rank, len(full.problem.parameters)
     assert (rank, unknowns) == (25, 27)
-    named = set().union(*(direction.weights for direction in case.unidentified_directions))
+    named = set().union(*record.null_directions)
     assert {"delta_theta_5", "delta_d_5"} <= named
     assert named <= {"delta_theta_5", "delta_d_5", "delta_a_5", "delta_alpha_5", "target_T1_z"}
-    assert case.full.fit.converged
+    assert full.fit.converged
     near = see("ur10", "point", count=40, targets_m=on_axis_m)
-    assert fitted(case.full).deviations(near).distance_mm.max() < 0.15
+    assert fitted(full).deviations(near).distance_mm.max() < 0.15
 
 
 def test_a_distance_shows_the_fixed_point_and_not_the_attitude_of_the_base(see):
@@ -152,7 +150,7 @@ def test_parallel_axes_of_a_scara_say_the_same(see):
 def test_what_is_left_out_moves_what_says_the_same(see, robot, kind):
     """Said in full, and by no more than a few times as much."""
     found = calibrated(robot, see(robot, kind, count=80))
-    names = {p.name for p in found.problem.parameters} | {e.parameter.name for e in found.settled}
+    names = {p.name for p in found.problem.parameters} | set(found.settled)
     for name, replaced_by in left_out(found).items():
         assert replaced_by, name
         assert set(replaced_by) <= names
@@ -170,11 +168,11 @@ def test_poses_in_one_plane_leave_no_length_astray(see):
 
     observations = see("ur10", "point", count=80, noise_m=NOISE_M, posed=posed)
     assert isinstance(observations.measured, Points)
-    case = worked_out("ur10", observations)
-    assert case.full.fit.converged
-    assert case.unidentified_directions
-    off = case.full.fit.x / case.full.problem.scale
-    links = ["delta" in parameter.name for parameter in case.full.problem.parameters]
+    record, full = worked_out("ur10", observations)
+    assert full.fit.converged
+    assert record.null_directions
+    off = full.fit.x / full.problem.scale
+    links = ["delta" in parameter.name for parameter in full.problem.parameters]
     assert np.abs(off[links]).max() < 30.0
     again = see("ur10", "point", count=40, posed=posed)
-    assert fitted(case.full).deviations(again).distance_mm.max() < 0.15
+    assert fitted(full).deviations(again).distance_mm.max() < 0.15

@@ -7,6 +7,7 @@ determine stay where the group has them, within the reach of the unknowns, and c
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,12 @@ from scipy.special import chdtrc
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.fit import Fit, reach_of
 from pa10cal.fit.problem import Problem
+from pa10cal.results.calibration import (
+    CampaignAlone,
+    Difference,
+    GroupOfCampaigns,
+    SharedParameter,
+)
 from pa10cal.results.health import InputFinding
 from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.term import Parameter
@@ -31,77 +38,32 @@ _JOINT_ZERO = "delta_theta_"
 _SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
 
 
-@dataclass(frozen=True)
-class Alone:
-    """What one campaign gives without the others."""
+def contradictions(group: GroupOfCampaigns) -> tuple[InputFinding, ...]:
+    """Return which campaign contradicts the others, in which parameter and by how much.
 
-    name: str  # of the campaign
-    poses: int  # how many it has
-    rms_mm: float  # remaining position error of its poses in the fit of the group
-    alone_rms_mm: float  # the same with parameters of its own
-    off: Array  # (s,) its shared parameters less those of all others together
-    u_off: Array  # (s,) standard uncertainty of that
-    std: Array  # (s,) standard uncertainty of its shared parameters
-    determined: NDArray[np.bool_]  # (s,) which of them it determines
-    chi_square: float  # of its difference from the others
-    dof: float  # directions of shared parameters that both determine
-    worst: int  # number of the one parameter that, if it alone differed, explains most
-    worst_off: float  # by how much it then differs
-    worst_u: float  # standard uncertainty of that
-    worst_chi_square: float  # how much of the chi-square it explains
-
-    @property
-    def p_value(self) -> float:
-        """Return the probability of such a difference where nothing differs."""
-        return float(chdtrc(self.dof, self.chi_square)) if self.dof > 0.0 else 1.0
-
-    @property
-    def gain(self) -> float:
-        """Return the part of the squared error that parameters of its own take away."""
-        return 1.0 - (self.alone_rms_mm / self.rms_mm) ** 2 if self.rms_mm > 0.0 else 0.0
-
-    @property
-    def contradicts(self) -> bool:
-        """Return whether it contradicts the others: the arm was changed in between."""
-        return self.p_value < _BY_CHANCE and self.gain > _MATTERS
-
-
-@dataclass(frozen=True)
-class Apart:
-    """The campaigns of a group, each alone."""
-
-    shared: tuple[Parameter, ...]  # the s parameters that all share
-    std: Array  # (s,) their standard uncertainties by all together
-    campaigns: tuple[Alone, ...]  # each alone
-
-    @property
-    def contradictions(self) -> tuple[InputFinding, ...]:
-        """Return which campaign contradicts the others, in which parameter and by how much.
-
-        Of several the one from which most of the error comes: a changed arm changes one campaign
-        against all others, and every other against those.
-        """
-        found = [each for each in self.campaigns if each.contradicts]
-        if not found:
-            return ()
-        worst = max(found, key=lambda each: each.chi_square)
-        parameter = self.shared[worst.worst]
-        unit, scale = _SHOWN_UNITS.get(parameter.unit, (parameter.unit, 1.0))
-        others = " and ".join(each.name for each in self.campaigns if each is not worst)
-        return (
-            InputFinding(
-                what=f"{worst.name} and {others} contradict each other: it differs by "
-                f"{scale * abs(worst.worst_off):.3g} {unit} with a standard uncertainty of "
-                f"{scale * worst.worst_u:.2g} {unit} (chi-square {worst.chi_square:.0f} for "
-                f"{worst.dof:.0f} degrees of freedom, {worst.worst_chi_square:.0f} of it by this "
-                "parameter alone): the arm was changed between them",
-                where=parameter.name,
-                remedy="calibrate the campaigns before and after the change apart, and compare "
-                "them",
-                kind="joint_zero" if parameter.name.startswith(_JOINT_ZERO) else "campaigns",
-                would_leave_mm=None,
-            ),
-        )
+    Of several the one from which most of the error comes: a changed arm changes one campaign
+    against all others, and every other against those.
+    """
+    found = {name: each for name, each in group.campaigns.items() if each.contradicts}
+    if not found:
+        return ()
+    first = max(found, key=lambda name: found[name].chi_square)
+    alone, worst = found[first], found[first].worst
+    unit, scale = _SHOWN_UNITS.get(worst.unit, (worst.unit, 1.0))
+    others = " and ".join(name for name in group.campaigns if name != first)
+    return (
+        InputFinding(
+            what=f"{first} and {others} contradict each other: it differs by "
+            f"{scale * abs(worst.value):.3g} {unit} with a standard uncertainty of "
+            f"{scale * worst.std:.2g} {unit} (chi-square {alone.chi_square:.0f} for "
+            f"{alone.dof:.0f} degrees of freedom, {worst.chi_square:.0f} of it by this "
+            "parameter alone): the arm was changed between them",
+            where=worst.name,
+            remedy="calibrate the campaigns before and after the change apart, and compare them",
+            kind="joint_zero" if worst.name.startswith(_JOINT_ZERO) else "campaigns",
+            would_leave_mm=None,
+        ),
+    )
 
 
 @dataclass(frozen=True)
@@ -124,7 +86,7 @@ class _Part:
         return np.asarray(inverse @ self.normal @ inverse)
 
 
-def apart(problem: Problem, fit: Fit) -> Apart | None:
+def apart(problem: Problem, fit: Fit) -> GroupOfCampaigns | None:
     """Compare the campaigns of a group; None for a single campaign, or where nothing is shared."""
     campaign = problem.observations.states.campaign
     names = [parameter.name for parameter in problem.parameters]
@@ -142,67 +104,78 @@ def apart(problem: Problem, fit: Fit) -> Apart | None:
         left = np.einsum("pij,pj->pi", root[at], fit.residual[at]).ravel()
         each.append(_Part(white.T @ white, white.T @ left))
     positions = problem.measured.position_columns
-    found = []
+    parameters = [problem.parameters[k] for k in free[shared]]
+    campaigns, alone = {}, {}
     for number, (name, _) in enumerate(problem.measured.campaigns):
-        rest = [part for k, part in enumerate(each) if k != number]
+        own, at = each[number], np.flatnonzero(campaign == number)
+        rest = [part for part in each if part is not own]
         others = _Part(
             np.sum([part.normal for part in rest], axis=0),
             np.sum([part.gradient for part in rest], axis=0),
         )
-        at = np.flatnonzero(campaign == number)
-        own = each[number].step()
-        after = fit.residual[at] + fit.jacobian[at][:, :, free] @ (reach * own)
-        before = fit.residual[at][:, positions]
-        found.append(
-            _alone(
-                name,
-                (each[number], others),
-                np.array(shared),
-                reach,
-                (_rms_mm(before, fit.weights[at]), _rms_mm(after[:, positions], fit.weights[at])),
-                len(at),
-            )
+        after = fit.residual[at] + fit.jacobian[at][:, :, free] @ (reach * own.step())
+        rms_mm, alone_rms_mm = (
+            _rms_mm(left[:, positions], fit.weights[at]) for left in (fit.residual[at], after)
         )
-    kept = free[shared]
-    std = np.sqrt(np.diag(fit.covariance)[kept])
-    return Apart(tuple(problem.parameters[k] for k in kept), std, tuple(found))
+        chi_square, dof, worst = _difference(own, others, np.array(shared), reach, parameters)
+        p_value = float(chdtrc(dof, chi_square)) if dof > 0.0 else 1.0
+        gain = 1.0 - (alone_rms_mm / rms_mm) ** 2 if rms_mm > 0.0 else 0.0
+        campaigns[name] = CampaignAlone(
+            poses=len(at),
+            rms_mm=rms_mm,
+            alone_rms_mm=alone_rms_mm,
+            chi_square=chi_square,
+            dof=dof,
+            p_value=p_value,
+            contradicts=p_value < _BY_CHANCE and gain > _MATTERS,
+            worst=worst,
+        )
+        alone[name] = np.sqrt(np.diag(own.inverse)[shared])
+    std = np.sqrt(np.diag(fit.covariance)[free[shared]])
+    return GroupOfCampaigns(
+        campaigns=campaigns,
+        parameters={
+            parameter.name: SharedParameter(
+                unit=parameter.unit,
+                std=float(std[k]),
+                std_alone={name: float(reach[at] * own[k]) for name, own in alone.items()},
+                determined_by=tuple(name for name, own in alone.items() if own[k] < _DETERMINED),
+            )
+            for k, (at, parameter) in enumerate(zip(shared, parameters, strict=True))
+        },
+    )
 
 
-def _alone(
-    name: str,
-    parts: tuple[_Part, _Part],
+def _difference(
+    own: _Part,
+    others: _Part,
     shared: NDArray[np.intp],
     reach: Array,
-    rms_mm: tuple[float, float],
-    poses: int,
-) -> Alone:
-    """Compare one campaign with all others."""
-    own, others = parts
+    parameters: Sequence[Parameter],
+) -> tuple[float, float, Difference]:
+    """Compare the shared parameters of one campaign with those of all others.
+
+    Returns:
+        Chi-square, its degrees of freedom, and the parameter that explains most of it.
+    """
     here = np.ix_(shared, shared)
-    size = reach[shared]
     off = (own.step() - others.step())[shared]
-    width = (own.inverse + others.inverse)[here]
     sampled = (own.sampling() + others.sampling())[here]
-    precision = np.linalg.inv(width)
+    precision = np.linalg.inv((own.inverse + others.inverse)[here])
     pull = precision @ off
     each = pull**2 / np.diag(precision)
     worst = int(np.argmax(each))
-    std = np.sqrt(np.diag(own.inverse)[shared])
-    return Alone(
-        name=name,
-        poses=poses,
-        rms_mm=rms_mm[0],
-        alone_rms_mm=rms_mm[1],
-        off=size * off,
-        u_off=size * np.sqrt(np.diag(width)),
-        std=size * std,
-        determined=std < _DETERMINED,
-        chi_square=float(off @ pull),
-        dof=float(np.trace(precision @ sampled)),
-        worst=worst,
-        worst_off=float(size[worst] * pull[worst] / precision[worst, worst]),
-        worst_u=float(size[worst] / np.sqrt(precision[worst, worst])),
-        worst_chi_square=float(each[worst]),
+    size, exact = reach[shared[worst]], precision[worst, worst]
+    return (
+        float(off @ pull),
+        float(np.trace(precision @ sampled)),
+        Difference(
+            name=parameters[worst].name,
+            unit=parameters[worst].unit,
+            value=float(size * pull[worst] / exact),
+            std=float(size / np.sqrt(exact)),
+            chi_square=float(each[worst]),
+        ),
     )
 
 

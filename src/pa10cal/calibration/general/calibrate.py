@@ -13,7 +13,6 @@ from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.fit import Fit, fit, reach_of
-from pa10cal.calibration.general.prior import Moved
 from pa10cal.calibration.general.problem import (
     Unknowns,
     check_enough,
@@ -27,10 +26,10 @@ from pa10cal.fit.problem import Problem
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
-from pa10cal.results.calibration import BaseFrameRecord
+from pa10cal.results.calibration import BaseFrameRecord, CalibratedParameter, PriorPart
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Offsets, Parameter, Term
+from pa10cal.terms.term import Offsets, Term
 from pa10cal.terms.weights import WEIGHT, Weights
 
 #: Part of the largest torque that a joint's torque must vary by for its spring to be there, whether
@@ -51,14 +50,15 @@ class GeneralCalibration:
     arm: Arm  # the nominal arm
     start: Start  # where frames and targets were thought to be, and how the attitude is turned
     unknowns: Unknowns  # geometric parameters chosen, and those omitted
-    # tilts of parallel axes left at zero, as the readings do not show them
-    settled: tuple[Settled, ...]
+    # tilts of parallel axes left at zero, as the readings do not show them, with the uncertainty
+    # that they would have had
+    settled: dict[str, CalibratedParameter]
     springs: tuple[int, ...]  # joints with a spring
     torques_from: TorqueSource  # `logged`, `masses`, or `none`
     payload: Payload | None  # what the arm carried; None where that is not known
     problem: Problem  # what was solved
     fit: Fit  # where it ended
-    moved: Moved | None = None  # what a prior was no longer right about; None without a prior
+    prior: PriorPart | None = None  # what it started from, and what moved since; None for nothing
 
     def without_rows(self) -> GeneralCalibration:
         """Return the calibration without the rows of its fit."""
@@ -112,9 +112,8 @@ def calibrate_general(
     settled = tilts_not_shown(problem, found)
     by_masses = bool(springs) and source == "masses"
     if settled:
-        names = {each.parameter.name for each in settled}
-        kept = np.array([parameter.name not in names for parameter in problem.parameters])
-        problem, x_start = _without(problem, names), found.x[kept]
+        kept = np.array([parameter.name not in settled for parameter in problem.parameters])
+        problem, x_start = _without(problem, set(settled)), found.x[kept]
         found = found.without_rows()
         unknowns = replace(unknowns, links=_links_of(problem))
         if by_masses:
@@ -276,29 +275,30 @@ def _rigid_at(problem: Problem, joints: set[int]) -> tuple[Problem, NDArray[np.b
 _TILT = "delta_beta_"
 
 
-@dataclass(frozen=True)
-class Settled:
-    """A parameter left at zero because the readings do not show it."""
-
-    parameter: Parameter  # which
-    std: float  # its standard uncertainty, had it been fitted
-
-
-def tilts_not_shown(problem: Problem, fit: Fit) -> tuple[Settled, ...]:
+def tilts_not_shown(problem: Problem, fit: Fit) -> dict[str, CalibratedParameter]:
     """Return the tilts of parallel axes that the readings do not show; none where they do."""
     names = [parameter.name for parameter in problem.parameters]
     at = np.array([k for k, name in enumerate(names) if name.startswith(_TILT)], dtype=np.intp)
     covariance = fit.covariance[np.ix_(at, at)]
     std = np.sqrt(np.diag(covariance))
     if not len(at) or not np.all(std > 0.0):
-        return ()
+        return {}
     tilts = fit.x[at]
     gain = float(tilts @ np.linalg.solve(covariance, tilts))
     if gain > len(at) * np.log(problem.readings):
-        return ()
-    return tuple(
-        Settled(problem.parameters[k], float(sigma)) for k, sigma in zip(at, std, strict=True)
-    )
+        return {}
+    return {
+        names[k]: CalibratedParameter(
+            value=0.0,
+            std=float(sigma),
+            unit="rad",
+            tolerance=problem.parameters[k].tolerance,
+            identifiable=True,
+            at_bound=False,
+            settled=True,
+        )
+        for k, sigma in zip(at, std, strict=True)
+    }
 
 
 # Frames and targets from which a fit starts, by the nominal arm.

@@ -2,173 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import Arm, weights_known
-from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.calibration.general.apart import Apart, apart
-from pa10cal.calibration.general.calibrate import GeneralCalibration, at_rest, calibrate_general
-from pa10cal.calibration.general.fit import Fit, fit
-from pa10cal.calibration.general.prior import Moved, Prior, Release, prior_of
-from pa10cal.calibration.general.problem import check_enough, choose_unknowns, start_of_tool
-from pa10cal.calibration.health import Errors, FitSummary, health, held_out_errors
+from pa10cal.calibration.general.apart import apart, contradictions
+from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
+from pa10cal.calibration.general.fit import Fit
+from pa10cal.calibration.general.prior import calibrate_from, prior_of
+from pa10cal.calibration.grade import Errors, FitSummary
+from pa10cal.calibration.health import case_keys, fit_keys, health, held_out_errors
+from pa10cal.calibration.levels import report_base
+from pa10cal.calibration.load_case import COMBINED, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import (
-    Suspects,
+    calibrated_parameters,
     scatter_of_repeats,
     summarise,
     summarise_by_load,
+    suspected_held_out,
 )
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
+from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.identifiability import Direction, not_identifiable, unidentified_directions
+from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.fit.loads import with_torques
-from pa10cal.fit.moved import MODEL_ERROR, STIFFNESS, Found, hypotheses, sought
-from pa10cal.fit.problem import Disagreement, Expected, Problem
+from pa10cal.fit.problem import Problem
 from pa10cal.fit.robust_weights import suspect_beyond
-from pa10cal.observe.observations import Observations
-from pa10cal.observe.quantities import Deviations, Start
-from pa10cal.results.calibration import SuspectedOutlier
-from pa10cal.results.evaluation import Accuracy
+from pa10cal.observe.observations import Observations, average_repeats
+from pa10cal.observe.order import with_arrivals
+from pa10cal.observe.quantities import Start
+from pa10cal.results import calibration as results
+from pa10cal.results.calibration import (
+    CalibratedParameter,
+    GeneralCalibrationRecord,
+    GeneralErrors,
+    GeneralFit,
+    Solved,
+    Spring,
+    SuspectedOutlier,
+)
 from pa10cal.results.health import Health, InputFinding
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
-from pa10cal.terms.term import Offsets
+from pa10cal.terms.term import Report
 from pa10cal.terms.weights import Weights
-
-# Calibration that starts from a fitted model of the arm: after a crash, a new tool, a new cell.
-#
-# Base, tool and targets are free. Links, springs and effects are expected where the model has
-# them, within its covariance. That holds noise alone, so the readings decide how far it is
-# trusted: what moved, such as the zero of one joint, is found anew while the rest stays; where
-# everything departs by more than noise, as under a model that lacks an effect, all is trusted
-# less.
-
-#: Searches for what moved, each about the fit with what the one before found.
-_MOST_ROUNDS = 4
-
-
-def calibrate_from(
-    prior: Prior,
-    arm: Arm,
-    observations: Observations,
-    start: Start,
-    payload: Payload | None = None,
-    options: CalibrationOptions | None = None,
-) -> GeneralCalibration:
-    """Calibrate an arm of which a fitted model is known.
-
-    Args:
-        prior: what is known.
-        arm: the nominal arm.
-        observations: P poses to fit.
-        start: about where base, tool and targets are.
-        payload: what the arm carries; None where it is not known.
-        options: how to calibrate; None for the defaults.
-
-    Raises:
-        CalibrationError: when there are too few poses to find base and tool.
-    """
-    options = options or CalibrationOptions()
-    chain, terms = prior.model.model.chain, prior.terms
-    unknowns = choose_unknowns(
-        arm, options.tolerances, observations.measured, start.T_instr_base, start.targets_m
-    )
-    (links,) = (term for term in terms if isinstance(term, Offsets))
-    unknowns = replace(unknowns, links=links)
-    model = Model(chain, (*terms, *unknowns.frames, unknowns.base))
-    states, source = with_torques(
-        Model(chain, terms), prior.expected.mean, observations.states, payload
-    )
-    posed = observations.with_states(states).turned(start.R_ee_target)
-    problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, posed)
-    frames = [start_of_tool(name, start) for name in unknowns.frame_names]
-    x = np.concatenate([prior.expected.mean, frames, np.zeros(len(unknowns.base.parameters))])
-    check_enough(problem, known=len(prior.expected.mean))
-
-    expected = prior.expected
-    possible = hypotheses(arm, terms, expected.mean, expected.covariance)
-    released: list[Found] = []
-    found = _fitted(problem, problem.start(x), expected, options, None)
-    for _ in range(_MOST_ROUNDS):
-        k = len(expected.mean)
-        covariance = found.covariance[:k, :k] / found.widening**2
-        disagreement = Disagreement.of_fit(expected, found.x[:k], covariance)
-        more = sought(disagreement, possible, released)
-        if not more:
-            break
-        released += more
-        for each in more:
-            expected = expected.widened(each.directions)
-        found = _fitted(problem, found.x, expected, options, None)
-    if source == "masses":
-        problem, found = at_rest(
-            problem,
-            found,
-            observations.states,
-            payload,
-            lambda problem, before: _fitted(problem, before.x, expected, options, before.scatter),
-        )
-    return GeneralCalibration(
-        arm=arm,
-        start=start,
-        unknowns=unknowns,
-        settled=(),
-        springs=tuple(term.joint for term in terms if isinstance(term, JointSpring)),
-        torques_from=source,
-        payload=payload,
-        problem=problem,
-        fit=found,
-        moved=_moved(prior, problem, found, released),
-    )
-
-
-def _fitted(
-    problem: Problem,
-    x: Array,
-    expected: Expected,
-    options: CalibrationOptions,
-    scatter: dict[str, float] | None,
-) -> Fit:
-    return fit(
-        problem,
-        x,
-        robust=options.general.robust,
-        max_iterations=options.max_iterations,
-        scatter_start=scatter,
-        expected=expected,
-    )
-
-
-def _moved(prior: Prior, problem: Problem, found: Fit, released: Sequence[Found]) -> Moved:
-    """Return what was found anew, and by how much it differs from the prior."""
-    mean, before = prior.expected.mean, np.diag(prior.expected.covariance)
-    after = np.diag(found.covariance)
-    releases, factor = [], 1.0
-    for each in released:
-        if each.what.kind == MODEL_ERROR:
-            factor += each.size**2
-            continue
-        by = std = None
-        unit = ""
-        if len(each.what.columns) == 1:
-            (k,) = each.what.columns
-            by, unit = float(found.x[k] - mean[k]), problem.parameters[k].unit
-            std = float(np.sqrt(before[k] + after[k]))
-            if each.what.kind == STIFFNESS:
-                by, std, unit = by / mean[k], std / mean[k], "1"
-        releases.append(Release(each.what.kind, each.what.of, by, std, unit, each.gain))
-    fitted_to = prior.model.fitted_to
-    return Moved(None if fitted_to is None else fitted_to.campaign, tuple(releases), factor)
-
 
 # Poses that a fit doubts, each with why; they stay in it, with less weight.
 
@@ -220,66 +105,38 @@ _SHOWN = 0.5
 _NO_FIT = 0.05
 
 
-@dataclass(frozen=True)
-class GeneralCase:
-    """One load case, computed with the general model."""
-
-    load: str  # `combined`, `general`, or a load such as `44N`
-    full: GeneralCalibration  # links, springs, frames
-    # the same without springs; `full` itself where it has none, and `nominal` where it started
-    # from a prior
-    geometry: GeneralCalibration
-    nominal: GeneralCalibration  # frames and targets alone
-    grid: Observations  # poses of every load, with torques
-    residuals: Deviations  # of the full model on `grid`
-    # before and after: nominal and full model on `grid`, for every load
-    before: dict[float, Accuracy]
-    after: dict[float, Accuracy]
-    geometry_after: dict[float, Accuracy]  # geometry alone on `grid`, for every load
-    # unidentified_directions and not_identifiable: what the poses do not identify
-    unidentified_directions: tuple[Direction, ...]
-    not_identifiable: frozenset[str]
-    suspected_outliers: tuple[SuspectedOutlier, ...]  # poses far outside the scatter of the others
-    health: Health  # whether it is good
-    apart: Apart | None  # of a group, what each campaign says alone; None of a single campaign
-
-
-def work_out_general(
+def general_case(
+    campaign: CampaignDescription,
     arm: Arm,
-    grid: Observations,
-    held_out: Observations | None,
-    rows: NDArray[np.bool_],
+    every: Observations,
     start: Start,
     load: str,
-    payload: Payload | None,
     options: CalibrationOptions,
-    *,
-    readings: Observations | None = None,
     findings: tuple[InputFinding, ...] = (),
-    suspects: Suspects | None = None,
     prior: FittedModel | None = None,
-) -> GeneralCase:
-    """Compute one load case.
+) -> tuple[GeneralCalibrationRecord, GeneralCalibration]:
+    """Compute a load case with every parameter that arm and instrument can identify.
 
     Args:
+        campaign: description of the campaign.
         arm: the nominal arm.
-        grid: grid poses of every load.
-        held_out: poses held out, only judged; None where there are none.
-        rows: (P,) those of the grid poses to fit.
+        every: single readings of all kinds.
         start: about where frames and targets are.
-        load: name of the load case.
-        payload: what the arm carries, None where it is not known.
+        load: `combined` or `general` for all loads together, or a load such as `44N`.
         options: how to calibrate.
-        readings: single readings behind the poses to fit, whose repeats show the noise; None for
-            none.
         findings: what checks of the input found.
-        suspects: says which of the held-out poses have a suspected reading; None for none.
         prior: fitted model of the arm to start from; None for none.
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
             does not fit the readings at all, or the prior is of another arm.
     """
+    if prior is not None:  # effects of it may need to know from where a joint arrived
+        every, _ = with_arrivals(every)
+    single, payload = every.of_kind("grid"), campaign.payload(arm)
+    grid, held_out = average_repeats(single), average_repeats(every.of_kind("holdout"))
+    case = COMBINED if load == "general" else load
+    rows = rows_of_load(grid.states.load_N, case)
     used, rigid = grid.take(rows), options.with_springs(())
     nominal = calibrate_general(arm, used, start, payload, rigid, links=False).without_rows()
     if prior is None:
@@ -287,6 +144,7 @@ def work_out_general(
     else:
         expected = prior_of(prior, arm, payload)
         full = calibrate_from(expected, arm, used, start, payload, options)
+    # Without springs: the whole where it has none, and the frames alone where it had a prior.
     geometry = full if prior is None else nominal
     if full.springs and prior is None:
         geometry = calibrate_general(arm, used, start, payload, rigid).without_rows()
@@ -300,55 +158,162 @@ def work_out_general(
     found = calibrated.deviations(grid)
     _refuse_another_arm(full, summarise(found.take(rows)).rms_mm, used.measured.spread_mm)
     off = None
-    if held_out is not None and len(held_out):
+    if len(held_out):
         held_out = weighed(held_out)
         elsewhere = replace(full.problem, observations=held_out.turned(start.R_ee_target))
-        position = _position(elsewhere, elsewhere.rows(full.fit.x).jacobian)
         off = held_out_errors(
             calibrated.deviations(held_out),
             used,
             held_out,
-            position,
+            _position(elsewhere, elsewhere.rows(full.fit.x).jacobian),
             full.fit.covariance,
-            None if suspects is None else suspects(calibrated),
+            suspected_held_out(every, calibrated),
         )
-    parameters = full.problem.parameters
-    names = {parameter.name for parameter in parameters}
-    openly = not_identifiable(full.fit.identifiability, parameters) & names - _sags(full)
     doubts, known = suspected_outliers(full.problem, full.fit), weights_known(arm)
     trusted = np.setdiff1d(np.flatnonzero(rows), np.flatnonzero(rows)[[d.row for d in doubts]])
-    alone = apart(full.problem, full.fit)
-    if alone is not None:
-        findings = (*findings, *alone.contradictions)
+    group = apart(full.problem, full.fit)
+    if group is not None:
+        findings = (*findings, *contradictions(group))
+    rigid_left = fitted(geometry).deviations(grid)
+    readings = single.take(rows_of_load(single.states.load_N, case))
     errors = Errors(
         train_rms_mm=summarise(found.take(trusted)).rms_mm,
         held_out=off,
         noise_mm=_noise_mm(full),
         spread_mm=used.measured.spread_mm,
         suspected_outliers=len(doubts),
-        repeats=() if readings is None else scatter_of_repeats(readings, calibrated),
+        repeats=scatter_of_repeats(readings, calibrated),
+        from_touches=readings.measured.from_touches,
         findings=findings,
-        without_springs_mm=summarise(fitted(geometry).deviations(grid).take(trusted)).rms_mm
-        if geometry is not full
-        else None,
+        without_springs_mm=None if geometry is full else summarise(rigid_left.take(trusted)).rms_mm,
         weights=known.origin if known.assumed and full.springs else "",
     )
-    return GeneralCase(
-        load=load,
-        full=full,
-        geometry=geometry,
-        nominal=nominal,
-        grid=grid,
-        residuals=found,
-        before=summarise_by_load(fitted(nominal).deviations(grid), load_N),
-        after=summarise_by_load(found, load_N),
-        geometry_after=summarise_by_load(fitted(geometry).deviations(grid), load_N),
-        unidentified_directions=unidentified_directions(full.fit.identifiability, parameters),
-        not_identifiable=openly,
+    ended = _fit_summary(full)
+    judged = health(ended, errors)
+    about = FittedTo.of(full.problem.observations, load, judged, campaign)
+    before = summarise_by_load(fitted(nominal).deviations(grid), load_N)
+    of_geometry = summarise_by_load(rigid_left, load_N)
+    record = GeneralCalibrationRecord(
+        **case_keys(
+            campaign, load, options, ended, judged, replace(calibrated, fitted_to=about), grid
+        ),
+        **_general_fit_keys(full, about),
+        starts=1,
+        starts_agreeing=1,
+        redundant=full.unknowns.redundant,
+        springs=full.springs,
+        torques_from=full.torques_from,
+        errors={
+            load: GeneralErrors(before=before[load], geometry=of_geometry[load], after=after)
+            for load, after in summarise_by_load(found, load_N).items()
+        },
+        before_is="nominal arm, base and tool fitted",
+        geometry=GeneralFit(**_general_fit_keys(geometry, about)),
+        nominal=GeneralFit(**_general_fit_keys(nominal, about)),
         suspected_outliers=doubts,
-        health=health(_fit_summary(full, openly), errors),
-        apart=alone,
+        group=group,
+        prior=full.prior,
+        warnings=_warnings(full, judged),
     )
+    return record, full
+
+
+def _warnings(full: GeneralCalibration, judged: Health) -> tuple[str, ...]:
+    """Return what a reader should know before trusting the fit."""
+    found = []
+    if not full.fit.converged:
+        found.append(f"not converged: {full.fit.reason}")
+    if judged.grade != "good":
+        found.append(judged.line)
+    if full.torques_from == "masses" and full.springs:
+        found.append("torques were not logged: those of the described masses are used")
+    return tuple(found)
+
+
+def as_load(record: GeneralCalibrationRecord, load: str) -> GeneralCalibrationRecord:
+    """Return the record of a load case under the name of another of the same poses."""
+
+    def renamed(fit: results.Fit) -> dict[str, Any]:
+        known: Any = fit.fitted_model.get("fitted_to")
+        about = None if known is None else {**known, "calibration": load}
+        return {"fitted_model": {**fit.fitted_model, "fitted_to": about}}
+
+    return record.model_copy(
+        update={
+            "load": load,
+            "geometry": record.geometry.model_copy(update=renamed(record.geometry)),
+            "nominal": record.nominal.model_copy(update=renamed(record.nominal)),
+            **renamed(record),
+        }
+    )
+
+
+def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str, Any]:
+    """Return how a fit ended, its parameters, and what it takes to build it again."""
+    found, problem, model = general.fit, general.problem, fitted(general)
+    names = [parameter.name for parameter in problem.parameters]
+    model = replace(model, fitted_to=about)
+    return {
+        **fit_keys(found, model, _parameters(general, model), names, found.covariance),
+        "dof": found.dof,
+        "scatter": found.scatter,
+        "solved": Solved(
+            links=tuple(parameter.name for parameter in general.unknowns.links.parameters),
+            springs=tuple(
+                Spring(joint=term.joint, tau_ref_Nm=term.tau_ref_Nm)
+                for term in problem.model.terms
+                if isinstance(term, JointSpring)
+            ),
+            tool=general.unknowns.frame_names,
+            x=model.x,
+            places_m=model.targets_m,
+            R_ee_target=model.R_ee_target,
+        ),
+    }
+
+
+def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, CalibratedParameter]:
+    """Return every parameter with value, standard uncertainty, unit and tolerance."""
+    problem, found, count = general.problem, general.fit, len(model.x)
+    openly = not_identifiable(found.identifiability, problem.parameters)
+    is_open = np.array([parameter.name in openly for parameter in problem.parameters])
+    report = model.model.report(model.x)
+    sources = np.abs(report.jacobian) > 0
+    names = np.array([parameter.name for parameter in report.parameters])
+    of_model = calibrated_parameters(
+        report,
+        found.covariance[:count, :count],
+        names[(sources & is_open[:count]).any(axis=1)],
+        names[(sources & found.at_bound[:count]).any(axis=1)],
+    )
+    first = len(found.x) - len(problem.places)
+    places = Report(problem.parameters[first:], found.x[first:], np.eye(len(problem.places)))
+    linear = {name: each for name, each in of_model.items() if not name.startswith("K_cub")}
+    return {
+        **linear,  # as springs are here
+        **_base_parameters(general, model),
+        **calibrated_parameters(places, found.covariance[first:, first:], openly),
+        **general.settled,
+    }
+
+
+def _base_parameters(
+    general: GeneralCalibration, model: FittedModel
+) -> dict[str, CalibratedParameter]:
+    """Return the base frame's parameters; of a distance only the fixed point's place."""
+    names = [parameter.name for parameter in general.unknowns.base.parameters]
+    motions = [name.replace(".", "_") for name in BASE]
+    base, first = report_base(model.T_instr_base), len(model.x)
+    covariance = np.zeros((6, 6))
+    at = [motions.index(name) for name in names]
+    width = slice(first, first + len(names))
+    covariance[np.ix_(at, at)] = general.fit.covariance[width, width]
+    # The motions are along axes of the base as it was put; those of the report the instrument's.
+    along = np.eye(6)
+    along[:3, :3] = general.problem.T_instr_base[:3, :3]
+    whole = len(names) == len(motions)
+    held = [each.name for each in base.parameters if not whole and each.unit != "m"]
+    return calibrated_parameters(base, along @ covariance @ along.T, held)
 
 
 def _refuse_another_arm(general: GeneralCalibration, left_mm: float, spread_mm: float) -> None:
@@ -402,8 +367,9 @@ def base_motion(model: Model, x_base: Array) -> Array:
     return np.array([values.get(name, 0.0) for name in BASE])
 
 
-def _fit_summary(general: GeneralCalibration, openly: frozenset[str]) -> FitSummary:
+def _fit_summary(general: GeneralCalibration) -> FitSummary:
     fit, parameters = general.fit, general.problem.parameters
+    names = {parameter.name for parameter in parameters}
     root = np.sqrt(fit.weights)[:, None, None]
     return FitSummary(
         converged=fit.converged,
@@ -418,7 +384,7 @@ def _fit_summary(general: GeneralCalibration, openly: frozenset[str]) -> FitSumm
         identifiability=fit.identifiability,
         white=(root * fit.whitener) @ fit.jacobian,
         position=_position(general.problem, fit.jacobian),
-        not_identifiable=openly,
+        not_identifiable=not_identifiable(fit.identifiability, parameters) & names - _sags(general),
         x=fit.x,
         hidden=_assumed_weights(general),
     )

@@ -6,6 +6,7 @@ base, tool and targets are each campaign's own.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,13 +14,23 @@ import numpy as np
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
+from pa10cal.calibration.general.calibrate import GeneralCalibration, at_rest
+from pa10cal.calibration.general.fit import Fit, fit
+from pa10cal.calibration.general.problem import check_enough, choose_unknowns, start_of_tool
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.moved import JOINT_ZERO, STIFFNESS
-from pa10cal.fit.problem import Expected
+from pa10cal.fit.loads import with_torques
+from pa10cal.fit.moved import JOINT_ZERO, MODEL_ERROR, STIFFNESS, Found, hypotheses, sought
+from pa10cal.fit.problem import Disagreement, Expected, Problem
 from pa10cal.fit.uncertain_weights import unknown_tool, weight_sizes
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Start
+from pa10cal.results.calibration import Moved, PriorPart
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_angle import ArrivalError
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.term import Offsets, Parameter, Term
 from pa10cal.terms.weights import Weights
@@ -30,54 +41,6 @@ _OF_PLACE = ("base", "tool")
 _UNSOUND = ("suspect_input", "not_converged")
 #: Variance of a parameter that its fit left at the end of its range, in squares of its scale.
 _AT_BOUND = 30.0
-
-
-@dataclass(frozen=True)
-class Release:
-    """Something that moved since the prior was fitted, and is found anew."""
-
-    kind: str  # see `fit.moved.Hypothesis`
-    of: str  # where
-    # by how much, where it is one number, of a stiffness as part of the windup; else None
-    by: float | None
-    std: float | None  # its standard uncertainty; likewise
-    unit: str  # of both
-    gain: float  # by how much evidence rose [nats]
-
-    @property
-    def words(self) -> str:
-        """Return what moved, and by how much."""
-        what = {JOINT_ZERO: "the zero of ", STIFFNESS: "the stiffness of "}.get(self.kind, "")
-        if self.by is None or self.std is None:
-            return f"{what}{self.of} changed"
-        if self.kind == STIFFNESS:
-            part = f"{100.0 * self.by:+.0f} % (95 % interval ±{196.0 * self.std:.0f} %)"
-            return f"the windup of {self.of} changed by {part}"
-        times, unit = {"rad": (1e3, "mrad"), "m": (1e3, "mm")}.get(self.unit, (1.0, self.unit))
-        by, half = times * self.by, 1.96 * times * self.std
-        return f"{what}{self.of} moved by {by:+.3f} {unit} (95 % interval ±{half:.3f} {unit})"
-
-
-@dataclass(frozen=True)
-class Moved:
-    """What a prior was no longer right about."""
-
-    campaign: str | None  # to which the prior was fitted; None where that is not known
-    releases: tuple[Release, ...]  # what moved, the clearest first
-    # of the prior's variances of links and springs, where all depart by more than noise
-    factor: float
-
-    @property
-    def line(self) -> str:
-        """Return the same in one sentence."""
-        told = [each.words for each in self.releases]
-        if self.factor > 1.0:
-            told.append(
-                "links and springs depart by more than noise explains: their variances count "
-                f"{self.factor:.0f} times, as under a model that lacks an effect"
-            )
-        what = "; ".join(told) or "nothing in it moved, within its uncertainty"
-        return f"started from the model of {self.campaign or 'an unnamed campaign'}: {what}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,3 +172,152 @@ def _weights(term: Weights, arm: Arm, payload: Payload | None) -> Weights | None
 def _size(parameter: Parameter) -> float:
     """Return how far a parameter may be of which no fit says anything."""
     return _AT_BOUND * parameter.scale if parameter.plausible is None else parameter.plausible
+
+
+# Calibration that starts from a fitted model of the arm: after a crash, a new tool, a new cell.
+#
+# Base, tool and targets are free. Links, springs and effects are expected where the model has
+# them, within its covariance. That holds noise alone, so the readings decide how far it is
+# trusted: what moved, such as the zero of one joint, is found anew while the rest stays; where
+# everything departs by more than noise, as under a model that lacks an effect, all is trusted
+# less.
+
+#: Searches for what moved, each about the fit with what the one before found.
+_MOST_ROUNDS = 4
+
+
+def calibrate_from(
+    prior: Prior,
+    arm: Arm,
+    observations: Observations,
+    start: Start,
+    payload: Payload | None = None,
+    options: CalibrationOptions | None = None,
+) -> GeneralCalibration:
+    """Calibrate an arm of which a fitted model is known.
+
+    Args:
+        prior: what is known.
+        arm: the nominal arm.
+        observations: P poses to fit.
+        start: about where base, tool and targets are.
+        payload: what the arm carries; None where it is not known.
+        options: how to calibrate; None for the defaults.
+
+    Raises:
+        CalibrationError: when there are too few poses to find base and tool.
+    """
+    options = options or CalibrationOptions()
+    chain, terms = prior.model.model.chain, prior.terms
+    unknowns = choose_unknowns(
+        arm, options.tolerances, observations.measured, start.T_instr_base, start.targets_m
+    )
+    (links,) = (term for term in terms if isinstance(term, Offsets))
+    unknowns = replace(unknowns, links=links)
+    model = Model(chain, (*terms, *unknowns.frames, unknowns.base))
+    states, source = with_torques(
+        Model(chain, terms), prior.expected.mean, observations.states, payload
+    )
+    posed = observations.with_states(states).turned(start.R_ee_target)
+    problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, posed)
+    frames = [start_of_tool(name, start) for name in unknowns.frame_names]
+    x = np.concatenate([prior.expected.mean, frames, np.zeros(len(unknowns.base.parameters))])
+    check_enough(problem, known=len(prior.expected.mean))
+
+    expected = prior.expected
+    possible = hypotheses(arm, terms, expected.mean, expected.covariance)
+    released: list[Found] = []
+    found = _fitted(problem, problem.start(x), expected, options, None)
+    for _ in range(_MOST_ROUNDS):
+        k = len(expected.mean)
+        covariance = found.covariance[:k, :k] / found.widening**2
+        disagreement = Disagreement.of_fit(expected, found.x[:k], covariance)
+        more = sought(disagreement, possible, released)
+        if not more:
+            break
+        released += more
+        for each in more:
+            expected = expected.widened(each.directions)
+        found = _fitted(problem, found.x, expected, options, None)
+    if source == "masses":
+        problem, found = at_rest(
+            problem,
+            found,
+            observations.states,
+            payload,
+            lambda problem, before: _fitted(problem, before.x, expected, options, before.scatter),
+        )
+    return GeneralCalibration(
+        arm=arm,
+        start=start,
+        unknowns=unknowns,
+        settled={},
+        springs=tuple(term.joint for term in terms if isinstance(term, JointSpring)),
+        torques_from=source,
+        payload=payload,
+        problem=problem,
+        fit=found,
+        prior=_changed(prior, problem, found, released),
+    )
+
+
+def _fitted(
+    problem: Problem,
+    x: Array,
+    expected: Expected,
+    options: CalibrationOptions,
+    scatter: dict[str, float] | None,
+) -> Fit:
+    return fit(
+        problem,
+        x,
+        robust=options.general.robust,
+        max_iterations=options.max_iterations,
+        scatter_start=scatter,
+        expected=expected,
+    )
+
+
+def _changed(prior: Prior, problem: Problem, found: Fit, released: Sequence[Found]) -> PriorPart:
+    """Return what was found anew, and by how much it differs from the prior."""
+    mean, before = prior.expected.mean, np.diag(prior.expected.covariance)
+    after = np.diag(found.covariance)
+    moved, factor = [], 1.0
+    for each in released:
+        if each.what.kind == MODEL_ERROR:
+            factor += each.size**2
+            continue
+        by = std = None
+        unit = ""
+        if len(each.what.columns) == 1:
+            (k,) = each.what.columns
+            by, unit = float(found.x[k] - mean[k]), problem.parameters[k].unit
+            std = float(np.sqrt(before[k] + after[k]))
+            if each.what.kind == STIFFNESS:
+                by, std, unit = by / mean[k], std / mean[k], "1"
+        what = each.what
+        moved.append(Moved(kind=what.kind, of=what.of, by=by, std=std, unit=unit, gain=each.gain))
+    fitted_to = prior.model.fitted_to
+    campaign = None if fitted_to is None else fitted_to.campaign
+    told = list(map(_words, moved))
+    if factor > 1.0:
+        told.append(
+            "links and springs depart by more than noise explains: their variances count "
+            f"{factor:.0f} times, as under a model that lacks an effect"
+        )
+    said = "; ".join(told) or "nothing in it moved, within its uncertainty"
+    line = f"started from the model of {campaign or 'an unnamed campaign'}: {said}"
+    return PriorPart(campaign=campaign, moved=tuple(moved), factor=factor, line=line)
+
+
+def _words(moved: Moved) -> str:
+    """Return what moved, and by how much."""
+    what = {JOINT_ZERO: "the zero of ", STIFFNESS: "the stiffness of "}.get(moved.kind, "")
+    if moved.by is None or moved.std is None:
+        return f"{what}{moved.of} changed"
+    if moved.kind == STIFFNESS:
+        part = f"{100.0 * moved.by:+.0f} % (95 % interval ±{196.0 * moved.std:.0f} %)"
+        return f"the windup of {moved.of} changed by {part}"
+    times, unit = {"rad": (1e3, "mrad"), "m": (1e3, "mm")}.get(moved.unit, (1.0, moved.unit))
+    by, half = times * moved.by, 1.96 * times * moved.std
+    return f"{what}{moved.of} moved by {by:+.3f} {unit} (95 % interval ±{half:.3f} {unit})"

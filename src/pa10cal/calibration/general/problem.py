@@ -22,6 +22,7 @@ from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances
+from pa10cal.results.calibration import Redundant
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, OfCampaign
@@ -50,14 +51,6 @@ _NOTHING = 1e-12
 _MOST_TIMES = 5.0
 #: Joints without a stated limit are taken through so much.
 _WIDEST_RAD = np.pi
-
-
-@dataclass(frozen=True)
-class Redundant:
-    """A redundant parameter, and those that replace it."""
-
-    name: str  # the parameter
-    replaced_by: dict[str, float]  # name to part, in its own unit for one unit of the parameter
 
 
 @dataclass(frozen=True)
@@ -227,8 +220,8 @@ def _redundant(
     parts = np.where(np.abs(parts) > 1e-6, parts, 0.0) * scale[kept][:, None] / scale[others]
     return tuple(
         Redundant(
-            parameters[k].name,
-            {parameters[kept[j]].name: float(part[j]) for j in np.flatnonzero(part)},
+            name=parameters[k].name,
+            replaced_by={parameters[kept[j]].name: float(part[j]) for j in np.flatnonzero(part)},
         )
         for k, part in zip(others, parts.T, strict=True)
     )
