@@ -16,13 +16,6 @@ from scipy.special import ndtri
 
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.style import (
-    BLACK,
-    BLUE,
-    GREY,
-    ORANGE,
-    SEPARATOR,
-    SKY,
-    VERMILLION,
     name_rows,
     new_figure,
     panel,
@@ -30,7 +23,8 @@ from pa10cal.figures.style import (
     write_beside,
     write_text_at,
 )
-from pa10cal.figures.table import Shown, Table, frame_of
+from pa10cal.figures.table import Table, frame_of
+from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SEPARATOR, SKY, VERMILLION
 from pa10cal.results.trials import Bar, JudgedEffect, JudgedTrial, Rate, TrialScoresRecord
 
 BAR_HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")
@@ -468,8 +462,7 @@ def tabulate_trials_summary(scores: TrialScoresRecord) -> Table:
     return Table(
         "Blind trials: targets, and values reached",
         data,
-        (Shown(data.astype(str)),),
-        _notes(scores),
+        notes=_notes(scores),
     )
 
 

@@ -7,9 +7,10 @@ from textwrap import fill
 from matplotlib.figure import Figure
 
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.style import BLACK, name_rows, new_figure, panel, write_text_at
-from pa10cal.figures.table import Shown, Table, frame_of
+from pa10cal.figures.style import name_rows, new_figure, panel, write_text_at
+from pa10cal.figures.table import Table, frame_of
 from pa10cal.figures.trials import BAR_HEADER, bar_row, draw_rates
+from pa10cal.reports.theme import BLACK
 from pa10cal.results.trials import Rate, WildScoresRecord, WildSubject
 
 _ROW_MM = 9.0
@@ -114,14 +115,13 @@ data.
 def tabulate_wild_subjects(scores: WildScoresRecord) -> Table:
     """Return a row a disturbance or an effect."""
     data = frame_of(_HEADER, map(_row, scores.subjects))
-    shown = data.astype(str).replace("<NA>", "")
     notes = tuple(
         f"{trial.campaign} ({trial.bench}, {'; '.join(trial.put_in) or 'nothing'}): "
         f"{', '.join(trial.failings)}: {trial.said}"
         for trial in scores.per_trial
         if trial.failings
     )
-    return Table("Wild trials: what became of each", data, (Shown(shown),), notes)
+    return Table("Wild trials: what became of each", data, notes=notes)
 
 
 def _row(subject: WildSubject) -> tuple[object, ...]:
@@ -182,6 +182,4 @@ def tabulate_wild_summary(scores: WildScoresRecord) -> Table:
     data = frame_of(BAR_HEADER, map(bar_row, scores.bars))
     kinds = {trial.kind for trial in scores.per_trial}
     notes = _NOTES_MEASURED if kinds <= {"unstated_masses", "sorted_rows"} else _NOTES
-    return Table(
-        "Wild trials: targets, and values reached", data, (Shown(data.astype(str)),), notes
-    )
+    return Table("Wild trials: targets, and values reached", data, notes=notes)

@@ -11,26 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from pa10cal.arrays import Array
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.style import (
-    AFTER,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    SEPARATOR,
-    SKY,
-    legend_at,
-    name_rows,
-    new_figure,
-    panel,
-    write_text_at,
-)
+from pa10cal.figures.style import legend_at, name_rows, new_figure, panel, write_text_at
+from pa10cal.reports.theme import AFTER, BLUE, GREEN, GREY, ORANGE, PURPLE, SEPARATOR, SKY
 from pa10cal.results.calibration import CampaignsAgree, EffectByCampaign
 from pa10cal.results.discovery import FoundEffect
 
@@ -62,6 +48,8 @@ class _Map:
     @property
     def line_mrad(self) -> Array:
         """Return the error at these angles: a periodic cubic spline through the knots."""
+        from scipy.interpolate import CubicSpline  # late: a third of a second, for few campaigns
+
         around = np.append(self.error_mrad, self.error_mrad[0])
         spline = CubicSpline(np.linspace(0.0, 360.0, len(around)), around, bc_type="periodic")
         return np.asarray(spline(self.angle_deg))
