@@ -7,10 +7,8 @@ from textwrap import fill
 from matplotlib.figure import Figure
 
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.style import name_rows, new_figure, panel, write_text_at
 from pa10cal.figures.table import Table, frame_of
-from pa10cal.figures.trials import BAR_HEADER, bar_row, draw_rates
-from pa10cal.reports.theme import BLACK
+from pa10cal.figures.trials import BAR_HEADER, RateRow, bar_row, rates_figure
 from pa10cal.results.trials import Rate, WildScoresRecord, WildSubject
 
 _ROW_MM = 9.0
@@ -51,32 +49,13 @@ def draw_wild_rates(scores: WildScoresRecord) -> Figure:
     rows = [(name, bar) for name, bar in zip(names, shares, strict=True) if bar.trials]
     if not rows:
         raise NothingToShowError("no trial counts")
-    height = _ROW_MM * len(rows)
-    figure = new_figure(height + 36.0, "How often campaigns with stressors and faults go wrong")
-    axes = panel(figure, 62.0, 24.0, 82.0, height)
-    rates = [
-        Rate(
-            count=round((bar.reached or 0.0) * bar.trials),
-            of=bar.trials,
-            low=bar.low or 0.0,
-            high=bar.high if bar.high is not None else 1.0,
-            share=bar.reached,
-        )
-        for _, bar in rows
-    ]
-    draw_rates(axes, rates)
-    for y, (_, bar) in enumerate(rows):
-        axes.plot(100.0 * bar.limit, y, color=BLACK, marker="|", markersize=10.0, linestyle="none")
-    axes.set_xlim(-2.0, 102.0)
-    name_rows(axes, [name for name, _ in rows])
-    axes.set_xlabel("share of trials [%]")
-    write_text_at(
-        figure,
-        2.0,
-        6.0,
-        "Bars: 95 % intervals (Clopper and Pearson). Upright dash: what is allowed, or required.",
-    )
-    return figure
+    rates: list[RateRow] = []
+    for name, bar in rows:
+        ends = {"low": bar.low or 0.0, "high": 1.0 if bar.high is None else bar.high}
+        count = round((bar.reached or 0.0) * bar.trials)
+        rates.append((name, Rate(count=count, of=bar.trials, share=bar.reached, **ends), bar.limit))
+    title = "How often campaigns with stressors and faults go wrong"
+    return rates_figure(title, rates, _ROW_MM, 62.0)
 
 
 # What became of wild trials, by what was put into them.

@@ -153,7 +153,7 @@ def tolerances_drawing(
 
 
 #: Of more poses only so many steps of a distribution are drawn.
-_MOST_STEPS = 200
+_MOST_STEPS = 100
 _DASHES = {"uncalibrated": "solid", "geometry": "dash", "linear": "dashdot"}
 
 

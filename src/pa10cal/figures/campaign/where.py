@@ -20,11 +20,11 @@ from pa10cal.figures.style import (
     write_beside,
     write_text_at,
 )
+from pa10cal.reports.formatting import HALF_WIDTH_95
 from pa10cal.reports.theme import AFTER, BEFORE, BLACK, BLUE, GREY, ORANGE
 from pa10cal.results.analysis import AnalysisRecord, LackOfFit, NamingStep
 from pa10cal.results.evaluation import Accuracy, Estimate
 
-_HALF_WIDTH_95 = 1.96
 _S_PER_H = 3600.0
 _BEFORE: dict[str, Any] = {"color": BEFORE, "marker": "s", "linestyle": "none"}
 _AFTER: dict[str, Any] = {"color": AFTER, "marker": "o", "linestyle": "none"}
@@ -130,7 +130,7 @@ def _draw_directions(axes: Axes, found: AnalysisRecord) -> None:
         shown = [(part.joint, arrival) for part in fit.by_joint for arrival in part.arrivals]
         at = np.array([joint + 0.22 * arrival.direction for joint, arrival in shown])
         mean = np.array([1e6 * arrival.mean_rad for _, arrival in shown])
-        half = _HALF_WIDTH_95 * np.array([1e6 * (arrival.std_rad or 0.0) for _, arrival in shown])
+        half = HALF_WIDTH_95 * np.array([1e6 * (arrival.std_rad or 0.0) for _, arrival in shown])
         axes.errorbar(at + aside, mean, yerr=half, elinewidth=0.8, **look)
         ticks = at.tolist()
         labels = ["+" if arrival.direction > 0 else "−" for _, arrival in shown]
@@ -159,7 +159,7 @@ def _draw_drifts(axes: Axes, found: AnalysisRecord) -> None:
             axes.errorbar(
                 [first + k + aside for k, _ in known],
                 [1e3 * span * slope.value for _, slope in known],
-                yerr=[1e3 * span * _HALF_WIDTH_95 * (slope.std or 0.0) for _, slope in known],
+                yerr=[1e3 * span * HALF_WIDTH_95 * (slope.std or 0.0) for _, slope in known],
                 elinewidth=0.8,
                 **look,
             )
