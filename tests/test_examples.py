@@ -102,7 +102,7 @@ def test_a_folder_runs_to_a_grade_a_model_and_figures(ran):
     verdict = read(VerdictRecord, results / "discovery/verdict.json")
     assert verdict.campaign == "ur10-pose"
     assert (results / "model/model.yaml").is_file()
-    assert (results / "figures/health.svg").is_file()
+    assert (results / "figures/gap_by_step.svg").is_file()
     folder = EXAMPLES / "ur10-pose"
     raw = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert {p.name: p.read_bytes() for p in (here / "examples/ur10-pose").iterdir()} == raw

@@ -133,6 +133,7 @@ MAY_IMPORT = {
         "files",
         "options",
         "observe",
+        "reports",
         "settings",
     },
     "running": {"files.output", "results", "settings"},
@@ -145,11 +146,12 @@ MAY_IMPORT = {
         "running.display",
     },
     "reports": {
+        "observe.instrument",
         "observe.quantities",
         "observe.kinds",
         "campaign.description",
         "campaign.table",
-        "figures.table",
+        "arm.statics",
         "files.output",
     },
     "pose_plan": {

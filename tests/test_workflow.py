@@ -194,7 +194,7 @@ def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
     assert not {"ingest", "base_frame", "montecarlo"} & set(jobs)
     probe.write_text("ANSWER = 1\n")
 
-    (checkout.place / "src/pa10cal/figures/campaign/health.py").write_text("LINE = 1\n")
+    (checkout.place / "src/pa10cal/figures/campaign/where.py").write_text("LINE = 1\n")
     assert set(planned(checkout("-n", "figures")[1])) == {"pictures", "figures", "total"}
 
     # The campaign's own description of its robot is an input once it is there.

@@ -47,12 +47,12 @@ def test_writes_a_figure_in_three_formats(run, capsys):
 def test_writes_everything_that_there_is_and_says_what_was_omitted(run, tmp_path, capsys):
     code, written = run(None)
     assert code == 0
-    names = ("montecarlo_convergence", "montecarlo_map", "montecarlo_planes")
+    names = ("montecarlo_map", "montecarlo_planes")
     files = [f"{name}.{ending}" for name in names for ending in ("pdf", "png", "svg")]
     assert written == sorted([*files, "pictures.json"])
     said = capsys.readouterr().out
     assert "cell-null: verdict: omitted, there is no discovery/verdict.json\n" in said
-    assert f"cell-null: 3 drawn: {', '.join(names)}\n" in said
+    assert f"cell-null: 2 drawn: {', '.join(names)}\n" in said
     record = json.loads((tmp_path / "out/pictures.json").read_text("utf-8"))
     assert record["drawn"] == list(names)
     assert record["omitted"]["fig4_test_path"] == "there is no calibration/combined.json"

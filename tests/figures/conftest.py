@@ -11,20 +11,13 @@ import pytest
 
 from built_once import built_once
 from made_up_records import accuracy, effect, made_up_gap, set_gap, stretches_deg, verdict_keys
-from pa10cal.campaign.read import read_campaign
-from pa10cal.campaign.table import write_pose_table
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.write import write_campaign
 from pa10cal.commands.command_line import run_command
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import looks
-from pa10cal.files.arms import load_arm
 from pa10cal.results.codec import write
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.maps import AnglesSeen
-from pa10cal.settings_reading import parse_section
 
 CAMPAIGN = Path(__file__).parents[2] / "data/raw/cell-null"
 PLANES_MM = (300, 500, 700)
@@ -243,25 +236,3 @@ def changed_from(tmp_path):
         return replace(results, folder=folder)
 
     return copy
-
-
-@pytest.fixture(scope="session")
-def watched(tmp_path_factory) -> Results:
-    """Results of a small made-up campaign with targets on the base: the table of poses alone."""
-    return built_once(tmp_path_factory, "watched", _watched)
-
-
-def _watched(place: Path) -> Results:
-    asked = {
-        "random_seed": 6,
-        "robot": "irb120",
-        "without_touches": {"instrument": "points", "poses": 120, "base_targets": 3},
-        "disturbances": [{"id": "random_walk", "parameters": {"size_mm": 0.05, "turn_mrad": 0.01}}],
-    }
-    settings, raw = parse_section(SimulateOptions, asked, where="test"), place / "watched"
-    write_campaign(simulate_campaign("watched", load_arm("irb120"), settings), raw)
-    campaign = read_campaign(raw)
-    (place / "results/ingest").mkdir(parents=True)
-    path = place / "results/ingest/poses.parquet"
-    write_pose_table(path, campaign.observations, campaign.arm.prismatic, campaign.name)
-    return _results(place / "results", raw)

@@ -6,14 +6,10 @@ from functools import partial
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.quiver import Quiver, QuiverKey
 from matplotlib.text import Text
 
-from pa10cal.figures.campaign import by_joint, where
-from pa10cal.figures.campaign import residuals as residuals_pictures
-from pa10cal.figures.campaign import verdict as verdict_pictures
+from pa10cal.figures.campaign import by_joint, tables, where
 from pa10cal.figures.registry import NothingToShowError
-from pa10cal.figures.results import PLACE_MM
 from pa10cal.figures.table import write_table
 
 pytestmark = pytest.mark.usefixtures("project_looks")
@@ -124,7 +120,7 @@ class TestTorque:
 class TestGapByStep:
     def test_a_row_a_name_with_its_errors(self, named):
         found = named.analysis()
-        texts = texts_of(verdict_pictures.draw_gap_by_step(named))
+        texts = texts_of(where.draw_gap_by_step(named))
         assert {"calibrated model", "+ transmission error\n   joint 2"} <= set(texts)
         for step in found.naming:
             for errors in (step.train, step.holdout):
@@ -134,8 +130,7 @@ class TestGapByStep:
 
     def test_one_row_where_nothing_was_named(self, results):
         assert any(
-            "No effect was named" in text
-            for text in texts_of(verdict_pictures.draw_gap_by_step(results))
+            "No effect was named" in text for text in texts_of(where.draw_gap_by_step(results))
         )
 
     def test_without_held_out_poses(self, changed):
@@ -143,57 +138,22 @@ class TestGapByStep:
             for step in record["naming"]:
                 step["holdout"] = None
 
-        texts = texts_of(
-            verdict_pictures.draw_gap_by_step(changed("discovery/analysis.json", none))
-        )
+        texts = texts_of(where.draw_gap_by_step(changed("discovery/analysis.json", none)))
         assert "poses fitted" in texts
         assert not any("held-out" in text for text in texts)
 
 
-class TestResidualField:
-    def test_arrows_run_from_the_predicted_to_the_measured_place(self, named):
-        figure = residuals_pictures.draw_residual_field(named)
-        arrows = [artist for axes in figure.axes for artist in axes.findobj(Quiver)]
-        assert len(arrows) == 8
-        rows = named.analysis().gap.train
-        np.testing.assert_allclose(arrows[0].X, rows.place_mm[:, 0])
-        scale = -arrows[0].U[0] / rows.before_mm[0, 0]
-        np.testing.assert_allclose(-arrows[0].U, scale * rows.before_mm[:, 0])
-        after = arrows[4]
-        np.testing.assert_allclose(-after.U, scale * rows.after_mm[:, 0])
-        (key,) = figure.findobj(QuiverKey)
-        assert key.text.get_text() == f"{key.U / scale:g} mm, enlarged {scale:g} times"
-        assert any("before and after have the same scale" in t for t in texts_of(figure))
-
-    def test_places_are_along_the_axes_of_the_base(self, named):
-        T = named.base_frame()
-        poses = named.poses()
-        rows = named.analysis().gap.train
-        one = poses[(poses["pose"] == "P01") & (poses["load_N"] == 0.0)]
-        p_base_mm = (one[list(PLACE_MM)].to_numpy().mean(axis=0) - 1e3 * T[:3, 3]) @ T[:3, :3]
-        (place_mm,) = rows.place_mm[(rows.pose == "P01") & (rows.load_N == 0.0)]
-        # The frame from straight lines is a degree or so away from the calibrated one.
-        np.testing.assert_allclose(place_mm, p_base_mm, atol=30.0)
-
-    def test_held_out_poses_that_extrapolate_are_apart(self, changed):
+class TestGapOfHeldOut:
+    def test_those_that_extrapolate_are_apart(self, changed):
         def beyond(record):
             for k, row in enumerate(record["gap"]["holdout"]):
                 row["extrapolated"] = k < 5
 
         source = changed("discovery/analysis.json", beyond)
-        figure = residuals_pictures.draw_residual_field(source)
-        said = [text.get_text() for text in figure.legends[0].get_texts()]
-        assert [text.partition(",")[0] for text in said] == [
-            "poses fitted",
-            "held-out poses",
-            "held out",
-        ]
         rows = source.analysis().gap.holdout
-        arrows = figure.axes[0].findobj(Quiver)
-        np.testing.assert_allclose(arrows[2].X, rows.place_mm[:5, 0])
         error = np.linalg.norm(rows.after_mm[:5], axis=1)
         said = f"{np.sqrt(np.mean(error**2)):.3f} mm in 5 of {len(rows)}"
-        drawn = verdict_pictures.draw_gap_by_step(source)
+        drawn = where.draw_gap_by_step(source)
         (line,) = (text for text in drawn.findobj(Text) if said in text.get_text())
         FigureCanvasAgg(drawn).draw()
         assert line.get_window_extent().x1 < drawn.bbox.x1
@@ -203,58 +163,14 @@ class TestResidualField:
             for row in record["gap"]["holdout"]:
                 row["extrapolated"] = True
 
-        texts = texts_of(
-            verdict_pictures.draw_gap_by_step(changed("discovery/analysis.json", beyond))
-        )
+        texts = texts_of(where.draw_gap_by_step(changed("discovery/analysis.json", beyond)))
         assert any("mm; all poses are extrapolated." in text for text in texts)
         assert not any("nan" in text for text in texts)
 
 
-class TestParameterShifts:
-    def test_links_in_tolerances_and_springs_in_percent(self, named):
-        shifts = {s.name: s for s in named.analysis().parameter_shifts if s.identifiable}
-        links, springs = where.draw_parameter_shifts(named).axes
-        names = [label.get_text() for label in links.get_yticklabels()]
-        drawn = dict(zip(names, (bar.get_width() for bar in links.patches), strict=False))
-        shift = shifts["delta_a_2"]
-        assert drawn["δa₂"] == pytest.approx((shift.after - shift.before) / shift.tolerance)
-        assert len(names) == sum(name.startswith("delta") for name in shifts)
-        labels = [label.get_text() for label in springs.get_yticklabels()]
-        assert labels == [f"K_{kind}_{j}" for kind in ("lin", "cub") for j in (2, 3, 5)]
-        shift = shifts["K_lin_3"]
-        larger = max(shift.before, shift.after)
-        percent = 100.0 * (shift.after - shift.before) / larger
-        assert springs.patches[1].get_width() == pytest.approx(percent)
-
-    def test_what_was_nothing_before_and_after_is_left_out(self, changed):
-        def linear(record):
-            for shift in record["parameter_shifts"]:
-                if shift["name"].startswith("K_cub"):
-                    shift.update(before=0.0, after=0.0, std=0.0)
-
-        _, springs = where.draw_parameter_shifts(changed("discovery/analysis.json", linear)).axes
-        assert [t.get_text() for t in springs.get_yticklabels()] == [
-            f"K_lin_{j}" for j in (2, 3, 5)
-        ]
-
-    def test_only_the_weighing_moves_parameters_where_nothing_was_named(self, results):
-        figure = where.draw_parameter_shifts(results)
-        assert any("No effect was named" in text for text in texts_of(figure))
-        assert max(abs(bar.get_width()) for bar in figure.axes[0].patches[:-1]) < 0.1  # tolerances
-
-    def test_an_arm_without_springs_is_drawn(self, changed):
-        def rigid(record):
-            record["parameter_shifts"] = [
-                shift for shift in record["parameter_shifts"] if not shift["name"].startswith("K_")
-            ]
-
-        texts = texts_of(where.draw_parameter_shifts(changed("discovery/analysis.json", rigid)))
-        assert "all joints held rigid" in texts
-
-
 class TestVerdictTable:
     def rows(self, results, folder):
-        write_table(verdict_pictures.tabulate_verdict(results), results.footer, folder, "verdict")
+        write_table(tables.tabulate_verdict(results), results.footer, folder, "verdict")
         with (folder / "verdict.csv").open(encoding="utf-8", newline="") as file:
             return list(csv.DictReader(file))
 
@@ -292,10 +208,10 @@ class TestVerdictTable:
         rows = self.rows(changed("discovery/verdict.json", many), tmp_path)
         assert sum(row["kind"] == "not_testable" for row in rows) == 7
         text = (tmp_path / "verdict.md").read_text("utf-8")
-        assert "| torque_gain | joints 1 to 3, 5 | the torques were not logged |" in text
-        assert "| thermal_growth | arm | no temperature |" in text
+        assert "| torque gain | joints 1 to 3, 5 | the torques were not logged |" in text
+        assert "| thermal growth | arm | no temperature |" in text
         reasons = "joint 1: no load; joint 2: too small"
-        assert f"| joint_compliance | joints 1, 2 | {reasons} |" in text
+        assert f"| joint compliance | joints 1, 2 | {reasons} |" in text
 
     def test_a_map_is_summed_up_and_whole_in_the_csv(self, learnt, tmp_path):
         rows = self.rows(learnt, tmp_path)
@@ -311,7 +227,10 @@ class TestVerdictTable:
         text = (tmp_path / "verdict.md").read_text("utf-8")
         assert "blocks of poses held out of the fit" in text
         assert "| held out, extrapolated | all |" in text
-        assert "| joint_error_map | joint 3 | 24 knots a turn, rms 0.000212 rad | none |" in text
+        assert (
+            "| joint error map | joint\u00a03 | 24\u00a0values,\u00a0rms\u00a00.212\u00a0mrad |"
+            in text
+        )
         assert "0.300 mm without, 0.100 mm with it; better in 9 of 10 blocks, z 8.0" in text
 
     @pytest.mark.parametrize("kind", ["points", "distance"])

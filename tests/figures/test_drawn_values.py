@@ -7,17 +7,11 @@ from functools import partial
 
 import numpy as np
 import pytest
-from matplotlib.quiver import Quiver, QuiverKey
 from matplotlib.text import Text
 
-from pa10cal.figures.campaign import errors as errors_pictures
-from pa10cal.figures.campaign import health as health_pictures
 from pa10cal.figures.campaign import montecarlo, paper_against_ours, paper_figures
-from pa10cal.figures.campaign import parameters as parameters_pictures
-from pa10cal.figures.campaign import residuals as residuals_pictures
 from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.results import PLACE_MM
-from pa10cal.results.calibration import LCurvePoint
 
 pytestmark = pytest.mark.usefixtures("project_looks")
 
@@ -93,7 +87,7 @@ def test_held_out_errors_without_attitude(changed):
                 row["rotation_deg"] = None
 
     source = changed("evaluation/holdout.json", unseen)
-    texts = texts_of(errors_pictures.draw_fig6_holdout(source))
+    texts = texts_of(paper_figures.draw_fig6_holdout(source))
     assert not any("orientation" in text and "paper" not in text for text in texts)
     rows = paper_against_ours.tabulate_paper_against_ours(source).data.to_numpy()
     held_out = [row for row in rows if row[0] == "mean orientation error, held out"]
@@ -105,17 +99,16 @@ def test_the_papers_figures_stand_beside_its_own_arm_only(results):
     for make in (
         paper_figures.draw_fig5_before_after,
         montecarlo.draw_montecarlo_planes,
-        parameters_pictures.draw_parameter_uncertainty,
     ):
         ours = legend_of(make(other))
         with_paper = legend_of(make(results))
         assert set(ours) < set(with_paper)
         assert all("paper" in text for text in set(with_paper) - set(ours))
-    assert not any("paper:" in text for text in texts_of(errors_pictures.draw_fig6_holdout(other)))
+    assert not any("paper:" in text for text in texts_of(paper_figures.draw_fig6_holdout(other)))
 
 
 def test_held_out_errors_are_drawn_load_by_load(results):
-    axes = errors_pictures.draw_fig6_holdout(results).axes[0]
+    axes = paper_figures.draw_fig6_holdout(results).axes[0]
     models = results.held_out().models
     for line, (name, model) in zip(axes.lines, models.items(), strict=False):
         assert name.split("_")[0] in line.get_label()
@@ -131,7 +124,7 @@ def test_what_is_extrapolated_is_hollow(changed):
         for k, row in enumerate(record["models"]["cubic"]["rows"]):
             row["extrapolated"] = k < 3
 
-    figure = errors_pictures.draw_fig6_holdout(changed("evaluation/holdout.json", beyond))
+    figure = paper_figures.draw_fig6_holdout(changed("evaluation/holdout.json", beyond))
     (hollow,) = (line for line in figure.axes[0].lines if line.get_label() == "extrapolated")
     assert len(hollow.get_ydata()) == 3
     assert hollow.get_markerfacecolor() == "white"
@@ -142,136 +135,31 @@ def test_a_campaign_without_held_out_points_has_nothing_to_show(changed):
         record.update(models={}, configurations=0)
 
     with pytest.raises(NothingToShowError, match=r"^no held-out configuration was"):
-        errors_pictures.draw_fig6_holdout(changed("evaluation/holdout.json", empty))
-
-
-def test_arrows_run_from_the_predicted_to_the_measured_place(results):
-    figure = residuals_pictures.draw_residual_vectors(results)
-    arrows = [artist for axes in figure.axes for artist in axes.findobj(Quiver)]
-    assert len(arrows) == 6
-    residuals = results.calibration().residuals
-    unloaded = residuals.load_N == 0
-    from_above = arrows[0]
-    np.testing.assert_allclose(from_above.X, residuals.place_mm[unloaded, 0])
-    scale = -from_above.U / residuals.position_mm[unloaded, 0]
-    np.testing.assert_allclose(scale, scale[0])
-    (key,) = figure.findobj(QuiverKey)
-    assert f"enlarged {scale[0]:g} times" in key.text.get_text()
-    assert key.text.get_text().startswith(f"this arrow: {key.U / scale[0]:g} mm")
-
-
-def test_open_and_bound_parameters_are_named(changed):
-    def bound(record):
-        record["parameters"]["K_cub_3"]["at_bound"] = True
-
-    texts = texts_of(
-        parameters_pictures.draw_parameter_uncertainty(changed("calibration/combined.json", bound))
-    )
-    assert texts.count("not identifiable: set by the tolerance") == 2
-    assert "joint 3\nat bound" in texts
-    assert "joint 5" in texts
+        paper_figures.draw_fig6_holdout(changed("evaluation/holdout.json", empty))
 
 
 def held_rigid(record):
     for name in [name for name in record["parameters"] if name.startswith("K_")]:
         del record["parameters"][name]
-        record["inner_dependence"]["std"].pop(name)
-
-
-def test_an_arm_without_springs_is_drawn(changed):
-    figure = parameters_pictures.draw_parameter_uncertainty(
-        changed("calibration/combined.json", held_rigid)
-    )
-    assert texts_of(figure).count("all joints held rigid") == 2
 
 
 def test_an_arm_without_springs_has_one_calibrated_model(changed):
     texts = texts_of(
-        errors_pictures.draw_fig6_holdout(changed("calibration/combined.json", held_rigid))
+        paper_figures.draw_fig6_holdout(changed("calibration/combined.json", held_rigid))
     )
     assert "calibrated" in texts
     assert not any("springs" in text for text in texts)
 
 
-def test_the_spread_of_a_stiffness_ends_at_zero(changed):
-    def wide(record):
-        record["inner_dependence"]["std"]["K_lin_2"] = 1e9
-
-    axes = parameters_pictures.draw_parameter_uncertainty(
-        changed("calibration/combined.json", wide)
-    ).axes[2]
-    assert axes.get_title(loc="left") == "linear stiffness"
-    starts = [min(line.get_xdata()) for line in axes.lines if len(line.get_xdata()) == 2]
-    assert min(starts) == 0.0
-
-
-def test_says_when_the_intervals_do_not_cover_what_the_model_lacks(results, changed):
-    assert not any(
-        "incomplete" in text
-        for text in texts_of(parameters_pictures.draw_parameter_uncertainty(results))
-    )
-
-    def worse(record):
-        for errors in record["errors"].values():
-            errors["after"]["mean_mm"] = 1.0
-
-    texts = texts_of(
-        parameters_pictures.draw_parameter_uncertainty(changed("calibration/combined.json", worse))
-    )
-    assert any("the model is incomplete" in text for text in texts)
-
-
 def test_says_which_calibration_was_evaluated(results, changed):
     assert any(
         "with all loads together" in text
-        for text in texts_of(errors_pictures.draw_fig6_holdout(results))
+        for text in texts_of(paper_figures.draw_fig6_holdout(results))
     )
     other = changed("evaluation/holdout.json", lambda record: record.update(calibration="22N"))
     assert any(
-        "with 22N alone" in text for text in texts_of(errors_pictures.draw_fig6_holdout(other))
+        "with 22N alone" in text for text in texts_of(paper_figures.draw_fig6_holdout(other))
     )
-
-
-def points(weights, values):
-    return tuple(
-        LCurvePoint(weight=weight, misfit=value, departure=1 / value, mean_mm=2 * value)
-        for weight, value in zip(weights, values, strict=True)
-    )
-
-
-def test_both_readings_of_epsilon_are_marked_where_the_curve_reaches(changed):
-    def curve(last):
-        def put(record):
-            record["l_curve"] = [p.model_dump() for p in points([1e-6, 1.6e-4, last], [1, 2, 4])]
-
-        return put
-
-    short = legend_of(
-        health_pictures.draw_l_curve(changed("calibration/combined.json", curve(1e-2)))
-    )
-    assert any("weight 0.00016: remaining error 4.000 mm" in text for text in short)
-    assert any("weight 0.013: beyond the weights tried" in text for text in short)
-
-
-def test_the_second_reading_is_marked_on_a_curve_that_reaches_it(changed):
-    def put(record):
-        weights = [1e-6, 1.6e-4, 1.6e-4**0.5, 1e-1]
-        record["l_curve"] = [p.model_dump() for p in points(weights, [1, 2, 3, 4])]
-
-    long = legend_of(health_pictures.draw_l_curve(changed("calibration/combined.json", put)))
-    assert any("weight 0.013: remaining error 6.000 mm" in text for text in long)
-
-
-def test_says_how_the_terms_act_in_the_calibration_itself(results, changed):
-    assert any(
-        "poses do not identify" in text for text in texts_of(health_pictures.draw_l_curve(results))
-    )
-
-    def as_printed(record):
-        record["settings"].update(tolerance_terms="all", epsilon_acts_on="cost")
-
-    texts = texts_of(health_pictures.draw_l_curve(changed("calibration/combined.json", as_printed)))
-    assert any("act on every departure, with ε on the cost" in text for text in texts)
 
 
 def test_the_map_shows_every_point_and_nothing_elsewhere(results):
@@ -297,11 +185,3 @@ def test_a_plane_without_a_grid_point_in_reach_says_so(results, changed):
     )
     alone = montecarlo.draw_montecarlo_map(replace(part, settings=settings))
     assert "no grid point in reach" in texts_of(alone)
-
-
-def test_convergence_ends_where_the_record_does(results):
-    running = montecarlo.draw_montecarlo_convergence(results).axes[0]
-    for line, plane in zip(running.lines, results.planes(), strict=False):
-        percent = 100 * (plane.mean_mm / plane.closed_form_mean_mm - 1)
-        assert line.get_ydata()[-1] == pytest.approx(percent, abs=1e-5)
-        assert line.get_xdata()[-1] == plane.cycles

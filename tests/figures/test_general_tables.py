@@ -6,11 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from pa10cal.figures.campaign import errors as errors_pictures
-from pa10cal.figures.campaign import health as health_pictures
-from pa10cal.figures.campaign import parameters as parameters_pictures
-from pa10cal.figures.campaign import residuals as residuals_pictures
+from pa10cal.figures.campaign import tables
+from pa10cal.figures.results import MODELS
 from pa10cal.figures.table import write_table
+from pa10cal.reports.formatting import with_interval
 
 COMBINED = "calibration/combined.json"
 
@@ -27,7 +26,7 @@ class TestParameters:
     def test_holds_every_parameter_and_what_was_left_out(self, results, sighted, kind, tmp_path):
         source = results if kind == "nothing" else sighted[kind]
         case = source.general()
-        rows, text = rows_of(parameters_pictures.tabulate_parameters_general, source, tmp_path)
+        rows, text = rows_of(tables.tabulate_parameters_general, source, tmp_path)
         kept = {row["parameter"]: row for row in rows if row["redundant"] == "false"}
         assert set(kept) == set(case.parameters)
         for name, parameter in case.parameters.items():
@@ -40,23 +39,19 @@ class TestParameters:
 
     def test_shows_units_of_the_workshop(self, sighted, tmp_path):
         case = sighted["pose"].general()
-        _, text = rows_of(
-            parameters_pictures.tabulate_parameters_general, sighted["pose"], tmp_path
-        )
+        _, text = rows_of(tables.tabulate_parameters_general, sighted["pose"], tmp_path)
         length, angle = case.parameters["delta_a_2"], case.parameters["delta_theta_3"]
-        assert f"| δa₂ | {1e3 * length.value:.4f} | {1e3 * length.std:.4f} | mm |" in text
-        assert f"| δθ₃ | {1e3 * angle.value:.4f} | {1e3 * angle.std:.4f} | mrad |" in text
+        assert f"| δa₂ | {with_interval(1e3 * length.value, 1e3 * length.std)} | mm |" in text
+        assert f"| δθ₃ | {with_interval(1e3 * angle.value, 1e3 * angle.std)} | mrad |" in text
         (same,) = (entry for entry in case.redundant if entry.name == "delta_a_6")
         assert same.replaced_by.keys() == {"tool_x"}
         assert "| δa₆ | 1 × tool x |" in text
 
     def test_a_parameter_that_nothing_tells_has_no_uncertainty(self, sighted, tmp_path):
-        rows, text = rows_of(
-            parameters_pictures.tabulate_parameters_general, sighted["distance"], tmp_path
-        )
+        rows, text = rows_of(tables.tabulate_parameters_general, sighted["distance"], tmp_path)
         (turn,) = (row for row in rows if row["parameter"] == "gamma_x")
         assert (turn["std"], turn["identifiable"]) == ("", "false")
-        assert "| γ_x | 0.0000 | – | mrad | – | not identifiable |" in text
+        assert "| γ_x | – | mrad | – | not identifiable from these poses |" in text
         assert "torques of the described masses" in text
 
     def test_a_spring_at_its_end_is_rigid(self, copied, sighted, tmp_path):
@@ -64,11 +59,11 @@ class TestParameters:
             record["parameters"]["K_lin_2"].update(at_bound=True, std=0.0)
 
         _, text = rows_of(
-            parameters_pictures.tabulate_parameters_general,
+            tables.tabulate_parameters_general,
             copied(sighted["pose"], COMBINED, rigid),
             tmp_path,
         )
-        assert "| K_lin_2 | rigid | – | kN m/rad | – | at a bound |" in text
+        assert "| K_lin_2 | rigid | kN m/rad | – | at the end of its physical range |" in text
 
 
 class TestDoubted:
@@ -82,14 +77,14 @@ class TestDoubted:
             "why": "position off by 1.452 mm, 5 times the scatter of one axis",
         }
         source = copied(sighted["pose"], COMBINED, lambda r: r.update(suspected_outliers=[entry]))
-        (row,), text = rows_of(residuals_pictures.tabulate_suspected_outliers, source, tmp_path)
+        (row,), text = rows_of(tables.tabulate_suspected_outliers, source, tmp_path)
         assert row["why"] == entry["why"]
         assert (row["pose"], float(row["distance"]), float(row["weight"])) == ("P007", 8.25, 0.4)
         assert f"1 of {source.general().health.poses.measured} poses" in text
 
     def test_none_doubted_is_said(self, copied, sighted, tmp_path):
         source = copied(sighted["pose"], COMBINED, lambda r: r.update(suspected_outliers=[]))
-        rows, text = rows_of(residuals_pictures.tabulate_suspected_outliers, source, tmp_path)
+        rows, text = rows_of(tables.tabulate_suspected_outliers, source, tmp_path)
         assert not rows
         assert "| none | – | – | – | – |" in text
 
@@ -104,7 +99,7 @@ class TestAccuracy:
         return row
 
     def test_errors_of_all_loads_are_pooled(self, sighted, tmp_path):
-        rows, _ = rows_of(errors_pictures.tabulate_accuracy_general, sighted["points"], tmp_path)
+        rows, _ = rows_of(tables.tabulate_accuracy_general, sighted["points"], tmp_path)
         errors = sighted["points"].general().errors
         assert list(errors) == ["0N", "20N"]
         parts = [each.after for each in errors.values()]
@@ -118,35 +113,33 @@ class TestAccuracy:
         assert float(alone["mean_mm"]) == pytest.approx(errors["20N"].after.mean_mm, rel=1e-5)
 
     def test_held_out_errors_are_those_of_the_record(self, sighted, tmp_path):
-        rows, text = rows_of(errors_pictures.tabulate_accuracy_general, sighted["pose"], tmp_path)
+        rows, text = rows_of(tables.tabulate_accuracy_general, sighted["pose"], tmp_path)
         for name, model in sighted["pose"].held_out().models.items():
             row = self.one(rows, "held out", name)
             assert float(row["rms_mm"]) == pytest.approx(model.rms_mm, rel=1e-5)
             assert float(row["orientation_deg"]) == pytest.approx(model.orientation_deg, rel=1e-5)
-        assert "| geometry and springs | all |" in text
+        assert "| held out | all | calibrated, linear springs |" in text
 
     def test_a_model_to_which_nothing_was_added_is_not_listed_twice(self, sighted, tmp_path):
         source = sighted["points"]
         record = json.loads((source.folder / "evaluation/holdout.json").read_text("utf-8"))
         assert record["models"]["extended"] == record["models"]["linear"]
-        rows, text = rows_of(errors_pictures.tabulate_accuracy_general, source, tmp_path)
+        rows, text = rows_of(tables.tabulate_accuracy_general, source, tmp_path)
         assert "extended" not in {row["model"] for row in rows}
-        assert "discovered effects" not in text
+        assert "with the effects found" not in text
 
     def test_what_is_extrapolated_stands_apart(self, learnt, tmp_path):
-        rows, text = rows_of(errors_pictures.tabulate_accuracy_general, learnt, tmp_path)
+        rows, text = rows_of(tables.tabulate_accuracy_general, learnt, tmp_path)
         extended = learnt.held_out().models["extended"]
         for part, errors in (("inside", extended.inside), ("extrapolated", extended.outside)):
             row = self.one(rows, "held out", "extended", part=part)
             assert float(row["rms_mm"]) == pytest.approx(errors.rms_mm, rel=1e-5)
         fitted = self.one(rows, "fitted", "extended")
         assert float(fitted["rms_mm"]) == learnt.verdict().gap.train.after.rms_mm
-        assert "with discovered effects, extrapolated" in text
+        assert "with the effects found, extrapolated" in text
 
     def test_an_attitude_not_seen_is_a_dash(self, sighted, tmp_path):
-        rows, text = rows_of(
-            errors_pictures.tabulate_accuracy_general, sighted["distance"], tmp_path
-        )
+        rows, text = rows_of(tables.tabulate_accuracy_general, sighted["distance"], tmp_path)
         assert {row["orientation_deg"] for row in rows} == {""}
         assert "| – |" in text
         assert "across the line of sight are not measured" in text
@@ -154,18 +147,18 @@ class TestAccuracy:
 
 class TestHealth:
     def test_the_general_model_stands_beside_the_papers(self, results, tmp_path):
-        rows, text = rows_of(health_pictures.tabulate_health_summary, results, tmp_path)
+        rows, text = rows_of(tables.tabulate_health_summary, results, tmp_path)
         paper, general = results.calibrations()
         for case in (paper, general):
             said = {row["quantity"]: row["value"] for row in rows if row["model"] == case.model}
             assert said["line"] == case.health.line
             assert said["rank"] == str(case.health.rank)
             assert float(said["train_rms_mm"]) == pytest.approx(case.health.train_rms_mm, rel=1e-5)
-        assert "| all loads together | paper's model | general model |" in text
-        assert "δd₁, δθ₁" in text
+            assert f"of the {MODELS[case.model]} stands on" in text
+            assert f"| rank {case.health.rank} of {case.health.unknowns}" in text
 
     def test_gives_every_pose_in_the_order_of_what_it_tells(self, sighted, tmp_path):
-        rows, _ = rows_of(health_pictures.tabulate_health_summary, sighted["points"], tmp_path)
+        rows, _ = rows_of(tables.tabulate_health_summary, sighted["points"], tmp_path)
         order = [row["value"] for row in rows if row["quantity"] == "d_optimal_order"]
         assert order == list(sighted["points"].general().health.poses.d_optimal_order)
 
@@ -176,9 +169,9 @@ class TestHealth:
             record["health"]["poses"]["needed"] = None
 
         source = copied(sighted["pose"], COMBINED, change)
-        rows, text = rows_of(health_pictures.tabulate_health_summary, source, tmp_path)
-        assert "| general model | δa₂ | δd₄ | -0.9876 |" in text
+        rows, text = rows_of(tables.tabulate_health_summary, source, tmp_path)
+        assert "| δa₂ | δd₄ | -0.988 |" in text
         ordered = len(source.general().health.poses.d_optimal_order)
-        assert f"| well-chosen poses that suffice | more than {ordered} |" in text
+        assert f"more than {ordered} well-chosen poses" in text
         (noise,) = (row for row in rows if row["quantity"] == "noise_mm")
         assert noise["value"] == ""

@@ -16,15 +16,10 @@ from pa10cal.figures.registry import entries
 from pa10cal.figures.style import WIDTH_MM, looks, write_figure
 
 FIGURES = {name: entry for name, entry in entries("campaign").items() if entry.kind == "figure"}
-#: Pictures of the general model alone, and those drawn of every instrument.
-GENERAL = [name for name in FIGURES if "general_calibration" in FIGURES[name].picture.needs]
 BLOCKS = ("joint_error_maps",)
-EVERYWHERE = ("health", "held_out_errors", "residual_field")
-#: Drawn where targets on the base were read.
-WATCHED = ("base_motion",)
 #: Drawn of groups of campaigns alone.
 OF_GROUPS = ("campaigns_agree", "joint_errors_by_campaign")
-PAPER = [name for name in FIGURES if name not in (*GENERAL, *BLOCKS, *WATCHED, *OF_GROUPS)]
+PAPER = [name for name in FIGURES if name not in (*BLOCKS, *OF_GROUPS)]
 #: Pictures of discovery are drawn where it named something as well.
 DISCOVERY = [
     name for name in PAPER if {"analysis", "verdict", "gap"} & set(FIGURES[name].picture.needs)
@@ -32,14 +27,10 @@ DISCOVERY = [
 CASES = [
     *(("nothing", name) for name in PAPER),
     *(("named", name) for name in DISCOVERY),
-    ("pose", "health"),
-    *(("learnt", name) for name in (*GENERAL, *BLOCKS)),
-    *(("points", name) for name in (*EVERYWHERE, "error_by_joint")),
-    *(("distance", name) for name in EVERYWHERE),
-    *(("watched", name) for name in WATCHED),
+    *(("learnt", name) for name in BLOCKS),
 ]
-#: One of every kind of drawing: in space, with an image, with arrows, with thousands of points.
-KINDS = ("fig4_test_path", "montecarlo_map", "residual_field", "where_joints", "health")
+#: One of every kind of drawing: in space, with an image, with thousands of points.
+KINDS = ("fig4_test_path", "montecarlo_map", "where_joints")
 DPI = 80
 LEAST_POINTS = 8.0
 
@@ -57,11 +48,11 @@ for name in sys.argv[4:]:
 
 
 @pytest.fixture(scope="module")
-def drawn(results, named, sighted, learnt, watched, tmp_path_factory):
+def drawn(results, named, learnt, tmp_path_factory):
     """Write every figure; return the folder, and each one's texts with the boxes they fill."""
     place = tmp_path_factory.mktemp("drawn")
     texts = {case: {} for case in CASES}
-    sources = {"nothing": results, "named": named, "learnt": learnt, "watched": watched, **sighted}
+    sources = {"nothing": results, "named": named, "learnt": learnt}
     draw_text = Text.draw
     with pytest.MonkeyPatch.context() as patch:
         for case in CASES:

@@ -12,12 +12,10 @@ from pa10cal.figures.registry import entries
 NEEDS = {name: {*entry.picture.needs} for name, entry in entries("campaign").items()}
 #: Drawn from no calibration.
 OF_NO_FIT = {"fig4_test_path"} | {
-    name
-    for name, needs in NEEDS.items()
-    if needs <= {"poses", "positions", "base_frame", "planes", "base_motion"}
+    name for name, needs in NEEDS.items() if needs <= {"poses", "base_frame", "planes"}
 }
 #: Drawn from models compared on held-out poses, and from any calibration with the general model.
-COMPARED = {"held_out_errors", "error_by_joint", "accuracy_general", "joint_error_maps"}
+COMPARED = {"accuracy_general", "joint_error_maps"}
 GENERAL = COMPARED | {name for name, needs in NEEDS.items() if "general_calibration" in needs}
 DRAWN_OF_FITS = [name for name in entries("campaign") if name not in OF_NO_FIT]
 REASON = "The maximum number of function evaluations is exceeded"
@@ -76,18 +74,14 @@ def test_nor_of_one_load_alone(unfinished, results, name):
 
 
 @pytest.mark.parametrize("name", sorted(OF_NO_FIT))
-def test_what_is_of_no_fit_is_drawn(unfinished, results, watched, project_looks, name):
-    source = watched if name == "base_motion" else results
-    made = make(name, unfinished(source, ""))
+def test_what_is_of_no_fit_is_drawn(unfinished, results, project_looks, name):
+    made = make(name, unfinished(results, ""))
     assert made.axes if entries("campaign")[name].kind == "figure" else len(made.data)
 
 
 PAPER = (
     "fig5_before_after",
     "fig6_holdout",
-    "residual_vectors",
-    "parameter_uncertainty",
-    "l_curve",
 )
 
 

@@ -4,7 +4,6 @@ import json
 import shutil
 from dataclasses import replace
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -38,21 +37,6 @@ def test_the_general_model_stands_beside_the_papers_or_alone(results, sighted):
     assert sighted["pose"].general().load == "combined"
 
 
-def test_joint_positions_are_the_mean_over_repeats(results):
-    joints = results.joints()
-    poses = results.poses()
-    assert joints.q.shape[1] == 6
-    assert not joints.slides.any()
-    rows = poses[(poses["pose"] == "P05") & (poses["load_N"] == 22.0)]
-    assert len(rows) == 10
-    found = joints.of(["P05", "H01", "P05"], [22.0, 44.0, 22.0])
-    expected = rows[[f"q{joint}_rad" for joint in range(1, 7)]].to_numpy().mean(axis=0)
-    np.testing.assert_allclose(found[0], expected)
-    np.testing.assert_array_equal(found[0], found[2])
-    with pytest.raises(RecordError, match=r"got 'P05 at 66 N'.*run pa10cal calibrate"):
-        joints.of(["P05", "P05"], [22.0, 66.0])
-
-
 def test_planes_are_those_of_the_settings(results):
     assert [plane.plane_mm for plane in results.planes()] == [300, 500, 700]
 
@@ -75,7 +59,6 @@ def test_poses_come_in_order_of_time(results):
         ("discovery/analysis.json", lambda r: r.analysis(), "discover"),
         ("discovery/verdict.json", lambda r: r.verdict(), "discover"),
         ("ingest/poses.parquet", lambda r: r.poses(), "ingest"),
-        ("ingest/poses.parquet", lambda r: r.joints(), "ingest"),
     ],
 )
 class TestRefuses:

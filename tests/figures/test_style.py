@@ -14,7 +14,6 @@ from pa10cal.figures.style import (
     panel,
     plain_log,
     points,
-    power_of_ten,
     write_figure,
 )
 
@@ -122,7 +121,3 @@ def test_rows_are_spread_evenly_and_no_more_than_asked_for(count):
     assert len(rows) == min(count, 10)
     assert (rows[0], rows[-1]) == (0, count - 1)
     assert np.ptp(np.diff(rows)) <= 1 if count > 1 else True
-
-
-def test_powers_of_ten():
-    assert [power_of_ten(k) for k in (-12, 0, 3)] == ["10⁻¹²", "10⁰", "10³"]

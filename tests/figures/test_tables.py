@@ -12,8 +12,9 @@ import pytest
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours
-from pa10cal.figures.campaign import parameters as parameters_pictures
-from pa10cal.figures.table import Table, figures, frame_of, shown, with_half_width, write_table
+from pa10cal.figures.table import Table, frame_of, write_table
+from pa10cal.reports.blocks import grid
+from pa10cal.reports.formatting import figures, with_half_width
 
 
 @pytest.fixture(scope="module")
@@ -228,7 +229,7 @@ class TestPaperAgainstOurs:
         path.write_text(json.dumps(record), encoding="utf-8")
         for make in (
             paper_against_ours.tabulate_paper_against_ours,
-            parameters_pictures.tabulate_table1_parameters,
+            paper_against_ours.tabulate_table1_parameters,
         ):
             complete = make(results).notes
             lacking = make(replace(results, folder=folder)).notes
@@ -238,7 +239,7 @@ class TestPaperAgainstOurs:
 
 class TestTableOne:
     def test_holds_every_parameter_of_every_calibration(self, results):
-        rows = rows_of(parameters_pictures.tabulate_table1_parameters(results))
+        rows = rows_of(paper_against_ours.tabulate_table1_parameters(results))
         assert len(rows) == 4 * 30
         combined = {row["parameter"]: row for row in rows if row["calibration"] == "combined"}
         assert set(combined) == {*published.DEPARTURES} | {
@@ -250,8 +251,8 @@ class TestTableOne:
         assert unknown == {"delta_d_1", "delta_theta_1"}
 
     def test_is_laid_out_as_in_the_paper(self, results):
-        first_part, *alone = parameters_pictures.tabulate_table1_parameters(results).shown
-        together = first_part.frame
+        first_part, *alone = paper_against_ours.tabulate_table1_parameters(results).shown
+        together = frame_of(first_part.header, first_part.rows)
         assert together["joint"].tolist() == list("123456")
         assert together.shape[1] == 1 + 2 * 7
         assert [grid.caption for grid in alone] == ["0 N alone", "22 N alone", "44 N alone"]
@@ -264,8 +265,8 @@ class TestTableOne:
     @pytest.mark.parametrize(("reading", "value"), [("text_e7", "38.3"), ("table_e8", "384")])
     def test_shows_the_chosen_reading_of_the_papers_cubic_stiffness(self, results, reading, value):
         settings = PictureOptions.model_validate({"kcub_reading": reading})
-        table = parameters_pictures.tabulate_table1_parameters(replace(results, settings=settings))
-        assert table.shown[0].frame.iloc[4, -1] == value
+        table = paper_against_ours.tabulate_table1_parameters(replace(results, settings=settings))
+        assert table.shown[0].rows[4][-1] == value
         assert any(reading[-2:] in note.replace("1e", "e") for note in table.notes)
 
     def test_an_arm_without_springs_has_its_table(self, results, tmp_path):
@@ -276,15 +277,15 @@ class TestTableOne:
             record["parameters"] = {n: p for n, p in parameters if not n.startswith("K_")}
             path.write_text(json.dumps(record), encoding="utf-8")
         rigid = replace(results, folder=folder)
-        table = parameters_pictures.tabulate_table1_parameters(rigid)
+        table = paper_against_ours.tabulate_table1_parameters(rigid)
         assert len(rows_of(table)) == 4 * 24
-        assert all((part.frame.iloc[:, -1] == "∞").all() for part in table.shown[1:])
+        assert all(row[-1] == "∞" for part in table.shown[1:] for row in part.rows)
         rows = rows_of(paper_against_ours.tabulate_paper_against_ours(rigid))
         assert one(rows, "K_lin", "joint 2")["ours"] == "not estimated"
 
     def test_leaves_the_paper_out_for_another_arm(self, results):
-        table = parameters_pictures.tabulate_table1_parameters(replace(results, robot="other"))
-        assert "paper" not in table.shown[0].frame
+        table = paper_against_ours.tabulate_table1_parameters(replace(results, robot="other"))
+        assert "paper" not in table.shown[0].header
         assert not any("paper" in note for note in table.notes)
 
 
@@ -306,8 +307,9 @@ class Cells(HTMLParser):
 
 def test_csv_markdown_and_html_hold_the_same_cells(tmp_path):
     rows = [("1 < 2", "x | y"), ("ü, é", '"quoted"')]
-    part = shown(("a", "b"), rows)
-    write_table(Table("T", part.frame, (part,), ("a note",)), "from here", tmp_path, "t")
+    data = frame_of(("a", "b"), rows)
+    table = Table("T", data, (grid("", ("a", "b"), rows),), ("a note",))
+    write_table(table, "from here", tmp_path, "t")
     with (tmp_path / "t.csv").open(encoding="utf-8", newline="") as file:
         assert [tuple(row) for row in csv.reader(file)] == [("a", "b"), *rows]
     markdown = (tmp_path / "t.md").read_text("utf-8")
@@ -323,13 +325,14 @@ def test_rows_have_as_many_cells_as_the_header():
         frame_of(("a", "b"), [("1",)])
 
 
-def test_no_rows_are_said_to_be_none():
-    assert shown(("a", "b"), []).frame.to_numpy().tolist() == [["none", "–"]]
+def test_no_rows_are_said_to_be_none(tmp_path):
+    write_table(Table("T", frame_of(("a", "b"), [])), "", tmp_path, "t")
+    assert "| none | – |" in (tmp_path / "t.md").read_text("utf-8")
 
 
 def test_numbers_are_written_with_the_figures_they_have(tmp_path):
     data = frame_of(("x", "y", "z"), [(figures(1.23456789e-7, 4), True, figures(None, 4))])
-    write_table(Table("T", data, ()), "", tmp_path, "t")
+    write_table(Table("T", data), "", tmp_path, "t")
     assert (tmp_path / "t.csv").read_text("utf-8") == "x,y,z\n1.235e-07,true,\n"
 
 
@@ -341,10 +344,10 @@ def test_nothing_is_left_when_one_format_fails(tmp_path, monkeypatch):
             raise OSError("disk full")
         return write(path, text, **options)
 
-    part = shown(("a",), [("1",)])
+    data = frame_of(("a",), [("1",)])
     monkeypatch.setattr(Path, "write_text", fail_at_markdown)
     with pytest.raises(OSError, match="disk full"):
-        write_table(Table("T", part.frame, (part,)), "footer", tmp_path, "t")
+        write_table(Table("T", data), "footer", tmp_path, "t")
     assert not list(tmp_path.iterdir())
 
 

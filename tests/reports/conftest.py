@@ -9,6 +9,13 @@ import pytest
 
 from built_once import built_once
 from made_up_results import NAME, VERDICTS, small_results, with_verdict
+from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.table import write_pose_table
+from pa10cal.cell.campaign import simulate_campaign
+from pa10cal.cell.options import SimulateOptions
+from pa10cal.cell.write import write_campaign
+from pa10cal.files.arms import load_arm
+from pa10cal.settings_reading import parse_section
 
 
 @pytest.fixture(scope="session")
@@ -29,3 +36,22 @@ def copied(small, tmp_path):
 def judged(request, copied):
     """Results with a verdict in a word, and that word."""
     return with_verdict(copied, request.param), request.param
+
+
+@pytest.fixture(scope="session")
+def watched_poses(tmp_path_factory) -> Path:
+    """Results of a small made-up campaign with targets on the base: the table of poses alone."""
+    place = tmp_path_factory.mktemp("watched")
+    asked = {
+        "random_seed": 6,
+        "robot": "irb120",
+        "without_touches": {"instrument": "points", "poses": 120, "base_targets": 3},
+        "disturbances": [{"id": "random_walk", "parameters": {"size_mm": 0.05, "turn_mrad": 0.01}}],
+    }
+    settings, raw = parse_section(SimulateOptions, asked, where="test"), place / "watched"
+    write_campaign(simulate_campaign("watched", load_arm("irb120"), settings), raw)
+    campaign = read_campaign(raw)
+    (place / "results/ingest").mkdir(parents=True)
+    path = place / "results/ingest/poses.parquet"
+    write_pose_table(path, campaign.observations, campaign.arm.prismatic, campaign.name)
+    return place / "results"

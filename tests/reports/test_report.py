@@ -10,16 +10,21 @@ import shutil
 from html.parser import HTMLParser
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 import pa10cal
 from made_up_records import effect
 from made_up_results import with_verdict
 from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.reports.gathered import Gathered, gather
+from pa10cal.reports.pictures import motion_drawing, shares_drawing
+from pa10cal.results.analysis import AnalysisRecord, ParameterShift
 from pa10cal.results.codec import read, write
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import AccuracyRows, Iso9283Record, PoseAccuracy, RepeatabilityRows
 from pa10cal.results.explained import Explained, ExplainedEffect
+from pa10cal.results.record import EffectName
 
 VOID = {"meta", "link", "br", "img", "input", "hr", "col"}
 
@@ -247,6 +252,59 @@ def test_nothing_held_out_is_said(copied, page):
     record = json.loads(path.read_text("utf-8"))
     path.write_text(json.dumps({**record, "models": {}, "note": "no held-out rows measured"}))
     assert "Nothing was held out (no held-out rows measured)" in page(copied).text
+
+
+def test_held_out_errors_are_drawn_as_shares_of_the_poses(copied):
+    path = copied / "evaluation/holdout.json"
+    record = json.loads(path.read_text("utf-8"))
+    for k, row in enumerate(record["models"]["linear"]["rows"]):
+        row["extrapolated"] = k % 2 == 0
+    path.write_text(json.dumps(record))
+    found = gather(copied)
+    rows = found.held_out.models["linear"].rows
+    drawing = shares_drawing(found.held_out, {"linear": "calibrated"}, "mm")
+    inside, beyond = drawing.figure.data
+    for trace, of in ((inside, ~rows.extrapolated), (beyond, rows.extrapolated)):
+        np.testing.assert_allclose(trace.x, np.sort(rows.error_mm[of]), rtol=1e-3)
+        np.testing.assert_allclose(
+            trace.y, 100.0 * np.arange(1, of.sum() + 1) / of.sum(), atol=0.01
+        )
+    assert beyond.line.dash == "dot"
+    assert beyond.name == f"calibrated, extrapolated ({rows.extrapolated.sum()})"
+    assert drawing.figure.layout.xaxis.title.text == "position error [mm]"
+
+
+def test_parameters_that_had_absorbed_effects_are_listed(copied, page):
+    shift = {"name": "delta_a_2", "unit": "m", "before": 1e-4, "after": 3e-4, "std": 1e-5}
+    shift |= {"tolerance": 1e-3, "identifiable": True}
+    assert "had absorbed" not in page(copied).text
+    path = copied / "discovery/analysis.json"
+    record = read(AnalysisRecord, path)
+    moved = (ParameterShift(**shift), ParameterShift(**shift | {"name": "d", "before": 3e-4}))
+    joined = record.naming[0].model_copy(
+        update={"effects": (EffectName(id="backlash", of="joint 2"),)}
+    )
+    naming = (*record.naming, joined)
+    write(record.model_copy(update={"parameter_shifts": moved, "naming": naming}), path)
+    text = page(copied).text
+    assert "Parameters that had absorbed part of the effects" in text
+    assert "δa₂ 0.1 0.300 ± 0.020 mm +0.20 tolerances" in text
+
+
+def test_motion_of_the_base_is_drawn_with_its_bands(watched_poses):
+    found = Gathered(watched_poses)
+    assert found.motion.turns
+    drawing = motion_drawing(found.poses, "turn", [found.poses["time_s"].iloc[1]])
+    band, line = drawing.figure.data[2:4]
+    np.testing.assert_allclose(line.y, 1e3 * found.poses["motion_ry_rad"], rtol=1e-3)
+    assert len(band.x) == 2 * len(line.x)
+    assert drawing.figure.layout.yaxis.title.text == "turn [mrad]"
+    assert len(drawing.figure.layout.shapes) == 1
+
+
+def test_captions_of_synthetic_data_say_so(small, page):
+    found = page(small).text
+    assert "has the numbers. Synthetic data." in found
 
 
 def test_a_model_that_is_not_to_be_used_is_marked(copied, page):

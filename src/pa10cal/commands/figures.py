@@ -29,7 +29,7 @@ def figures(
 
     Examples:
         pa10cal figures --results results/mine --campaign-dir data/raw/mine
-        pa10cal figures --results results/mine --campaign-dir data/raw/mine --figure health \\
+        pa10cal figures --results results/mine --campaign-dir data/raw/mine --figure gap_by_step \\
           --out-dir /tmp/one
     """
     from pa10cal.figures.draw import draw_all, draw_one, read_source, summary

@@ -255,20 +255,18 @@ def fleet(
 
 
 def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) -> None:
-    """Summarise a fleet whose campaigns are done: table, record, page and picture.
+    """Summarise a fleet whose campaigns are done: table, record and page.
 
     Args:
         campaigns: table of campaigns (.csv), or a pattern of folders of --raw-dir.
         raw_dir: folder of the campaigns.
         results: holds a folder of results for each.
-        out: folder for fleet.csv, fleet.json, fleet.html, and fleet.png, .svg and .pdf.
+        out: folder for fleet.csv, fleet.json and fleet.html.
 
     Examples:
         pa10cal fleet_summary --campaigns arms.csv --raw-dir data/raw --results results \\
           --out results/fleet
     """
-    from pa10cal.evaluation.options import FigureOptions
-    from pa10cal.figures.over_campaigns import write_fleet
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.fleet.campaigns import campaigns_of, fleet_csv, fleet_record
     from pa10cal.reports.page import fleet_page_text
@@ -280,7 +278,6 @@ def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) ->
         write_text(table, fleet_csv(found))
         write_text(page, fleet_page_text(found))
         write(found, record)
-        write_fleet(found, out, "fleet", FigureOptions().png_dpi)
     words = ", ".join(f"{count} {word}" for word, count in found.counts.items())
     first = [each for each in found.arms if each.attention != "none"]
     print(f"fleet: {len(found.campaigns)} campaigns of {len(found.arms)} arms: {words}")

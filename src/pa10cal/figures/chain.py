@@ -10,7 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pa10cal.figures.registry import picture
-from pa10cal.figures.style import (
+from pa10cal.figures.style import evenly, new_figure, panel, plain_log
+from pa10cal.figures.table import Row, Table, frame_of
+from pa10cal.reports.blocks import grid
+from pa10cal.reports.formatting import written
+from pa10cal.reports.theme import (
     AFTER,
     AFTER_COMBINED,
     BEFORE,
@@ -20,12 +24,7 @@ from pa10cal.figures.style import (
     GREY,
     ORANGE,
     SKY,
-    evenly,
-    new_figure,
-    panel,
-    plain_log,
 )
-from pa10cal.figures.table import Row, Shown, Table, frame_of, shown, written
 from pa10cal.results.studies import CurveCalibrationRecord, CurveStudySummary, Individual, OverFloor
 
 #: How individuals depart, in short.
@@ -217,17 +216,17 @@ def tabulate_curve_calibration_summary(study: CurveCalibrationRecord) -> Table:
         title=f"A chain of {study.joints} joints, calibrated (synthetic)",
         data=data,
         shown=(
-            Shown(data),
-            shown(
+            grid("", _HEADER, map(_row, study.summaries)),
+            grid(
+                "The first arm of each, position errors [mm]",
                 _ERRORS_HEADER,
                 [row for each in first for row in _error_rows(each)],
-                "The first arm of each, position errors [mm]",
             ),
-            shown(("model", "direction"), _directions(study), "Null directions"),
-            shown(
+            grid("Null directions", ("model", "direction"), _directions(study)),
+            grid(
+                "Omitted: redundant parameters of the general model",
                 ("parameter", "the same as"),
                 [(written(name), _said(said)) for name, said in redundant.items()],
-                "Omitted: redundant parameters of the general model",
             ),
         ),
         notes=(

@@ -16,17 +16,8 @@ from matplotlib.ticker import MaxNLocator
 from pa10cal.arrays import Array
 from pa10cal.errors import OutputError, RecordError
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.style import (
-    BLACK,
-    BLUE,
-    GREY,
-    ORANGE,
-    SKY,
-    VERMILLION,
-    evenly,
-    new_figure,
-    panel,
-)
+from pa10cal.figures.style import evenly, new_figure, panel
+from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SKY, VERMILLION
 from pa10cal.results.codec import read
 from pa10cal.results.studies import CurveRecord
 

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar, cast
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from pa10cal.arm.chain import Chain
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import read_description
 from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures import published
-from pa10cal.files.arms import load_arm
-from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.kinds import instrument_of
 from pa10cal.observe.quantities import Words
+from pa10cal.reports.gathered import Gathered, is_synthetic
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import (
     BaseFrameRecord,
@@ -36,37 +34,6 @@ from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal.results.health import UNRESERVED
 from pa10cal.results.record import Record
 from pa10cal.results.studies import PlaneRecord
-
-# Joint positions of the configurations of a campaign, looked up by pose and load.
-
-
-@dataclass(frozen=True)
-class JointPositions:
-    """Mean joint positions of configurations over their repeats."""
-
-    q: pd.DataFrame  # one row a pose and load, one column a joint [rad; m of a prismatic joint]
-    slides: NDArray[np.bool_]  # (n,) which joints slide
-
-    def of(self, poses: Sequence[str], loads_N: Sequence[float]) -> Array:
-        """Return the joint positions (P, n) of P poses, each at its load.
-
-        Raises:
-            RecordError: when one of them was not measured.
-        """
-        rows = pd.MultiIndex.from_arrays([list(poses), list(loads_N)])
-        found = self.q.reindex(rows).to_numpy(dtype=float)
-        unknown = np.isnan(found).any(axis=1)
-        if unknown.any():
-            pose, load_N = rows[int(np.argmax(unknown))]
-            raise RecordError(
-                "a pose of the results is not in the table of poses",
-                where="ingest/poses.parquet",
-                value=f"{pose} at {load_N:g} N",
-                allowed="results of the poses that ingest wrote",
-                remedy="run pa10cal calibrate and pa10cal evaluate again",
-            )
-        return found
-
 
 _R = TypeVar("_R", bound=Record)
 _T = TypeVar("_T")
@@ -84,7 +51,6 @@ FILES = {
     "general_calibration": "calibration/combined.json",
     "general": "calibration/combined.json",
     "poses": "ingest/poses.parquet",
-    "base_motion": "ingest/poses.parquet",
     "base_frame": "seed/base_frame.json",
     "planes": "montecarlo",
     "evaluation": "evaluation/holdout.json",
@@ -94,12 +60,9 @@ FILES = {
 }
 #: Columns of the table of poses that hold the measured position of the end-effector.
 PLACE_MM = ("ee_x_mm", "ee_y_mm", "ee_z_mm")
-_JOINT = re.compile(r"q(\d+)_(rad|m)")
 #: Longer provenances are cut after a sentence; a single letter ends none.
 _MOST_LETTERS = 400
 _SENTENCE_END = re.compile(r"(?<=[\w)]{3}\.)\s+(?=[A-Z])")
-#: Beginning of the provenance of simulated data.
-_SYNTHETIC = re.compile(r"(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -137,17 +100,17 @@ class Results:
             force=force,
         )
 
+    @cached_property
+    def found(self) -> Gathered:
+        """The same results as the page reads them."""
+        return Gathered(self.folder, COMBINED)
+
     def lacks(self, need: str) -> str | None:
         """Say why a need of a picture is not met, None where it is.
 
         Args:
             need: a name of a result, or a property of the campaign.
         """
-        if need == "positions":
-            seen = self._measured.directional
-            return None if seen else "a distance alone does not show where the arm is"
-        if need == "gap":  # of the calibrated model where there is no other
-            need = "analysis" if self.has_gap else "calibration"
         if need == "analysis" and (verdict := self._not_sought):
             return f"effects were not sought: {verdict.why}"
         if not (self.folder / FILES[need]).exists():
@@ -157,8 +120,6 @@ class Results:
             return None if need.startswith(model) else f"calibrated with the {MODELS[model]}"
         if need == "general" and not (self.folder / "calibration/general.json").exists():
             return self.lacks("general_calibration")
-        if need == "base_motion" and "motion_x_mm" not in self.poses():
-            return "no targets on the base were read"
         if need == "held_out" and not self.held_out().models:
             return "no configuration was held out"
         return None
@@ -172,7 +133,7 @@ class Results:
     def footer(self) -> str:
         """What a picture was drawn from: the provenance in its own words, the first of many."""
         text = self.provenance.strip()
-        kind = " Synthetic data." if _SYNTHETIC.match(text) else ""
+        kind = " Synthetic data." if is_synthetic(text) else ""
         campaign = f"Campaign {self.campaign}.{self._mark}{kind}"
         return f"{campaign} Provenance: {_first_sentences(text)}"
 
@@ -187,23 +148,14 @@ class Results:
     @property
     def words(self) -> Words:
         """How captions speak of the instrument's errors."""
-        return self._measured.words
-
-    @property
-    def _measured(self) -> type[Instrument]:
         found = instrument_of(self.instrument)
         assert found is not None
-        return found
+        return found.words
 
     @property
     def is_paper_arm(self) -> bool:
         """Whether the arm is the paper's, so that parameters may stand beside its Table I."""
         return self.robot == published.ROBOT
-
-    @property
-    def has_gap(self) -> bool:
-        """Whether there is a model with effects to be compared with the calibrated one."""
-        return (self.folder / FILES["analysis"]).exists() and self._not_sought is None
 
     @property
     def _not_sought(self) -> VerdictRecord | None:
@@ -363,21 +315,6 @@ class Results:
                 remedy="run pa10cal ingest again",
             )
         return poses
-
-    def joints(self) -> JointPositions:
-        """Read the joint positions of `ingest/poses.parquet`."""
-        poses = self.poses()
-        found = sorted(
-            (int(match[1]), match[2], match[0])
-            for match in map(_JOINT.fullmatch, poses.columns)
-            if match
-        )
-        mean = poses.groupby(["pose", "load_N"])[[name for _, _, name in found]].mean()
-        return JointPositions(mean, np.array([unit == "m" for _, unit, _ in found]))
-
-    def chain(self) -> Chain:
-        """Return the chain of the nominal arm."""
-        return Chain.of(load_arm(self.robot, self.raw))
 
     def _read(self, kind: type[_R], name: str | None = None) -> _R:
         """Read a record of this campaign."""

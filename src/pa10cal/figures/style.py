@@ -13,11 +13,12 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike, NDArray
 
 from pa10cal.files.output import whole_file
+from pa10cal.reports.theme import BLACK, GREY
 
 WIDTH_MM = 170.0
 _MM_PER_INCH = 25.4
@@ -29,18 +30,6 @@ _LINE_MM = 3.5
 _TWO_DECADES = 100.0
 #: More points than this are drawn as an image inside SVG and PDF, which stay small.
 _MOST_POINTS = 300
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-# Okabe and Ito's colours, distinguished by colour-blind readers.
-BLACK = "#000000"
-GREY = "#6e6e6e"
-SEPARATOR = "#bdbdbd"
-ORANGE = "#e69f00"
-SKY = "#56b4e9"
-GREEN = "#009e73"
-BLUE = "#0072b2"
-VERMILLION = "#d55e00"
-PURPLE = "#cc79a7"
 
 #: The paper's figures are black diamonds wherever they stand beside ours.
 PAPER: dict[str, Any] = {
@@ -49,24 +38,13 @@ PAPER: dict[str, Any] = {
     "markersize": 4.5,
     "markerfacecolor": "white",
 }
-#: Models, in the order in which they improve.
-MODELS = {
-    "uncalibrated": VERMILLION,
-    "geometry": ORANGE,
-    "linear": GREEN,
-    "cubic": BLUE,
-    "calibrated": BLUE,
-    "extended": PURPLE,
-}
-BEFORE, AFTER, AFTER_COMBINED = VERMILLION, BLUE, SKY
-#: One after the other for loads, planes and whatever else comes in a row.
-SERIES = (SKY, ORANGE, PURPLE, GREEN, VERMILLION, BLUE, GREY, BLACK)
 
 _LOOKS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # where it stands anyway; to look for room takes a tenth of the drawing
     "axes.labelsize": 8.0,
     "xtick.labelsize": 8.0,
     "ytick.labelsize": 8.0,
@@ -136,28 +114,19 @@ def panel(
     return figure.add_axes(box, **options)
 
 
-def plain_log(
-    axes: Axes, along: Literal["x", "y"], low: float, high: float, few: bool = False
-) -> None:
+def plain_log(axes: Axes, along: Literal["x", "y"], low: float, high: float) -> None:
     """Make an axis logarithmic from low to high, with plain numbers and always some of them.
 
     Args:
         axes: to change.
         along: which axis.
         low, high: its ends.
-        few: whether it is short, with room for two numbers.
     """
     (axes.set_xscale if along == "x" else axes.set_yscale)("log")
     (axes.set_xlim if along == "x" else axes.set_ylim)(low, high)
     axis = axes.xaxis if along == "x" else axes.yaxis
-    subs = (1.0,) if high / low > _TWO_DECADES else (1.0, 2.0, 3.0, 5.0) if few else (1.0, 2.0, 5.0)
-    if few:  # a `LogLocator` leaves its subs, and numbers run into each other, where few are inside
-        powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)))
-        numbers = np.outer(powers, subs).ravel()
-        inside = numbers[(numbers >= low) & (numbers <= high)]
-        axis.set_major_locator(FixedLocator(inside[[0, -1]].tolist()))
-    else:
-        axis.set_major_locator(LogLocator(subs=subs))
+    subs = (1.0,) if high / low > _TWO_DECADES else (1.0, 2.0, 5.0)
+    axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
@@ -171,18 +140,6 @@ def points(axes: Axes, x: ArrayLike, y: ArrayLike, **look: Any) -> None:
 def evenly(count: int, most: int) -> NDArray[np.intp]:
     """Return so many rows of a count, at most, spread evenly over it."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
-
-
-def round_down(value: float) -> float:
-    """Return the largest of 1, 2, 3 and 5 times a power of ten that is not above the value."""
-    power = 10.0 ** np.floor(np.log10(value))
-    steps = (1.0, 2.0, 3.0, 5.0)
-    return float(power * max(step for step in steps if step * power <= value * 1.000001))
-
-
-def power_of_ten(power: int) -> str:
-    """Return a power of ten as it is written."""
-    return "10" + str(power).translate(_SUPERSCRIPTS)
 
 
 def write_text_at(figure: Figure, x_mm: float, y_mm: float, text: str, **options: Any) -> None:

@@ -16,13 +16,6 @@ from scipy.special import ndtri
 
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.style import (
-    BLACK,
-    BLUE,
-    GREY,
-    ORANGE,
-    SEPARATOR,
-    SKY,
-    VERMILLION,
     name_rows,
     new_figure,
     panel,
@@ -30,26 +23,48 @@ from pa10cal.figures.style import (
     write_beside,
     write_text_at,
 )
-from pa10cal.figures.table import Shown, Table, frame_of
+from pa10cal.figures.table import Table, frame_of
+from pa10cal.reports.formatting import HALF_WIDTH_95
+from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SEPARATOR, SKY, VERMILLION
 from pa10cal.results.trials import Bar, JudgedEffect, JudgedTrial, Rate, TrialScoresRecord
 
 BAR_HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")
 
 
-def draw_rates(axes: Axes, rates: Sequence[Rate]) -> None:
-    """Draw a row a rate, its share in percent and of how many beside it."""
-    for y, rate in enumerate(rates):
+RateRow = tuple[str, Rate, float | None]  # name, rate, and what is allowed or required
+
+
+def draw_rates(axes: Axes, rows: Sequence[RateRow]) -> None:
+    """Draw a row a rate: its share in percent, of how many beside it, and what is allowed."""
+    for y, (_, rate, allowed) in enumerate(rows):
         share = 100.0 * (rate.share or 0.0)
-        axes.errorbar(
-            share,
-            y,
-            xerr=[[share - 100.0 * rate.low], [100.0 * rate.high - share]],
-            color=BLUE,
-            ecolor=SKY,
-            marker="o",
-            capsize=2.0,
-        )
+        off = [[share - 100.0 * rate.low], [100.0 * rate.high - share]]
+        axes.errorbar(share, y, xerr=off, color=BLUE, ecolor=SKY, marker="o", capsize=2.0)
         write_beside(axes, y, f"{rate.count} of {rate.of}", color=GREY)
+        if allowed is not None:
+            axes.plot(100.0 * allowed, y, color=BLACK, marker="|", markersize=10.0)
+    name_rows(axes, [name for name, _, _ in rows])
+
+
+def rates_figure(title: str, rows: Sequence[RateRow], row_mm: float, left_mm: float) -> Figure:
+    """Return rates beside what is allowed.
+
+    Args:
+        title: of the figure.
+        rows: what is drawn.
+        row_mm: height of a row.
+        left_mm: room for their names.
+    """
+    height = row_mm * len(rows)
+    figure = new_figure(height + 36.0, title)
+    axes = panel(figure, left_mm, 24.0, 144.0 - left_mm, height)
+    draw_rates(axes, rows)
+    highest = max(5.0, *(100.0 * max(rate.high, allowed or 0.0) for _, rate, allowed in rows))
+    axes.set_xlim(-0.02 * highest, 1.02 * highest)
+    axes.set_xlabel("share of trials [%]")
+    note = "Bars: 95 % intervals (Clopper and Pearson). Upright dash: what is allowed, or required."
+    write_text_at(figure, 2.0, 6.0, note)
+    return figure
 
 
 def bar_row(bar: Bar) -> tuple[object, ...]:
@@ -190,23 +205,13 @@ false alarm nevertheless. A few trials leave wide intervals; the full study has 
 )
 def draw_trials_false_names(scores: TrialScoresRecord) -> Figure:
     """Draw the share of wrong verdicts of every kind of trial with its interval."""
-    rows = _rows(scores)
-    height = _ROW_MM * len(rows)
-    figure = new_figure(height + 36.0, "How often a verdict on a blind trial is wrong")
-    axes = panel(figure, 84.0, 24.0, 60.0, height)
-    _draw_rates(axes, rows)
-    write_text_at(
-        figure,
-        2.0,
-        6.0,
-        "Bars: 95 % intervals (Clopper and Pearson). Upright dash: at most this is allowed.",
-    )
-    return figure
+    title = "How often a verdict on a blind trial is wrong"
+    return rates_figure(title, _rows(scores), _ROW_MM, 84.0)
 
 
-def _rows(scores: TrialScoresRecord) -> list[tuple[str, Rate, float | None]]:
+def _rows(scores: TrialScoresRecord) -> list[RateRow]:
     hidden = scores.nothing_hidden
-    rows: list[tuple[str, Rate, float | None]] = [
+    rows: list[RateRow] = [
         ("nothing hidden: a name", hidden["null"].named, _NULL),
         ("nothing hidden: “unexplained”", hidden["null"].unexplained, None),
         ("wrong noise figure: a name", hidden["wrong_noise"].named, _NULL),
@@ -225,26 +230,8 @@ def _rows(scores: TrialScoresRecord) -> list[tuple[str, Rate, float | None]]:
 def _not(found: Rate) -> Rate:
     """Return the rate of the opposite."""
     share = None if found.share is None else 1.0 - found.share
-    return Rate(
-        count=found.of - found.count,
-        of=found.of,
-        low=1.0 - found.high,
-        high=1.0 - found.low,
-        share=share,
-    )
-
-
-def _draw_rates(axes: Axes, rows: list[tuple[str, Rate, float | None]]) -> None:
-    draw_rates(axes, [found for _, found, _ in rows])
-    for y, (_, _, allowed) in enumerate(rows):
-        if allowed is not None:
-            axes.plot(
-                100.0 * allowed, y, color=BLACK, marker="|", markersize=10.0, linestyle="none"
-            )
-    highest = max(5.0, *(100.0 * found.high for _, found, _ in rows))
-    axes.set_xlim(-0.02 * highest, 1.02 * highest)
-    name_rows(axes, [name for name, _, _ in rows])
-    axes.set_xlabel("share of trials [%]")
+    low, high = 1.0 - found.high, 1.0 - found.low
+    return Rate(count=found.of - found.count, of=found.of, low=low, high=high, share=share)
 
 
 # Coverage of the intervals of named effects.
@@ -288,10 +275,9 @@ def draw_trials_intervals(scores: TrialScoresRecord) -> Figure:
 
 def _draw_parameters(axes: Axes, scores: TrialScoresRecord) -> None:
     rows = scores.intervals.by_parameter
-    draw_rates(axes, rows)
+    draw_rates(axes, [(f"{row.id} {row.parameter}", row, None) for row in rows])
     axes.axvline(95.0, color=BLACK, linewidth=0.8)
     axes.set_xlim(0.0, 102.0)
-    name_rows(axes, [f"{row.id} {row.parameter}" for row in rows])
     axes.set_xlabel("inside, 95 % interval [%]")
 
 
@@ -300,7 +286,7 @@ def _draw_levels(axes: Axes, scores: TrialScoresRecord) -> None:
     level = np.linspace(0.0, 0.995, 200)
     half_width = ndtri(0.5 + level / 2.0)
     share = (size[:, None] <= half_width).mean(axis=0)
-    band = 1.96 * np.sqrt(level * (1.0 - level) / len(size))
+    band = HALF_WIDTH_95 * np.sqrt(level * (1.0 - level) / len(size))
     axes.fill_between(
         100.0 * level, 100.0 * (level - band), 100.0 * (level + band), color=GREY, alpha=0.25, lw=0
     )
@@ -468,8 +454,7 @@ def tabulate_trials_summary(scores: TrialScoresRecord) -> Table:
     return Table(
         "Blind trials: targets, and values reached",
         data,
-        (Shown(data.astype(str)),),
-        _notes(scores),
+        notes=_notes(scores),
     )
 
 

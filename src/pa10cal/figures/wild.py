@@ -7,9 +7,8 @@ from textwrap import fill
 from matplotlib.figure import Figure
 
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.style import BLACK, name_rows, new_figure, panel, write_text_at
-from pa10cal.figures.table import Shown, Table, frame_of
-from pa10cal.figures.trials import BAR_HEADER, bar_row, draw_rates
+from pa10cal.figures.table import Table, frame_of
+from pa10cal.figures.trials import BAR_HEADER, RateRow, bar_row, rates_figure
 from pa10cal.results.trials import Rate, WildScoresRecord, WildSubject
 
 _ROW_MM = 9.0
@@ -50,32 +49,13 @@ def draw_wild_rates(scores: WildScoresRecord) -> Figure:
     rows = [(name, bar) for name, bar in zip(names, shares, strict=True) if bar.trials]
     if not rows:
         raise NothingToShowError("no trial counts")
-    height = _ROW_MM * len(rows)
-    figure = new_figure(height + 36.0, "How often campaigns with stressors and faults go wrong")
-    axes = panel(figure, 62.0, 24.0, 82.0, height)
-    rates = [
-        Rate(
-            count=round((bar.reached or 0.0) * bar.trials),
-            of=bar.trials,
-            low=bar.low or 0.0,
-            high=bar.high if bar.high is not None else 1.0,
-            share=bar.reached,
-        )
-        for _, bar in rows
-    ]
-    draw_rates(axes, rates)
-    for y, (_, bar) in enumerate(rows):
-        axes.plot(100.0 * bar.limit, y, color=BLACK, marker="|", markersize=10.0, linestyle="none")
-    axes.set_xlim(-2.0, 102.0)
-    name_rows(axes, [name for name, _ in rows])
-    axes.set_xlabel("share of trials [%]")
-    write_text_at(
-        figure,
-        2.0,
-        6.0,
-        "Bars: 95 % intervals (Clopper and Pearson). Upright dash: what is allowed, or required.",
-    )
-    return figure
+    rates: list[RateRow] = []
+    for name, bar in rows:
+        ends = {"low": bar.low or 0.0, "high": 1.0 if bar.high is None else bar.high}
+        count = round((bar.reached or 0.0) * bar.trials)
+        rates.append((name, Rate(count=count, of=bar.trials, share=bar.reached, **ends), bar.limit))
+    title = "How often campaigns with stressors and faults go wrong"
+    return rates_figure(title, rates, _ROW_MM, 62.0)
 
 
 # What became of wild trials, by what was put into them.
@@ -114,14 +94,13 @@ data.
 def tabulate_wild_subjects(scores: WildScoresRecord) -> Table:
     """Return a row a disturbance or an effect."""
     data = frame_of(_HEADER, map(_row, scores.subjects))
-    shown = data.astype(str).replace("<NA>", "")
     notes = tuple(
         f"{trial.campaign} ({trial.bench}, {'; '.join(trial.put_in) or 'nothing'}): "
         f"{', '.join(trial.failings)}: {trial.said}"
         for trial in scores.per_trial
         if trial.failings
     )
-    return Table("Wild trials: what became of each", data, (Shown(shown),), notes)
+    return Table("Wild trials: what became of each", data, notes=notes)
 
 
 def _row(subject: WildSubject) -> tuple[object, ...]:
@@ -182,6 +161,4 @@ def tabulate_wild_summary(scores: WildScoresRecord) -> Table:
     data = frame_of(BAR_HEADER, map(bar_row, scores.bars))
     kinds = {trial.kind for trial in scores.per_trial}
     notes = _NOTES_MEASURED if kinds <= {"unstated_masses", "sorted_rows"} else _NOTES
-    return Table(
-        "Wild trials: targets, and values reached", data, (Shown(data.astype(str)),), notes
-    )
+    return Table("Wild trials: targets, and values reached", data, notes=notes)

@@ -7,36 +7,41 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.figures.table import written
-from pa10cal.reports.blocks import (
+from pa10cal.reports.blocks import Beside, Block, Callout, Folded, Grid, Paragraph, Section, grid
+from pa10cal.reports.formatting import (
     NOT_KNOWN,
-    Block,
-    Callout,
-    Folded,
-    Paragraph,
-    Section,
     count,
     deg,
-    grid,
     listed,
     mm,
     shown_in,
     with_interval,
+    written,
 )
 from pa10cal.reports.gathered import Gathered
 from pa10cal.reports.pictures import (
+    ALL,
     FITTED,
     HELD_OUT,
+    PARTS,
     UNCALIBRATED,
     Errors,
     errors_drawing,
     errors_of,
     headline,
     model_title,
+    shares_drawing,
     tolerances_drawing,
 )
-from pa10cal.results.discovery import SetGap
-from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record, Parameter, RepeatabilityRows
+from pa10cal.results.analysis import ParameterShift
+from pa10cal.results.discovery import Reduction, VerdictRecord
+from pa10cal.results.evaluation import (
+    BeforeAfter,
+    HoldoutRecord,
+    Iso9283Record,
+    Parameter,
+    RepeatabilityRows,
+)
 
 
 def accuracy(found: Gathered) -> Section:
@@ -63,13 +68,12 @@ def _blocks(found: Gathered) -> Iterator[Block]:
         "Repeats of a configuration are averaged. Held-out poses are only used "
         "to judge."
     )
-    whole = [each for each in every if each.load == "all"]
+    whole = [each for each in every if each.load == each.part == ALL]
     yield errors_drawing(whole, _noise_mm(found))
-    yield grid("Position error [mm] and orientation error [deg]", *_table(whole), range(2, 7))
-    parts = [each for each in every if each.load != "all"]
-    if len({each.load for each in parts}) > 1:
-        title = "The same load by load"
-        yield Folded(title, (grid(title, *_table(parts, with_load=True), range(3, 8)),))
+    first, *by_load = errors_grids(every)
+    yield first
+    for each in by_load:
+        yield Folded(each.caption, (each,))
     if found.held_out is None:
         yield Callout("missing", found.why_absent(HoldoutRecord.FILE))
     elif not found.held_out.models:
@@ -78,8 +82,17 @@ def _blocks(found: Gathered) -> Iterator[Block]:
             f"Nothing was held out ({found.held_out.note or 'no such rows'}): how well the model "
             "predicts new poses is not tested. Measure some poses more and mark them as held out.",
         )
-    if found.verdict is not None:
-        yield from _gains(found)
+    else:
+        beside = found.held_out.models
+        titles = {name: model_title(name, found, beside) for name in beside}
+        shown = {name: title for name, title in titles.items() if title is not None}
+        shares = [shares_drawing(found.held_out, shown, unit) for unit in ("mm", "deg")]
+        yield Beside(tuple(each for each in shares if each is not None))
+    if found.verdict is not None and found.verdict.effects:
+        yield gap_grid(found.verdict)
+    elif found.verdict is not None:
+        floor = found.verdict.gap.noise_floor_mm
+        yield Paragraph(f"Noise alone would leave a mean error of {mm(floor)} mm.")
 
 
 def _noise_mm(found: Gathered) -> dict[str, float]:
@@ -91,47 +104,76 @@ def _noise_mm(found: Gathered) -> dict[str, float]:
     return {poses: of.noise_floor_mm for poses, of in sets.items() if of is not None}
 
 
-def _table(
-    every: Iterable[Errors], *, with_load: bool = False
-) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    header = ("poses", *(["load"] * with_load), "model", "rms", "peak", "mean")
+def errors_grids(every: Iterable[Errors]) -> list[Grid]:
+    """Return errors of every model over all loads and, where there are several, at each."""
+    title = "Position error [mm] and orientation error [deg]"
+    header = (
+        *("poses", "load", "model", "rms", "peak", "mean"),
+        *("orientation, mean", "configurations"),
+    )
     rows = [
         (
-            each.poses,
-            *([each.load] * with_load),
-            each.model,
-            mm(each.rms_mm),
-            mm(each.peak_mm),
-            mm(each.mean_mm),
+            *(each.poses, each.load, each.model),
+            *(mm(each.rms_mm), mm(each.peak_mm), mm(each.mean_mm)),
             deg(each.orientation_deg),
             str(each.configurations),
         )
         for each in every
     ]
-    return (*header, "orientation, mean", "configurations"), rows
+    whole = [row for row in rows if row[1] == ALL]
+    grids = [grid(title, header, whole, range(3, 8))]
+    parts = [row for row in rows if row[1] != ALL]
+    if len({row[1] for row in parts}) > 1:
+        grids.append(grid(f"{title}, load by load", header, parts, range(3, 8)))
+    return grids
 
 
-def _gains(found: Gathered) -> Iterator[Block]:
-    assert found.verdict is not None
-    gap = found.verdict.gap
-    sets: dict[str, SetGap | None] = {FITTED: gap.train, HELD_OUT: gap.holdout}
+def gap_grid(record: VerdictRecord) -> Grid:
+    """Return the errors without and with the effects of a verdict, over parts of the poses too."""
+    sought = record.verdict != "not_sought"
+    header = ["poses", "load"]
+    for name in ("mean", "rms", "peak"):
+        header += [f"{name} before", "after"] if sought else [name]
+    header += ["mean falls by, 95 % interval"] if sought else []
     rows = []
-    for poses, of in sets.items():
-        if of is None or not found.verdict.effects:
+    for poses, load, errors, reduction in _gaps(record):
+        row = [poses, load]
+        for name in ("mean_mm", "rms_mm", "peak_mm"):
+            row += [
+                f"{getattr(of, name):.4f}" for of in (errors.before, errors.after)[: 1 + sought]
+            ]
+        if sought and reduction is not None:
+            low, high = (f"{end:.4f}" for end in reduction.interval95_mm)
+            row.append(f"{low} to {high} ({count(reduction.poses, 'pose')})")
+        rows.append(row + [NOT_KNOWN] * (len(header) - len(row)))
+    return grid(
+        f"Position error [mm]; {record.gap.floor_is} alone leaves a mean of "
+        f"{record.gap.noise_floor_mm:.4f} mm in the poses fitted",
+        header,
+        rows,
+        range(2, len(header)),
+    )
+
+
+def _gaps(record: VerdictRecord) -> Iterator[tuple[str, str, BeforeAfter, Reduction | None]]:
+    for poses, gap in ((FITTED, record.gap.train), (HELD_OUT, record.gap.holdout)):
+        if gap is None:
             continue
-        low, high = of.reduction.interval95_mm
-        span = f"{mm(low)} to {mm(high)}"
-        told = count(of.reduction.poses, "pose")
-        rows.append((poses, mm(of.reduction.mean_mm), span, told, mm(of.noise_floor_mm)))
-    if rows:
-        yield grid(
-            "How far the effects found lower the mean position error [mm]",
-            ("poses", "lower by", "95 % interval", "unit of evidence", "noise alone leaves"),
-            rows,
-            (1, 2, 4),
-        )
-    else:
-        yield Paragraph(f"Noise alone would leave a mean error of {mm(gap.noise_floor_mm)} mm.")
+        yield poses, ALL, gap, gap.reduction
+        for load, at_load in gap.per_load.items() if len(gap.per_load) > 1 else ():
+            yield poses, load, at_load, at_load.reduction
+        rivals = gap.with_rivals
+        for part, within in (
+            (PARTS["inside"], gap.inside if gap.outside is not None else None),
+            (PARTS["extrapolated"], gap.outside if gap.inside is not None else None),
+            ("the motion of the base taken out", gap.without_motion),
+            (
+                "with what has no name, not written",
+                None if rivals is None else BeforeAfter(before=gap.before, after=rivals),
+            ),
+        ):
+            if within is not None:
+                yield f"{poses}, {part}", ALL, within, None
 
 
 # Parameters of the final model, with intervals.
@@ -166,25 +208,54 @@ def _blocks_of_parameters(found: Gathered) -> Iterator[Block]:
         "measurement leaves open; it holds no effect that the model lacks. A tolerance is what a "
         "maker is expected to keep."
     )
-    drawing = tolerances_drawing(shown)
+    shifts = _shifts(found)
+    drawing = tolerances_drawing(shown, {each.name: each.before for each in shifts})
     if drawing is not None:
         yield drawing
-    remaining = dict(shown)
+    weights = [n for n, each in shown.items() if _WEIGHTS in n and not each.identifiable]
+    if len(weights) > _MOST_WEIGHTS:
+        shown = {name: each for name, each in shown.items() if name not in weights}
+        yield Paragraph(
+            f"Weights: {len(weights)} departures of masses, of their moments and of the "
+            "base's level stay near the values described, within what a description is "
+            "usually off. The poses fitted do not identify them."
+        )
+    yield from parameter_grids(shown)
+    if shifts:
+        title = "Parameters that had absorbed part of the effects"
+        header = ("parameter", "without the effects", "with them, 95 % interval", "unit", "change")
+        yield Folded(title, (grid(title, header, map(_shift, shifts), (1, 2, 4)),))
+
+
+def parameter_grids(parameters: Mapping[str, Parameter]) -> Iterator[Grid]:
+    """Yield the parameters of a model, group by group."""
+    remaining = dict(parameters)
+    header = ("parameter", "value, 95 % interval", "unit", "tolerance", "remark")
     for title, begins in _GROUPS:
         names = [name for name in remaining if name.startswith(begins)]
-        group = {name: remaining.pop(name) for name in names}
-        weights = [n for n, each in group.items() if _WEIGHTS in n and not each.identifiable]
-        if len(weights) > _MOST_WEIGHTS:
-            group = {name: each for name, each in group.items() if name not in weights}
-            yield Paragraph(
-                f"Weights: {len(weights)} departures of masses, of their moments and of the "
-                "base's level stay near the values described, within what a description is "
-                "usually off. The poses fitted do not identify them."
-            )
-        if group:
-            header = ("parameter", "value, 95 % interval", "unit", "tolerance", "remark")
-            rows = [_row(name, each) for name, each in group.items()]
+        if names:
+            rows = [_row(name, remaining.pop(name)) for name in names]
             yield grid(title, header, rows, (1, 3))
+
+
+def _shifts(found: Gathered) -> list[ParameterShift]:
+    """Return what the effects changed, the largest part of its interval first."""
+    if found.analysis is None or not found.analysis.effects:
+        return []
+    moved = [
+        each
+        for each in found.analysis.parameter_shifts
+        if each.identifiable and each.std and each.before != each.after
+    ]
+    return sorted(moved, key=lambda each: -abs(each.after - each.before) / each.std)
+
+
+def _shift(each: ParameterShift) -> tuple[str, ...]:
+    unit, scale = shown_in(each.unit, each.after)
+    change = (each.after - each.before) / (each.tolerance or abs(each.before) or 1.0)
+    of = f"{change:+.2f} tolerances" if each.tolerance else f"{100 * change:+.1f} %"
+    after = with_interval(scale * each.after, scale * each.std)
+    return written(each.name), f"{scale * each.before:.4g}", after, unit, of
 
 
 def _row(name: str, found: Parameter) -> tuple[str, ...]:
@@ -193,9 +264,10 @@ def _row(name: str, found: Parameter) -> tuple[str, ...]:
     if not found.identifiable:
         return written(name), NOT_KNOWN, unit, tolerance, "not identifiable from these poses"
     std = None if found.std is None else scale * found.std
-    remark = "at the end of its physical range" if getattr(found, "at_bound", False) else ""
-    if not remark and found.std == 0.0:
-        remark = "not fitted"
+    if getattr(found, "at_bound", False):
+        value = "rigid" if name.startswith("K_lin") else f"{scale * found.value:.4g}"
+        return written(name), value, unit, tolerance, "at the end of its physical range"
+    remark = "not fitted" if found.std == 0.0 else ""
     if not remark and found.tolerance and abs(found.value) > 3.0 * found.tolerance:
         remark = f"{abs(found.value) / found.tolerance:.0f} tolerances"
     return written(name), with_interval(scale * found.value, std), unit, tolerance, remark

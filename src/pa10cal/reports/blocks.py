@@ -6,10 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from pa10cal.figures.table import written
-from pa10cal.results.evaluation import EffectParameter
-from pa10cal.results.record import EffectName
-
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
@@ -121,95 +117,3 @@ def grid(
 ) -> Grid:
     """Return a table of rows of texts."""
     return Grid(caption, tuple(header), tuple(tuple(row) for row in rows), frozenset(numbers))
-
-
-# How numbers and names are written on the page.
-
-#: From a standard uncertainty to half of a 95 % interval.
-HALF_WIDTH_95 = 1.96
-NOT_KNOWN = "–"
-#: Units to show, and by how much a value is multiplied.
-_SHOWN = {
-    "m": ("mm", 1e3),
-    "rad": ("mrad", 1e3),
-    "N m/rad": ("kN m/rad", 1e-3),
-    "N m/rad^3": ("MN m/rad³", 1e-6),
-}
-#: A larger angle is shown in radians: it is a phase.
-_PHASE_RAD = 0.1
-
-
-def shown_in(unit: str, value: float = 0.0) -> tuple[str, float]:
-    """Return the unit that a value is shown in, and by how much it is multiplied."""
-    if unit == "rad" and abs(value) > _PHASE_RAD:
-        return unit, 1.0
-    return _SHOWN.get(unit, (unit, 1.0))
-
-
-def mm(value: float | None) -> str:
-    """Return a length in millimetres, three decimals."""
-    return NOT_KNOWN if value is None else f"{value:.3f}"
-
-
-def deg(value: float | None) -> str:
-    """Return an angle in degrees, four decimals."""
-    return NOT_KNOWN if value is None else f"{value:.4f}"
-
-
-def with_interval(value: float, std: float | None) -> str:
-    """Return a value and half of its 95 % interval, to two figures of the latter."""
-    if std is None or not std > 0.0:
-        return f"{value:.4g}"
-    half = HALF_WIDTH_95 * std
-    decimals = max(0, 1 - _exponent(half))
-    return f"{value:.{decimals}f} ± {half:.{decimals}f}"
-
-
-def _exponent(value: float) -> int:
-    return int(f"{value:e}".split("e")[1])
-
-
-def sized(parameter: EffectParameter) -> str:
-    """Return a parameter of an effect with its 95 % interval and unit."""
-    unit, scale = shown_in(parameter.unit, parameter.value)
-    text = with_interval(scale * parameter.value, scale * parameter.std)
-    return unbroken(f"({text}) {unit}" if unit != "1" else text)
-
-
-def unbroken(text: str) -> str:
-    """Return a text that stays on one line."""
-    return text.replace(" ", "\u00a0")
-
-
-def named(effect: EffectName) -> str:
-    """Return an effect as readers see it: `friction torque at joint 2`."""
-    of = effect.of.replace("_", " ")
-    place = f"at {of}" if of.startswith("joint") else f"of the {of}"
-    return f"{effect.id.replace('_', ' ')} {place}"
-
-
-def listed(names: Iterable[str], nothing: str = "none") -> str:
-    """Return texts as a list within a sentence: `a, b and c`."""
-    *first, last = list(names) or [nothing]
-    return f"{', '.join(first)} and {last}" if first else last
-
-
-def parameters(names: Iterable[str]) -> str:
-    """Return parameters' names as readers see them, as a list within a sentence."""
-    return listed(map(written, names))
-
-
-def sentence(text: str) -> str:
-    """Return a text that begins with a capital and ends with a full stop."""
-    text = text.strip().removesuffix(".")
-    return f"{text[:1].upper()}{text[1:]}." if text else ""
-
-
-def count(number: int, one: str, many: str | None = None) -> str:
-    """Return a number with its noun."""
-    return f"{number} {one if number == 1 else many or one + 's'}"
-
-
-def nonzero(rows: Iterable[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
-    """Return names and texts without those that say nothing."""
-    return tuple((name, text) for name, text in rows if text)

@@ -6,13 +6,15 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from pa10cal.campaign.description import CampaignDescription, read_description
-from pa10cal.campaign.table import read_pose_table
+from pa10cal.campaign.table import read_base_motion, read_pose_table
 from pa10cal.errors import RecordError, last_message
+from pa10cal.observe.instrument import MotionFound
 from pa10cal.observe.kinds import instrument_of
 from pa10cal.observe.quantities import Words
 from pa10cal.results.analysis import AnalysisRecord
@@ -54,41 +56,111 @@ class Absent:
 
 @dataclass(frozen=True)
 class Gathered:
-    """The results of one campaign; what is not there is None."""
+    """The results of one campaign, each read when it is first used; what is not there is None."""
 
     folder: Path  # `<results_dir>/<campaign>`
-    campaign: str  # name of the campaign
-    # where its data come from, in its own words; None where no result says it
-    provenance: str | None
-    load_case: str  # calibration that was evaluated: `combined`, or a load
+    load_case: str = "combined"  # calibration that was evaluated: `combined`, or a load
     # what the campaign says of itself, where its raw files were given
-    description: CampaignDescription | None
-    poses: pd.DataFrame | None  # the table of poses
-    quarantined: Mapping[str, int]  # how many raw rows are not used, by reason
-    absent: tuple[Absent, ...]  # what a whole run would have left and is not there
-    # base_frame, calibration, general, verdict, analysis, extended, held_out and iso9283: the
-    # records; `general` is the general model beside the paper's
-    base_frame: BaseFrameRecord | None
-    calibration: CalibrationRecord | None
-    general: CalibrationRecord | None
-    verdict: VerdictRecord | None
-    analysis: AnalysisRecord | None
-    extended: ExtendedRecord | None
-    held_out: HoldoutRecord | None
-    iso9283: Iso9283Record | None
+    description: CampaignDescription | None = None
 
-    @property
+    @cached_property
+    def campaign(self) -> str:
+        """Return the name of the campaign that all results are of."""
+        names = {record.campaign for record in self.records}
+        names |= set() if self.poses is None else {str(self.poses.attrs["campaign"])}
+        names |= set() if self.description is None else {self.description.name}
+        if len(names) > 1:
+            raise RecordError(
+                "results of several campaigns in one folder",
+                where=str(self.folder),
+                value=", ".join(sorted(names)),
+                allowed="the results of one campaign, and its own raw files",
+                remedy="run pa10cal run again, into a folder of its own",
+            )
+        return names.pop() if names else self.folder.absolute().name
+
+    @cached_property
+    def provenance(self) -> str | None:
+        """Where the data come from, in the campaign's words; None where no result says it."""
+        told = [each.provenance for each in self.records if isinstance(each, MeasuredRecord)]
+        told += [] if self.description is None else [self.description.provenance]
+        return told[0] if told else None
+
+    @cached_property
+    def poses(self) -> pd.DataFrame | None:
+        """The table of poses."""
+        path = self.folder / POSES
+        return read_pose_table(path) if path.exists() else None
+
+    @cached_property
+    def motion(self) -> MotionFound | None:
+        """How the instrument moved against targets on the base, where that was looked at."""
+        return read_base_motion(self.folder / POSES) if (self.folder / POSES).exists() else None
+
+    @cached_property
+    def quarantined(self) -> Mapping[str, int]:
+        """How many raw rows are not used, by reason."""
+        return _quarantined(self.folder / "ingest/quarantine.csv")
+
+    @cached_property
+    def absent(self) -> tuple[Absent, ...]:
+        """What a whole run would have left and is not there."""
+        return tuple(
+            _absent(self.folder, file, *stage)
+            for file, stage in _stages(self.load_case).items()
+            if not (self.folder / file).exists()
+        )
+
+    def _record(self, kind: type[_R], file: str | None = None) -> _R | None:
+        path = self.folder / (file or kind.FILE)
+        return read(kind, path) if path.exists() else None
+
+    @cached_property
+    def base_frame(self) -> BaseFrameRecord | None:
+        """The base frame, before calibration."""
+        return self._record(BaseFrameRecord)
+
+    @cached_property
+    def calibration(self) -> CalibrationRecord | None:
+        """The calibration that was evaluated."""
+        return self._record(CalibrationRecord, f"calibration/{self.load_case}.json")
+
+    @cached_property
+    def general(self) -> CalibrationRecord | None:
+        """The general model beside the paper's."""
+        return self._record(CalibrationRecord, "calibration/general.json")
+
+    @cached_property
+    def verdict(self) -> VerdictRecord | None:
+        """The verdict."""
+        return self._record(VerdictRecord)
+
+    @cached_property
+    def analysis(self) -> AnalysisRecord | None:
+        """What the search for effects saw."""
+        return self._record(AnalysisRecord)
+
+    @cached_property
+    def extended(self) -> ExtendedRecord | None:
+        """The model with the effects found."""
+        return self._record(ExtendedRecord)
+
+    @cached_property
+    def held_out(self) -> HoldoutRecord | None:
+        """Errors of held-out poses."""
+        return self._record(HoldoutRecord)
+
+    @cached_property
+    def iso9283(self) -> Iso9283Record | None:
+        """Accuracy and repeatability after ISO 9283."""
+        return self._record(Iso9283Record)
+
+    @cached_property
     def records(self) -> tuple[CampaignRecord, ...]:
-        """Return the records that are there."""
+        """The records that are there."""
         every = (
-            self.base_frame,
-            self.calibration,
-            self.general,
-            self.verdict,
-            self.analysis,
-            self.extended,
-            self.held_out,
-            self.iso9283,
+            *(self.base_frame, self.calibration, self.general, self.verdict),
+            *(self.analysis, self.extended, self.held_out, self.iso9283),
         )
         return tuple(record for record in every if record is not None)
 
@@ -131,7 +203,7 @@ def is_synthetic(provenance: str) -> bool:
 
 
 def gather(folder: Path, load_case: str = "combined", campaign_dir: Path | None = None) -> Gathered:
-    """Read everything in a results folder of one campaign.
+    """Return the results in a folder of one campaign.
 
     Args:
         folder: `<results_dir>/<campaign>`.
@@ -143,11 +215,7 @@ def gather(folder: Path, load_case: str = "combined", campaign_dir: Path | None 
             that cannot be read.
         RawDataError: when the folder of raw files, or the table of poses, cannot be used.
     """
-    stages = {
-        (f"calibration/{load_case}.json" if file == "calibration" else file): stage
-        for file, stage in _STAGES.items()
-    }
-    if not any((folder / file).exists() for file in stages):
+    if not any((folder / file).exists() for file in _stages(load_case)):
         raise RecordError(
             "no results of a campaign",
             where=str(folder),
@@ -156,57 +224,14 @@ def gather(folder: Path, load_case: str = "combined", campaign_dir: Path | None 
             remedy="give such a folder, or run pa10cal run first",
         )
     description = None if campaign_dir is None else read_description(campaign_dir)
-    poses = read_pose_table(folder / POSES) if (folder / POSES).exists() else None
-    found = Gathered(
-        folder=folder,
-        campaign="",
-        provenance=None,
-        load_case=load_case,
-        description=description,
-        poses=poses,
-        quarantined=_quarantined(folder / "ingest/quarantine.csv"),
-        absent=tuple(
-            _absent(folder, file, *stage)
-            for file, stage in stages.items()
-            if not (folder / file).exists()
-        ),
-        base_frame=_read(BaseFrameRecord, folder),
-        calibration=_read(CalibrationRecord, folder, f"calibration/{load_case}.json"),
-        general=_read(CalibrationRecord, folder, "calibration/general.json"),
-        verdict=_read(VerdictRecord, folder),
-        analysis=_read(AnalysisRecord, folder),
-        extended=_read(ExtendedRecord, folder),
-        held_out=_read(HoldoutRecord, folder),
-        iso9283=_read(Iso9283Record, folder),
-    )
-    return replace(found, campaign=_one_campaign(found), provenance=_provenance(found))
+    return Gathered(folder, load_case, description)
 
 
-def _one_campaign(found: Gathered) -> str:
-    """Return the name of the campaign that all results are of."""
-    names = {record.campaign for record in found.records}
-    names |= set() if found.poses is None else {str(found.poses.attrs["campaign"])}
-    names |= set() if found.description is None else {found.description.name}
-    if len(names) > 1:
-        raise RecordError(
-            "results of several campaigns in one folder",
-            where=str(found.folder),
-            value=", ".join(sorted(names)),
-            allowed="the results of one campaign, and its own raw files",
-            remedy="run pa10cal run again, into a folder of its own",
-        )
-    return names.pop() if names else found.folder.absolute().name
-
-
-def _provenance(found: Gathered) -> str | None:
-    told = [each.provenance for each in found.records if isinstance(each, MeasuredRecord)]
-    told += [] if found.description is None else [found.description.provenance]
-    return told[0] if told else None
-
-
-def _read(kind: type[_R], folder: Path, file: str | None = None) -> _R | None:
-    path = folder / (file or kind.FILE)
-    return read(kind, path) if path.exists() else None
+def _stages(load_case: str) -> dict[str, tuple[str, str]]:
+    return {
+        (f"calibration/{load_case}.json" if file == "calibration" else file): stage
+        for file, stage in _STAGES.items()
+    }
 
 
 def _absent(folder: Path, file: str, command: str, log: str) -> Absent:

@@ -11,6 +11,7 @@ import pandas as pd
 
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.reports.blocks import (
+    Beside,
     Block,
     Callout,
     Code,
@@ -19,13 +20,11 @@ from pa10cal.reports.blocks import (
     Items,
     Paragraph,
     Section,
-    count,
     grid,
-    listed,
-    mm,
-    sentence,
 )
+from pa10cal.reports.formatting import count, listed, mm, sentence
 from pa10cal.reports.gathered import MODEL, POSES, Gathered
+from pa10cal.reports.pictures import motion_drawing
 from pa10cal.results.health import UNRESERVED
 
 #: Characters that a line of a fact holds.
@@ -70,6 +69,12 @@ def _blocks(found: Gathered) -> Iterator[Block]:
         _counts(found.poses),
         numbers=(1, 2, 3),
     )
+    if "motion_x_mm" in found.poses and found.motion is not None:
+        kinds = ("shift", "turn") if found.motion.turns else ("shift",)
+        knocks_s = [each.time_s for each in found.motion.knocked]
+        yield Beside(tuple(motion_drawing(found.poses, word, knocks_s) for word in kinds))
+        if knocks_s:
+            yield Items(tuple(sentence(str(each)) for each in found.motion.knocked))
     if found.quarantined:
         reasons = listed(f"{number} × {reason}" for reason, number in found.quarantined.items())
         total = count(sum(found.quarantined.values()), "raw row")

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
-from pa10cal.reports.blocks import (
+from pa10cal.reports.blocks import Block, Callout, Grid, Items, Paragraph, Section, grid
+from pa10cal.reports.formatting import (
     NOT_KNOWN,
-    Block,
-    Callout,
-    Items,
-    Paragraph,
-    Section,
-    grid,
     listed,
     mm,
     named,
@@ -32,9 +27,14 @@ _GRADES = {
     "suspect_input": "Something in the input is probably wrong.",
     "not_converged": "The fit did not converge.",
 }
-_MEANINGS = {
-    "named": "Each can be told from every other effect of the vocabulary with these poses.",
-    "ambiguous": "At least one cannot be told from its alternatives with these poses.",
+MEANINGS = {
+    "none": "None: model and measurement agree within the noise.",
+    "named": "Named: every effect found is distinguishable from all others.",
+    "ambiguous": "Ambiguous: at least one effect cannot be distinguished from its alternatives.",
+    "unexplained": "Unexplained: a gap remains that no effect of the vocabulary closes.",
+    "check_the_log": "Check the log: what fits best is a fault of the data. Effects listed stand "
+    "whatever becomes of it.",
+    "not_sought": "Not sought: whether the model lacks an effect is not known.",
 }
 #: Of more parameters only a summary is shown.
 _MOST_PARAMETERS = 6
@@ -95,18 +95,49 @@ def _verdict(found: Gathered) -> Iterator[Block]:
         if lead.sentences:
             yield Items(lead.sentences)
     yield Paragraph(verdict_sentence(record), lead=lead is None)
+    faults, effects, no_name, proposed = verdict_grids(record, formulas_of(found))
     if record.faults:
-        yield grid(
+        yield faults
+    if record.effects:
+        yield effects
+    if record.verdict in ("named", "ambiguous"):
+        yield Paragraph(MEANINGS[record.verdict])
+    if record.unexplained is not None:
+        part = "Part of the remaining error"
+        if lead is not None:
+            part = f"{percent(lead.without_a_name)} of the error beyond noise"
+        yield Callout("warning", f"{part} has no name.")
+        yield no_name
+    if record.proposed:
+        yield proposed
+    if record.falls_back is not None:
+        yield Callout(
+            "note",
+            "The model leaves effects out where held-out poses are predicted worse with them: "
+            "see what is not trusted below.",
+        )
+
+
+def verdict_grids(
+    record: VerdictRecord, formulas: Mapping[tuple[str, str], str]
+) -> tuple[Grid, Grid, Grid, Grid]:
+    """Return faults of the log, effects, what has no name and formulas proposed for it.
+
+    Args:
+        record: the verdict.
+        formulas: what effects add, by id and place.
+    """
+    no_name = () if record.unexplained is None else record.unexplained.all
+    return (
+        grid(
             "Faults of the log",
             ("fault", "where", "what", "what to do"),
             [
                 (each.kind.replace("_", " "), each.where, each.what, each.remedy)
                 for each in record.faults
             ],
-        )
-    if record.effects:
-        formulas = _formulas(found)
-        yield grid(
+        ),
+        grid(
             "Effects, those that take most away first, with 95 % intervals",
             ("effect", "at", "size", "what it adds", "could also be", *_taken_header(record)),
             [
@@ -120,40 +151,27 @@ def _verdict(found: Gathered) -> Iterator[Block]:
                 )
                 for each in record.effects_by_share
             ],
-        )
-    if record.verdict in _MEANINGS:
-        yield Paragraph(_MEANINGS[record.verdict])
-    if record.unexplained is not None:
-        part = "Part of the remaining error"
-        if lead is not None:
-            part = f"{percent(lead.without_a_name)} of the error beyond noise"
-        yield Callout("warning", f"{part} has no name:")
-        yield Items(
-            tuple(
-                sentence(f"{place.of or 'place not known'}: {place.why}")
-                for place in record.unexplained.all
-            )
-        )
-    if record.proposed:
-        yield grid(
+        ),
+        grid(
+            "Unexplained: a gap without a name",
+            ("at", "why"),
+            [(place.of or "place not known", sentence(place.why)) for place in no_name],
+        ),
+        grid(
             "Formulas proposed for it: they do as well, and name nothing",
-            ("at", "formula", "size", "does as well as"),
+            ("at", "formula", "size", "does as well as", "takes away of the squared error"),
             [
                 (
                     unbroken(each.of.replace("_", " ")),
                     each.formula,
                     _size(each),
                     listed(map(named, each.does_as_well_as), "noise alone"),
+                    f"{100 * each.gain:.0f} %",
                 )
-                for each in record.proposed
+                for each in record.proposed or ()
             ],
-        )
-    if record.falls_back is not None:
-        yield Callout(
-            "note",
-            "The model leaves effects out where held-out poses are predicted worse with them: "
-            "see what is not trusted below.",
-        )
+        ),
+    )
 
 
 def _taken_header(record: VerdictRecord) -> tuple[str, ...]:
@@ -229,7 +247,7 @@ def _size(effect: NamedEffect | ProposedFormula) -> str:
     return "; ".join(f"{name} = {sized(each)}" for name, each in effect.parameters.items())
 
 
-def _formulas(found: Gathered) -> dict[tuple[str, str], str]:
+def formulas_of(found: Gathered) -> dict[tuple[str, str], str]:
     """Return formulas of terms, as the fitted model states them, by id and place."""
     terms = found.extended.fitted_model.get("terms") if found.extended is not None else None
     if not isinstance(terms, list):

@@ -11,27 +11,17 @@ from pathlib import Path
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from plotly import graph_objects as go
 
 from pa10cal.files.output import write_text
 from pa10cal.reports.accuracy import accuracy, parameters, repeats
-from pa10cal.reports.blocks import (
-    Beside,
-    Block,
-    Callout,
-    Drawing,
-    Folded,
-    Paragraph,
-    Section,
-    count,
-    grid,
-    mm,
-)
+from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Folded, Paragraph, Section, grid
+from pa10cal.reports.formatting import count, mm
 from pa10cal.reports.gathered import Gathered, gather, is_synthetic
 from pa10cal.reports.measured import measured, use
 from pa10cal.reports.outcome import grade, grade_sentence, verdict, verdict_glance
-from pa10cal.reports.pictures import BLUE, ORANGE, drawn, headline, library, new_figure
+from pa10cal.reports.pictures import headline
 from pa10cal.reports.residuals import residuals
+from pa10cal.reports.theme import BLUE, VERMILLION, drawn, library, new_figure
 from pa10cal.reports.trust import missing, next_poses, trust
 from pa10cal.results.fleet import FleetArm, FleetCampaign, FleetRecord
 
@@ -243,18 +233,16 @@ def _errors(fleet: FleetRecord) -> Drawing:
         {"type": "category", "title": {"text": "arm"}},
     )
     for name, told, color, symbol in (
-        ("before_mm", "uncalibrated", ORANGE, "diamond"),
+        ("before_mm", "uncalibrated", VERMILLION, "diamond"),
         ("after_mm", "final model", BLUE, "circle"),
     ):
-        figure.add_trace(
-            go.Scatter(
-                x=[_error(each, name) for each in judged],
-                y=arms,
-                mode="markers",
-                name=told,
-                marker={"color": color, "symbol": symbol, "size": 7},
-                hovertemplate="%{y}: %{x:.4f} mm<extra>" + told + "</extra>",
-            )
+        figure.add_scatter(
+            x=[_error(each, name) for each in judged],
+            y=arms,
+            mode="markers",
+            name=told,
+            marker={"color": color, "symbol": symbol, "size": 7},
+            hovertemplate="%{y}: %{x:.4f} mm<extra>" + told + "</extra>",
         )
     return Drawing(
         figure,

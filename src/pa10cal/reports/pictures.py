@@ -5,131 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from markupsafe import Markup
-from numpy.typing import NDArray
-from plotly import graph_objects as go
-from plotly.offline import get_plotlyjs
 
-from pa10cal.figures.table import written
-from pa10cal.reports.blocks import HALF_WIDTH_95, Drawing
+from pa10cal.reports.blocks import Drawing
+from pa10cal.reports.formatting import HALF_WIDTH_95, written
 from pa10cal.reports.gathered import Gathered
-from pa10cal.results.calibration import CalibrationRecord, GeneralErrors
-from pa10cal.results.evaluation import Accuracy, Parameter
+from pa10cal.reports.theme import (
+    BLUE,
+    GREEN,
+    GREY,
+    MODELS,
+    PURPLE,
+    VERMILLION,
+    new_figure,
+)
+from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.evaluation import Accuracy, HoldoutRecord, Parameter
 from pa10cal.results.health import PosesNeeded
 
-# How figures of the page look: readable on light and dark ground, told by more than colour.
-
-#: A grey with the same contrast to a light and to a dark ground.
-GREY = "#7d7d7d"
-_GRID = "rgba(128,128,128,0.35)"
-_CLEAR = "rgba(0,0,0,0)"
-#: Told apart without colour vision and on either ground.
-BLUE, ORANGE, GREEN, PURPLE = "#2b83d0", "#d9720b", "#129a74", "#a96fc4"
-_FONT = {"family": "system-ui, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif", "size": 13}
-_AXIS = {"gridcolor": _GRID, "zerolinecolor": GREY, "linecolor": GREY, "tickcolor": GREY}
-#: No button that leads elsewhere; only figures that can be turned have some.
-_CONFIG = {"responsive": True, "displaylogo": False, "scrollZoom": False, "displayModeBar": False}
-_CONFIG_IN_SPACE = {
-    **_CONFIG,
-    "displayModeBar": True,
-    "modeBarButtons": [
-        ["orbitRotation", "pan3d", "zoom3d", "resetCameraDefault3d"],
-        ["toImage"],
-    ],
-}
-
-
-def new_figure(height: int, x: dict[str, Any], y: dict[str, Any], **layout: Any) -> Any:
-    """Return an empty figure with two axes.
-
-    Args:
-        height: in pixels; the width is that of the page.
-        x, y: what the axes are given besides their looks.
-        layout: anything else of plotly's layout.
-    """
-    return go.Figure(
-        layout={
-            **_ground(height),
-            "margin": {"l": 10, "r": 10, "t": 30, "b": 10},
-            "dragmode": False,
-            "xaxis": {**_AXIS, "automargin": True, "showline": True, "ticks": "outside", **x},
-            "yaxis": {**_AXIS, "automargin": True, **y},
-            **layout,
-        }
-    )
-
-
-def new_space(height: int, ranges_mm: NDArray[np.float64]) -> Any:
-    """Return an empty figure in three dimensions, that can be turned.
-
-    Args:
-        height: in pixels; the width is that of the page.
-        ranges_mm: (3, 2) ends of the axes.
-    """
-    axis = {
-        "gridcolor": GREY,
-        "zerolinecolor": GREY,
-        "showbackground": False,
-        "showspikes": False,
-        "color": GREY,
-        "nticks": 6,
-    }
-    scene = {
-        f"{name}axis": {**axis, "title": {"text": f"{name} [mm]"}, "range": ends.tolist()}
-        for name, ends in zip("xyz", ranges_mm, strict=True)
-    }
-    camera = {"eye": {"x": 1.4, "y": -1.4, "z": 0.85}, "center": {"x": 0, "y": 0, "z": -0.12}}
-    return go.Figure(
-        layout={
-            **_ground(height),
-            "margin": {"l": 0, "r": 0, "t": 30, "b": 0},
-            "modebar": {"bgcolor": _CLEAR, "color": GREY, "activecolor": BLUE},
-            "scene": {**scene, "aspectmode": "data", "camera": camera, "dragmode": "turntable"},
-        }
-    )
-
-
-def _ground(height: int) -> dict[str, Any]:
-    return {
-        "template": "none",
-        "height": height,
-        "autosize": True,
-        "paper_bgcolor": _CLEAR,
-        "plot_bgcolor": _CLEAR,
-        "font": {**_FONT, "color": GREY},
-        "legend": {
-            "orientation": "h",
-            "y": 1.0,
-            "yanchor": "bottom",
-            "x": 0,
-            "bgcolor": _CLEAR,
-            "itemsizing": "constant",
-        },
-        "hoverlabel": {"font": {"size": 13}},
-    }
-
-
-def drawn(drawing: Drawing) -> Markup:
-    """Return a figure as it stands in the page, without the library."""
-    return Markup(
-        drawing.figure.to_html(
-            include_plotlyjs=False,
-            full_html=False,
-            div_id=drawing.id,
-            config=_CONFIG_IN_SPACE if drawing.in_space else _CONFIG,
-            default_width="100%",
-            default_height=f"{drawing.figure.layout.height}px",
-        )
-    )
-
-
-def library() -> Markup:
-    """Return plotly's own code, which stands in the page once."""
-    return Markup(get_plotlyjs())
-
+if TYPE_CHECKING:
+    import pandas as pd
 
 _ROW_PX, _ROOM_PX = 44, 110
 #: Marks of a logarithmic axis, each written out: digits without their decade are not read.
@@ -172,7 +69,7 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
         )
     looks = (
         ("root mean square", "circle", BLUE, "rms_mm", "middle left"),
-        ("largest", "triangle-right", ORANGE, "peak_mm", "middle right"),
+        ("largest", "triangle-right", VERMILLION, "peak_mm", "middle right"),
     )
     for name, symbol, color, key, side in looks:
         values = [getattr(each, key) for each in every]
@@ -207,10 +104,17 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
     )
 
 
-def tolerances_drawing(parameters: Mapping[str, Parameter]) -> Drawing | None:
-    """Return departures of the links in units of their tolerances, with 95 % intervals."""
+def tolerances_drawing(
+    parameters: Mapping[str, Parameter], before: Mapping[str, float]
+) -> Drawing | None:
+    """Return departures of the links in units of their tolerances, with 95 % intervals.
+
+    Args:
+        parameters: of the final model.
+        before: values before effects joined the model, where some did.
+    """
     shown = {
-        name: each
+        name: (each, each.tolerance)
         for name, each in parameters.items()
         if name.startswith("delta_") and each.tolerance and each.identifiable and each.std
     }
@@ -218,34 +122,148 @@ def tolerances_drawing(parameters: Mapping[str, Parameter]) -> Drawing | None:
         return None
     figure = new_figure(
         _ROOM_PX + 18 * len(shown),
-        {"title": {"text": "departure / tolerance"}, "zeroline": True},
+        {"title": {"text": "departure from nominal / tolerance"}, "zeroline": True},
         {"autorange": "reversed", "type": "category", "dtick": 1},
     )
     figure.add_vrect(x0=-1, x1=1, fillcolor=GREY, opacity=0.18, line_width=0)
-    figure.add_scatter(
-        x=[each.value / (each.tolerance or 1.0) for each in shown.values()],
-        y=[written(name) for name in shown],
-        error_x={
-            "array": [
-                HALF_WIDTH_95 * (each.std or 0.0) / (each.tolerance or 1.0)
-                for each in shown.values()
-            ],
-            "color": BLUE,
-            "thickness": 2,
-            "width": 4,
-        },
-        mode="markers",
-        marker={"color": BLUE, "size": 7},
-        showlegend=False,
-        hovertemplate="%{y}: %{x:.2f} tolerances<extra></extra>",
-    )
+    half = [HALF_WIDTH_95 * (each.std or 0.0) / tolerance for each, tolerance in shown.values()]
+    series = [("final model", [e.value / t for e, t in shown.values()], BLUE, "circle", half)]
+    if moved := [name for name in shown if name in before]:
+        values = [before[name] / shown[name][1] for name in moved]
+        series.insert(0, ("without the effects", values, VERMILLION, "square-open", []))
+    for name, values, color, symbol, bars in series:
+        figure.add_scatter(
+            x=values,
+            y=[written(key) for key in (shown if bars else moved)],
+            error_x={"array": bars, "color": color, "thickness": 2, "width": 4} if bars else None,
+            mode="markers",
+            marker={"color": color, "size": 7, "symbol": symbol},
+            name=name,
+            showlegend=len(series) > 1,
+            hovertemplate=f"%{{y}}: %{{x:.2f}} tolerances<extra>{name}</extra>",
+        )
+    squares = "Squares: the model without the effects, which absorbed part of them. "
     return Drawing(
         figure,
         "Departures of the links, in tolerances",
         "Bars are 95 % intervals, often shorter than the mark; the grey band is within the "
-        "tolerance. The table below has the numbers.",
+        f"tolerance. {squares if moved else ''}The tables below have the numbers.",
         "tolerances",
     )
+
+
+#: Of more poses only so many steps of a distribution are drawn.
+_MOST_STEPS = 100
+_DASHES = {"uncalibrated": "solid", "geometry": "dash", "linear": "dashdot"}
+
+
+def shares_drawing(held_out: HoldoutRecord, titles: Mapping[str, str], unit: str) -> Drawing | None:
+    """Return which share of the held-out poses errs by less than so much, under each model.
+
+    Args:
+        held_out: errors of the models.
+        titles: models to draw, as readers see them.
+        unit: `mm` of positions, `deg` of orientations.
+    """
+    what = {"mm": "position", "deg": "orientation"}[unit]
+    figure = new_figure(
+        360,
+        {"type": "log", "title": {"text": f"{what} error [{unit}]"}, "dtick": 1},
+        {"title": {"text": "share of the poses [%]"}, "range": [0, 102]},
+    )
+    for name, title in titles.items():
+        rows = held_out.models[name].rows
+        errors = rows.error_mm
+        if unit == "deg":
+            if rows.rotation_deg is None:
+                return None
+            errors = np.linalg.norm(rows.rotation_deg, axis=1)
+        beyond = rows.extrapolated
+        if beyond is None or not beyond.any() or beyond.all():
+            beyond = np.zeros(len(rows), dtype=bool)
+        for apart in (False, True) if beyond.any() else (False,):
+            ordered = np.sort(errors[beyond == apart])
+            count = len(ordered)
+            rank = np.unique(np.linspace(1, count, min(count, _MOST_STEPS)).round().astype(int))
+            figure.add_scatter(
+                x=_short(ordered[rank - 1]),
+                y=(100.0 * rank / count).round(2).tolist(),
+                mode="lines",
+                line={
+                    "color": MODELS[name],
+                    "dash": "dot" if apart else _DASHES.get(name, "solid"),
+                    "shape": "hv",
+                },
+                name=f"{title}{', extrapolated' if apart else ''} ({count})",
+                hovertemplate=f"%{{y:.0f}} % below %{{x:.4g}} {unit}<extra></extra>",
+            )
+    return Drawing(
+        figure,
+        f"Distribution of the {what} errors of held-out poses",
+        "For each model, the share of the held-out poses with a smaller error; in brackets how "
+        "many poses. Dotted: poses beyond the joint angles of the fit.",
+        f"shares-{what}",
+    )
+
+
+#: Motion of the base: unit shown, columns of the table of poses, their scale and first covariance.
+_MOTIONS = {
+    "shift": ("mm", "motion_{}_mm", 1.0, 0),
+    "turn": ("mrad", "motion_r{}_rad", 1e3, 3),
+}
+
+
+def motion_drawing(poses: pd.DataFrame, word: str, knocks_s: Sequence[float]) -> Drawing:
+    """Return the motion that targets on the base show, over time, with two standard uncertainties.
+
+    Args:
+        poses: the table of poses, with columns `motion_…`.
+        word: `shift` or `turn`.
+        knocks_s: when a target moved against the others.
+    """
+    unit, column, scale, at = _MOTIONS[word]
+    first = poses["time_s"].min()
+    hours = ((poses["time_s"] - first) / 3600.0).round(4).tolist()
+    figure = new_figure(
+        320, {"title": {"text": "time [h]"}}, {"title": {"text": f"{word} [{unit}]"}}
+    )
+    looks = (("x", BLUE, "solid"), ("y", VERMILLION, "dash"), ("z", GREEN, "dot"))
+    for k, (name, color, dash) in enumerate(looks):
+        value = scale * poses[column.format(name)].to_numpy()
+        u = scale * np.sqrt(poses[f"motion_cov_{at + k}{at + k}"].to_numpy())
+        figure.add_scatter(
+            x=[*hours, *reversed(hours)],
+            y=_short((*(value - 2 * u), *(value + 2 * u)[::-1])),
+            fill="toself",
+            opacity=0.2,
+            line={"width": 0},
+            fillcolor=color,
+            mode="lines",
+            hoverinfo="skip",
+            showlegend=False,
+        )
+        figure.add_scatter(
+            x=hours,
+            y=_short(value),
+            mode="lines",
+            line={"color": color, "dash": dash, "width": 1.5},
+            name=name,
+            hovertemplate=f"{word} {name} %{{y:.4g}} {unit}<extra></extra>",
+        )
+    for knock_s in knocks_s:
+        figure.add_vline((knock_s - first) / 3600.0, line={"color": PURPLE, "dash": "longdash"})
+    return Drawing(
+        figure,
+        f"Motion of the instrument against targets on the base: {word}",
+        "About its mean, along the instrument's axes; bands of two standard uncertainties. All "
+        "readings were turned back by it. Upright dashes: a target moved against the others.",
+        f"base-motion-{word}",
+    )
+
+
+def _short(values: Iterable[float]) -> list[float]:
+    """Return values with four figures, which keep a page small."""
+    return [float(f"{value:.4g}") for value in values]
 
 
 def poses_drawing(poses: PosesNeeded) -> Drawing | None:
@@ -262,7 +280,13 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
     )
     series = (
         ("best poses first", [e.u_optimal_mm for e in poses.expected], BLUE, "circle", "solid"),
-        ("in the order measured", [e.u_measured_mm for e in poses.expected], ORANGE, "x", "dash"),
+        (
+            "in the order measured",
+            [e.u_measured_mm for e in poses.expected],
+            VERMILLION,
+            "x",
+            "dash",
+        ),
     )
     for name, values, color, symbol, dash in series:
         figure.add_scatter(
@@ -287,7 +311,8 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
 # Errors of every model over fitted and held-out poses.
 
 UNCALIBRATED, CALIBRATED, EXTENDED = "not calibrated", "calibrated", "with the effects found"
-FITTED, HELD_OUT = "fitted", "held out"
+FITTED, HELD_OUT, ALL = "fitted", "held out", "all"
+PARTS = {"inside": "angles seen in the fit", "extrapolated": "extrapolated"}
 _SPRINGS = {
     "geometry": "calibrated, geometry alone",
     "linear": "calibrated, linear springs",
@@ -301,7 +326,9 @@ class Errors:
 
     poses: str  # `fitted` or `held out`
     load: str  # `all`, or a load such as `22N`
+    name: str  # of the model in the records
     model: str  # as readers see it
+    part: str  # `all`, or of a model with effects `inside` the angles fitted or `extrapolated`
     # rms_mm, peak_mm and mean_mm: position error
     rms_mm: float
     peak_mm: float
@@ -318,14 +345,14 @@ class Errors:
 def errors_of(found: Gathered) -> list[Errors]:
     """Return the errors of every model, over all loads first, then load by load."""
     every = [*_fitted(found), *_held_out(found)]
-    return [each for each in every if each.load == "all"] + [
-        each for each in every if each.load != "all"
+    return [each for each in every if each.load == ALL] + [
+        each for each in every if each.load != ALL
     ]
 
 
 def headline(found: Gathered) -> tuple[Errors, Errors] | None:
     """Return the errors before and after that count: held out where there are such poses."""
-    every = [each for each in errors_of(found) if each.load == "all"]
+    every = [each for each in errors_of(found) if each.load == each.part == ALL]
     for poses in (HELD_OUT, FITTED):
         of = [each for each in every if each.poses == poses]
         if of:
@@ -351,16 +378,27 @@ def model_title(name: str, found: Gathered, beside: Iterable[str]) -> str | None
 def _fitted(found: Gathered) -> Iterator[Errors]:
     if (record := found.calibration) is None:
         return
-    yield from _over(FITTED, UNCALIBRATED, {k: e.before for k, e in record.errors.items()})
-    geometry = {k: e.geometry for k, e in record.errors.items() if isinstance(e, GeneralErrors)}
-    if geometry and _has_springs(record):
-        yield from _over(FITTED, _SPRINGS["geometry"], geometry)
-    yield from _over(FITTED, _last_title(record), {k: e.after for k, e in record.errors.items()})
+    sprung = _has_springs(record)
+    last = "cubic" if record.model == "paper" else "linear"
+    models = {
+        "before": ("uncalibrated", UNCALIBRATED),
+        "geometry": ("geometry", _SPRINGS["geometry"]),
+        "after": (last, _SPRINGS[last] if sprung else CALIBRATED),
+    }
+    for key, (name, title) in models.items():
+        by_load = {load: getattr(each, key, None) for load, each in record.errors.items()}
+        known = {load: each for load, each in by_load.items() if each is not None}
+        if not known or (key == "geometry" and not sprung):
+            continue
+        yield _errors(FITTED, ALL, name, title, _together(list(known.values())))
+        for load, part in known.items():
+            yield _errors(FITTED, load, name, title, part)
     if found.verdict is not None and found.verdict.effects:
         gap = found.verdict.gap.train
-        yield _errors(FITTED, "all", EXTENDED, gap.after)
-        for load, part in gap.per_load.items():
-            yield _errors(FITTED, load, EXTENDED, part.after)
+        parts = {"inside": gap.inside, "extrapolated": gap.outside}
+        after = {part: of.after for part, of in parts.items() if of is not None}
+        per_load = {load: part.after for load, part in gap.per_load.items()}
+        yield from _model(FITTED, "extended", EXTENDED, gap.after, per_load, after)
 
 
 def _held_out(found: Gathered) -> Iterator[Errors]:
@@ -368,56 +406,46 @@ def _held_out(found: Gathered) -> Iterator[Errors]:
         return
     for name, model in found.held_out.models.items():
         title = model_title(name, found, found.held_out.models)
-        if title is None:
-            continue
-        yield _errors(HELD_OUT, "all", title, model)
-        for load, part in model.per_load.items():
-            yield _errors(HELD_OUT, load, title, part)
+        if title is not None:
+            parts = {"inside": model.inside, "extrapolated": model.outside}
+            known = {part: of for part, of in parts.items() if of is not None}
+            yield from _model(HELD_OUT, name, title, model, model.per_load, known)
+
+
+def _model(
+    poses: str,
+    name: str,
+    title: str,
+    of: Accuracy,
+    per_load: Mapping[str, Accuracy],
+    parts: Mapping[str, Accuracy],
+) -> Iterator[Errors]:
+    """Yield errors over all configurations, over parts of them and at each load."""
+    yield _errors(poses, ALL, name, title, of)
+    for part, within in parts.items():
+        yield _errors(poses, ALL, name, f"{title}, {PARTS[part]}", within, part)
+    for load, at_load in per_load.items():
+        yield _errors(poses, load, name, title, at_load)
 
 
 def _has_springs(record: CalibrationRecord) -> bool:
     return bool(getattr(record, "springs", True))
 
 
-def _last_title(record: CalibrationRecord) -> str:
-    if record.model == "paper":
-        return _SPRINGS["cubic"]
-    return _SPRINGS["linear"] if _has_springs(record) else CALIBRATED
+def _errors(poses: str, load: str, name: str, model: str, of: Accuracy, part: str = ALL) -> Errors:
+    errors = (of.rms_mm, of.peak_mm, of.mean_mm, of.orientation_deg)
+    return Errors(poses, load, name, model, part, *errors, of.configurations)
 
 
-def _errors(poses: str, load: str, model: str, of: Accuracy) -> Errors:
-    return Errors(
-        poses,
-        load,
-        model,
-        of.rms_mm,
-        of.peak_mm,
-        of.mean_mm,
-        of.orientation_deg,
-        of.configurations,
+def _together(parts: list[Accuracy]) -> Accuracy:
+    """Return errors over several sets of configurations as over all of them."""
+    count = np.array([part.configurations for part in parts])
+    share = count / count.sum()
+    angles = [part.orientation_deg for part in parts if part.orientation_deg is not None]
+    return Accuracy(
+        mean_mm=float(share @ [part.mean_mm for part in parts]),
+        rms_mm=float(np.sqrt(share @ [part.rms_mm**2 for part in parts])),
+        peak_mm=max(part.peak_mm for part in parts),
+        orientation_deg=float(share @ angles) if len(angles) == len(parts) else None,
+        configurations=int(count.sum()),
     )
-
-
-def _over(poses: str, model: str, by_load: Mapping[str, Accuracy]) -> Iterator[Errors]:
-    """Yield errors over all loads together, then at each."""
-    parts = list(by_load.values())
-    count_of = sum(part.configurations for part in parts)
-
-    def mean(values: Iterable[float]) -> float:
-        pairs = zip(values, parts, strict=True)
-        return sum(value * part.configurations for value, part in pairs) / count_of
-
-    if count_of:
-        angles = [part.orientation_deg for part in parts if part.orientation_deg is not None]
-        yield Errors(
-            poses,
-            "all",
-            model,
-            mean(part.rms_mm**2 for part in parts) ** 0.5,
-            max(part.peak_mm for part in parts),
-            mean(part.mean_mm for part in parts),
-            mean(angles) if len(angles) == len(parts) else None,
-            count_of,
-        )
-    for load, part in by_load.items():
-        yield _errors(poses, load, model, part)

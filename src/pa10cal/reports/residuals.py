@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Paragraph, Section, grid, mm
+from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Paragraph, Section, grid
+from pa10cal.reports.formatting import mm
 from pa10cal.reports.gathered import Gathered
-from pa10cal.reports.pictures import BLUE, ORANGE, new_space
+from pa10cal.reports.theme import BLUE, VERMILLION, new_space
 
 #: The longest line is this part of what the positions span.
 _LONGEST_PART = 0.25
@@ -22,7 +23,7 @@ _MOST_ROWS = 8
 #: More configurations than this get thinner lines.
 _CROWD = 150
 _MARGIN_MM = 10.0
-_LOOKS = {"fitted": (BLUE, "circle"), "held out": (ORANGE, "diamond")}
+_LOOKS = {"fitted": (BLUE, "circle"), "held out": (VERMILLION, "diamond")}
 
 
 @dataclass(frozen=True)

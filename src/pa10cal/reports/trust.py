@@ -4,28 +4,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
-from pa10cal.figures.table import written
-from pa10cal.reports.blocks import (
+from pa10cal.reports.blocks import Block, Callout, Folded, Grid, Items, Paragraph, Section, grid
+from pa10cal.reports.formatting import (
     NOT_KNOWN,
-    Block,
-    Callout,
-    Folded,
-    Items,
-    Paragraph,
-    Section,
     count,
-    grid,
     listed,
     mm,
     named,
     parameters,
     sentence,
+    written,
 )
 from pa10cal.reports.gathered import Gathered
 from pa10cal.reports.pictures import poses_drawing
-from pa10cal.results.calibration import GeneralCalibrationRecord
+from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.discovery import (
     EvidenceByBlocks,
     EvidenceOfSag,
@@ -45,9 +39,7 @@ def _blocks(found: Gathered) -> Iterator[Block]:
     if found.calibration is None:
         yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
         return
-    yield grid(
-        "What the grade of the calibration stands on", ("check", "found", "passes"), _checks(found)
-    )
+    yield checks_grid(found.calibration, "calibration")
     warnings = dict.fromkeys(found.calibration.warnings)
     if found.extended is not None and found.extended.named:
         warnings |= dict.fromkeys(f"with the effects: {each}" for each in found.extended.warnings)
@@ -56,11 +48,7 @@ def _blocks(found: Gathered) -> Iterator[Block]:
             yield Callout("warning", sentence(warning))
     record = found.verdict
     if record is not None and record.effects:
-        yield grid(
-            "What decided about the effects",
-            ("effect", "evidence"),
-            [(named(each), _evidence(each)) for each in record.effects],
-        )
+        yield evidence_grid(record)
     if record is not None and record.falls_back is not None:
         yield Callout("warning", sentence(f"limits of the effects: {record.falls_back.why}"))
     yield Items(tuple(_limits(found)))
@@ -69,22 +57,41 @@ def _blocks(found: Gathered) -> Iterator[Block]:
         yield grid("Joint positions that the fit has seen", ("joint", "seen", "allowed"), seen)
 
 
-def _checks(found: Gathered) -> Iterator[tuple[str, str, str]]:
-    assert found.calibration is not None
-    health = found.calibration.health
-    yield "the fit converged", health.reason, _passes(health.converged)
+def checks_grid(case: CalibrationRecord, what: str) -> Grid:
+    """Return what the grade of a calibration stands on.
+
+    Args:
+        case: the calibration.
+        what: how the caption calls it.
+    """
+    title = f"What the grade of the {what} stands on: {case.health.grade.replace('_', ' ')}"
+    return grid(title, ("check", "found", "passes"), _checks(case))
+
+
+def evidence_grid(record: VerdictRecord) -> Grid:
+    """Return the statistics that decided about each effect."""
+    rows = [(named(each), _evidence(each)) for each in record.effects]
+    return grid("What decided about the effects", ("effect", "evidence"), rows)
+
+
+def _checks(case: CalibrationRecord) -> Iterator[tuple[str, str, str]]:
+    health = case.health
+    yield "the fit converged", health.ending, _passes(health.converged)
     bounds = len(health.at_bounds)
-    yield "no parameter at the end of its range", str(bounds), _passes(not bounds)
+    at_bounds = parameters(health.at_bounds)
+    yield "no parameter at the end of its range", at_bounds, _passes(not bounds)
     full = health.rank == health.unknowns
     yield (
         "every parameter is determined",
-        f"rank {health.rank} of {health.unknowns}",
+        f"rank {health.rank} of {health.unknowns}, condition number {health.condition:.4g}",
         _passes(full) if full else "no: see what is missing",
     )
     ratio = health.error_over_noise
     yield (
         "remaining error agrees with the noise",
-        NOT_KNOWN if ratio is None else f"{ratio:.1f} times the noise",
+        NOT_KNOWN
+        if ratio is None
+        else f"{mm(health.train_rms_mm)} mm rms, {ratio:.1f} times the {case.noise_is}",
         NOT_KNOWN if ratio is None else _passes(health.grade in ("good", "few_poses")),
     )
     yield "held-out poses agree with what the fit promises", *_held_out(health)
@@ -96,11 +103,20 @@ def _checks(found: Gathered) -> Iterator[tuple[str, str, str]]:
             f"{scale * each.found:.4f} {unit}, stated {scale * each.stated:.4f} {unit}",
             _passes(agree),
         )
-    if isinstance(found.calibration, GeneralCalibrationRecord):
-        outliers = found.calibration.suspected_outliers
+    poses = health.poses
+    if poses.u_model_mm is not None:
+        needed = f"more than {len(poses.d_optimal_order)}" if poses.needed is None else poses.needed
+        yield (
+            "expected uncertainty of a prediction is small beside the remaining error",
+            f"{mm(poses.u_model_mm)} mm with {poses.measured} poses, {mm(poses.u_needed_mm)} mm "
+            f"is enough: {needed} well-chosen poses",
+            _passes(poses.u_model_mm <= poses.u_needed_mm),
+        )
+    if isinstance(case, GeneralCalibrationRecord):
+        outliers = case.suspected_outliers
         names = ", ".join(each.pose for each in outliers[:6])
         yield "no suspected outlier", names or "none", _passes(not outliers)
-    agree_on = f"{found.calibration.starts_agreeing} of {found.calibration.starts}"
+    agree_on = f"{case.starts_agreeing} of {case.starts}"
     yield "starts that end in the same minimum", agree_on, ""
 
 
@@ -116,21 +132,25 @@ def _passes(well: bool) -> str:
 
 
 def _evidence(effect: FoundEffect) -> str:
+    """Describe what decided about an effect, in words."""
     found = effect.evidence
     if isinstance(found, EvidenceOfSag):
         return found.words
     if isinstance(found, EvidenceByBlocks):
         blocks = found.cross_validation_over_blocks
         return (
-            f"blocks of poses left out are predicted with {blocks.rms_with_mm:.3f} mm rms, without "
-            f"it with {blocks.rms_without_mm:.3f} mm; better in {blocks.improved} of "
-            f"{blocks.blocks} blocks"
+            f"cross-validation over blocks: rms {blocks.rms_without_mm:.3f} mm without, "
+            f"{blocks.rms_with_mm:.3f} mm with it; better in {blocks.improved} of "
+            f"{blocks.blocks} blocks, z {blocks.z:.1f}"
         )
-    share = 100.0 * found.cross_validation_over_poses.explained
+    shares = [("poses", found.cross_validation_over_poses)]
+    if found.cross_validation_over_loads is not None:
+        shares.append(("loads", found.cross_validation_over_loads))
+    held_out = ", ".join(f"{100.0 * of.explained:.0f} % over {name}" for name, of in shares)
     return (
-        f"log evidence {found.lost_without_it_nats:.3g} nats, {found.needed_nats:.3g} needed; "
-        f"explains {share:.0f} % of the error of poses left out; by chance at most "
-        f"{found.p_sign_flips_max_t:.2g}"
+        f"{found.lost_without_it_nats:.3g} nats lost without it, {found.needed_nats:.3g} needed; "
+        f"sign flips p {found.p_sign_flips_max_t:.2g}, at most {found.p_needed:.2g}; "
+        f"cross-validation explains {held_out}"
     )
 
 
@@ -183,6 +203,9 @@ def _stretches(intervals: object, scale: float, unit: str) -> str:
 
 #: Of more suggested poses only the first are shown; all are in the file.
 _MOST_POSES = 10
+_JOINT = "joint "
+#: More joints than this in a row are written as first to last.
+_MOST_LISTED = 2
 #: An aim that several joints of one pose may share.
 _UNSEEN = re.compile(r"angle of joint (\d+) not seen")
 
@@ -198,27 +221,11 @@ def _missing(found: Gathered) -> Iterator[Block]:
     told = tuple(_told(found))
     if told:
         yield Items(told)
-    if found.calibration is not None and (pairs := found.calibration.health.correlated_pairs):
-        title = "Parameters that these poses can hardly separate"
-        rows = [(*map(written, each.parameters), f"{each.correlation:+.3f}") for each in pairs]
-        table = grid(title, ("parameter", "and", "correlation"), rows, (2,))
-        yield Folded(f"{title} ({count(len(pairs), 'pair')})", (table,))
+    if found.calibration is not None and found.calibration.health.correlated_pairs:
+        yield _folded(pairs_grid(found.calibration.health), "pair")
     record = found.verdict
     if record is not None:
-        if record.not_testable:
-            yield _effects("These data cannot show some effects", record.not_testable)
-        if record.below_detection_limit:
-            yield _effects(
-                "Effects that were sought, but are likely to be missed at their plausible size",
-                record.below_detection_limit,
-            )
-        if record.indistinguishable:
-            yield Items(
-                tuple(
-                    f"These poses cannot separate {listed(each.words for each in group)}."
-                    for group in record.indistinguishable
-                )
-            )
+        yield from (_folded(each, "effect") for each in hidden_grids(record))
     if not (found.absent or told or (record is not None and record.not_testable)):
         yield Paragraph("Nothing is missing that these data could have shown.")
 
@@ -237,14 +244,65 @@ def _told(found: Gathered) -> Iterator[str]:
         yield f"Effects were not sought. {sentence(found.verdict.remedy or '')}"
 
 
-def _effects(title: str, entries: tuple[NotTestable, ...]) -> Folded:
-    """Group effects that cannot be shown for the same reason."""
-    groups: dict[tuple[str, str], list[str]] = {}
+def _folded(table: Grid, row: str) -> Folded:
+    return Folded(f"{table.caption} ({count(len(table.rows), row)})", (table,))
+
+
+def pairs_grid(health: Health) -> Grid:
+    """Return pairs of parameters that the poses can hardly separate."""
+    pairs = health.correlated_pairs
+    return grid(
+        "Parameters that these poses can hardly separate",
+        ("parameter", "and", "correlation"),
+        [(*map(written, each.parameters), f"{each.correlation:+.3f}") for each in pairs],
+        (2,),
+    )
+
+
+def hidden_grids(record: VerdictRecord) -> Iterator[Grid]:
+    """Yield the effects that the data cannot show, are likely to miss, or cannot separate."""
+    sets = (
+        ("These data cannot show some effects", record.not_testable),
+        (
+            "Effects that were sought, but are likely to be missed at their plausible size",
+            record.below_detection_limit or (),
+        ),
+    )
+    for title, entries in sets:
+        if entries:
+            yield grid(title, ("effect", "of", "why"), _by_effect(entries))
+    if record.indistinguishable:
+        groups = [(listed(each.words for each in group),) for group in record.indistinguishable]
+        yield grid("Effects that these poses cannot separate", ("group",), groups)
+
+
+def _by_effect(entries: Iterable[NotTestable]) -> Iterator[tuple[str, str, str]]:
+    """Yield a row an effect: where it sits, and the reasons, each with its places."""
+    places: dict[str, dict[str, list[str]]] = {}
     for entry in entries:
-        groups.setdefault((entry.id, entry.why), []).append(entry.of.replace("_", " "))
-    rows = [(id_.replace("_", " "), listed(places), why) for (id_, why), places in groups.items()]
-    table = grid(title, ("effect", "of", "why"), rows)
-    return Folded(f"{title} ({count(len(entries), 'effect')})", (table,))
+        places.setdefault(entry.id, {}).setdefault(entry.why, []).append(entry.of)
+    for effect, by_reason in places.items():
+        everywhere = _places([of for each in by_reason.values() for of in each])
+        reasons = [f"{_places(each)}: {why}" for why, each in by_reason.items()]
+        why = next(iter(by_reason)) if len(by_reason) == 1 else "; ".join(reasons)
+        yield effect.replace("_", " "), everywhere, why
+
+
+def _places(places: Sequence[str]) -> str:
+    """Return places in few words: `joints 1 to 3, 5` for the joints among them."""
+    joints = sorted(int(of.removeprefix(_JOINT)) for of in places if of.startswith(_JOINT))
+    others = [of.replace("_", " ") for of in places if not of.startswith(_JOINT)]
+    runs: list[list[int]] = []
+    for joint in joints:
+        if runs and joint == runs[-1][-1] + 1:
+            runs[-1].append(joint)
+        else:
+            runs.append([joint])
+    told = ", ".join(
+        f"{run[0]} to {run[-1]}" if len(run) > _MOST_LISTED else ", ".join(map(str, run))
+        for run in runs
+    )
+    return ", ".join([f"joint{'s' * (len(joints) > 1)} {told}"] * bool(joints) + others)
 
 
 def next_poses(found: Gathered) -> Section:

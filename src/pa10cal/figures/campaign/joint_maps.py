@@ -11,32 +11,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from pa10cal.arrays import Array
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.style import (
-    AFTER,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    SEPARATOR,
-    SKY,
-    legend_at,
-    name_rows,
-    new_figure,
-    panel,
-    write_text_at,
-)
+from pa10cal.figures.style import legend_at, name_rows, new_figure, panel, write_text_at
+from pa10cal.reports.formatting import HALF_WIDTH_95
+from pa10cal.reports.theme import AFTER, BLUE, GREEN, GREY, ORANGE, PURPLE, SEPARATOR, SKY
 from pa10cal.results.calibration import CampaignsAgree, EffectByCampaign
 from pa10cal.results.discovery import FoundEffect
 
 _TITLE = "Errors that depend on a joint angle, as found"
 _MAPS = ("joint_error_map", "sensor_error", "gear_error")
-_HALF_WIDTH_95 = 1.96
 _ROW_MM, _BETWEEN_MM, _BELOW_MM, _ABOVE_MM = 24.0, 7.0, 28.0, 14.0
 _ARC_SECONDS_A_MRAD = 206.265
 #: Points of a line over a turn, about, a whole number for every knot.
@@ -62,6 +48,8 @@ class _Map:
     @property
     def line_mrad(self) -> Array:
         """Return the error at these angles: a periodic cubic spline through the knots."""
+        from scipy.interpolate import CubicSpline  # late: a third of a second, for few campaigns
+
         around = np.append(self.error_mrad, self.error_mrad[0])
         spline = CubicSpline(np.linspace(0.0, 360.0, len(around)), around, bc_type="periodic")
         return np.asarray(spline(self.angle_deg))
@@ -71,7 +59,7 @@ class _Map:
         """Return half the 95 % interval at these angles, between knots that of its neighbours."""
         around = np.append(self.std_mrad, self.std_mrad[0])
         knots = np.linspace(0.0, 360.0, len(around))
-        return np.asarray(_HALF_WIDTH_95 * np.interp(self.angle_deg, knots, around))
+        return np.asarray(HALF_WIDTH_95 * np.interp(self.angle_deg, knots, around))
 
 
 @picture(
@@ -94,20 +82,29 @@ def draw_joint_error_maps(results: Results) -> Figure:
     if not maps:
         raise NothingToShowError("no error that depends on a joint's angle was named")
     maps.sort(key=lambda each: each.joint)
-    rows = len(maps) * (_ROW_MM + _BETWEEN_MM) - _BETWEEN_MM
-    figure = new_figure(_BELOW_MM + rows + _ABOVE_MM, _TITLE)
     limit = 1.1 * max(float(np.abs(each.line_mrad).max()) for each in maps)
-    for k, each in enumerate(reversed(maps)):
-        bottom = _BELOW_MM + k * (_ROW_MM + _BETWEEN_MM)
-        axes = panel(figure, 20.0, bottom, 130.0, _ROW_MM)
+    figure, rows = _turns(_TITLE, len(maps), 130.0, limit)
+    for axes, each in zip(rows, reversed(maps), strict=True):
         stretches = found.angles_seen[each.joint - 1].stretches if found.angles_seen else None
         _draw_map(axes, each, stretches)
-        axes.set_ylim(-limit, limit)
-        axes.tick_params(labelbottom=k == 0)
-        if k == 0:
-            axes.set_xlabel("joint angle [deg], by the turn")
+        axes.axhline(0.0, color=GREY, linewidth=0.6)
     _draw_legend(figure)
     return figure
+
+
+def _turns(title: str, count: int, width_mm: float, limit: float) -> tuple[Figure, list[Axes]]:
+    """Return a figure with rows of errors over a turn, from the lowest upward."""
+    height_mm = _BELOW_MM + count * (_ROW_MM + _BETWEEN_MM) - _BETWEEN_MM + _ABOVE_MM
+    figure, rows = new_figure(height_mm, title), []
+    for k in range(count):
+        bottom = _BELOW_MM + k * (_ROW_MM + _BETWEEN_MM)
+        axes = panel(figure, 20.0, bottom, width_mm, _ROW_MM)
+        axes.set(xlim=(0.0, 360.0), ylim=(-limit, limit), ylabel="error [mrad]")
+        axes.set_xticks(range(0, 361, 45))
+        axes.tick_params(labelbottom=k == 0)
+        rows.append(axes)
+    rows[0].set_xlabel("joint angle [deg], by the turn")
+    return figure, rows
 
 
 def _map(effect: FoundEffect) -> _Map:
@@ -137,16 +134,12 @@ def _draw_map(axes: Axes, each: _Map, stretches: Array | None) -> None:
     axes.fill_between(angle, line - half, line + half, where=unseen, alpha=_WEAK, **band)
     axes.plot(angle, np.where(unseen, np.nan, line), color=AFTER)
     axes.plot(angle, np.where(unseen, line, np.nan), color=AFTER, linestyle=":")
-    axes.axhline(0.0, color=GREY, linewidth=0.6)
     spacing = 360.0 / len(each.error_mrad)
     shown, over = (line, "the turn") if unseen.all() else (line[~unseen], "the measured angles")
     axes.set_title(
         f"joint {each.joint}: rms {np.sqrt(np.mean(shown**2)):.3f} mrad over {over}; "
         f"{100.0 * np.mean(~unseen):.0f} % of the turn measured; knots {spacing:.3g}° apart"
     )
-    axes.set_xlim(0.0, 360.0)
-    axes.set_xticks(range(0, 361, 45))
-    axes.set_ylabel("error [mrad]")
     right = axes.secondary_yaxis("right", functions=(_to_arc_seconds, _to_mrad))
     right.set_ylabel("arc seconds")
 
@@ -181,12 +174,6 @@ def _draw_legend(figure: Figure) -> None:
 
 #: Common angles from which campaigns are drawn about one mean [deg].
 _LEAST_COMMON_DEG = 10
-(
-    _ROW_MM_OF_BY_CAMPAIGN,
-    _BETWEEN_MM_OF_BY_CAMPAIGN,
-    _BELOW_MM_OF_BY_CAMPAIGN,
-    _ABOVE_MM_OF_BY_CAMPAIGN,
-) = 26.0, 8.0, 24.0, 14.0
 #: Colour and line of one campaign after the other.
 _LINES: tuple[tuple[str, Literal["-", "--", "-."]], ...] = (
     (BLUE, "-"),
@@ -217,27 +204,14 @@ def draw_joint_errors_by_campaign(results: Results) -> Figure:
         raise NothingToShowError("no group, or no error by a joint's angle was found in it")
     names = list(dict.fromkeys(name for each in found for name in each.errors or ()))
     effects = {(effect.id, effect.of): effect for effect in verdict.effects}
-    rows = (
-        len(found) * (_ROW_MM_OF_BY_CAMPAIGN + _BETWEEN_MM_OF_BY_CAMPAIGN)
-        - _BETWEEN_MM_OF_BY_CAMPAIGN
-    )
-    figure = new_figure(
-        _BELOW_MM_OF_BY_CAMPAIGN + rows + _ABOVE_MM_OF_BY_CAMPAIGN,
-        "Errors by joint angles, as each campaign alone has them",
-    )
     errors = [error for each in found for error in _shown(each).values()]
     limit = 1.05 * float(np.nanmax(np.abs(errors)))
-    for k, each in enumerate(reversed(found)):
-        bottom = _BELOW_MM_OF_BY_CAMPAIGN + k * (
-            _ROW_MM_OF_BY_CAMPAIGN + _BETWEEN_MM_OF_BY_CAMPAIGN
-        )
-        axes = panel(figure, 16.0, bottom, 148.0, _ROW_MM_OF_BY_CAMPAIGN)
+    title = "Errors by joint angles, as each campaign alone has them"
+    figure, rows = _turns(title, len(found), 144.0, limit)
+    for axes, each in zip(rows, reversed(found), strict=True):
         _draw_joint(axes, each, names)
+        axes.axhline(0.0, color=GREY, linewidth=0.6)
         axes.set_title(_said(each, effects.get((each.id, each.of))))
-        axes.set_ylim(-limit, limit)
-        axes.tick_params(labelbottom=k == 0)
-        if k == 0:
-            axes.set_xlabel("joint angle [deg], by the turn")
     handles = [
         Line2D([], [], color=color, linestyle=line, label=name)
         for name, (color, line) in zip(names, _LINES, strict=False)
@@ -268,10 +242,6 @@ def _draw_joint(axes: Axes, each: EffectByCampaign, names: list[str]) -> None:
     for name, (color, line) in zip(names, _LINES, strict=False):
         if name in shown:
             axes.plot(np.arange(360), shown[name], color=color, linestyle=line, alpha=0.85)
-    axes.axhline(0.0, color=GREY, linewidth=0.6)
-    axes.set_xlim(0.0, 360.0)
-    axes.set_xticks(range(0, 361, 45))
-    axes.set_ylabel("error [mrad]")
 
 
 def _said(each: EffectByCampaign, effect: FoundEffect | None) -> str:

@@ -1,4 +1,4 @@
-"""Where model and data disagree, before and after effects joined the model; what absorbed them."""
+"""Where model and data disagree, and the gap as effects join the model."""
 
 from __future__ import annotations
 
@@ -9,27 +9,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pa10cal.arrays import Array
 from pa10cal.figures.registry import picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
-    AFTER,
-    BEFORE,
-    BLACK,
-    GREY,
-    SEPARATOR,
     legend_at,
     name_rows,
     new_figure,
     panel,
     plain_log,
+    write_beside,
     write_text_at,
 )
-from pa10cal.figures.table import K_CUB, K_LIN, KINDS, LINKS, Kind, joints_of
-from pa10cal.results.analysis import AnalysisRecord, LackOfFit, ParameterShift
-from pa10cal.results.evaluation import Estimate
+from pa10cal.reports.formatting import HALF_WIDTH_95
+from pa10cal.reports.theme import AFTER, BEFORE, BLACK, BLUE, GREY, ORANGE
+from pa10cal.results.analysis import AnalysisRecord, LackOfFit, NamingStep
+from pa10cal.results.evaluation import Accuracy, Estimate
 
-_HALF_WIDTH_95 = 1.96
 _S_PER_H = 3600.0
 _BEFORE: dict[str, Any] = {"color": BEFORE, "marker": "s", "linestyle": "none"}
 _AFTER: dict[str, Any] = {"color": AFTER, "marker": "o", "linestyle": "none"}
@@ -135,7 +130,7 @@ def _draw_directions(axes: Axes, found: AnalysisRecord) -> None:
         shown = [(part.joint, arrival) for part in fit.by_joint for arrival in part.arrivals]
         at = np.array([joint + 0.22 * arrival.direction for joint, arrival in shown])
         mean = np.array([1e6 * arrival.mean_rad for _, arrival in shown])
-        half = _HALF_WIDTH_95 * np.array([1e6 * (arrival.std_rad or 0.0) for _, arrival in shown])
+        half = HALF_WIDTH_95 * np.array([1e6 * (arrival.std_rad or 0.0) for _, arrival in shown])
         axes.errorbar(at + aside, mean, yerr=half, elinewidth=0.8, **look)
         ticks = at.tolist()
         labels = ["+" if arrival.direction > 0 else "−" for _, arrival in shown]
@@ -164,7 +159,7 @@ def _draw_drifts(axes: Axes, found: AnalysisRecord) -> None:
             axes.errorbar(
                 [first + k + aside for k, _ in known],
                 [1e3 * span * slope.value for _, slope in known],
-                yerr=[1e3 * span * _HALF_WIDTH_95 * (slope.std or 0.0) for _, slope in known],
+                yerr=[1e3 * span * HALF_WIDTH_95 * (slope.std or 0.0) for _, slope in known],
                 elinewidth=0.8,
                 **look,
             )
@@ -210,95 +205,97 @@ def _probability(p_value: float) -> str:
     return "< 0.001" if p_value < 1e-3 else f"= {p_value:.2g}"
 
 
-# Parameters of the model that had absorbed part of the missing effects.
+# Remaining error as the named effects are added one by one, fitted and held out.
 
-_ROW_MM = 4.0
-_BELOW_MM, _ABOVE_MM = 24.0, 17.0
-_FOUND: dict[str, Any] = {"color": AFTER, "marker": "o", "linestyle": "none"}
+_ROW_MM = 11.0
+_BELOW_STEPS_MM, _ABOVE_STEPS_MM = 30.0, 16.0
+_TRAIN: dict[str, Any] = {"color": BLUE, "marker": "o"}
+_HELD_OUT: dict[str, Any] = {"color": ORANGE, "marker": "^"}
+_ASIDE_OF_STEP = 0.19
+_FLOOR_LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "linestyle": "--"}
 
 
 @picture(
-    title="Gap: parameters that had absorbed the effects",
-    needs=("analysis",),
+    title="Gap: error as effects are named",
+    needs=("analysis", "verdict"),
     caption="""
-Change of the parameters of ``{name}`` when the named effects were added: a model that lacks an
-effect absorbs part of it in the parameters it has. Left, link parameters in units of their
-manufacturing tolerance; right, stiffness in percent of the larger of the two values. Lines are
-95 % intervals of the value after. A bar much longer than its line is a parameter that was
-biased; a bar longer than a tolerance would have suggested a defective part. Where no effect was
-named, nothing moved.
+Gap between model and measurement in ``{name}`` as the effects of the verdict are added to the
+model, first those without which the model with all of them loses most, all parameters fitted
+again each time: blue for fitted poses, orange for held-out poses and loads. A marker is the
+mean, the bar on the line the root mean square, the end of the line the largest error; the axis
+is logarithmic. Dashed: the mean error that noise alone leaves, as successive readings from one
+direction of arrival scatter (unidirectional repeatability) or, without repeats, as stated; an
+error common to all poses, such as a target position, adds to it. Effects that mask each other
+may bring little one by one and much together. Where orange falls with blue, the names hold
+beyond the fitted poses.
 """,
 )
-def draw_parameter_shifts(results: Results) -> Figure:
-    """Draw the change of each parameter when the effects were added: links left, springs right."""
+def draw_gap_by_step(results: Results) -> Figure:
+    """Draw mean, root mean square and peak of every step, from the calibrated model downward."""
     found = results.analysis()
-    shifts = {
-        shift.name: shift
-        for shift in found.parameter_shifts
-        if shift.identifiable and (shift.before or shift.after or shift.std)
-    }  # a linear spring's cubic stiffness is nothing, before and after
-    links = [(kind, joint) for kind in LINKS for joint in joints_of(kind, list(shifts))]
-    springs = [(kind, joint) for kind in (K_LIN, K_CUB) for joint in joints_of(kind, list(shifts))]
-    rows = _ROW_MM * max(len(links), 8)
+    steps = found.naming
+    rows = _ROW_MM * len(steps)
     figure = new_figure(
-        _BELOW_MM + rows + _ABOVE_MM, "Change of the parameters when the named effects were added"
+        _BELOW_STEPS_MM + rows + _ABOVE_STEPS_MM,
+        "Gap between model and measurement, effect by effect",
     )
-    left = panel(figure, 16.0, _BELOW_MM, 76.0, rows)
-    _draw_links(left, links, shifts)
-    tall = _ROW_MM * 1.6 * max(len(springs), 2)
-    right = panel(figure, 118.0, _BELOW_MM + rows - tall, 48.0, tall)
-    _draw_springs(right, springs, shifts)
-    write_text_at(figure, 2.0, 7.5, _said(found))
+    axes = panel(figure, 46.0, _BELOW_STEPS_MM, 84.0, rows)
+    for k, step in enumerate(steps):
+        _draw_errors(axes, k - _ASIDE_OF_STEP, step.train, _TRAIN)
+        if step.holdout is not None:
+            _draw_errors(axes, k + _ASIDE_OF_STEP, step.holdout, _HELD_OUT)
+    everything = [errors for step in steps for errors in (step.train, step.holdout) if errors]
+    floor = found.noise_floor_mm
+    lowest = min(floor, *(errors.mean_mm for errors in everything))
+    plain_log(axes, "x", lowest / 1.5, max(errors.peak_mm for errors in everything) * 1.4)
+    axes.axvline(floor, **_FLOOR_LINE)
+    name_rows(axes, [_name(step) for step in steps], lines=False)
+    axes.set_xlabel("position error [mm]: mean, rms (bar) and peak (end)")
+    write_text_at(figure, 133.0, _BELOW_STEPS_MM + rows + 2.0, "mean / rms / peak [mm]")
+    _draw_legend(figure, steps, f"{results.verdict().gap.floor_is} alone: mean")
+    write_text_at(figure, 10.0, 6.5, _beyond(found), color=GREY)
     return figure
 
 
-def _draw_links(
-    axes: Axes, links: list[tuple[Kind, int]], shifts: dict[str, ParameterShift]
-) -> None:
-    found = [shifts[kind.name(joint)] for kind, joint in links]
-    unit = np.array([shift.tolerance or 1.0 for shift in found])
-    _draw_shifts(axes, found, unit, [kind.written(joint) for kind, joint in links])
-    axes.axvspan(-1.0, 1.0, color=SEPARATOR, alpha=0.35, linewidth=0.0)
-    axes.set_title("lengths and angles of the links")
-    axes.set_xlabel("after − before, in manufacturing tolerances (grey: within one)")
-
-
-def _draw_springs(
-    axes: Axes, springs: list[tuple[Kind, int]], shifts: dict[str, ParameterShift]
-) -> None:
-    axes.set_title("stiffness of the joints")
-    if not springs:
-        axes.text(0.5, 0.5, "all joints held rigid", transform=axes.transAxes, ha="center")
-        axes.set(xticks=[], yticks=[])
-        return
-    found = [shifts[kind.name(joint)] for kind, joint in springs]
-    # The larger of the two: a cubic stiffness may have been, or become, zero.
-    unit = np.array([max(abs(s.before), abs(s.after)) or 1.0 for s in found]) / 100.0
-    names = [kind.written(joint) for kind, joint in springs]
-    _draw_shifts(axes, found, unit, names)
-    axes.set_xlabel("after − before [%] of the larger")
-
-
-def _draw_shifts(axes: Axes, found: list[ParameterShift], unit: Array, names: list[str]) -> None:
-    """Draw shifts of n parameters, each in its unit (n,), with their 95 % intervals."""
-    y = np.arange(len(found))
-    moved = np.array([shift.after - shift.before for shift in found]) / unit
-    half = _HALF_WIDTH_95 * np.array([shift.std for shift in found]) / unit
-    axes.barh(y, moved, height=0.55, color=AFTER, alpha=0.35)
-    axes.errorbar(moved, y, xerr=half, capsize=2.0, **_FOUND)
-    axes.axvline(0.0, color=GREY, linewidth=0.6)
-    name_rows(axes, names, 0.6, lines=False)
-    reach = 1.15 * max(float(np.abs(moved).max() + half.max()), 0.01)
-    axes.set_xlim(-reach, reach)
-
-
-def _said(found: AnalysisRecord) -> str:
-    if not found.effects:
-        return "No effect was named: any change comes from the weights of the fit."
-    names = [shift.name for shift in found.parameter_shifts if not shift.identifiable]
-    hidden = [kind.written(joint) for kind in KINDS for joint in joints_of(kind, names)]
-    others = f"; not identifiable: {', '.join(hidden)}" if hidden else ""
+def _beyond(found: AnalysisRecord) -> str:
+    """State the errors of held-out poses inside the joint angles of the fit and beyond."""
+    if len(found.naming) == 1:
+        return "No effect was named: there is one step."
+    held_out = found.gap.holdout
+    beyond = None if held_out is None else held_out.extrapolated
+    if held_out is None or beyond is None or not beyond.any():
+        return ""
+    error_mm = np.linalg.norm(held_out.after_mm, axis=1)
+    outside_mm = np.sqrt(np.mean(error_mm[beyond] ** 2))
+    if beyond.all():
+        return f"Held out, last step: rms {outside_mm:.3f} mm; all poses are extrapolated."
+    inside_mm = np.sqrt(np.mean(error_mm[~beyond] ** 2))
     return (
-        "Bars: change of the value. Lines: 95 % intervals of the value after.\n"
-        f"Not shown: base frame, tool and weights{others}."
+        f"Held out, last step: rms {inside_mm:.3f} mm inside the angles of the fit, "
+        f"{outside_mm:.3f} mm in {beyond.sum()} of {len(beyond)} (extrapolated)."
     )
+
+
+def _name(step: NamingStep) -> str:
+    """Return what joined the model at a step."""
+    if not step.effects:
+        return "calibrated model"
+    name, _, place = step.effects[-1].words.partition(", ")
+    return f"+ {name}\n   {place}"
+
+
+def _draw_errors(axes: Axes, y: float, errors: Accuracy, look: dict[str, Any]) -> None:
+    axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=look["color"], linewidth=1.4)
+    for value, size in ((errors.rms_mm, 7.0), (errors.peak_mm, 4.0)):
+        axes.plot(value, y, color=look["color"], marker="|", markersize=size)
+    axes.plot(errors.mean_mm, y, **look)
+    said = f"{errors.mean_mm:.3f} / {errors.rms_mm:.3f} / {errors.peak_mm:.3f}"
+    write_beside(axes, y, said, 1.035)
+
+
+def _draw_legend(figure: Figure, steps: tuple[NamingStep, ...], floor_is: str) -> None:
+    handles = [Line2D([], [], label="poses fitted", **_TRAIN)]
+    if steps[0].holdout is not None:
+        handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
+    handles.append(Line2D([], [], label=floor_is, **_FLOOR_LINE))
+    legend_at(figure, 10.0, 11.0, handles, ncols=3)

@@ -1,0 +1,184 @@
+"""How numbers, parameters, effects and verdicts are written: on the page, in tables, in figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from pa10cal.arm.statics import reported_name
+from pa10cal.results.evaluation import EffectParameter, Parameter
+from pa10cal.results.record import EffectName
+
+# Numbers with units and intervals.
+
+#: From a standard uncertainty to half of a 95 % interval.
+HALF_WIDTH_95 = 1.96
+#: Smaller values are written as multiples of a power of ten.
+_LEAST_POWER = -2
+NOT_KNOWN = "–"
+#: Units to show, and by how much a value is multiplied.
+_SHOWN = {
+    "m": ("mm", 1e3),
+    "rad": ("mrad", 1e3),
+    "N m/rad": ("kN m/rad", 1e-3),
+    "N m/rad^3": ("MN m/rad³", 1e-6),
+}
+#: A larger angle is shown in radians: it is a phase.
+_PHASE_RAD = 0.1
+
+
+def shown_in(unit: str, value: float = 0.0) -> tuple[str, float]:
+    """Return the unit that a value is shown in, and by how much it is multiplied."""
+    if unit == "rad" and abs(value) > _PHASE_RAD:
+        return unit, 1.0
+    return _SHOWN.get(unit, (unit, 1.0))
+
+
+def mm(value: float | None) -> str:
+    """Return a length in millimetres, three decimals."""
+    return NOT_KNOWN if value is None else f"{value:.3f}"
+
+
+def deg(value: float | None) -> str:
+    """Return an angle in degrees, four decimals."""
+    return NOT_KNOWN if value is None else f"{value:.4f}"
+
+
+def figures(value: float | None, count: int) -> float:
+    """Return a number with so many significant figures, nan for None."""
+    return math.nan if value is None else float(f"{value:.{count}g}")
+
+
+def with_half_width(value: float, half: float) -> str:
+    """Return a value and half an interval with the same digits, two of the latter: `0.55 ± 0.12`.
+
+    A value far from one is a multiple of a power of ten: `(3.94 ± 0.17)e-4`.
+    """
+    if not (half > 0.0 and math.isfinite(half) and math.isfinite(value)):
+        return f"{value:.5g} ± {half:.2g}"
+    last = math.floor(math.log10(half)) - 1
+    power = math.floor(math.log10(max(abs(value), half)))
+    if power >= _LEAST_POWER and last <= 0:
+        return f"{value:.{-last}f} ± {half:.{-last}f}"
+    scale = 10.0**power
+    digits = max(power - last, 0)
+    return f"({value / scale:.{digits}f} ± {half / scale:.{digits}f})e{power}"
+
+
+def with_interval(value: float, std: float | None) -> str:
+    """Return a value and half of its 95 % interval, or the value alone where none is known."""
+    if std is None or not std > 0.0:
+        return f"{value:.4g}"
+    return with_half_width(value, HALF_WIDTH_95 * std)
+
+
+def sized(parameter: EffectParameter) -> str:
+    """Return a parameter of an effect with its 95 % interval and unit."""
+    unit, scale = shown_in(parameter.unit, parameter.value)
+    text = with_interval(scale * parameter.value, scale * parameter.std)
+    if unit == "1":
+        return unbroken(text)
+    return unbroken(f"{text} {unit}" if text.startswith("(") else f"({text}) {unit}")
+
+
+def unbroken(text: str) -> str:
+    """Return a text that stays on one line."""
+    return text.replace(" ", "\u00a0")
+
+
+def named(effect: EffectName) -> str:
+    """Return an effect as readers see it: `friction torque at joint 2`."""
+    of = effect.of.replace("_", " ")
+    place = f"at {of}" if of.startswith("joint") else f"of the {of}"
+    return f"{effect.id.replace('_', ' ')} {place}"
+
+
+def listed(names: Iterable[str], nothing: str = "none") -> str:
+    """Return texts as a list within a sentence: `a, b and c`."""
+    *first, last = list(names) or [nothing]
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def parameters(names: Iterable[str]) -> str:
+    """Return parameters' names as readers see them, as a list within a sentence."""
+    return listed(map(written, names))
+
+
+def sentence(text: str) -> str:
+    """Return a text that begins with a capital and ends with a full stop."""
+    text = text.strip().removesuffix(".")
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
+
+
+def count(number: int, one: str, many: str | None = None) -> str:
+    """Return a number with its noun."""
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+# How parameters are written in figures and tables: kind, joint, symbol and unit.
+
+_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Parameters of one kind, one a joint."""
+
+    key: str  # begins their names in results
+    symbol: str  # as the paper writes it
+    title: str  # in words
+    unit: str  # to show them in
+    scale: float  # from the unit of results to the unit shown
+    digits: str  # format of a value in that unit
+
+    def name(self, joint: int) -> str:
+        """Return the name in results."""
+        return f"{self.key}_{joint}"
+
+    def written(self, joint: int) -> str:
+        """Return the symbol with the joint as its index; of a spring the name in results."""
+        if self.symbol == self.key:
+            return self.name(joint)
+        return self.symbol + str(joint).translate(_SUBSCRIPTS)
+
+
+LINKS = (
+    Kind("delta_a", "δa", "link lengths", "mm", 1e3, ".3f"),
+    Kind("delta_alpha", "δα", "twists", "mrad", 1e3, ".3f"),
+    Kind("delta_d", "δd", "offsets", "mm", 1e3, ".3f"),
+    Kind("delta_beta", "δβ", "Hayati angle", "mrad", 1e3, ".3f"),
+    Kind("delta_theta", "δθ", "joint zeros", "mrad", 1e3, ".3f"),
+)
+K_LIN = Kind("K_lin", "K_lin", "linear stiffness", "kN m/rad", 1e-3, ".2f")
+K_CUB = Kind("K_cub", "K_cub", "cubic stiffness", "MN m/rad³", 1e-6, ".1f")
+#: The base frame: the instrument's origin in it, and the turns to the instrument's axes.
+_FRAME = {f"base_p_cmm_{axis}": f"p_{axis}" for axis in "xyz"}
+_FRAME |= {f"gamma_{axis}": f"γ_{axis}" for axis in "xyz"}
+KINDS = (*LINKS, K_LIN, K_CUB)
+
+
+def joints_of(kind: Kind, names: list[str]) -> list[int]:
+    """Return the joints that have a parameter of a kind, in order."""
+    begin = f"{kind.key}_"
+    return sorted(int(name.removeprefix(begin)) for name in names if name.startswith(begin))
+
+
+def written(name: str) -> str:
+    """Return a parameter's name as readers see it: `δa₂`, `K_lin_2`, `tool x`."""
+    name = reported_name(name)
+    for kind in KINDS:
+        if name.startswith(f"{kind.key}_") and name.removeprefix(f"{kind.key}_").isdigit():
+            joint = int(name.removeprefix(f"{kind.key}_"))
+            return kind.written(joint)
+    return _FRAME.get(name, name.replace("_", " "))
+
+
+def written_load(load: str) -> str:
+    """Return a load such as `22N`, as results name it, as readers see it: `22 N`."""
+    return f"{load.removesuffix('N')} N"
+
+
+def std_of(parameter: Parameter) -> float:
+    """Return the standard uncertainty of a parameter, nan where there is none."""
+    return math.nan if parameter.std is None else parameter.std
