@@ -66,20 +66,29 @@ def calibrate(
             does not fit the readings at all, or the prior is of another arm, without covariance or
             of an unsound calibration.
     """
-    from pa10cal.calibration.campaign import calibrated
+    from pa10cal.calibration.campaign import calibrated_record
     from pa10cal.calibration.input_checks import check_input, explained
     from pa10cal.errors import CalibrationError
+    from pa10cal.fit.fitted_model import models_of
 
-    if prior is not None:
+    used = options or CalibrationOptions()
+    if given := prior or (load_model(used.prior) if used.prior else None):
         from pa10cal.calibration.general.prior import refuse_unsound
 
-        refuse_unsound(prior, force=force)
+        refuse_unsound(given, force=force)
     about = campaign.description, campaign.arm, campaign.observations
-    findings = check_input(*about, options or CalibrationOptions())
+    findings = check_input(*about, used)
     try:
-        return calibrated(*about, load, options, findings, prior)
+        record = calibrated_record(*about, load, options, findings, given)
+        if used.effects:
+            from pa10cal.discovery.given import calibrated_with, listed
+
+            sought = DiscoveryOptions()
+            record = calibrated_with(listed(used), record, *about, load, used, sought)
     except CalibrationError as error:
         raise explained(error, findings) from None
+    *_, model = models_of(record, campaign.name).values()
+    return model
 
 
 def discover(

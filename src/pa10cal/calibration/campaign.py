@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from pa10cal.arm.description import Arm
-from pa10cal.calibration.general.calibrate import find_start, start_of
-from pa10cal.calibration.general.case import fitted, general_case
+from pa10cal.calibration.general.calibrate import start_of
+from pa10cal.calibration.general.case import general_case
 from pa10cal.calibration.load_case import COMBINED, paper_case
 from pa10cal.calibration.options import CalibrationOptions, takes_general_model
-from pa10cal.calibration.uncertainty import align_nominal
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.fitted import FittedTo
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.observations import Observations, average_repeats, poses_of
+from pa10cal.fit.fitted_model import FittedModel, models_of
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.seed import locate_base
+from pa10cal.options import BaseFrameOptions
 from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
 from pa10cal.results.health import InputFinding
-from pa10cal.terms.joint_spring import nominal
 
 
 def calibrated(
@@ -29,7 +26,28 @@ def calibrated(
     findings: tuple[InputFinding, ...] = (),
     prior: FittedModel | None = None,
 ) -> FittedModel:
-    """Calibrate the arm of a campaign, its base, tool and targets found from the nominal arm.
+    """Calibrate the arm of a campaign; see `calibrated_record`.
+
+    Raises:
+        CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
+            described does not fit the readings at all.
+    """
+    record = calibrated_record(campaign, arm, every, load, options, findings, prior)
+    *_, model = models_of(record, campaign.name).values()
+    return model
+
+
+def calibrated_record(
+    campaign: CampaignDescription,
+    arm: Arm,
+    every: Observations,
+    load: str = COMBINED,
+    options: CalibrationOptions | None = None,
+    findings: tuple[InputFinding, ...] = (),
+    prior: FittedModel | None = None,
+    base_frame: BaseFrameOptions | None = None,
+) -> CalibrationRecord:
+    """Locate base and targets of a campaign, and calibrate a load case, as the stages do.
 
     Args:
         campaign: description of the campaign.
@@ -39,20 +57,27 @@ def calibrated(
         options: how to calibrate; None for the defaults, without trying random inner poses.
         findings: what checks of the input found.
         prior: fitted model of the arm to start from; None for none.
+        base_frame: what straight moves must satisfy; None for the defaults.
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
             described does not fit the readings at all.
     """
     options = options or CalibrationOptions(inner_subsets=0)
-    if takes_general_model(options.model, from_touches=campaign.from_touches):
-        start = find_start(arm, average_repeats(every.of_kind("grid")))
-        record, case = general_case(campaign, arm, every, start, load, options, findings, prior)
-        model, used = fitted(case), case.problem.observations
-        return replace(model, fitted_to=FittedTo.of(used, load, record.health, campaign))
-    refuse_prior(prior)
-    seed = align_nominal(nominal(arm), poses_of(every, "grid"))
-    return paper_case(campaign, arm, every, seed, load, options, findings)[1]
+    general = takes_general_model(options.model, from_touches=campaign.from_touches)
+    lines, name = base_frame or BaseFrameOptions(), campaign.name
+    seed = locate_base(every, arm, lines, name, name, campaign.provenance)
+    return calibration_record(
+        campaign,
+        arm,
+        every,
+        seed,
+        load,
+        options,
+        general=general,
+        findings=findings,
+        prior=prior,
+    )
 
 
 def calibration_record(

@@ -12,11 +12,15 @@ from typing import TypeVar
 
 import numpy as np
 
+from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.calibration.grade import Errors, FitSummary, HeldOut
 from pa10cal.calibration.health import health
 from pa10cal.calibration.levels import report_base
+from pa10cal.calibration.load_case import COMBINED, rows_of_load
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import reported_keys, summarise, summarise_by_load
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable
 from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
 from pa10cal.discovery.blocked_cv.survey import survey
@@ -25,15 +29,16 @@ from pa10cal.discovery.evidence.discover import fit_given
 from pa10cal.discovery.evidence.fit import apparatus_m, covariance_of
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
-from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared
+from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
 from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted import FittedTo
-from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.fitted_model import FittedModel, models_of
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.model_file import model_to_plain
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.quantities import Deviations
+from pa10cal.options import DiscoveryOptions
 from pa10cal.results.calibration import CalibratedParameter, CalibrationRecord, Covariance
 from pa10cal.results.evaluation import ResidualRows
 from pa10cal.results.health import Health
@@ -135,6 +140,58 @@ def calibrate_with(
         ended=summary,
         health=health(summary, errors),
     )
+
+
+def listed(options: CalibrationOptions) -> list[Place | Effect]:
+    """Return the effects that the options list.
+
+    Raises:
+        CalibrationError: where they are to be those of a verdict, which is not known here.
+    """
+    if options.effects == "named":
+        raise CalibrationError(
+            "the effects that were named are not known",
+            where="calibration.effects",
+            value="named",
+            allowed="effects, each with its place",
+            remedy="list them; those of a verdict are in verdict.model",
+        )
+    return [Place(each.id, each.of) for each in options.effects]
+
+
+def calibrated_with(
+    effects: Sequence[Place | Effect],
+    record: R,
+    campaign: CampaignDescription,
+    arm: Arm,
+    every: Observations,
+    load: str,
+    options: CalibrationOptions,
+    discovery: DiscoveryOptions,
+) -> R:
+    """Calibrate a load case once more with effects, and return its record.
+
+    Args:
+        effects: which; none leaves the record as it is.
+        record: the load case without them.
+        campaign: description of the campaign.
+        arm: the nominal arm.
+        every: single readings of all kinds.
+        load: `combined`, `general`, or a load such as `44N`.
+        options: how to calibrate.
+        discovery: how a search would judge the campaign.
+
+    Raises:
+        CalibrationError: where an effect has no such place, or the poses do not determine it.
+    """
+    if not effects:
+        return record
+    case = COMBINED if load == "general" else load
+    fitted = rows_of_load(every.states.load_N, case) | (every.kind != "grid")
+    *_, model = models_of(record, f"calibration of {load}").values()
+    setup = setup_of(campaign, arm, options, discovery)
+    found = calibrate_with(every.take(np.flatnonzero(fitted)), model, setup, effects)
+    return with_effects(record, found, campaign)
 
 
 def _noise_mm(poses: Observations, whitener: Array) -> float:

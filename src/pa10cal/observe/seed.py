@@ -31,7 +31,7 @@ def locate_base(
     every: Observations,
     arm: Arm,
     options: BaseFrameOptions,
-    where: Path,
+    where: Path | str,
     campaign: str,
     provenance: str,
 ) -> BaseFrameRecord:
@@ -172,7 +172,7 @@ def _frame(T_instr_base: Array) -> dict[str, Array]:
     }
 
 
-def _refuse_one_move(points_x: int, points_y: int, where: Path) -> None:
+def _refuse_one_move(points_x: int, points_y: int, where: Path | str) -> None:
     """Refuse a move along one axis only, which gives no base frame."""
     if bool(points_x) == bool(points_y):
         return

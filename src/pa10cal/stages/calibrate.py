@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from pa10cal.campaign.description import CampaignDescription
     from pa10cal.observe.observations import Observations
     from pa10cal.results.calibration import CalibrationRecord
-    from pa10cal.terms.effects.effect import Effect
 
 
 #: Load case of the general model beside the paper's: all loads together.
@@ -145,19 +144,14 @@ def _with_effects(
     if not options.effects:
         return record
 
-    import numpy as np
-
-    from pa10cal.calibration.load_case import COMBINED, rows_of_load
-    from pa10cal.discovery.given import Place, calibrate_with, with_effects
-    from pa10cal.discovery.preparation import setup_of
+    from pa10cal.discovery.given import calibrated_with, listed
     from pa10cal.errors import CalibrationError
-    from pa10cal.fit.fitted_model import models_of
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
     from pa10cal.stages.extended import effects_of, read_extended
 
     if options.effects != "named":
-        effects: list[Place | Effect] = [Place(each.id, each.of) for each in options.effects]
+        effects = listed(options)
     elif named is None:
         raise CalibrationError(
             "the effects that were named are not known",
@@ -171,14 +165,7 @@ def _with_effects(
     if named is not None and not effects:
         word = read(ExtendedRecord, named, campaign.name).verdict
         print(f"{campaign.name} {load}: the verdict {word} names no effects to calibrate with")
-    if not effects:
-        return record
-    case = COMBINED if load == GENERAL else load
-    fitted = rows_of_load(every.states.load_N, case) | (every.kind != "grid")
-    *_, model = models_of(record, f"calibration of {load}").values()
-    setup = setup_of(campaign, arm, options, discovery)
-    found = calibrate_with(every.take(np.flatnonzero(fitted)), model, setup, effects)
-    return with_effects(record, found, campaign)
+    return calibrated_with(effects, record, campaign, arm, every, load, options, discovery)
 
 
 def _say(title: str, record: CalibrationRecord, seconds: float) -> None:
