@@ -10,8 +10,7 @@ from pa10cal.errors import OutputError
 from pa10cal.fit.fitted_model import load_model
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import ChainRecord, FleetRecord
-from pa10cal.stages import pipeline
-from pa10cal.stages.pipeline import Stage
+from pa10cal.stages import readings
 
 EXAMPLE = Path(__file__).parents[2] / "examples/irb120-points"
 
@@ -62,13 +61,10 @@ def test_a_campaign_that_is_refused_leaves_nothing_that_looks_like_a_result(done
 
 
 def test_a_fault_of_the_program_ends_one_campaign_alone(tmp_path, monkeypatch):
-    def broken(*_):
-        def fail():
-            raise ZeroDivisionError("oh")
+    def broken(**_):
+        raise ZeroDivisionError("oh")
 
-        yield Stage("ingest", ("ingest",), fail)
-
-    monkeypatch.setattr(pipeline, "stages", broken)
+    monkeypatch.setattr(readings, "ingest", broken)
     assert take(EXAMPLE, tmp_path) == 0
     found = read(ChainRecord, tmp_path / "chain.json")
     assert (found.status, found.message) == ("fault", "internal fault: ZeroDivisionError: oh")
@@ -82,13 +78,10 @@ def test_a_fault_of_the_program_ends_one_campaign_alone(tmp_path, monkeypatch):
     ],
 )
 def test_a_full_disk_is_no_verdict_on_a_campaign(tmp_path, monkeypatch, error, code):
-    def full(*_):
-        def fail():
-            raise error
+    def full(**_):
+        raise error
 
-        yield Stage("ingest", ("ingest",), fail)
-
-    monkeypatch.setattr(pipeline, "stages", full)
+    monkeypatch.setattr(readings, "ingest", full)
     assert take(EXAMPLE, tmp_path) == code
     assert not (tmp_path / "chain.json").exists()
 

@@ -10,9 +10,7 @@ from pathlib import Path
 from typing import get_args
 
 from pa10cal.errors import ALLOWED, Pa10calError, SettingsError, fits_a_folder
-from pa10cal.evaluation.two_models import compare_models
 from pa10cal.files.output import csv_cell
-from pa10cal.fit.fitted_model import load_model
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import (
@@ -241,6 +239,10 @@ def _compared(
 
 def _moved(before: tuple[str, Path], now: tuple[str, Path]) -> tuple[bool | None, str]:
     """Return whether two models of an arm agree, and the sentences that say so and what moved."""
+    # Late: planning a run lists campaigns, and compares none.
+    from pa10cal.evaluation.two_models import compare_models
+    from pa10cal.fit.fitted_model import load_model
+
     try:
         models = load_model(before[1]), load_model(now[1])
         found = compare_models(*models, names=(before[0], now[0]))
