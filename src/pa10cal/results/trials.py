@@ -199,7 +199,7 @@ class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
     """The verdict on a trial."""
 
     springs: tuple[int, ...] = Field(description="joints with a spring in the judged model, from 1")
-    health: TrialHealth | None = optional("what the calibration says of its input; of wild trials")
+    health: TrialHealth | None = optional("what the calibration says of its input")
     seconds: float = Field(description="processor time to judge the campaign [s]")
     seconds_simulating: float = Field(description="processor time to simulate the campaign [s]")
 
@@ -213,9 +213,7 @@ class FailedTrialRecord(TrialVerdictRecord):
     """Why a trial has no verdict."""
 
     failed: str = Field(description="what went wrong")
-    refused: bool = Field(
-        False, description="whether a command refused the campaign, and said why; of wild trials"
-    )
+    refused: bool = Field(False, description="whether a command refused the campaign, and said why")
 
     @property
     def word(self) -> str:

@@ -29,13 +29,13 @@ from pa10cal.curve.postures import Postures, draw_postures
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import UNCALIBRATED, judged_models
 from pa10cal.evaluation.known_truth import reported_scores
+from pa10cal.evaluation.options import ChainOptions
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results import studies as results
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.evaluation import Distances, HeldOutModel
 from pa10cal.results.truth import TrueParameter
-from pa10cal.studies.judging import record_of
-from pa10cal.studies.simulated import as_read
+from pa10cal.studies.simulated import as_read, record_of
 
 Departs = Literal["rows", "any_way"]
 
@@ -124,7 +124,9 @@ def _individual(
     made = simulate_campaign(f"{arm.name}-{number}-{plan.departs}", arm, settings)
     campaign = as_read(made)
     records = {
-        name: record_of(campaign, options.model_copy(update=changes), _LOAD)
+        name: record_of(
+            campaign, ChainOptions(calibration=options.model_copy(update=changes)), _LOAD
+        )
         for name, changes in _MODELS.items()
     }
     models = {name: tuple(models_of(found, name).values())[-1] for name, found in records.items()}

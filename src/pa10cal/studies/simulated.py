@@ -14,7 +14,10 @@ import numpy as np
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, PoseStates
+from pa10cal.calibration.campaign import calibration_record
 from pa10cal.calibration.general.problem import Unknowns
+from pa10cal.calibration.load_case import COMBINED
+from pa10cal.calibration.options import takes_general_model
 from pa10cal.campaign import read
 from pa10cal.cell.campaign import Campaign, measure_campaign
 from pa10cal.cell.individual import draw_individual, robot_from_departures
@@ -22,9 +25,12 @@ from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import GRAVITY_M_S2, Robot
 from pa10cal.cell.write import write_campaign
 from pa10cal.evaluation.known_truth import KnownTruth
+from pa10cal.evaluation.options import ChainOptions
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Stated
+from pa10cal.observe.seed import locate_base
+from pa10cal.results.calibration import CalibrationRecord
 
 _TEMPERATURE_C = 20.0
 #: Noise so far below any instrument's that what is seen counts as exact.
@@ -42,6 +48,27 @@ def as_read(made: Campaign) -> read.Campaign:
     with tempfile.TemporaryDirectory() as folder:
         write_campaign(made, Path(folder) / "raw")
         return read.read_campaign(Path(folder) / "raw")
+
+
+def record_of(
+    campaign: read.Campaign, options: ChainOptions, load: str = COMBINED
+) -> CalibrationRecord:
+    """Locate base and targets of a campaign, and calibrate a load case; no check of the input.
+
+    Args:
+        campaign: as it was read.
+        options: sections base_frame and calibration; effects to calibrate with are not heeded.
+        load: `combined` for all loads together, or a load such as `44N`.
+
+    Raises:
+        CalibrationError: when it is not enough to calibrate with.
+    """
+    said, every, settings = campaign.description, campaign.observations, options.calibration
+    seed = locate_base(
+        every, campaign.arm, options.base_frame, campaign.folder, said.name, said.provenance
+    )
+    general = takes_general_model(settings.model, from_touches=said.from_touches)
+    return calibration_record(said, campaign.arm, every, seed, load, settings, general=general)
 
 
 def observations_of(campaign: Campaign) -> Observations:

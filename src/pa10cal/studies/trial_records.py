@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from pa10cal.cell.trials import Trial
 from pa10cal.errors import RecordError
 from pa10cal.evaluation.blind_trial import (
     BlindTrial,
@@ -23,7 +22,6 @@ from pa10cal.results.codec import read_lines
 from pa10cal.results.record import CampaignRecord, EffectName
 from pa10cal.results.trials import (
     FailedTrialRecord,
-    HiddenEffect,
     JudgedTrialRecord,
     TrialTruthRecord,
     TrialVerdictRecord,
@@ -34,39 +32,6 @@ IN_TIME, DRIFT = "step_in_time", "base_drift"
 _OF_MOTION = re.compile(r"\b(moved|wander|drift|crept|creep)", re.I)
 
 _R = TypeVar("_R", bound=CampaignRecord)
-
-
-def truth_record(
-    trial: Trial, moved_mm: Sequence[float | None], seconds: float, measured: str = ""
-) -> TrialTruthRecord:
-    """Return what a trial hides, how it was measured, and how far that moves the residual.
-
-    Args:
-        trial: what was drawn.
-        moved_mm: how far, one a hidden effect; None where the trial failed.
-        seconds: what finding that out took.
-        measured: the study; empty for what the instrument says.
-    """
-    settings = trial.settings
-    plan = settings.without_touches
-    return TrialTruthRecord(
-        campaign=trial.name,
-        kind=trial.kind,
-        measured=measured or ("touched" if plan is None else "tracked"),
-        layout=trial.bench,
-        path=settings.path if plan is None else "",
-        temperature_drift_C=settings.temperature_drift_C,
-        flexible_joints=(settings if plan is None else plan).flexible_joints,
-        hidden_effects=tuple(
-            HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=moved)
-            for effect, size, moved in zip(
-                settings.hidden_effects, trial.sizes, moved_mm, strict=True
-            )
-        ),
-        stated_uncertainty_mm=settings.stated_uncertainty_mm,
-        mass_factor=settings.mass_factor,
-        seconds_twin=seconds,
-    )
 
 
 def read_trials(verdicts: Sequence[Path], truths: Sequence[Path]) -> list[BlindTrial]:
