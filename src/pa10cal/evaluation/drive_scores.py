@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from pa10cal.evaluation.blind_trial import MAP, BlindTrial, Name
-from pa10cal.evaluation.trial_rates import rate
-from pa10cal.results.trials import Bar, DriveJoint, DriveScoresRecord, DriveTrial, Outcome
+from pa10cal.evaluation.trial_rates import bar, rate
+from pa10cal.results.trials import DriveJoint, DriveScoresRecord, DriveTrial, Outcome
 
 SENSOR, GEAR = "sensor_error", "gear_error"
 NEITHER = "neither"
@@ -24,10 +24,10 @@ def scores_record(trials: Sequence[BlindTrial]) -> DriveScoresRecord:
         trials=len(trials),
         bars=(
             *(
-                _bar(
+                bar(
                     f"joints whose {words} named right",
-                    True,
-                    (joint.outcome == "right" for joint in joints if joint.errs in errs),
+                    rate(joint.outcome == "right" for joint in joints if joint.errs in errs),
+                    _RIGHT,
                 )
                 for words, errs in (
                     ("sensor or gear errs:", ("sensor", "gear", "both")),
@@ -36,15 +36,17 @@ def scores_record(trials: Sequence[BlindTrial]) -> DriveScoresRecord:
                     ("sensor and gear err:", ("both",)),
                 )
             ),
-            _bar(
+            bar(
                 "joints whose sensor or gear errs: a wrong name alone",
-                False,
-                (joint.outcome == "wrong" for joint in joints),
+                rate(joint.outcome == "wrong" for joint in joints),
+                _FALSE,
+                at_least=False,
             ),
-            _bar(
+            bar(
                 "trials in which nothing errs: a name",
-                False,
-                (bool(false_names(trial)) or trial.verdict is None for trial in quiet),
+                rate(bool(false_names(trial)) or trial.verdict is None for trial in quiet),
+                _FALSE,
+                at_least=False,
             ),
         ),
         joints=joints,
@@ -120,20 +122,3 @@ def _trial(trial: BlindTrial) -> DriveTrial:
 
 def _words(name: Name) -> str:
     return f"{name.id} of {name.of}"
-
-
-def _bar(what: str, at_least: bool, outcomes: Iterable[bool]) -> Bar:
-    counted = rate(outcomes)
-    limit = _RIGHT if at_least else _FALSE
-    share = counted.share
-    return Bar(
-        what=what,
-        at_least=at_least,
-        limit=limit,
-        reached=share,
-        low=counted.low,
-        high=counted.high,
-        trials=counted.of,
-        share=True,
-        met=None if share is None else (share >= limit if at_least else share <= limit),
-    )

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 
 from pa10cal.evaluation.blind_trial import SORTED, SPRING, UNSTATED, BlindTrial, Hidden
-from pa10cal.evaluation.trial_rates import bar, figure, rate
+from pa10cal.evaluation.trial_rates import bar, longest, rate
 from pa10cal.evaluation.trial_scores import LIMIT
 from pa10cal.evaluation.wild_scores import WORSE, gathered, is_accused, is_worse
 from pa10cal.results.trials import Bar, WildScoresRecord, WildSubject
@@ -20,7 +20,6 @@ _PROVENANCE = (
     "effects drawn"
 )
 FOUND, WRONG, NULLS, ACCUSED = 0.9, 0.02, 0.02, 0.02
-_SECONDS = 15.0
 #: Words of a motion that offer another reading of it: rows that go with a joint, a rail or a load.
 _RIVAL = re.compile(r"\bjoint \d|\brail\b|\bload\b|\border of (the )?rows\b", re.I)
 _Counts = Callable[[BlindTrial, Hidden], bool]
@@ -132,7 +131,6 @@ def _of_sorted(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
 
 
 def _of_both(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
-    seconds = [trial.verdict.seconds for trial in trials if trial.verdict is not None]
     return (
         bar("no verdict", rate(map(has_no_verdict, trials)), 0.0, at_least=False),
         bar(
@@ -147,12 +145,7 @@ def _of_both(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
             0.0,
             at_least=False,
         ),
-        figure(
-            "seconds of the processor to judge one campaign, longest",
-            max(seconds, default=None),
-            _SECONDS,
-            len(seconds),
-        ),
+        longest(trials),
     )
 
 

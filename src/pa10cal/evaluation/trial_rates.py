@@ -14,6 +14,8 @@ from pa10cal.evaluation.blind_trial import LINE, MAP, BlindTrial, Formula, Hidde
 from pa10cal.results.trials import Bar, FormulaScores, PowerCurve, Rate
 
 LEVEL = 0.95
+#: Seconds of the processor that judging a campaign may take.
+_SECONDS = 15.0
 #: Standard deviation expected of the slope of a power curve: none is steeper than a few of these
 #: where all trials below some size fail and all above succeed.
 _STEEP = 5.0
@@ -59,6 +61,13 @@ def figure(
         share=False,
         met=met,
     )
+
+
+def longest(trials: Sequence[BlindTrial]) -> Bar:
+    """Return how long judging a campaign took at most."""
+    seconds = [trial.verdict.seconds for trial in trials if trial.verdict is not None]
+    what = "seconds of the processor to judge one campaign, longest"
+    return figure(what, max(seconds, default=None), _SECONDS, len(seconds))
 
 
 def power(size: Array, found: NDArray[np.bool_]) -> PowerCurve | None:

@@ -11,7 +11,7 @@ from scipy.special import ndtri
 
 from pa10cal.evaluation import trial_scores as scores
 from pa10cal.evaluation.blind_trial import MAP, OUTSIDE, TRACKED, BlindTrial, Hidden, Named
-from pa10cal.evaluation.trial_rates import LEVEL, bar, figure, power, rate, score_formulas
+from pa10cal.evaluation.trial_rates import LEVEL, bar, figure, longest, power, rate, score_formulas
 from pa10cal.results.trials import (
     Bar,
     Confusion,
@@ -160,7 +160,6 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
     several = score_several(of_kinds(trials, *SEVERAL))
     null = score_nothing_hidden(of_kinds(trials, "null"))
     gap = score_gap(trials)
-    seconds = [t.verdict.seconds for t in trials if t.verdict is not None]
     whole = [
         t.verdict.seconds + t.verdict.seconds_simulating + t.seconds_twin
         for t in trials
@@ -217,12 +216,7 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
             GAP_ALLOWED,
             0 if gap is None else gap.trials,
         ),
-        figure(
-            "seconds of the processor to judge one campaign, longest",
-            max(seconds, default=None),
-            15.0,
-            len(seconds),
-        ),
+        longest(trials),
         figure(
             "trials an hour on two cores",
             2.0 * 3600.0 / float(np.mean(whole)) if whole else None,

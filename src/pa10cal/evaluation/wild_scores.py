@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 from pa10cal.evaluation.blind_trial import BlindTrial, Disturbed, Name
-from pa10cal.evaluation.trial_rates import rate, score_formulas
+from pa10cal.evaluation.trial_rates import bar, longest, rate, score_formulas
 from pa10cal.evaluation.trial_scores import LIMIT
-from pa10cal.results.trials import Bar, Rate, WildScoresRecord, WildSubject, WildTrial
+from pa10cal.results.trials import Bar, WildScoresRecord, WildSubject, WildTrial
 
 #: From here on, in units of the noise floor, something wrong must show.
 ABOVE = 3.0
@@ -124,63 +124,67 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
     effects = [t for t in trials if t.kind == "effect"]
     testable = [t for t in effects if t.verdict is None or t.is_testable(t.hidden[0])]
     beyond = [t for t in judged if t.kind == "beyond"]
-    seconds = [t.verdict.seconds for t in judged if t.verdict is not None]
     return (
-        _at_most("a crash, or discovery withheld", 0.0, rate(map(crashed, trials))),
-        _at_most("no fault in the log: a false name", 0.02, rate(map(has_false_name, sound))),
-        _at_most(
+        bar("a crash, or discovery withheld", rate(map(crashed, trials)), 0.0, at_least=False),
+        bar(
+            "no fault in the log: a false name",
+            rate(map(has_false_name, sound)),
+            0.02,
+            at_least=False,
+        ),
+        bar(
             "a fault in the log: a confident false name",
-            0.02,
             rate(has_confident_false_name(t) for t in faulty),
-        ),
-        _at_most(
-            "an effect outside the vocabulary: a confident false name",
             0.02,
-            rate(map(has_confident_false_name, beyond)),
+            at_least=False,
         ),
-        _at_least(
+        bar(
+            "an effect outside the vocabulary: a confident false name",
+            rate(map(has_confident_false_name, beyond)),
+            0.02,
+            at_least=False,
+        ),
+        bar(
             f"a fault above {ABOVE:g} times the noise: told by kind and place, refused or graded "
             f"{SUSPECT}",
-            0.95,
             rate(is_told(t, each) for t, each in faults),
+            0.95,
         ),
-        _at_most(
+        bar(
             f"something wrong of {ABOVE:g} times the noise: none is said, and nothing told",
-            0.02,
             rate(map(has_false_comfort, wrong)),
-        ),
-        _at_most(
-            f"held out worse by more than {100 * (WORSE - 1):.0f} %",
-            0.0,
-            rate(map(is_worse, judged)),
-        ),
-        _at_least(
-            "one effect of plausible size among stressors, testable: named or among alternatives",
-            0.9,
-            rate(t.lists(t.hidden[0]) for t in testable),
-        ),
-        _at_least(
-            f"of these, a residual {LIMIT:g} times the floor or more: named or among alternatives",
-            0.9,
-            rate(t.lists(t.hidden[0]) for t in testable if _is_large(t)),
-        ),
-        _at_most(f"right data: refused, {CHECK} or {SUSPECT}", 0.02, rate(map(is_accused, right))),
-        _at_most(
-            f"an effect and no fault in the log: refused, {CHECK} or {SUSPECT}",
             0.02,
-            rate(map(is_accused, hiding)),
-        ),
-        Bar(
-            what="seconds of the processor to judge one campaign, longest",
             at_least=False,
-            limit=15.0,
-            reached=max(seconds, default=None),
-            low=None,
-            high=None,
-            trials=len(seconds),
-            share=False,
-            met=max(seconds) <= 15.0 if seconds else None,
         ),
+        bar(
+            f"held out worse by more than {100 * (WORSE - 1):.0f} %",
+            rate(map(is_worse, judged)),
+            0.0,
+            at_least=False,
+        ),
+        bar(
+            "one effect of plausible size among stressors, testable: named or among alternatives",
+            rate(t.lists(t.hidden[0]) for t in testable),
+            0.9,
+        ),
+        bar(
+            f"of these, a residual {LIMIT:g} times the floor or more: named or among alternatives",
+            rate(t.lists(t.hidden[0]) for t in testable if _is_large(t)),
+            0.9,
+        ),
+        bar(
+            f"right data: refused, {CHECK} or {SUSPECT}",
+            rate(map(is_accused, right)),
+            0.02,
+            at_least=False,
+        ),
+        bar(
+            f"an effect and no fault in the log: refused, {CHECK} or {SUSPECT}",
+            rate(map(is_accused, hiding)),
+            0.02,
+            at_least=False,
+        ),
+        longest(trials),
     )
 
 
@@ -306,29 +310,4 @@ def _same_place(put_in: Iterable[str], told: str) -> bool:
     """Return whether one of the places stands in the words of a fault."""
     return any(
         re.search(rf"(?<![\w.]){re.escape(place)}(?![\w.])", told) is not None for place in put_in
-    )
-
-
-def _at_most(what: str, limit: float, found: Rate) -> Bar:
-    return _share(what, limit, found, at_least=False)
-
-
-def _at_least(what: str, limit: float, found: Rate) -> Bar:
-    return _share(what, limit, found, at_least=True)
-
-
-def _share(what: str, limit: float, found: Rate, *, at_least: bool) -> Bar:
-    met = None
-    if found.share is not None:
-        met = found.share >= limit if at_least else found.share <= limit
-    return Bar(
-        what=what,
-        at_least=at_least,
-        limit=limit,
-        reached=found.share,
-        low=found.low,
-        high=found.high,
-        trials=found.of,
-        share=True,
-        met=met,
     )
