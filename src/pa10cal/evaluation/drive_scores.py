@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from pa10cal.evaluation.blind_trial import MAP, BlindTrial, Name
+from pa10cal.evaluation.blind_trial import MAP, BlindTrial
 from pa10cal.evaluation.trial_rates import bar, rate
 from pa10cal.results.trials import DriveJoint, DriveScoresRecord, DriveTrial, Outcome
 
@@ -58,12 +58,12 @@ def outcome(trial: BlindTrial, of: str) -> tuple[Outcome, tuple[str, ...]]:
     """Return what became of a joint that errs, and what its error was called."""
     if trial.verdict is None:
         return "failed", ()
-    hidden = {each.name.id for each in trial.hidden if each.name.of == of}
-    found = [named for named in trial.verdict.effects if named.name.of == of]
+    hidden = {each.id for each in trial.hidden if each.of == of}
+    found = [named for named in trial.verdict.effects if named.of == of]
     called = [
         [name.id for name in named.all_names if name.of == of and name.id in _BY_ANGLE]
         for named in found
-        if named.name.id in _BY_ANGLE
+        if named.id in _BY_ANGLE
     ]
     if not called:
         return "missed", ()
@@ -82,9 +82,9 @@ def false_names(trial: BlindTrial) -> tuple[str, ...]:
         return ()
     hidden = {each.name for each in trial.hidden}
     return tuple(
-        _words(named.name)
+        f"{named.id} of {named.of}"
         for named in trial.verdict.effects
-        if named.name.id != MAP and not hidden & set(named.all_names)
+        if named.id != MAP and not hidden & set(named.all_names)
     )
 
 
@@ -93,13 +93,13 @@ def _joints(trial: BlindTrial) -> Iterable[DriveJoint]:
         return
     seen: set[str] = set()
     for each in trial.hidden:
-        of, ratio = each.name.of, each.parameters["ratio"]
+        of, ratio = each.of, each.parameters["ratio"]
         if of not in seen:
             seen.add(of)
             became, called = outcome(trial, of)
             yield DriveJoint(
-                campaign=trial.campaign,
-                bench=trial.layout,
+                campaign=trial.truth.campaign,
+                bench=trial.truth.layout,
                 of=of,
                 errs=trial.kind,
                 ratio=float(str(ratio)),
@@ -111,14 +111,10 @@ def _joints(trial: BlindTrial) -> Iterable[DriveJoint]:
 def _trial(trial: BlindTrial) -> DriveTrial:
     verdict = trial.verdict
     return DriveTrial(
-        campaign=trial.campaign,
-        bench=trial.layout,
+        campaign=trial.truth.campaign,
+        bench=trial.truth.layout,
         errs=trial.kind,
         verdict=f"failed: {trial.failed}" if verdict is None else verdict.word,
         false_names=false_names(trial),
         seconds=None if verdict is None else verdict.seconds,
     )
-
-
-def _words(name: Name) -> str:
-    return f"{name.id} of {name.of}"

@@ -10,10 +10,11 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
-from pa10cal.evaluation.blind_trial import BlindTrial, Disturbed, Name
+from pa10cal.evaluation.blind_trial import BlindTrial, words_of
 from pa10cal.evaluation.trial_rates import bar, longest, rate, score_formulas
 from pa10cal.evaluation.trial_scores import LIMIT
-from pa10cal.results.trials import Bar, WildScoresRecord, WildSubject, WildTrial
+from pa10cal.results.record import Name
+from pa10cal.results.trials import Bar, PutIn, WildScoresRecord, WildSubject, WildTrial
 
 #: From here on, in units of the noise floor, something wrong must show.
 ABOVE = 3.0
@@ -41,7 +42,7 @@ def has_fault(trial: BlindTrial) -> bool:
     return any(not each.stressor or each.kinds for each in trial.put_in)
 
 
-def matters(trial: BlindTrial, put_in: Disturbed) -> bool:
+def matters(trial: BlindTrial, put_in: PutIn) -> bool:
     """Return whether what was put in is more than three times the noise.
 
     Where it cannot be measured, since the campaign was refused, it is.
@@ -52,20 +53,20 @@ def matters(trial: BlindTrial, put_in: Disturbed) -> bool:
     return trial.verdict is None or (over is not None and over >= ABOVE)
 
 
-def is_told(trial: BlindTrial, put_in: Disturbed) -> bool:
+def is_told(trial: BlindTrial, put_in: PutIn) -> bool:
     """Return whether a fault is told, by kind and place, or the campaign refused or suspected."""
     if trial.verdict is None:
         return trial.refused
-    told = trial.verdict.told
-    if told.grade == SUSPECT:
+    if trial.verdict.grade == SUSPECT:
         return True
     if "outlier" in put_in.kinds or "label" in put_in.kinds:
-        left_out = [place in told.left_out for place in put_in.where]
+        left_out = [place in trial.verdict.left_out for place in put_in.where]
         if left_out and all(left_out):
             return True
     return any(
-        kind in put_in.kinds and (kind in _PLACED_BY_KIND or _same_place(put_in.where, where))
-        for kind, where in told.faults
+        fault.kind in put_in.kinds
+        and (fault.kind in _PLACED_BY_KIND or _same_place(put_in.where, fault.where))
+        for fault in trial.verdict.faults
     )
 
 
@@ -84,9 +85,9 @@ def _without_springs(trial: BlindTrial) -> BlindTrial:
     verdict = trial.verdict
     if verdict is None:
         return trial
-    true = {Name(_SPRING, f"joint {joint}") for joint in trial.flexible_joints}
+    true = {Name(_SPRING, f"joint {joint}") for joint in trial.truth.flexible_joints}
     effects = tuple(named for named in verdict.effects if not true & set(named.all_names))
-    return replace(trial, verdict=replace(verdict, effects=effects))
+    return replace(trial, said=verdict.model_copy(update={"effects": effects}))
 
 
 def has_false_comfort(trial: BlindTrial) -> bool:
@@ -100,16 +101,16 @@ def has_false_comfort(trial: BlindTrial) -> bool:
 def is_worse(trial: BlindTrial) -> bool:
     """Return whether held-out poses are predicted worse with what was found."""
     verdict = trial.verdict
-    if verdict is None or verdict.held_out_after_mm is None or verdict.held_out_before_mm is None:
+    if verdict is None or verdict.gap.holdout is None:
         return False
-    return verdict.held_out_after_mm > WORSE * verdict.held_out_before_mm
+    return verdict.gap.holdout.after.mean_mm > WORSE * verdict.gap.holdout.before.mean_mm
 
 
 def is_accused(trial: BlindTrial) -> bool:
     """Return whether right data are refused, or said to be wrong."""
     if trial.verdict is None:
         return trial.refused
-    return trial.verdict.word == CHECK or trial.verdict.told.grade == SUSPECT
+    return trial.verdict.word == CHECK or trial.verdict.grade == SUSPECT
 
 
 def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
@@ -234,7 +235,7 @@ def failings(trial: BlindTrial) -> tuple[str, ...]:
     return tuple(name for name, true in tests.items() if true)
 
 
-def _counts(put_in: Disturbed) -> bool:
+def _counts(put_in: PutIn) -> bool:
     """Return whether a stressor is one that may well be told."""
     return bool(put_in.kinds) or put_in.measured
 
@@ -254,7 +255,7 @@ def _is_large(trial: BlindTrial) -> bool:
 
 def _subjects(trial: BlindTrial) -> tuple[str, ...]:
     if trial.kind in ("effect", "beyond"):
-        return tuple(hidden.name.id for hidden in trial.hidden)
+        return tuple(hidden.id for hidden in trial.hidden)
     return tuple(each.id for each in trial.put_in) or ("nothing",)
 
 
@@ -281,11 +282,11 @@ def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
 def trial_row(trial: BlindTrial, counts_against: tuple[str, ...]) -> WildTrial:
     """Return a trial, what was said of it, and the bars that it counts against."""
     return WildTrial(
-        campaign=trial.campaign,
+        campaign=trial.truth.campaign,
         kind=trial.kind,
-        bench=trial.layout,
+        bench=trial.truth.layout,
         put_in=(
-            *(f"{h.name.id} of {h.name.of}" for h in trial.hidden),
+            *(f"{h.id} of {h.of}" for h in trial.hidden),
             *(f"{each.id} at {', '.join(each.where)}" for each in trial.put_in),
         ),
         said=_said(trial)[:_SAYS_MOST],
@@ -298,12 +299,8 @@ def _said(trial: BlindTrial) -> str:
     verdict = trial.verdict
     if verdict is None:
         return f"{'refused' if trial.refused else 'crashed'}: {trial.failed}"
-    names = [
-        " or ".join(f"{name.id} of {name.of}" for name in named.all_names)
-        for named in verdict.effects
-    ]
-    faults = [f"{kind} of {where}" for kind, where in verdict.told.faults]
-    return "; ".join([f"{verdict.word}, {verdict.told.grade}", *names, *faults])
+    faults = (f"{fault.kind} of {fault.where}" for fault in verdict.faults)
+    return "; ".join([f"{verdict.word}, {verdict.grade}", *map(words_of, verdict.effects), *faults])
 
 
 def _same_place(put_in: Iterable[str], told: str) -> bool:
