@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pa10cal.evaluation.blind_trial import SORTED, SPRING, UNSTATED, BlindTrial, words_of
 from pa10cal.evaluation.trial_rates import bar, longest, rate
 from pa10cal.evaluation.trial_scores import LIMIT
-from pa10cal.evaluation.wild_scores import WORSE, gathered, is_accused, is_worse
+from pa10cal.evaluation.wild_scores import WORSE, counted, gathered, is_accused, is_worse
 from pa10cal.results.trials import (
     Bar,
     HiddenEffect,
@@ -180,12 +180,10 @@ def _subjects(trial: BlindTrial) -> tuple[str, ...]:
 def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
     mine = [(t, each) for t in trials for each in t.hidden if each.id == name]
     large = [(t, each) for t, each in mine if leaves_much(t, each)]
-    return WildSubject(
-        kind=kind,
-        id=name,
-        trials=len(trials),
-        crashed=sum(has_no_verdict(t) and not t.refused for t in trials),
-        refused=sum(t.refused for t in trials),
+    return counted(
+        kind,
+        name,
+        trials,
         false_names=sum(map(has_wrong_name, trials)),
         above_noise=len(large),
         told=sum(t.lists(each) for t, each in large),
@@ -196,7 +194,4 @@ def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
             and any(leaves_much(t, each) for each in t.hidden)
             for t in trials
         ),
-        worse=sum(map(is_worse, trials)),
-        unexplained=sum(t.verdict is not None and t.verdict.word == "unexplained" for t in trials),
-        suspected=sum(map(is_accused, trials)),
     )

@@ -262,17 +262,27 @@ def _subjects(trial: BlindTrial) -> tuple[str, ...]:
 def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
     faults = [(t, e) for t in trials for e in t.put_in if matters(t, e)]
     wrong = has_false_name if kind in ("effect", *_NOTHING_WRONG) else has_confident_false_name
-    return WildSubject(
-        kind=kind,
-        id=name,
-        trials=len(trials),
-        crashed=sum(map(crashed, trials)),
-        refused=sum(t.refused for t in trials),
+    return counted(
+        kind,
+        name,
+        trials,
         false_names=sum(map(wrong, trials)),
         above_noise=len(faults),
         told=sum(is_told(t, each) for t, each in faults),
         found=sum(t.lists(h) for t in trials for h in t.hidden),
         false_comfort=sum(map(has_false_comfort, trials)),
+    )
+
+
+def counted(kind: str, name: str, trials: Sequence[BlindTrial], **own: int) -> WildSubject:
+    """Return the counts of trials that put in the same; `own` are those of their kind."""
+    return WildSubject(
+        **own,
+        kind=kind,
+        id=name,
+        trials=len(trials),
+        crashed=sum(map(crashed, trials)),
+        refused=sum(t.refused for t in trials),
         worse=sum(map(is_worse, trials)),
         unexplained=sum(t.verdict is not None and t.verdict.word == "unexplained" for t in trials),
         suspected=sum(map(is_accused, trials)),
