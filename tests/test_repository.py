@@ -408,7 +408,7 @@ def test_hooks_before_a_commit_are_local_tools_of_the_lock():
         "stages/calibrate",
         "commands/montecarlo",
         "stages/discover",
-        "studies/judging",
+        "stages/pipeline",
         "stages/evaluate",
         "stages/export",
         "commands/figures",

@@ -14,7 +14,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.curve.options import CurveOptions
 from pa10cal.errors import SettingsError
-from pa10cal.evaluation.options import JudgingOptions, PictureOptions
+from pa10cal.evaluation.options import ChainOptions, PictureOptions
 from pa10cal.options import MonteCarloOptions, Section
 from pa10cal.settings import Settings, parse_settings
 from pa10cal.settings_reading import read_settings_argument
@@ -217,7 +217,7 @@ def sections_below(section):
                 yield from sections_below(kind)
 
 
-@pytest.mark.parametrize("section", [Settings, CurveOptions, PictureOptions, JudgingOptions])
+@pytest.mark.parametrize("section", [Settings, CurveOptions, PictureOptions, ChainOptions])
 def test_every_field_says_what_it_means(section):
     silent = [
         f"{each.__name__}.{name}"

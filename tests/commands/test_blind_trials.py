@@ -9,7 +9,7 @@ from pa10cal.cell.effects.vocabulary import vocabulary
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.trials import TrialScoresRecord, TrialTruthRecord
-from pa10cal.studies.judging import CalibratedCampaign
+from pa10cal.studies.blind_trials import Judged
 
 SEED = 20081
 #: Modules of effects that the trials below hide; with others, the same numbers hide other effects.
@@ -178,29 +178,29 @@ def test_the_same_trials_come_out_of_any_division_into_jobs(run, reduced):
 
 @pytest.mark.slow
 def test_a_trial_that_fails_is_recorded_and_the_others_go_on(run, monkeypatch):
-    judge, seen = CalibratedCampaign.verdict, []
+    judge, seen = Judged.record, []
 
-    def fail_first(known, seconds):
+    def fail_first(known, *seconds):
         seen.append(known)
         if len(seen) == 1:
             raise KeyError("a fault of the program")
-        return judge(known, seconds)
+        return judge(known, *seconds)
 
-    monkeypatch.setattr(CalibratedCampaign, "verdict", fail_first)
+    monkeypatch.setattr(Judged, "record", fail_first)
     code, verdicts, truths = run("null", 2)
     assert code == 0
     failed, judged = lines(verdicts)
-    assert failed["failed"] == "KeyError: 'a fault of the program'"
+    assert failed["failed"].startswith("KeyError: 'a fault of the program'")
     assert judged["verdict"] == "none"
     assert len(lines(truths)) == 2
 
 
 @pytest.mark.slow
 def test_when_all_trials_fail_the_command_does(run, monkeypatch, capsys):
-    def fail(known, seconds):
+    def fail(known, *seconds):
         raise KeyError("a fault of the program")
 
-    monkeypatch.setattr(CalibratedCampaign, "verdict", fail)
+    monkeypatch.setattr(Judged, "record", fail)
     code, verdicts, _ = run("null", 1)
     assert code == REFUSED
     assert "every trial failed" in capsys.readouterr().err

@@ -6,12 +6,11 @@ import pytest
 
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.write import write_campaign
-from pa10cal.evaluation.options import JudgingOptions
+from pa10cal.evaluation.options import ChainOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.results.codec import read
 from pa10cal.results.evaluation import HoldoutRecord
-from pa10cal.studies.blind_trials import draw
-from pa10cal.studies.wild_trials import calibrated_by_commands, judged_by_commands
+from pa10cal.studies.blind_trials import calibrated_by_stages, draw, judged_by_stages
 
 #: Study, kind, layout or bench, seed of its first trial.
 QUICK = [
@@ -44,11 +43,12 @@ def cases():
 @pytest.mark.parametrize(("measured", "kind", "layout", "seed"), list(cases()))
 def test_verdict_and_evaluation_have_the_same_errors(measured, kind, layout, seed, tmp_path):
     (trial,) = draw(measured, kind, 1, seed, layout)
-    raw, out, options = tmp_path / "raw" / trial.name, tmp_path / "out", JudgingOptions()
+    raw, out, options = tmp_path / "raw" / trial.name, tmp_path / "out", ChainOptions()
     arm = load_arm(trial.settings.robot)
     write_campaign(simulate_campaign(trial.name, arm, trial.settings), raw)
-    verdict = judged_by_commands(raw, out, calibrated_by_commands(raw, out, options), options)
-    models = read(HoldoutRecord, out / "holdout.json").models
+    calibration = calibrated_by_stages((raw,), out, options)
+    verdict = judged_by_stages((raw,), out, calibration, options)
+    models = read(HoldoutRecord, out / "evaluation/holdout.json").models
     gap = verdict.verdict.gap.holdout
     assert gap is not None
     calibrated = models.get("cubic", models["linear"])

@@ -2,36 +2,24 @@
 
 import pytest
 
-from pa10cal.evaluation.blind_trial import BlindTrial, Hidden, Name, Named, Verdict
+import made_up_trials
+from made_up_trials import named, verdict
 from pa10cal.evaluation.drive_scores import false_names, outcome, scores_record
+from pa10cal.results.record import Name
 
 
 def trial(kind, hidden, found, number=0, failed=None):
     """One joint 2 of an arm; `found` are names with alternatives, of joint 2 unless they say so."""
-    effects = tuple(Named(_name(names[0]), tuple(map(_name, names[1:])), {}) for names in found)
-    verdict = Verdict(
-        word="named" if effects else "none",
-        effects=effects,
-        places=(),
-        not_testable=frozenset(),
-        indistinguishable=(),
-        springs=(),
-        noise_floor_mm=0.03,
-        held_out_after_mm=None,
-        seconds=1.0,
-        seconds_simulating=1.0,
-    )
-    return BlindTrial(
+    effects = [named(*map(_name, names)) for names in found]
+    return made_up_trials.trial(
+        kind,
+        [made_up_trials.hidden(_name(each), moved_mm=None, ratio=101.0) for each in hidden],
+        None if failed else verdict(*effects, word="named" if effects else "none"),
         campaign=f"drive-{kind}-{number}",
-        kind=kind,
         layout="ur10-1",
-        path="",
         measured="drives",
-        flexible_joints=(),
-        hidden=tuple(Hidden(Name(each, "joint 2"), 1.0, {"ratio": 101.0}, None) for each in hidden),
-        seconds_twin=0.0,
-        verdict=None if failed else verdict,
-        failed=failed,
+        springs=(),
+        failed=failed or "",
     )
 
 

@@ -3,42 +3,25 @@
 import numpy as np
 import pytest
 
+import made_up_trials
 from pa10cal.cell.effects.vocabulary import nameless
 from pa10cal.evaluation import trial_rates
-from pa10cal.evaluation.blind_trial import BlindTrial, Formula, Hidden, Name, Named, Verdict
-from pa10cal.evaluation.trial_rates import is_right, score_formulas
+from pa10cal.evaluation.trial_rates import Formula, is_right, score_formulas
+from pa10cal.results.record import Name
 
 
 def hidden(name, of, **parameters):
-    return Hidden(Name(name, of), 1.0, parameters, 0.05)
+    return made_up_trials.hidden(Name(name, of), **parameters)
 
 
-def trial(kind, what, *proposed, failed=None, effects=()):
-    said = Verdict(
+def trial(kind, what, *proposed, failed=False, effects=()):
+    said = made_up_trials.verdict(
+        *effects,
         word="unexplained",
-        effects=effects,
         places=("joint 2",) if not effects else (),
-        not_testable=frozenset(),
-        indistinguishable=(),
-        springs=(),
-        noise_floor_mm=0.005,
-        held_out_after_mm=None,
-        seconds=1.0,
-        seconds_simulating=1.0,
-        proposed=proposed,
+        proposed=[(each.form, each.of, *each.numbers) for each in proposed],
     )
-    return BlindTrial(
-        campaign="blind",
-        kind=kind,
-        layout="grid",
-        path="same",
-        measured="touched",
-        flexible_joints=(),
-        hidden=what,
-        seconds_twin=1.0,
-        verdict=None if failed else said,
-        failed=failed,
-    )
+    return made_up_trials.trial(kind, what, None if failed else said, springs=())
 
 
 THIRD = hidden("third_harmonic", "joint 2", A=1e-4, phi=0.3)
@@ -88,7 +71,7 @@ def test_shares_are_of_what_no_name_covers_and_of_the_rest():
             trial("outside", (THIRD,), RIGHT),
             trial("outside", (THIRD,), Formula("harmonic", "joint 2", (2.0,))),
             trial("outside", (THIRD,)),
-            trial("outside", (THIRD,), failed="KeyError: x"),
+            trial("outside", (THIRD,), failed=True),
             trial("null", ()),
             trial("single", (hidden("backlash", "joint 2"),), RIGHT),
         ]
@@ -103,7 +86,7 @@ def test_shares_are_of_what_no_name_covers_and_of_the_rest():
 
 
 def test_a_map_counts_as_something_without_a_name():
-    of_map = Named(Name("joint_error_map", "joint 2"), (), {})
+    of_map = made_up_trials.named(Name("joint_error_map", "joint 2"))
     found = score_formulas([trial("outside", (THIRD,), RIGHT, effects=(of_map,))])
     assert found.right_of_nameless.of == 1
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from changed_arm import Change, draw_changed
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.cell.options import TrackerOptions
@@ -22,7 +23,6 @@ from pa10cal.evaluation.compared import (
 )
 from pa10cal.evaluation.holdout import worth_cutting
 from pa10cal.files.arms import load_arm
-from pa10cal.studies.changes import Change, draw_changed
 from pa10cal.studies.simulated import measured, observations_of, payload_of_individual
 
 ARM = load_arm("ur10")

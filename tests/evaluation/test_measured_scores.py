@@ -5,20 +5,13 @@ from dataclasses import replace
 
 import pytest
 
+import made_up_trials
+from made_up_trials import hidden, named, verdict
 from pa10cal.commands.command_line import run_command
-from pa10cal.evaluation.blind_trial import (
-    SORTED,
-    UNSTATED,
-    WILD,
-    BlindTrial,
-    Hidden,
-    Name,
-    Named,
-    Told,
-    Verdict,
-)
+from pa10cal.evaluation.blind_trial import SORTED, UNSTATED, WILD
 from pa10cal.evaluation.measured_scores import bars, failings, scores_record
 from pa10cal.results.codec import lines, write
+from pa10cal.results.record import Name
 from pa10cal.results.trials import FailedTrialRecord, HiddenEffect, TrialTruthRecord
 
 NOISE_MM = 0.02
@@ -31,41 +24,35 @@ MOVED = "the instrument or the base moved by 0.2 mm and 0.1 mrad"
 
 def said(word="named", names=(), faults=(), motions=(), grade="good", after_mm=0.02):
     """Return a verdict; a name with alternatives is a tuple of names."""
-    named = [each if isinstance(each, tuple) else (each,) for each in names]
-    return Verdict(
+    found = [each if isinstance(each[0], Name) else (each,) for each in names]
+    return verdict(
+        *(named(*each) for each in found),
         word=word,
-        effects=tuple(Named(first, tuple(others), {}) for first, *others in named),
-        places=(),
-        not_testable=frozenset([TWO]),  # what the verdict itself says of that does not count
-        indistinguishable=(),
+        not_testable=[TWO],  # what the verdict itself says of that does not count
         springs=(2, 3),
         noise_floor_mm=99.0,  # nor its noise
-        held_out_after_mm=after_mm,
-        held_out_before_mm=0.02,
-        seconds=2.0,
-        seconds_simulating=0.1,
-        told=Told(faults, grade, frozenset(), motions),
+        after_mm=after_mm,
+        before_mm=0.02,
+        faults=faults,
+        motions=motions,
+        health=(grade, ()),
     )
 
 
-def trial(kind, verdict, *hidden, refused=False):
+def trial(kind, said, *hiding, refused=False):
     """Return a trial with effects of so many noises: (name, moved, apart)."""
-    return BlindTrial(
-        campaign="wild-1",
-        kind=kind,
+    return made_up_trials.trial(
+        kind,
+        [
+            hidden(name, moved_mm=moved * NOISE_MM, apart_mm=apart * NOISE_MM)
+            for name, moved, apart in hiding
+        ],
+        said,
         layout="ur10-pose",
-        path="",
         measured=WILD,
-        flexible_joints=(),
-        hidden=tuple(
-            Hidden(name, 1.0, {}, moved * NOISE_MM, apart * NOISE_MM)
-            for name, moved, apart in hidden
-        ),
-        seconds_twin=1.0,
-        verdict=verdict,
-        failed=None if verdict else "KeyError: x",
-        refused=refused,
+        springs=(),
         noise_mm=NOISE_MM,
+        refused=refused,
     )
 
 
@@ -122,7 +109,7 @@ CASES = {
         ("motion as a fact", "accused"),
     ),
     "sorted, a drift": (
-        trial(SORTED, said(names=[Name("base_drift", "base")], motions=["base_drift of base"])),
+        trial(SORTED, said(names=[Name("base_drift", "base")])),
         ("nothing hidden, a name", "motion as a fact"),
     ),
     "sorted, told with its rival": (
@@ -162,7 +149,7 @@ def test_bars_count_springs_and_trials():
     assert motion.limit == 0.0
     assert not any(bar.met for bar in found.values() if bar.share)
     fine = [CASES[name][0] for name in ("named", "another effect", "nothing hidden", "sorted")]
-    fine[1] = replace(fine[1], verdict=said(names=[TWO, RATIO]))
+    fine[1] = replace(fine[1], said=said(names=[TWO, RATIO]))
     assert all(bar.met for bar in bars(fine) if bar.trials)
 
 

@@ -1,11 +1,10 @@
 """Scores of hand-made verdicts: every rule can fail, and does where it should."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from pa10cal.evaluation.blind_trial import BlindTrial, Hidden, Name, Named, Verdict
+import made_up_trials
+from made_up_trials import hidden, named
 from pa10cal.evaluation.trial_scores import (
     ELSEWHERE,
     FAILED,
@@ -26,6 +25,7 @@ from pa10cal.evaluation.trial_scores import (
     study_power,
     true_parameters,
 )
+from pa10cal.results.record import Name
 
 WAVE = Name("transmission_error", "joint 2")
 DISK = Name("encoder_eccentricity", "joint 2")
@@ -37,45 +37,13 @@ THIRD = Name("third_harmonic", "joint 2")
 FLOOR_MM = 0.005
 
 
-def hidden(name, size=1.0, moved_mm=0.05, **parameters):
-    return Hidden(name, size, parameters, moved_mm)
+def verdict(*effects, **more):
+    return made_up_trials.verdict(*effects, **({"springs": (2, 3, 5)} | more))
 
 
-def named(name, *alternatives, **parameters):
-    return Named(name, alternatives, parameters)
-
-
-def verdict(*effects, word=None, places=(), **more):
-    alone = not any(effect.alternatives for effect in effects)
-    given = ("named" if alone else "ambiguous") if effects else "none"
-    known = {
-        "not_testable": frozenset(),
-        "indistinguishable": (),
-        "springs": (2, 3, 5),
-        "noise_floor_mm": FLOOR_MM,
-        "held_out_after_mm": 0.01,
-        "seconds": 2.0,
-        "seconds_simulating": 1.0,
-    }
-    return Verdict(word=word or given, effects=effects, places=places, **(known | more))
-
-
-def trial(kind, what, said, moved_mm=0.05, layout="grid", measured="touched"):
-    what = tuple(
-        hidden(each, moved_mm=moved_mm) if isinstance(each, Name) else each for each in what
-    )
-    return BlindTrial(
-        campaign="blind",
-        kind=kind,
-        layout=layout,
-        path="same",
-        measured=measured,
-        flexible_joints=(2, 3, 5),
-        hidden=what,
-        seconds_twin=1.0,
-        verdict=said,
-        failed=None if said else "KeyError: x",
-    )
+def trial(kind, what, said, moved_mm=0.05, **more):
+    what = (hidden(each, moved_mm=moved_mm) if isinstance(each, Name) else each for each in what)
+    return made_up_trials.trial(kind, what, said, **more)
 
 
 def single(what, said, **more):
@@ -245,15 +213,15 @@ def test_two_effects_of_which_one_is_below_its_limit():
 
 def test_held_out_errors_are_held_against_those_of_the_same_layout():
     def null(layout, held_out_mm):
-        return trial("null", [], verdict(held_out_after_mm=held_out_mm), layout=layout)
+        return trial("null", [], verdict(after_mm=held_out_mm), layout=layout)
 
     trials = [
         null("grid", 0.01),
         null("grid", 0.03),
         null("wide", 0.1),
-        single(WAVE, verdict(named(WAVE), held_out_after_mm=0.03), layout="grid"),
-        single(WAVE, verdict(named(WAVE), held_out_after_mm=0.05), layout="wide"),
-        single(WAVE, verdict(held_out_after_mm=9.0)),
+        single(WAVE, verdict(named(WAVE), after_mm=0.03), layout="grid"),
+        single(WAVE, verdict(named(WAVE), after_mm=0.05), layout="wide"),
+        single(WAVE, verdict(after_mm=9.0)),
     ]
     found = score_gap(trials)
     assert found.trials == 2
@@ -342,11 +310,12 @@ def test_bars_are_met_and_missed():
         *[trial("triple", [WAVE, LOST, GAIN], verdict(*map(named, (GAIN, LOST, WAVE))))] * 20,
     ]
     assert all(bar.met for bar in bars(good))
-    slow = verdict(
-        named(ELLIPSE), held_out_after_mm=0.1, seconds=100.0, not_testable=frozenset({WAVE})
+    slow, slower = (
+        verdict(named(ELLIPSE), after_mm=after_mm, seconds=100.0, not_testable={WAVE})
+        for after_mm in (0.1, 0.01)
     )
     bad = [
-        *[trial("null", [], replace(slow, held_out_after_mm=0.01))] * 5,
+        *[trial("null", [], slower)] * 5,
         *[single(DISK, slow)] * 20,
         *[trial("outside", [THIRD], slow)] * 20,
         *[trial("pair", [WAVE, LOST], slow)] * 20,

@@ -2,68 +2,52 @@
 
 import csv
 import json
-from dataclasses import replace
 
 import pytest
 
+import made_up_trials
+from made_up_trials import hidden, named, put_in, verdict
 from pa10cal.commands.command_line import run_command
-from pa10cal.evaluation.blind_trial import (
-    WILD,
-    BlindTrial,
-    Disturbed,
-    Hidden,
-    Name,
-    Named,
-    Told,
-    Verdict,
-)
+from pa10cal.evaluation.blind_trial import WILD
 from pa10cal.evaluation.wild_scores import bars, failings, scores_record
 from pa10cal.figures.registry import entries
 from pa10cal.results.codec import lines, write
+from pa10cal.results.record import Name
 from pa10cal.results.trials import FailedTrialRecord, PutIn, TrialTruthRecord
 
 DISK, LOST = Name("encoder_eccentricity", "joint 2"), Name("backlash", "joint 3")
 FLOOR_MM = 0.01
-JUMP = Disturbed("jump", ("time 40 s",), False, ("step_in_time",), False, None)
-LABEL = Disturbed("labels_exchanged", ("P007",), False, ("label",), False, None)
-ZERO = Disturbed("joint_zero", ("joint 2",), False, ("joint_zero",), False, None)
-SMALL = Disturbed("payload_off", ("tool",), False, ("payload",), True, 0.01)
-LARGE = replace(SMALL, moved_mm=0.1)
-TAILS = Disturbed("heavy_tails", ("instrument",), True, (), False, None)
-WALK = Disturbed("random_walk", ("instrument",), True, ("step_in_time",), True, 0.1)
+JUMP = put_in("jump", ("time 40 s",), False, ("step_in_time",), False, None)
+LABEL = put_in("labels_exchanged", ("P007",), False, ("label",), False, None)
+ZERO = put_in("joint_zero", ("joint 2",), False, ("joint_zero",), False, None)
+SMALL = put_in("payload_off", ("tool",), False, ("payload",), True, 0.01)
+LARGE = SMALL.model_copy(update={"moved_mm": 0.1})
+TAILS = put_in("heavy_tails", ("instrument",), True, (), False, None)
+WALK = put_in("random_walk", ("instrument",), True, ("step_in_time",), True, 0.1)
 
 
 def said(word="none", names=(), faults=(), grade="good", left_out=(), after_mm=0.02):
-    return Verdict(
+    return verdict(
+        *map(named, names),
         word=word,
-        effects=tuple(Named(name, (), {}) for name in names),
-        places=(),
-        not_testable=frozenset(),
-        indistinguishable=(),
-        springs=(),
         noise_floor_mm=FLOOR_MM,
-        held_out_after_mm=after_mm,
-        held_out_before_mm=0.02,
-        seconds=2.0,
-        seconds_simulating=0.1,
-        told=Told(faults, grade, frozenset(left_out)),
+        after_mm=after_mm,
+        before_mm=0.02,
+        faults=faults,
+        health=(grade, left_out),
     )
 
 
-def trial(kind, verdict, *put_in, hidden=(), refused=False, springs=()):
-    return BlindTrial(
-        campaign="wild-1",
-        kind=kind,
+def trial(kind, said, *disturbed, hiding=(), refused=False, springs=()):
+    return made_up_trials.trial(
+        kind,
+        [hidden(name, moved_mm=0.1) for name in hiding],
+        said,
         layout="ur10-pose",
-        path="",
         measured=WILD,
-        flexible_joints=springs,
-        hidden=tuple(Hidden(name, 1.0, {}, 0.1) for name in hidden),
-        seconds_twin=1.0,
-        verdict=verdict,
-        failed=None if verdict else "KeyError: x",
+        springs=springs,
+        put_in=disturbed,
         refused=refused,
-        put_in=put_in,
     )
 
 
@@ -83,21 +67,21 @@ CASES = {
         (),
     ),
     "a walk is not nothing": (trial("stressed", said(), WALK), ("not told", "false comfort")),
-    "an effect": (trial("effect", said("named", [DISK]), TAILS, hidden=[DISK]), ()),
+    "an effect": (trial("effect", said("named", [DISK]), TAILS, hiding=[DISK]), ()),
     "another effect": (
-        trial("effect", said("named", [LOST]), TAILS, hidden=[DISK]),
+        trial("effect", said("named", [LOST]), TAILS, hiding=[DISK]),
         ("false name", "not found"),
     ),
     "an effect, and the log accused": (
-        trial("effect", said("check_the_log", [DISK]), TAILS, hidden=[DISK]),
+        trial("effect", said("check_the_log", [DISK]), TAILS, hiding=[DISK]),
         ("accused",),
     ),
     "no effect": (
-        trial("effect", said(), TAILS, hidden=[DISK]),
+        trial("effect", said(), TAILS, hiding=[DISK]),
         ("false comfort", "not found"),
     ),
     "worse held out": (
-        trial("effect", said("named", [DISK], after_mm=0.0212), TAILS, hidden=[DISK]),
+        trial("effect", said("named", [DISK], after_mm=0.0212), TAILS, hiding=[DISK]),
         ("worse held out",),
     ),
     "a label left out": (trial("fault", said(left_out=["P007"]), LABEL), ()),
@@ -126,9 +110,9 @@ CASES = {
     ),
     "below the noise": (trial("fault", said(), SMALL), ()),
     "above the noise": (trial("fault", said(), LARGE), ("not told", "false comfort")),
-    "no name for it": (trial("beyond", said("unexplained"), hidden=[Name("saw", "joint 1")]), ()),
+    "no name for it": (trial("beyond", said("unexplained"), hiding=[Name("saw", "joint 1")]), ()),
     "a name for it": (
-        trial("beyond", said("named", [DISK]), hidden=[Name("saw", "joint 1")]),
+        trial("beyond", said("named", [DISK]), hiding=[Name("saw", "joint 1")]),
         ("confident false name",),
     ),
 }
@@ -177,7 +161,7 @@ def test_scores_are_drawn_and_listed(tmp_path):
 
 
 def test_wild_truths_are_scored_as_such(tmp_path):
-    put_in = PutIn(
+    disturbed = PutIn(
         id="jump",
         where=("time 3 s",),
         stressor=False,
@@ -194,7 +178,7 @@ def test_wild_truths_are_scored_as_such(tmp_path):
         temperature_drift_C=0.0,
         flexible_joints=(),
         hidden_effects=(),
-        put_in=(put_in,),
+        put_in=(disturbed,),
         stated_uncertainty_mm=None,
         mass_factor=(),
         seconds_twin=0.0,

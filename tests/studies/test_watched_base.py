@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
+import pa10cal
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
-from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.settings_reading import parse_section
-from pa10cal.studies.judging import calibrated_campaign
 from pa10cal.studies.watched_base import WALK_MM, campaign_of
 
 
@@ -53,6 +52,7 @@ def test_a_base_that_drifts_with_its_targets_is_not_named_a_second_time(tmp_path
         settings = parse_section(SimulateOptions, asked, where="test")
         raw = tmp_path / str(base)
         write_campaign(simulate_campaign("c", load_arm("irb120"), settings), raw)
-        verdict = calibrated_campaign(raw, JudgingOptions()).verdict(0.0)
+        campaign = pa10cal.read_campaign(raw)
+        verdict = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
         assert [effect.id for effect in verdict.effects] == ["base_drift"] * named
         assert verdict.verdict == ("named" if named else "none")

@@ -3,10 +3,10 @@
 import pytest
 
 from pa10cal.cell.wild_trials import draw_wild_trials
-from pa10cal.evaluation.options import JudgingOptions
+from pa10cal.evaluation.blind_trial import BlindTrial
+from pa10cal.evaluation.options import ChainOptions
 from pa10cal.evaluation.wild_scores import failings
-from pa10cal.studies.trial_records import joined
-from pa10cal.studies.wild_trials import try_wild_trial
+from pa10cal.studies.blind_trials import try_trial
 
 #: Kind, what is put in, bench and seed of campaigns that are quick to judge.
 CAMPAIGNS = [
@@ -32,5 +32,5 @@ CAMPAIGNS = [
 @pytest.mark.parametrize(("kind", "put_in", "bench", "seed"), CAMPAIGNS)
 def test_a_campaign_gets_the_verdict_that_it_should(kind, put_in, bench, seed):
     (trial,) = draw_wild_trials(kind, 1, seed, (bench,), put_in if kind != "right" else "")
-    verdict, truth = try_wild_trial(trial, JudgingOptions())
-    assert failings(joined(verdict, truth)) == (), verdict.word
+    verdict, truth = try_trial(trial, ChainOptions())
+    assert failings(BlindTrial(truth, verdict)) == (), verdict.word

@@ -71,7 +71,7 @@ rule judge_trials:
         code=code_of("commands.blind_trials"),
         measured=lambda wildcards: TRIAL_STUDIES[wildcards.study][0],
         seed=SETTINGS.blind_trials.random_seed,
-        settings=sections_of("ingest", "calibration", "discovery"),
+        settings=sections_of("ingest", "base_frame", "calibration", "discovery"),
     shell:
         "python -m pa10cal blind_trials --measured {params.measured} --kind {wildcards.kind}"
         " --first {wildcards.first}"

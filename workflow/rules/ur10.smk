@@ -21,27 +21,6 @@ rule transfer:
         " 2>&1 | tee {log:q} >&2"
 
 
-rule adapt:
-    """How many poses of a campaign a model of another one needs."""
-    input:
-        campaign=raw("campaign.yaml"),
-        arm=arm_of_campaign,
-        poses=result("ingest/poses.parquet"),
-        prior=lambda wildcards: expand(rules.export.output.model, campaign=wildcards.source),
-    output:
-        result("evaluation/adapted_{source}.json"),
-    log:
-        result("logs/adapted_{source}.log"),
-    params:
-        code=code_of("commands.models"),
-        folder=campaign_folder,
-        figures=lambda wildcards, output: os.path.dirname(output[0]),
-    shell:
-        "python -m pa10cal adapt --prior {input.prior:q} --campaign-dir {params.folder:q}"
-        " --poses {input.poses:q} --out {output:q} --figures {params.figures:q}"
-        " 2>&1 | tee {log:q} >&2"
-
-
 rule ur10:
     """The UR10 that was really measured, from the public data to figures: each series, both as one
     robot, and each model judged in the other series."""
@@ -62,4 +41,3 @@ rule ur10:
             for source in UR10
             if source != target
         ],
-        expand(result("evaluation/adapted_{source}.json"), campaign="ur10-c", source="ur10-a"),

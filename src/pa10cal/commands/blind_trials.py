@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from pa10cal.evaluation.options import JudgingOptions
+from pa10cal.evaluation.options import ChainOptions
 
 if TYPE_CHECKING:
     from pa10cal.results.trials import TrialVerdictRecord
@@ -26,7 +26,7 @@ def blind_trials(
     ] = "touched",
     layouts: str = "",
     size: float | None = None,
-    settings: JudgingOptions = JudgingOptions(),
+    settings: ChainOptions = ChainOptions(),
 ) -> None:
     """Hide effects in campaigns of the virtual cell, and judge these blindly.
 
@@ -45,7 +45,7 @@ def blind_trials(
         layouts: layouts of touched balls, or arms under instruments, with commas between them; all
             of them where none are given.
         size: factor of all effects; without it, drawn for each.
-        settings: sections ingest, calibration and discovery.
+        settings: sections ingest, base_frame, calibration and discovery.
 
     Examples:
         pa10cal blind_trials --kind single --first 0 --count 3 --random-seed 1 --verdicts \\

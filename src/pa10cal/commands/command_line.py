@@ -48,7 +48,6 @@ GROUPS = {
         "discover",
         "evaluate",
         "transfer",
-        "adapt",
         "export",
         "figures",
         "fleet_summary",
@@ -59,7 +58,6 @@ GROUPS = {
         "reproduce",
         "simulate",
         "coverage",
-        "changes",
         "draw_trials",
         "blind_trials",
         "score_trials",
@@ -73,10 +71,10 @@ COMMANDS = tuple(name for names in GROUPS.values() for name in names)
 #: module of its name.
 _MODULES = {
     "commands.data": ("columns", "effects", "fetch", "import_arm", "import"),
-    "commands.models": ("predict", "compensate", "compare", "drift", "adapt"),
+    "commands.models": ("predict", "compensate", "compare", "drift"),
     "commands.runs": ("run", "reproduce", "report", "fleet", "fleet_summary"),
     "commands.simulate": ("simulate", "draw_trials"),
-    "commands.studies": ("coverage", "changes", "curve", "curve_calibration"),
+    "commands.studies": ("coverage", "curve", "curve_calibration"),
     "stages.readings": ("ingest", "join", "seed"),
     **{f"stages.{name}": (name,) for name in ("calibrate", "discover", "evaluate", "export")},
 }

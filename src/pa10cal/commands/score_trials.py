@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
+    from pa10cal.evaluation.blind_trial import BlindTrial
+    from pa10cal.results.record import CampaignRecord
     from pa10cal.results.trials import Bar, JudgedTrial
+
+_R = TypeVar("_R", bound="CampaignRecord")
 
 
 def score_trials(
@@ -32,15 +36,14 @@ def score_trials(
     from pa10cal.files.output import write_text
     from pa10cal.results.codec import write
     from pa10cal.results.trials import DriveTrial, JudgedTrial, WildTrial
-    from pa10cal.studies.trial_records import read_trials
 
-    known = read_trials(verdicts, truths)
-    if any(trial.measured == DRIVES for trial in known):
+    known = _read_trials(verdicts, truths)
+    if any(trial.truth.measured == DRIVES for trial in known):
         drives = drive_scores.scores_record(known)
         write_text(trials, _table(DriveTrial.model_fields, map(dict, drives.per_trial)))
         write(drives, scores)
         bars = drives.bars
-    elif any(trial.measured == WILD for trial in known):
+    elif any(trial.truth.measured == WILD for trial in known):
         measured = all(trial.kind in (UNSTATED, SORTED) for trial in known)
         wild = (measured_scores if measured else wild_scores).scores_record(known)
         write_text(trials, _table(WildTrial.model_fields, map(dict, wild.per_trial)))
@@ -53,6 +56,49 @@ def score_trials(
         bars = (*record.bars, *record.proposed.bars)
     for bar in bars:
         print(_said(bar))
+
+
+def _read_trials(verdicts: Sequence[Path], truths: Sequence[Path]) -> list[BlindTrial]:
+    """Join verdicts and truths by the name of the trial, in the order of the truths.
+
+    Raises:
+        RecordError: when a file cannot be read, or a trial has not one of each.
+    """
+    from pa10cal.errors import RecordError
+    from pa10cal.evaluation.blind_trial import BlindTrial
+    from pa10cal.results.trials import TrialTruthRecord, TrialVerdictRecord
+
+    # Reading makes one of its kinds, none of which is abstract.
+    records = _by_name(TrialVerdictRecord, verdicts)  # type: ignore[type-abstract]
+    hidden = _by_name(TrialTruthRecord, truths)
+    if odd := sorted(set(records) ^ set(hidden)):
+        raise RecordError(
+            "a trial has a verdict or a truth, but not both",
+            where=", ".join(map(str, (*verdicts, *truths))),
+            value=odd[0],
+            allowed="verdicts and truths of the same trials",
+            remedy="give all files that pa10cal blind_trials wrote",
+        )
+    return [BlindTrial(truth, records[name]) for name, truth in hidden.items()]
+
+
+def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
+    from pa10cal.errors import RecordError
+    from pa10cal.results.codec import read_lines
+
+    records: dict[str, _R] = {}
+    for path in paths:
+        for number, record in enumerate(read_lines(kind, path), start=1):
+            if record.campaign in records:
+                raise RecordError(
+                    "a trial occurs twice",
+                    where=f"{path}:{number}",
+                    value=record.campaign,
+                    allowed=f"one line of schema {kind.SCHEMA} a trial",
+                    remedy="run pa10cal blind_trials again",
+                )
+            records[record.campaign] = record
+    return records
 
 
 def _blind(trial: JudgedTrial) -> dict[str, object]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from pa10cal.evaluation.blind_trial import MAP, BlindTrial, Name
-from pa10cal.evaluation.trial_rates import rate
-from pa10cal.results.trials import Bar, DriveJoint, DriveScoresRecord, DriveTrial, Outcome
+from pa10cal.evaluation.blind_trial import MAP, BlindTrial
+from pa10cal.evaluation.trial_rates import bar, rate
+from pa10cal.results.trials import DriveJoint, DriveScoresRecord, DriveTrial, Outcome
 
 SENSOR, GEAR = "sensor_error", "gear_error"
 NEITHER = "neither"
@@ -24,10 +24,10 @@ def scores_record(trials: Sequence[BlindTrial]) -> DriveScoresRecord:
         trials=len(trials),
         bars=(
             *(
-                _bar(
+                bar(
                     f"joints whose {words} named right",
-                    True,
-                    (joint.outcome == "right" for joint in joints if joint.errs in errs),
+                    rate(joint.outcome == "right" for joint in joints if joint.errs in errs),
+                    _RIGHT,
                 )
                 for words, errs in (
                     ("sensor or gear errs:", ("sensor", "gear", "both")),
@@ -36,15 +36,17 @@ def scores_record(trials: Sequence[BlindTrial]) -> DriveScoresRecord:
                     ("sensor and gear err:", ("both",)),
                 )
             ),
-            _bar(
+            bar(
                 "joints whose sensor or gear errs: a wrong name alone",
-                False,
-                (joint.outcome == "wrong" for joint in joints),
+                rate(joint.outcome == "wrong" for joint in joints),
+                _FALSE,
+                at_least=False,
             ),
-            _bar(
+            bar(
                 "trials in which nothing errs: a name",
-                False,
-                (bool(false_names(trial)) or trial.verdict is None for trial in quiet),
+                rate(bool(false_names(trial)) or trial.verdict is None for trial in quiet),
+                _FALSE,
+                at_least=False,
             ),
         ),
         joints=joints,
@@ -56,12 +58,12 @@ def outcome(trial: BlindTrial, of: str) -> tuple[Outcome, tuple[str, ...]]:
     """Return what became of a joint that errs, and what its error was called."""
     if trial.verdict is None:
         return "failed", ()
-    hidden = {each.name.id for each in trial.hidden if each.name.of == of}
-    found = [named for named in trial.verdict.effects if named.name.of == of]
+    hidden = {each.id for each in trial.hidden if each.of == of}
+    found = [named for named in trial.verdict.effects if named.of == of]
     called = [
         [name.id for name in named.all_names if name.of == of and name.id in _BY_ANGLE]
         for named in found
-        if named.name.id in _BY_ANGLE
+        if named.id in _BY_ANGLE
     ]
     if not called:
         return "missed", ()
@@ -80,9 +82,9 @@ def false_names(trial: BlindTrial) -> tuple[str, ...]:
         return ()
     hidden = {each.name for each in trial.hidden}
     return tuple(
-        _words(named.name)
+        f"{named.id} of {named.of}"
         for named in trial.verdict.effects
-        if named.name.id != MAP and not hidden & set(named.all_names)
+        if named.id != MAP and not hidden & set(named.all_names)
     )
 
 
@@ -91,13 +93,13 @@ def _joints(trial: BlindTrial) -> Iterable[DriveJoint]:
         return
     seen: set[str] = set()
     for each in trial.hidden:
-        of, ratio = each.name.of, each.parameters["ratio"]
+        of, ratio = each.of, each.parameters["ratio"]
         if of not in seen:
             seen.add(of)
             became, called = outcome(trial, of)
             yield DriveJoint(
-                campaign=trial.campaign,
-                bench=trial.layout,
+                campaign=trial.truth.campaign,
+                bench=trial.truth.layout,
                 of=of,
                 errs=trial.kind,
                 ratio=float(str(ratio)),
@@ -109,31 +111,10 @@ def _joints(trial: BlindTrial) -> Iterable[DriveJoint]:
 def _trial(trial: BlindTrial) -> DriveTrial:
     verdict = trial.verdict
     return DriveTrial(
-        campaign=trial.campaign,
-        bench=trial.layout,
+        campaign=trial.truth.campaign,
+        bench=trial.truth.layout,
         errs=trial.kind,
         verdict=f"failed: {trial.failed}" if verdict is None else verdict.word,
         false_names=false_names(trial),
         seconds=None if verdict is None else verdict.seconds,
-    )
-
-
-def _words(name: Name) -> str:
-    return f"{name.id} of {name.of}"
-
-
-def _bar(what: str, at_least: bool, outcomes: Iterable[bool]) -> Bar:
-    counted = rate(outcomes)
-    limit = _RIGHT if at_least else _FALSE
-    share = counted.share
-    return Bar(
-        what=what,
-        at_least=at_least,
-        limit=limit,
-        reached=share,
-        low=counted.low,
-        high=counted.high,
-        trials=counted.of,
-        share=True,
-        met=None if share is None else (share >= limit if at_least else share <= limit),
     )

@@ -9,21 +9,29 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 
-from pa10cal.evaluation.blind_trial import SORTED, SPRING, UNSTATED, BlindTrial, Hidden
-from pa10cal.evaluation.trial_rates import bar, figure, rate
+from pa10cal.evaluation.blind_trial import SORTED, SPRING, UNSTATED, BlindTrial, words_of
+from pa10cal.evaluation.trial_rates import bar, longest, rate
 from pa10cal.evaluation.trial_scores import LIMIT
-from pa10cal.evaluation.wild_scores import WORSE, gathered, is_accused, is_worse
-from pa10cal.results.trials import Bar, WildScoresRecord, WildSubject
+from pa10cal.evaluation.wild_scores import WORSE, counted, gathered, is_accused, is_worse
+from pa10cal.results.trials import (
+    Bar,
+    HiddenEffect,
+    JudgedTrialRecord,
+    WildScoresRecord,
+    WildSubject,
+)
 
 _PROVENANCE = (
     "synthetic: virtual cell; arms, their lengths, weights and springs, poses, noise and hidden "
     "effects drawn"
 )
 FOUND, WRONG, NULLS, ACCUSED = 0.9, 0.02, 0.02, 0.02
-_SECONDS = 15.0
 #: Words of a motion that offer another reading of it: rows that go with a joint, a rail or a load.
 _RIVAL = re.compile(r"\bjoint \d|\brail\b|\bload\b|\border of (the )?rows\b", re.I)
-_Counts = Callable[[BlindTrial, Hidden], bool]
+#: Fault and effect that are motions in the course of time, and the words of one without a name.
+_IN_TIME, _DRIFT = "step_in_time", "base_drift"
+_OF_MOTION = re.compile(r"\b(moved|wander|drift|crept|creep)", re.I)
+_Counts = Callable[[BlindTrial, HiddenEffect], bool]
 
 
 def has_no_verdict(trial: BlindTrial) -> bool:
@@ -43,16 +51,26 @@ def has_wrong_name(trial: BlindTrial) -> bool:
 
 def motions_as_facts(trial: BlindTrial) -> tuple[str, ...]:
     """Return what is said of motions in the course of time, and of nothing else as its cause."""
-    motions = () if trial.verdict is None else trial.verdict.told.motions
+    motions = () if trial.verdict is None else _motions(trial.verdict)
     return tuple(said for said in motions if not _RIVAL.search(said))
 
 
-def leaves_much(trial: BlindTrial, hidden: Hidden) -> bool:
+def _motions(verdict: JudgedTrialRecord) -> tuple[str, ...]:
+    """Return what a verdict says of motions in the course of time, with a name or without."""
+    unexplained = () if verdict.unexplained is None else verdict.unexplained.all
+    return (
+        *(fault.what for fault in verdict.faults if fault.kind == _IN_TIME),
+        *(each.why for each in unexplained if _OF_MOTION.search(each.why)),
+        *(words_of(effect) for effect in verdict.effects if effect.id == _DRIFT),
+    )
+
+
+def leaves_much(trial: BlindTrial, hidden: HiddenEffect) -> bool:
     """Return whether the residual with an effect is 1.5 times that of noise alone, or more."""
     return (trial.ratio(hidden) or 0.0) >= LIMIT
 
 
-def leaves_much_apart(trial: BlindTrial, hidden: Hidden) -> bool:
+def leaves_much_apart(trial: BlindTrial, hidden: HiddenEffect) -> bool:
     """Return the same once the sizes of all else that is hidden are fitted, too."""
     return (trial.ratio(hidden, apart=True) or 0.0) >= LIMIT
 
@@ -74,8 +92,8 @@ def failings(trial: BlindTrial) -> tuple[str, ...]:
     missed = [each for each in large if not trial.lists(each)]
     tests = {
         "no verdict": has_no_verdict(trial),
-        "spring not found": any(each.name.id == SPRING for each in missed),
-        "other effect not found": any(each.name.id != SPRING for each in missed),
+        "spring not found": any(each.id == SPRING for each in missed),
+        "other effect not found": any(each.id != SPRING for each in missed),
         "wrong name": unstated and bool(trial.hidden) and has_wrong_name(trial),
         "nothing hidden, a name": not trial.hidden
         and verdict is not None
@@ -100,15 +118,15 @@ def _of_unstated(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
     return (
         found(
             f"springs that leave {LIMIT:g} times the noise",
-            lambda t, h: h.name.id == SPRING and leaves_much(t, h),
+            lambda t, h: h.id == SPRING and leaves_much(t, h),
         ),
         found(
             "of these, that nothing else hidden can replace",
-            lambda t, h: h.name.id == SPRING and leaves_much(t, h) and leaves_much_apart(t, h),
+            lambda t, h: h.id == SPRING and leaves_much(t, h) and leaves_much_apart(t, h),
         ),
         found(
             f"one other effect that leaves {LIMIT:g} times the noise",
-            lambda t, h: h.name.id != SPRING and leaves_much(t, h),
+            lambda t, h: h.id != SPRING and leaves_much(t, h),
         ),
         bar(
             "springs or an effect: a wrong confident name",
@@ -132,7 +150,6 @@ def _of_sorted(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
 
 
 def _of_both(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
-    seconds = [trial.verdict.seconds for trial in trials if trial.verdict is not None]
     return (
         bar("no verdict", rate(map(has_no_verdict, trials)), 0.0, at_least=False),
         bar(
@@ -147,12 +164,7 @@ def _of_both(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
             0.0,
             at_least=False,
         ),
-        figure(
-            "seconds of the processor to judge one campaign, longest",
-            max(seconds, default=None),
-            _SECONDS,
-            len(seconds),
-        ),
+        longest(trials),
     )
 
 
@@ -162,18 +174,16 @@ def _named_nulls(what: str, trials: Sequence[BlindTrial]) -> Bar:
 
 
 def _subjects(trial: BlindTrial) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(each.name.id for each in trial.hidden)) or ("nothing",)
+    return tuple(dict.fromkeys(each.id for each in trial.hidden)) or ("nothing",)
 
 
 def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
-    mine = [(t, each) for t in trials for each in t.hidden if each.name.id == name]
+    mine = [(t, each) for t in trials for each in t.hidden if each.id == name]
     large = [(t, each) for t, each in mine if leaves_much(t, each)]
-    return WildSubject(
-        kind=kind,
-        id=name,
-        trials=len(trials),
-        crashed=sum(has_no_verdict(t) and not t.refused for t in trials),
-        refused=sum(t.refused for t in trials),
+    return counted(
+        kind,
+        name,
+        trials,
         false_names=sum(map(has_wrong_name, trials)),
         above_noise=len(large),
         told=sum(t.lists(each) for t, each in large),
@@ -184,7 +194,4 @@ def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
             and any(leaves_much(t, each) for each in t.hidden)
             for t in trials
         ),
-        worse=sum(map(is_worse, trials)),
-        unexplained=sum(t.verdict is not None and t.verdict.word == "unexplained" for t in trials),
-        suspected=sum(map(is_accused, trials)),
     )

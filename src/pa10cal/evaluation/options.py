@@ -182,18 +182,6 @@ class CoverageOptions(Section):
     )
 
 
-class JudgingOptions(Section):
-    """What a campaign is judged with in a blind trial."""
-
-    ingest: IngestOptions = Field(IngestOptions(), description="raw logs to a table of poses")
-    calibration: CalibrationOptions = Field(
-        CalibrationOptions(), description="the calibrated model to start from"
-    )
-    discovery: DiscoveryOptions = Field(
-        DiscoveryOptions(), description="the search for missing effects"
-    )
-
-
 # Options of the figures.
 
 

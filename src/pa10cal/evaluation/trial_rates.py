@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,12 @@ from scipy.optimize import minimize
 from scipy.stats import binomtest
 
 from pa10cal.arrays import Array
-from pa10cal.evaluation.blind_trial import LINE, MAP, BlindTrial, Formula, Hidden
-from pa10cal.results.trials import Bar, FormulaScores, PowerCurve, Rate
+from pa10cal.evaluation.blind_trial import LINE, MAP, BlindTrial, cycles_of
+from pa10cal.results.trials import Bar, FormulaScores, HiddenEffect, PowerCurve, Rate
 
 LEVEL = 0.95
+#: Seconds of the processor that judging a campaign may take.
+_SECONDS = 15.0
 #: Standard deviation expected of the slope of a power curve: none is steeper than a few of these
 #: where all trials below some size fail and all above succeed.
 _STEEP = 5.0
@@ -59,6 +62,13 @@ def figure(
         share=False,
         met=met,
     )
+
+
+def longest(trials: Sequence[BlindTrial]) -> Bar:
+    """Return how long judging a campaign took at most."""
+    seconds = [trial.verdict.seconds for trial in trials if trial.verdict is not None]
+    what = "seconds of the processor to judge one campaign, longest"
+    return figure(what, max(seconds, default=None), _SECONDS, len(seconds))
 
 
 def power(size: Array, found: NDArray[np.bool_]) -> PowerCurve | None:
@@ -132,10 +142,18 @@ _NAMED: dict[str, _Forms] = {
 }
 
 
-def is_right(hidden: Hidden, formula: Formula) -> bool:
+class Formula(NamedTuple):
+    """What counts of a formula that was proposed."""
+
+    form: str  # which form
+    of: str  # where it sits
+    numbers: tuple[float, ...] = ()  # what fixes it: orders first
+
+
+def is_right(hidden: HiddenEffect, formula: Formula) -> bool:
     """Return whether a formula is what is hidden: form, order and place."""
-    forms = {**_OUTSIDE, **_NAMED}.get(hidden.name.id)
-    if forms is None or formula.of != hidden.name.of:
+    forms = {**_OUTSIDE, **_NAMED}.get(hidden.id)
+    if forms is None or formula.of != hidden.of:
         return False
     return any(
         formula.form == form and formula.numbers[: len(numbers)] == numbers
@@ -157,7 +175,7 @@ def has_wrong(trial: BlindTrial) -> bool:
 
 def score_formulas(trials: Sequence[BlindTrial]) -> FormulaScores:
     """Score the formulas proposed; a trial that failed has none."""
-    outside = [t for t in trials if t.hidden and all(h.name.id in _OUTSIDE for h in t.hidden)]
+    outside = [t for t in trials if t.hidden and all(h.id in _OUTSIDE for h in t.hidden)]
     others = [t for t in trials if t not in outside]
     nameless = [t for t in outside if _nameless(t)]
     right, wrong, elsewhere = (
@@ -165,15 +183,14 @@ def score_formulas(trials: Sequence[BlindTrial]) -> FormulaScores:
         rate(map(has_wrong, outside)),
         rate(map(has_wrong, others)),
     )
-    hidden = sorted({t.hidden[0].name.id for t in outside})
+    hidden = sorted({t.hidden[0].id for t in outside})
     return FormulaScores(
         right=right,
         right_of_nameless=rate(map(has_right, nameless)),
         wrong=wrong,
         elsewhere=elsewhere,
         by_id={
-            name: rate(has_right(t) for t in outside if t.hidden[0].name.id == name)
-            for name in hidden
+            name: rate(has_right(t) for t in outside if t.hidden[0].id == name) for name in hidden
         },
         bars=(
             bar(
@@ -199,14 +216,16 @@ def _proposed(trial: BlindTrial) -> tuple[Formula, ...]:
     """Return the formulas proposed, and the lines named in the place of maps."""
     if trial.verdict is None:
         return ()
-    lines = (each for each in trial.verdict.effects if each.name.id == LINE)
-    named = (Formula("harmonic", each.name.of, (each.cycles or 0.0,)) for each in lines)
-    return (*trial.verdict.proposed, *named)
+    lines = (each for each in trial.verdict.effects if each.id == LINE)
+    return (
+        *(Formula(each.form, each.of, each.numbers) for each in trial.verdict.proposed or ()),
+        *(Formula("harmonic", each.of, (cycles_of(each) or 0.0,)) for each in lines),
+    )
 
 
 def _nameless(trial: BlindTrial) -> bool:
     """Return whether a map, its line, or something without a name was found."""
     if trial.verdict is None:
         return False
-    found = any(each.name.id in (MAP, LINE) for each in trial.verdict.effects)
+    found = any(each.id in (MAP, LINE) for each in trial.verdict.effects)
     return found or bool(trial.verdict.places)

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
 from scipy.special import ndtri
 
-from pa10cal.evaluation import trial_scores as scores
-from pa10cal.evaluation.blind_trial import MAP, OUTSIDE, TRACKED, BlindTrial, Hidden, Named
-from pa10cal.evaluation.trial_rates import LEVEL, bar, figure, power, rate, score_formulas
+from pa10cal.evaluation.blind_trial import MAP, OUTSIDE, TRACKED, BlindTrial, words_of
+from pa10cal.evaluation.trial_rates import LEVEL, bar, figure, longest, power, rate, score_formulas
+from pa10cal.results.discovery import FoundEffect
 from pa10cal.results.trials import (
     Bar,
     Confusion,
     Failure,
     GapScore,
+    HiddenEffect,
     Intervals,
     JudgedEffect,
     JudgedTrial,
@@ -80,7 +81,7 @@ def score_singles(trials: Sequence[BlindTrial]) -> Singles:
     )
 
 
-def _is_large(trial: BlindTrial, hidden: Hidden) -> bool:
+def _is_large(trial: BlindTrial, hidden: HiddenEffect) -> bool:
     return (trial.ratio(hidden) or 0.0) >= LARGE and trial.is_separable(hidden)
 
 
@@ -103,7 +104,7 @@ def score_several(trials: Sequence[BlindTrial]) -> Several:
     )
 
 
-def _is_above(trial: BlindTrial, hidden: Hidden) -> bool:
+def _is_above(trial: BlindTrial, hidden: HiddenEffect) -> bool:
     if trial.verdict is None:
         return True
     if not trial.moves_poses(hidden):
@@ -116,15 +117,15 @@ def score_gap(trials: Sequence[BlindTrial]) -> GapScore | None:
     null = of_kinds(trials, "null")
     reference = {
         layout: float(np.mean(held))
-        for layout in {trial.layout for trial in null}
-        if (held := _held_out([t for t in null if t.layout == layout]))
+        for layout in {trial.truth.layout for trial in null}
+        if (held := _held_out([t for t in null if t.truth.layout == layout]))
     }
 
     def over(chosen: list[BlindTrial]) -> list[float]:
         return [
-            held / reference[trial.layout]
+            held / reference[trial.truth.layout]
             for trial in chosen
-            if trial.layout in reference
+            if trial.truth.layout in reference
             for held in _held_out([trial])
         ]
 
@@ -160,9 +161,8 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
     several = score_several(of_kinds(trials, *SEVERAL))
     null = score_nothing_hidden(of_kinds(trials, "null"))
     gap = score_gap(trials)
-    seconds = [t.verdict.seconds for t in trials if t.verdict is not None]
     whole = [
-        t.verdict.seconds + t.verdict.seconds_simulating + t.seconds_twin
+        t.verdict.seconds + t.verdict.seconds_simulating + t.truth.seconds_twin
         for t in trials
         if t.verdict is not None
     ]
@@ -174,7 +174,7 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
         ),
         bar("one effect: a confident wrong name", singles.confidently_wrong, 0.02, at_least=False),
     )
-    tracked = any(trial.measured == TRACKED for trial in trials)
+    tracked = any(trial.truth.measured == TRACKED for trial in trials)
     return (
         bar(
             "false alarm: nothing hidden, yet an effect was named", null.named, 0.02, at_least=False
@@ -217,12 +217,7 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
             GAP_ALLOWED,
             0 if gap is None else gap.trials,
         ),
-        figure(
-            "seconds of the processor to judge one campaign, longest",
-            max(seconds, default=None),
-            15.0,
-            len(seconds),
-        ),
+        longest(trials),
         figure(
             "trials an hour on two cores",
             2.0 * 3600.0 / float(np.mean(whole)) if whole else None,
@@ -278,25 +273,26 @@ def is_inside(score: ParameterScore) -> bool:
     return bool(abs(score.score) <= ndtri(0.5 + LEVEL / 2.0))
 
 
-def _scores(hidden: Hidden, named: Named) -> list[ParameterScore]:
-    if hidden.name.id == MAP:
+def _scores(hidden: HiddenEffect, named: FoundEffect) -> list[ParameterScore]:
+    if hidden.id == MAP:
         return []
     truth = true_parameters(hidden)
     scores = []
-    for parameter, (value, std) in named.parameters.items():
-        if parameter not in truth or std <= 0.0:
+    for parameter, found in named.parameters.items():
+        if parameter not in truth or found.std <= 0.0:
             continue
-        off = value - truth[parameter]
+        off = found.value - truth[parameter]
         if parameter == "phi":
             off = float(np.angle(np.exp(1j * off)))
-        scores.append(ParameterScore(id=named.name.id, parameter=parameter, score=off / std))
+        scores.append(ParameterScore(id=named.id, parameter=parameter, score=off / found.std))
     return scores
 
 
-def true_parameters(hidden: Hidden) -> dict[str, float]:
+def true_parameters(hidden: HiddenEffect) -> dict[str, float]:
     """Return what was hidden under the names of a verdict, amplitudes positive."""
     flat: dict[str, float] = {}
-    for name, value in hidden.parameters.items():
+    known: Mapping[str, object] = hidden.parameters
+    for name, value in known.items():
         if isinstance(value, Sequence) and len(value) == len(_AXES):
             flat |= {f"{name}_{axis}": float(v) for axis, v in zip(_AXES, value, strict=True)}
         elif isinstance(value, int | float):
@@ -327,7 +323,7 @@ MOVED_EDGES = (
 _LEAST_MOVED = 0.03
 
 
-def outcome(trial: BlindTrial, hidden: Hidden) -> str:
+def outcome(trial: BlindTrial, hidden: HiddenEffect) -> str:
     """Return what became of one hidden effect: an id of the vocabulary or one of the words here.
 
     Where findings match no hidden effect, the first of them counts.
@@ -336,16 +332,16 @@ def outcome(trial: BlindTrial, hidden: Hidden) -> str:
     if verdict is None:
         return FAILED
     if trial.names(hidden):
-        return hidden.name.id
+        return hidden.id
     if trial.lists(hidden):
         return LISTED
     if trial.kind == OUTSIDE and trial.has_right_place():
         return RIGHT_PLACE
     if verdict.effects:
-        ids = [named.name.id for named in verdict.effects]
-        return ELSEWHERE if hidden.name.id in ids else ids[0]
+        ids = [named.id for named in verdict.effects]
+        return ELSEWHERE if hidden.id in ids else ids[0]
     if verdict.word == "unexplained":
-        return RIGHT_PLACE if hidden.name.of in verdict.places else WRONG_PLACE
+        return RIGHT_PLACE if hidden.of in verdict.places else WRONG_PLACE
     return NOTHING if trial.is_testable(hidden) else NOT_TESTABLE
 
 
@@ -354,22 +350,22 @@ def confusion(trials: Sequence[BlindTrial]) -> dict[str, Counter[str]]:
     counts: dict[str, Counter[str]] = {}
     for trial in trials:
         (hidden,) = trial.hidden
-        counts.setdefault(hidden.name.id, Counter())[outcome(trial, hidden)] += 1
+        counts.setdefault(hidden.id, Counter())[outcome(trial, hidden)] += 1
     return counts
 
 
 def study_power(trials: Sequence[BlindTrial]) -> PowerStudy:
     """Fit power curves to trials that hide one effect and did not fail."""
     known = [(t, t.hidden[0]) for t in trials if t.verdict is not None]
-    ids = sorted({hidden.name.id for _, hidden in known})
+    ids = sorted({hidden.id for _, hidden in known})
     moving = [(t, h) for t, h in known if t.moves_poses(h)]
     moved = np.array([t.moved_over_floor(h) or 0.0 for t, h in moving])
     listed = np.array([t.lists(h) for t, h in moving], dtype=bool)
     return PowerStudy(
         by_id={
             name: power(
-                np.array([h.size for _, h in known if h.name.id == name]),
-                np.array([t.lists(h) for t, h in known if h.name.id == name], dtype=bool),
+                np.array([h.size for _, h in known if h.id == name]),
+                np.array([t.lists(h) for t, h in known if h.id == name], dtype=bool),
             )
             for name in ids
         },
@@ -392,27 +388,24 @@ _PROVENANCE = "synthetic: virtual cell, robots, poses, noise and hidden effects 
 
 def scores_record(trials: Sequence[BlindTrial]) -> TrialScoresRecord:
     """Return what many trials come to."""
-    singles, outside = (scores.of_kinds(trials, kind) for kind in ("single", OUTSIDE))
+    singles, outside = (of_kinds(trials, kind) for kind in ("single", OUTSIDE))
     seconds = [t.verdict.seconds for t in trials if t.verdict is not None]
     return TrialScoresRecord(
         provenance=_PROVENANCE,
         trials=len(trials),
         failed=tuple(
-            Failure(campaign=trial.campaign, kind=trial.kind, message=trial.failed)
+            Failure(campaign=trial.truth.campaign, kind=trial.kind, message=trial.failed)
             for trial in trials
             if trial.failed is not None
         ),
-        bars=scores.bars(trials),
+        bars=bars(trials),
         nothing_hidden={
-            kind: scores.score_nothing_hidden(scores.of_kinds(trials, kind))
-            for kind in scores.NOTHING_HIDDEN
+            kind: score_nothing_hidden(of_kinds(trials, kind)) for kind in NOTHING_HIDDEN
         },
-        single=scores.score_singles(singles),
-        outside=scores.score_outside(outside),
-        several={
-            kind: scores.score_several(scores.of_kinds(trials, kind)) for kind in scores.SEVERAL
-        },
-        gap=scores.score_gap(trials),
+        single=score_singles(singles),
+        outside=score_outside(outside),
+        several={kind: score_several(of_kinds(trials, kind)) for kind in SEVERAL},
+        gap=score_gap(trials),
         intervals=intervals(trials),
         confusion=Confusion(
             single={name: dict(counts) for name, counts in confusion(singles).items()},
@@ -432,14 +425,14 @@ def _judged(trial: BlindTrial) -> JudgedTrial:
     """Return what became of a trial."""
     verdict = trial.verdict
     return JudgedTrial(
-        campaign=trial.campaign,
+        campaign=trial.truth.campaign,
         kind=trial.kind,
-        layout=trial.layout,
-        path=trial.path,
+        layout=trial.truth.layout,
+        path=trial.truth.path,
         hidden=tuple(
             JudgedEffect(
-                id=hidden.name.id,
-                of=hidden.name.of,
+                id=hidden.id,
+                of=hidden.of,
                 size=hidden.size,
                 ratio=trial.ratio(hidden),
                 testable=trial.is_testable(hidden),
@@ -451,13 +444,10 @@ def _judged(trial: BlindTrial) -> JudgedTrial:
             for hidden in trial.hidden
         ),
         verdict=FAILED if verdict is None else verdict.word,
-        named=tuple(
-            " or ".join(f"{name.id} of {name.of}" for name in named.all_names)
-            for named in (() if verdict is None else verdict.effects)
-        ),
+        named=() if verdict is None else tuple(map(words_of, verdict.effects)),
         places=tuple(place or "unknown" for place in (() if verdict is None else verdict.places)),
         extra=trial.extra(),
         held_out_after_mm=None if verdict is None else verdict.held_out_after_mm,
-        noise_floor_mm=None if verdict is None else verdict.noise_floor_mm,
+        noise_floor_mm=None if verdict is None else verdict.gap.noise_floor_mm,
         seconds=None if verdict is None else verdict.seconds,
     )

@@ -10,10 +10,11 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
-from pa10cal.evaluation.blind_trial import BlindTrial, Disturbed, Name
-from pa10cal.evaluation.trial_rates import rate, score_formulas
+from pa10cal.evaluation.blind_trial import BlindTrial, words_of
+from pa10cal.evaluation.trial_rates import bar, longest, rate, score_formulas
 from pa10cal.evaluation.trial_scores import LIMIT
-from pa10cal.results.trials import Bar, Rate, WildScoresRecord, WildSubject, WildTrial
+from pa10cal.results.record import Name
+from pa10cal.results.trials import Bar, PutIn, WildScoresRecord, WildSubject, WildTrial
 
 #: From here on, in units of the noise floor, something wrong must show.
 ABOVE = 3.0
@@ -41,7 +42,7 @@ def has_fault(trial: BlindTrial) -> bool:
     return any(not each.stressor or each.kinds for each in trial.put_in)
 
 
-def matters(trial: BlindTrial, put_in: Disturbed) -> bool:
+def matters(trial: BlindTrial, put_in: PutIn) -> bool:
     """Return whether what was put in is more than three times the noise.
 
     Where it cannot be measured, since the campaign was refused, it is.
@@ -52,20 +53,20 @@ def matters(trial: BlindTrial, put_in: Disturbed) -> bool:
     return trial.verdict is None or (over is not None and over >= ABOVE)
 
 
-def is_told(trial: BlindTrial, put_in: Disturbed) -> bool:
+def is_told(trial: BlindTrial, put_in: PutIn) -> bool:
     """Return whether a fault is told, by kind and place, or the campaign refused or suspected."""
     if trial.verdict is None:
         return trial.refused
-    told = trial.verdict.told
-    if told.grade == SUSPECT:
+    if trial.verdict.grade == SUSPECT:
         return True
     if "outlier" in put_in.kinds or "label" in put_in.kinds:
-        left_out = [place in told.left_out for place in put_in.where]
+        left_out = [place in trial.verdict.left_out for place in put_in.where]
         if left_out and all(left_out):
             return True
     return any(
-        kind in put_in.kinds and (kind in _PLACED_BY_KIND or _same_place(put_in.where, where))
-        for kind, where in told.faults
+        fault.kind in put_in.kinds
+        and (fault.kind in _PLACED_BY_KIND or _same_place(put_in.where, fault.where))
+        for fault in trial.verdict.faults
     )
 
 
@@ -84,9 +85,9 @@ def _without_springs(trial: BlindTrial) -> BlindTrial:
     verdict = trial.verdict
     if verdict is None:
         return trial
-    true = {Name(_SPRING, f"joint {joint}") for joint in trial.flexible_joints}
+    true = {Name(_SPRING, f"joint {joint}") for joint in trial.truth.flexible_joints}
     effects = tuple(named for named in verdict.effects if not true & set(named.all_names))
-    return replace(trial, verdict=replace(verdict, effects=effects))
+    return replace(trial, said=verdict.model_copy(update={"effects": effects}))
 
 
 def has_false_comfort(trial: BlindTrial) -> bool:
@@ -100,16 +101,16 @@ def has_false_comfort(trial: BlindTrial) -> bool:
 def is_worse(trial: BlindTrial) -> bool:
     """Return whether held-out poses are predicted worse with what was found."""
     verdict = trial.verdict
-    if verdict is None or verdict.held_out_after_mm is None or verdict.held_out_before_mm is None:
+    if verdict is None or verdict.gap.holdout is None:
         return False
-    return verdict.held_out_after_mm > WORSE * verdict.held_out_before_mm
+    return verdict.gap.holdout.after.mean_mm > WORSE * verdict.gap.holdout.before.mean_mm
 
 
 def is_accused(trial: BlindTrial) -> bool:
     """Return whether right data are refused, or said to be wrong."""
     if trial.verdict is None:
         return trial.refused
-    return trial.verdict.word == CHECK or trial.verdict.told.grade == SUSPECT
+    return trial.verdict.word == CHECK or trial.verdict.grade == SUSPECT
 
 
 def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
@@ -124,63 +125,67 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
     effects = [t for t in trials if t.kind == "effect"]
     testable = [t for t in effects if t.verdict is None or t.is_testable(t.hidden[0])]
     beyond = [t for t in judged if t.kind == "beyond"]
-    seconds = [t.verdict.seconds for t in judged if t.verdict is not None]
     return (
-        _at_most("a crash, or discovery withheld", 0.0, rate(map(crashed, trials))),
-        _at_most("no fault in the log: a false name", 0.02, rate(map(has_false_name, sound))),
-        _at_most(
+        bar("a crash, or discovery withheld", rate(map(crashed, trials)), 0.0, at_least=False),
+        bar(
+            "no fault in the log: a false name",
+            rate(map(has_false_name, sound)),
+            0.02,
+            at_least=False,
+        ),
+        bar(
             "a fault in the log: a confident false name",
-            0.02,
             rate(has_confident_false_name(t) for t in faulty),
-        ),
-        _at_most(
-            "an effect outside the vocabulary: a confident false name",
             0.02,
-            rate(map(has_confident_false_name, beyond)),
+            at_least=False,
         ),
-        _at_least(
+        bar(
+            "an effect outside the vocabulary: a confident false name",
+            rate(map(has_confident_false_name, beyond)),
+            0.02,
+            at_least=False,
+        ),
+        bar(
             f"a fault above {ABOVE:g} times the noise: told by kind and place, refused or graded "
             f"{SUSPECT}",
-            0.95,
             rate(is_told(t, each) for t, each in faults),
+            0.95,
         ),
-        _at_most(
+        bar(
             f"something wrong of {ABOVE:g} times the noise: none is said, and nothing told",
-            0.02,
             rate(map(has_false_comfort, wrong)),
-        ),
-        _at_most(
-            f"held out worse by more than {100 * (WORSE - 1):.0f} %",
-            0.0,
-            rate(map(is_worse, judged)),
-        ),
-        _at_least(
-            "one effect of plausible size among stressors, testable: named or among alternatives",
-            0.9,
-            rate(t.lists(t.hidden[0]) for t in testable),
-        ),
-        _at_least(
-            f"of these, a residual {LIMIT:g} times the floor or more: named or among alternatives",
-            0.9,
-            rate(t.lists(t.hidden[0]) for t in testable if _is_large(t)),
-        ),
-        _at_most(f"right data: refused, {CHECK} or {SUSPECT}", 0.02, rate(map(is_accused, right))),
-        _at_most(
-            f"an effect and no fault in the log: refused, {CHECK} or {SUSPECT}",
             0.02,
-            rate(map(is_accused, hiding)),
-        ),
-        Bar(
-            what="seconds of the processor to judge one campaign, longest",
             at_least=False,
-            limit=15.0,
-            reached=max(seconds, default=None),
-            low=None,
-            high=None,
-            trials=len(seconds),
-            share=False,
-            met=max(seconds) <= 15.0 if seconds else None,
         ),
+        bar(
+            f"held out worse by more than {100 * (WORSE - 1):.0f} %",
+            rate(map(is_worse, judged)),
+            0.0,
+            at_least=False,
+        ),
+        bar(
+            "one effect of plausible size among stressors, testable: named or among alternatives",
+            rate(t.lists(t.hidden[0]) for t in testable),
+            0.9,
+        ),
+        bar(
+            f"of these, a residual {LIMIT:g} times the floor or more: named or among alternatives",
+            rate(t.lists(t.hidden[0]) for t in testable if _is_large(t)),
+            0.9,
+        ),
+        bar(
+            f"right data: refused, {CHECK} or {SUSPECT}",
+            rate(map(is_accused, right)),
+            0.02,
+            at_least=False,
+        ),
+        bar(
+            f"an effect and no fault in the log: refused, {CHECK} or {SUSPECT}",
+            rate(map(is_accused, hiding)),
+            0.02,
+            at_least=False,
+        ),
+        longest(trials),
     )
 
 
@@ -230,7 +235,7 @@ def failings(trial: BlindTrial) -> tuple[str, ...]:
     return tuple(name for name, true in tests.items() if true)
 
 
-def _counts(put_in: Disturbed) -> bool:
+def _counts(put_in: PutIn) -> bool:
     """Return whether a stressor is one that may well be told."""
     return bool(put_in.kinds) or put_in.measured
 
@@ -250,24 +255,34 @@ def _is_large(trial: BlindTrial) -> bool:
 
 def _subjects(trial: BlindTrial) -> tuple[str, ...]:
     if trial.kind in ("effect", "beyond"):
-        return tuple(hidden.name.id for hidden in trial.hidden)
+        return tuple(hidden.id for hidden in trial.hidden)
     return tuple(each.id for each in trial.put_in) or ("nothing",)
 
 
 def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
     faults = [(t, e) for t in trials for e in t.put_in if matters(t, e)]
     wrong = has_false_name if kind in ("effect", *_NOTHING_WRONG) else has_confident_false_name
-    return WildSubject(
-        kind=kind,
-        id=name,
-        trials=len(trials),
-        crashed=sum(map(crashed, trials)),
-        refused=sum(t.refused for t in trials),
+    return counted(
+        kind,
+        name,
+        trials,
         false_names=sum(map(wrong, trials)),
         above_noise=len(faults),
         told=sum(is_told(t, each) for t, each in faults),
         found=sum(t.lists(h) for t in trials for h in t.hidden),
         false_comfort=sum(map(has_false_comfort, trials)),
+    )
+
+
+def counted(kind: str, name: str, trials: Sequence[BlindTrial], **own: int) -> WildSubject:
+    """Return the counts of trials that put in the same; `own` are those of their kind."""
+    return WildSubject(
+        **own,
+        kind=kind,
+        id=name,
+        trials=len(trials),
+        crashed=sum(map(crashed, trials)),
+        refused=sum(t.refused for t in trials),
         worse=sum(map(is_worse, trials)),
         unexplained=sum(t.verdict is not None and t.verdict.word == "unexplained" for t in trials),
         suspected=sum(map(is_accused, trials)),
@@ -277,11 +292,11 @@ def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
 def trial_row(trial: BlindTrial, counts_against: tuple[str, ...]) -> WildTrial:
     """Return a trial, what was said of it, and the bars that it counts against."""
     return WildTrial(
-        campaign=trial.campaign,
+        campaign=trial.truth.campaign,
         kind=trial.kind,
-        bench=trial.layout,
+        bench=trial.truth.layout,
         put_in=(
-            *(f"{h.name.id} of {h.name.of}" for h in trial.hidden),
+            *(f"{h.id} of {h.of}" for h in trial.hidden),
             *(f"{each.id} at {', '.join(each.where)}" for each in trial.put_in),
         ),
         said=_said(trial)[:_SAYS_MOST],
@@ -294,41 +309,12 @@ def _said(trial: BlindTrial) -> str:
     verdict = trial.verdict
     if verdict is None:
         return f"{'refused' if trial.refused else 'crashed'}: {trial.failed}"
-    names = [
-        " or ".join(f"{name.id} of {name.of}" for name in named.all_names)
-        for named in verdict.effects
-    ]
-    faults = [f"{kind} of {where}" for kind, where in verdict.told.faults]
-    return "; ".join([f"{verdict.word}, {verdict.told.grade}", *names, *faults])
+    faults = (f"{fault.kind} of {fault.where}" for fault in verdict.faults)
+    return "; ".join([f"{verdict.word}, {verdict.grade}", *map(words_of, verdict.effects), *faults])
 
 
 def _same_place(put_in: Iterable[str], told: str) -> bool:
     """Return whether one of the places stands in the words of a fault."""
     return any(
         re.search(rf"(?<![\w.]){re.escape(place)}(?![\w.])", told) is not None for place in put_in
-    )
-
-
-def _at_most(what: str, limit: float, found: Rate) -> Bar:
-    return _share(what, limit, found, at_least=False)
-
-
-def _at_least(what: str, limit: float, found: Rate) -> Bar:
-    return _share(what, limit, found, at_least=True)
-
-
-def _share(what: str, limit: float, found: Rate, *, at_least: bool) -> Bar:
-    met = None
-    if found.share is not None:
-        met = found.share >= limit if at_least else found.share <= limit
-    return Bar(
-        what=what,
-        at_least=at_least,
-        limit=limit,
-        reached=found.share,
-        low=found.low,
-        high=found.high,
-        trials=found.of,
-        share=True,
-        met=met,
     )

@@ -17,6 +17,7 @@ from pa10cal.results.record import (
     Key,
     LoadKey,
     MeasuredRecord,
+    Name,
     Numbers,
     ParameterKey,
     Part,
@@ -109,6 +110,11 @@ class NamedEffect(EffectName):
     alternatives: tuple[EffectName, ...] = Field(
         description="effects that explain the data as well in its place"
     )
+
+    @property
+    def all_names(self) -> tuple[Name, ...]:
+        """Return the name and those of its alternatives."""
+        return (self.name, *(each.name for each in self.alternatives))
 
 
 class FoundEffect(NamedEffect):

@@ -23,8 +23,6 @@ from pa10cal.files.output import write_text
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
 from pa10cal.results.comparison import (
-    AdaptationRecord,
-    ChangesRecord,
     ComparisonRecord,
     DriftRecord,
 )
@@ -50,7 +48,6 @@ RECORDS: tuple[type[Record], ...] = (
     HoldoutRecord,
     Iso9283Record,
     TransferRecord,
-    AdaptationRecord,
     VerdictRecord,
     ExtendedRecord,
     AnalysisRecord,
@@ -64,7 +61,6 @@ RECORDS: tuple[type[Record], ...] = (
     CurveRecord,
     CurveCalibrationRecord,
     CoverageRecord,
-    ChangesRecord,
     TruthRecord,
     TrialTruthRecord,
     TrialVerdictRecord,

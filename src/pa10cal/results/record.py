@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sized
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal, Protocol, Self, cast, get_args
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol, Self, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -311,11 +311,23 @@ def _entry(column: JsonSchemaValue) -> JsonSchemaValue:
 # An effect and where it sits, as records name it.
 
 
+class Name(NamedTuple):
+    """An effect and where it sits, to compare and to look up by."""
+
+    id: str
+    of: str
+
+
 class EffectName(Part):
     """An effect and where it sits."""
 
     id: str = Field(description="id of the effect")
     of: str = Field(description="where it sits: `joint 2`, `forearm`, `base`, ...")
+
+    @property
+    def name(self) -> Name:
+        """Return the name alone."""
+        return Name(self.id, self.of)
 
     @property
     def words(self) -> str:

@@ -13,7 +13,7 @@ from pydantic import Field, JsonValue
 
 from pa10cal.results.discovery import VerdictKeys
 from pa10cal.results.health import Grade
-from pa10cal.results.record import CampaignRecord, EffectName, Key, Part, Record, optional
+from pa10cal.results.record import CampaignRecord, EffectName, Key, Name, Part, Record, optional
 
 # Shares of trials with their intervals, and figures to reach.
 
@@ -199,7 +199,7 @@ class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
     """The verdict on a trial."""
 
     springs: tuple[int, ...] = Field(description="joints with a spring in the judged model, from 1")
-    health: TrialHealth | None = optional("what the calibration says of its input; of wild trials")
+    health: TrialHealth | None = optional("what the calibration says of its input")
     seconds: float = Field(description="processor time to judge the campaign [s]")
     seconds_simulating: float = Field(description="processor time to simulate the campaign [s]")
 
@@ -208,14 +208,45 @@ class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
         """Return the verdict in a word."""
         return self.verdict
 
+    @property
+    def says_something(self) -> bool:
+        """Whether anything was found, with a name or without."""
+        return self.verdict not in ("none", "not_sought") or bool(self.effects)
+
+    @property
+    def places(self) -> tuple[str | None, ...]:
+        """Where something without a name sits; those of maps follow from the effects."""
+        if self.verdict != "unexplained" or self.unexplained is None:
+            return ()
+        return tuple(place.of for place in self.unexplained.all)
+
+    @property
+    def not_shown(self) -> frozenset[Name]:
+        """What the data cannot show, or not surely at its plausible size."""
+        every = (*self.not_testable, *(self.below_detection_limit or ()))
+        return frozenset(effect.name for effect in every)
+
+    @property
+    def held_out_after_mm(self) -> float | None:
+        """Mean position error of the extended model at held-out poses; None without any."""
+        return None if self.gap.holdout is None else self.gap.holdout.after.mean_mm
+
+    @property
+    def grade(self) -> str:
+        """Grade of the calibration; empty where it is not known."""
+        return "" if self.health is None else self.health.grade
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Poses with quarantined rows, or that are suspected outliers."""
+        return () if self.health is None else self.health.left_out
+
 
 class FailedTrialRecord(TrialVerdictRecord):
     """Why a trial has no verdict."""
 
     failed: str = Field(description="what went wrong")
-    refused: bool = Field(
-        False, description="whether a command refused the campaign, and said why; of wild trials"
-    )
+    refused: bool = Field(False, description="whether a command refused the campaign, and said why")
 
     @property
     def word(self) -> str:

@@ -1,46 +1,57 @@
-"""Blind trials: hidden in raw campaigns, judged from these alone.
+"""Blind trials: hidden in raw campaigns, judged from these alone, as a user judges a campaign.
 
-What judges is given the folder of the raw campaign and nothing else. What is hidden goes from the
-trial straight into a record of its own, which the scoring alone reads.
+What judges walks the stages of any run, and is given raw folders and settings, nothing else. What
+is hidden goes from the trial straight into a record of its own, which the scoring alone reads.
 """
 
 from __future__ import annotations
 
+import io
 import tempfile
 import time
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
 
 import numpy as np
+import pandas as pd
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.campaign import calibrated
+from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.load_case import COMBINED
-from pa10cal.campaign.read import read_campaign, read_group
+from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.campaign import measure_campaign, robot_of, simulate_campaign
+from pa10cal.cell.disturbances.disturbance import all_disturbances
 from pa10cal.cell.drive_trials import DRIVE_KINDS, DriveKind, campaigns_of, draw_drive_trials
 from pa10cal.cell.effects.vocabulary import make_effects
+from pa10cal.cell.measured_trials import SORTED, UNSTATED, after_geometry
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.tracker_trials import BENCHES, REFLECTORS, draw_tracker_trials
 from pa10cal.cell.trials import LAYOUTS, Trial, TrialKind, draw_trials
 from pa10cal.cell.wild_trials import WILD_KINDS, WildKind, draw_wild_trials
+from pa10cal.cell.write import Places as WrittenPlaces
 from pa10cal.cell.write import write_campaign
-from pa10cal.discovery.discover import discover
-from pa10cal.discovery.preparation import setup_of
-from pa10cal.discovery.records import verdict_keys
-from pa10cal.errors import SettingsError
-from pa10cal.evaluation.blind_trial import DRIVES
-from pa10cal.evaluation.options import JudgingOptions
+from pa10cal.errors import Pa10calError, SettingsError
+from pa10cal.evaluation.blind_trial import DRIVES, WILD
+from pa10cal.evaluation.options import ChainOptions, EvaluationOptions
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import models_of
+from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
+from pa10cal.results.codec import read
+from pa10cal.results.discovery import VerdictKeys, VerdictRecord
 from pa10cal.results.trials import (
     FailedTrialRecord,
+    HiddenEffect,
     JudgedTrialRecord,
+    PutIn,
+    TrialHealth,
     TrialTruthRecord,
     TrialVerdictRecord,
 )
-from pa10cal.studies.judging import CalibratedCampaign, calibrated_campaign
-from pa10cal.studies.trial_records import truth_record
-from pa10cal.studies.wild_trials import try_wild_trial
+from pa10cal.stages.pipeline import Places, Stage, stages
 from pa10cal.terms.joint_spring import JointSpring
 
 Measured = Literal["touched", "tracked", "points_one", "points_three", "distance", "wild", "drives"]
@@ -102,100 +113,326 @@ def draw(
     return draw_trials(cast(TrialKind, kind), count, random_seed, order, size)
 
 
-def try_trial(trial: Trial, options: JudgingOptions) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
-    """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped."""
-    if trial.kind in WILD_KINDS:
-        return try_wild_trial(trial, options)
-    if trial.kind in DRIVE_KINDS:
-        return try_drive_trial(trial, options)
-    moved_mm: list[float | None] = [None] * len(trial.sizes)
-    seconds = 0.0
-    began = time.process_time()
-    try:
-        known = _measured(trial.name, trial.settings, options)
-        simulating = time.process_time() - began - known.seconds
-        verdict: TrialVerdictRecord = known.verdict(simulating)
-        began = time.process_time()
-        moved_mm = [
-            _moved_mm(trial, number, known.residual_mm, options)
-            for number in range(len(trial.sizes))
-        ]
-        seconds = time.process_time() - began
-    except Exception as error:
-        message = " ".join(f"{type(error).__name__}: {error}".split())
-        verdict = FailedTrialRecord(campaign=trial.name, failed=message)
-    return verdict, truth_record(trial, moved_mm, seconds)
+def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
+    """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped.
 
-
-def _measured(name: str, cell: SimulateOptions, options: JudgingOptions) -> CalibratedCampaign:
-    """Write a raw campaign without the record of what it hides, and calibrate with that."""
-    made = simulate_campaign(name, load_arm(cell.robot), cell)
+    Args:
+        trial: as drawn.
+        options: how the campaign is judged, by a calibration of all its loads together.
+    """
+    options = _options(trial, options)
+    calibration = None
     with tempfile.TemporaryDirectory() as place:
-        write_campaign(made, Path(place) / "raw")
-        return calibrated_campaign(Path(place) / "raw", options)
+        began = time.process_time()
+        folders, places = _write(trial, Path(place, "raw"))
+        results, simulating = Path(place, "results", trial.name), time.process_time() - began
+        try:
+            began = time.process_time()
+            calibration = calibrated_by_stages(folders, results, options)
+            judged = judged_by_stages(
+                folders, results, calibration, options, evaluated=trial.kind in WILD_KINDS
+            )
+            seconds = time.process_time() - began
+            verdict: TrialVerdictRecord = judged.record(simulating, seconds)
+        except Pa10calError as error:
+            # What can be calibrated is not withheld, so discovery that refuses is a crash.
+            refused = calibration is None
+            verdict = FailedTrialRecord(campaign=trial.name, failed=str(error), refused=refused)
+        except Exception as error:
+            verdict = FailedTrialRecord(campaign=trial.name, failed=_crash(error))
+    if trial.kind in (UNSTATED, SORTED):
+        return verdict, _truth_after_geometry(trial)
+    if trial.kind in DRIVE_KINDS:
+        return verdict, truth_record(trial, [None] * len(trial.sizes), 0.0, DRIVES)
+    began = time.process_time()
+    effects, put_in = _moved(trial, calibration, options)
+    seconds = time.process_time() - began
+    truth = truth_record(trial, effects, seconds, WILD if trial.kind in WILD_KINDS else "")
+    return verdict, truth.model_copy(update={"put_in": _put_in(trial, places, put_in)})
 
 
-def _moved_mm(trial: Trial, number: int, residual_mm: Array, options: JudgingOptions) -> float:
-    """Return how far one of the hidden effects moves the residual of the calibrated baseline.
+def _options(trial: Trial, options: ChainOptions) -> ChainOptions:
+    """Return the options without what no verdict rests on, but for wild trials.
+
+    Those try every command as a user runs it, and count which of them fail.
+    """
+    combined = options.model_copy(update={"evaluation": EvaluationOptions(calibration=COMBINED)})
+    if trial.kind in WILD_KINDS:
+        return combined
+    lean = {
+        "calibration": options.calibration.model_copy(update={"inner_subsets": 0}),
+        "discovery": options.discovery.model_copy(update={"suggestions": 0}),
+    }
+    return combined.model_copy(update=lean)
+
+
+def _write(trial: Trial, raw: Path) -> tuple[tuple[Path, ...], WrittenPlaces]:
+    """Write the raw campaign of a trial, without what it hides; of drives maybe two of one robot.
+
+    Returns:
+        The folders, and where the disturbances of the first came to be.
+    """
+    settings = trial.settings
+    robot = robot_of(load_arm(settings.robot), settings)
+    effects = make_effects(settings.hidden_effects, robot)
+    campaigns = campaigns_of(trial) if trial.kind in DRIVE_KINDS else (settings,)
+    single = len(campaigns) == 1
+    folders, places = [], []
+    for number, each in enumerate(campaigns):
+        name = trial.name if single else f"{trial.name}-{number}"
+        folders.append(raw / name)
+        places.append(write_campaign(measure_campaign(name, each, robot, effects), raw / name))
+    return tuple(folders), places[0]
+
+
+def _crash(error: Exception) -> str:
+    """Return an internal fault with the place where it happened."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return f"{text} (in {Path(last.filename).name}, line {last.lineno})"
+
+
+def truth_record(
+    trial: Trial, moved_mm: Sequence[float | None], seconds: float, measured: str = ""
+) -> TrialTruthRecord:
+    """Return what a trial hides, how it was measured, and how far that moves the residual.
+
+    Args:
+        trial: what was drawn.
+        moved_mm: how far, one a hidden effect; None where the trial failed.
+        seconds: what finding that out took.
+        measured: the study; empty for what the instrument says.
+    """
+    settings = trial.settings
+    plan = settings.without_touches
+    return TrialTruthRecord(
+        campaign=trial.name,
+        kind=trial.kind,
+        measured=measured or ("touched" if plan is None else "tracked"),
+        layout=trial.bench,
+        path=settings.path if plan is None else "",
+        temperature_drift_C=settings.temperature_drift_C,
+        flexible_joints=(settings if plan is None else plan).flexible_joints,
+        hidden_effects=tuple(
+            HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=moved)
+            for effect, size, moved in zip(
+                settings.hidden_effects, trial.sizes, moved_mm, strict=True
+            )
+        ),
+        stated_uncertainty_mm=settings.stated_uncertainty_mm,
+        mass_factor=settings.mass_factor,
+        seconds_twin=seconds,
+    )
+
+
+def _put_in(
+    trial: Trial, places: WrittenPlaces, moved_mm: Sequence[float | None]
+) -> tuple[PutIn, ...]:
+    known = all_disturbances()
+    return tuple(
+        PutIn(
+            id=entry.id,
+            where=where,
+            stressor=known[entry.id].stressor,
+            kinds=known[entry.id].kinds,
+            measured=known[entry.id].measured,
+            moved_mm=moved,
+        )
+        for entry, where, moved in zip(trial.settings.disturbances, places, moved_mm, strict=True)
+    )
+
+
+def _truth_after_geometry(trial: Trial) -> TrialTruthRecord:
+    """Return the truth of a trial, with what its effects leave once the geometry is fitted again.
+
+    The calibrated model may hold springs, which follow whatever a twin without one does: how far
+    it moves what that model leaves says nothing here.
+    """
+    began = time.process_time()
+    settings, arm = trial.settings, load_arm(trial.settings.robot)
+    entries = settings.hidden_effects
+    twins = [
+        settings.model_copy(update={"hidden_effects": (*entries[:k], *entries[k + 1 :])})
+        for k in range(len(entries))
+    ]
+    left = after_geometry(
+        simulate_campaign(trial.name, arm, settings),
+        [simulate_campaign(trial.name, arm, twin) for twin in twins],
+    )
+    truth = truth_record(trial, left.moved_mm, time.process_time() - began, WILD)
+    effects = tuple(
+        effect.model_copy(update={"apart_mm": apart_mm})
+        for effect, apart_mm in zip(truth.hidden_effects, left.apart_mm, strict=True)
+    )
+    return truth.model_copy(update={"hidden_effects": effects, "noise_mm": left.noise_mm})
+
+
+def _moved(
+    trial: Trial, calibration: CalibrationRecord | None, options: ChainOptions
+) -> tuple[list[float | None], list[float | None]]:
+    """Return how far each effect and disturbance moves what the calibrated model leaves [mm].
 
     Root mean square over the poses fitted of the difference to the same campaign, noise and all,
-    without this effect. For the scoring alone: no verdict sees it.
+    without it. For the scoring alone: no verdict sees it. None where that does not measure it.
     """
-    effects = trial.settings.hidden_effects
-    others = (*effects[:number], *effects[number + 1 :])
-    without = trial.settings.model_copy(update={"hidden_effects": others})
-    moved_mm = residual_mm - _measured(trial.name, without, options).residual_mm
-    return float(np.sqrt(np.mean(np.sum(moved_mm**2, axis=1))))
+    settings, known = trial.settings, all_disturbances()
 
-
-# Trials of drives: one campaign or a group of two, judged from the raw folders alone.
-
-
-def try_drive_trial(
-    trial: Trial, options: JudgingOptions
-) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
-    """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped."""
-    with tempfile.TemporaryDirectory() as place:
-        began = time.process_time()
-        folders = _write(trial, Path(place))
-        simulating = time.process_time() - began
+    def against(key: str, number: int, *, measured: bool) -> float | None:
+        if calibration is None or not measured:
+            return None
+        entries = getattr(settings, key)
+        others = (*entries[:number], *entries[number + 1 :])
+        twin = settings.model_copy(update={key: others})
         try:
-            verdict: TrialVerdictRecord = _judged(trial.name, folders, options, simulating)
-        except Exception as error:
-            message = " ".join(f"{type(error).__name__}: {error}".split())
-            verdict = FailedTrialRecord(campaign=trial.name, failed=message)
-    return verdict, truth_record(trial, [None] * len(trial.sizes), 0.0, DRIVES)
+            left_mm = _residual_mm(trial.name, twin, options)
+        except Exception:
+            return None
+        return _distance_mm(calibration.residuals.position_mm, left_mm)
+
+    effects = [against("hidden_effects", k, measured=True) for k in range(len(trial.sizes))]
+    put_in = [
+        against("disturbances", k, measured=known[entry.id].measured)
+        for k, entry in enumerate(settings.disturbances)
+    ]
+    return effects, put_in
 
 
-def _write(trial: Trial, place: Path) -> list[Path]:
-    """Measure one robot in every campaign, and return their raw folders."""
-    arm, folders = load_arm(trial.settings.robot), []
-    robot = robot_of(arm, trial.settings)
-    effects = make_effects(trial.settings.hidden_effects, robot)
-    for number, settings in enumerate(campaigns_of(trial)):
-        name = f"{trial.name}-{number}"
-        write_campaign(measure_campaign(name, settings, robot, effects), place / name)
-        folders.append(place / name)
-    return folders
+def _residual_mm(name: str, settings: SimulateOptions, options: ChainOptions) -> Array:
+    """Return what the calibrated model leaves of positions in a campaign, (C, 3)."""
+    with tempfile.TemporaryDirectory() as place:
+        raw = Path(place, "raw", name)
+        write_campaign(simulate_campaign(name, load_arm(settings.robot), settings), raw)
+        if options.calibration.effects in ((), "named"):
+            # The model of the stages, without the checks of the input that go before it.
+            read, calibration = read_campaign(raw, options.ingest), options.calibration
+            about = read.description, read.arm, read.observations
+            record = calibrated_record(*about, COMBINED, calibration, base_frame=options.base_frame)
+            return record.residuals.position_mm
+        return calibrated_by_stages((raw,), raw.parents[1] / name, options).residuals.position_mm
 
 
-def _judged(
-    name: str, folders: list[Path], options: JudgingOptions, simulating: float
-) -> JudgedTrialRecord:
-    """Return the verdict on a campaign, or on the group of several."""
-    began = time.process_time()
-    if len(folders) == 1:
-        campaign = read_campaign(folders[0], options.ingest)
-    else:
-        campaign = read_group(folders, name, options.ingest)
-    about = campaign.description, campaign.arm, campaign.observations
-    model = calibrated(*about, COMBINED, options.calibration)
-    setup = setup_of(campaign.description, campaign.arm, options.calibration, options.discovery)
-    found = discover(campaign.observations, model, setup, campaign.wrong_rows)
-    return JudgedTrialRecord(
-        **dict(verdict_keys(found)),
-        campaign=name,
-        springs=tuple(term.joint for term in model.model.terms if isinstance(term, JointSpring)),
-        seconds=time.process_time() - began,
-        seconds_simulating=simulating,
-    )
+def _distance_mm(one_mm: Array, other_mm: Array) -> float | None:
+    if one_mm.shape != other_mm.shape:  # other rows were quarantined
+        return None
+    return float(np.sqrt(np.mean(np.sum((one_mm - other_mm) ** 2, axis=1))))
+
+
+# A campaign judged as a user judges it: stage after stage, in files, in one process.
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What the stages made of a campaign."""
+
+    calibration: CalibrationRecord  # with which discovery began
+    verdict: VerdictRecord
+    left_out: tuple[str, ...]  # poses with quarantined rows, or that are suspected outliers
+
+    def record(self, simulating: float, judging: float) -> JudgedTrialRecord:
+        """Return the verdict on a trial.
+
+        Args:
+            simulating: time that simulating the campaign took [s].
+            judging: time of the processor that the stages took [s].
+        """
+        keys = {name: getattr(self.verdict, name) for name in VerdictKeys.model_fields}
+        *_, model = models_of(self.calibration, self.verdict.campaign).values()
+        terms, health = model.model.terms, self.calibration.health
+        return JudgedTrialRecord(
+            **keys,
+            campaign=self.verdict.campaign,
+            springs=tuple(term.joint for term in terms if isinstance(term, JointSpring)),
+            health=TrialHealth(
+                grade=health.grade,
+                findings=tuple(f"{each.kind} of {each.where}" for each in health.findings),
+                left_out=self.left_out,
+            ),
+            seconds=judging,
+            seconds_simulating=simulating,
+        )
+
+
+def calibrated_by_stages(
+    folders: tuple[Path, ...], results: Path, options: ChainOptions
+) -> CalibrationRecord:
+    """Read a campaign, locate its base and calibrate it on all its loads.
+
+    Args:
+        folders: the raw folder; of a group those of its campaigns, read one by one before.
+        results: gets the results; those of the campaigns of a group lie beside.
+        options: how to ingest, to locate the base and to calibrate.
+
+    Raises:
+        Pa10calError: where a stage refuses.
+    """
+    group = len(folders) > 1
+    with _silent():
+        for folder in folders if group else ():
+            for stage in _until("seed", (folder,), results.with_name(folder.name), options):
+                stage.run()
+        for stage in (searched := _until("calibrate", folders, results, options)):
+            stage.run()
+    return read(CalibrationRecord, searched[-1].writes["calibration"])
+
+
+def judged_by_stages(
+    folders: tuple[Path, ...],
+    results: Path,
+    calibration: CalibrationRecord,
+    options: ChainOptions,
+    *,
+    evaluated: bool = True,
+) -> Judged:
+    """Judge a campaign that `calibrated_by_stages` has calibrated, in the same folders.
+
+    Args:
+        folders, results, options: as given there.
+        calibration: what it returned.
+        evaluated: whether the stages go on to that of held-out poses.
+    """
+    before = len(_until("calibrate", folders, results, options))
+    with _silent():
+        last = "evaluate" if evaluated else "discover"
+        for stage in _until(last, folders, results, options)[before:]:
+            stage.run()
+    left_out = set(_suspected(calibration))
+    for folder in folders:
+        own = results if len(folders) == 1 else results.with_name(folder.name)
+        left_out |= set(_quarantined(folder, Places(own).quarantine))
+    verdict = read(VerdictRecord, Places(results).verdict)
+    return Judged(calibration, verdict, tuple(sorted(left_out)))
+
+
+def _until(
+    last: str, folders: tuple[Path, ...], results: Path, options: ChainOptions
+) -> list[Stage]:
+    """Return the stages up to the first that is a command, of all loads together."""
+    every = list(stages(folders, results, options, load=COMBINED))
+    end = next(place for place, stage in enumerate(every, 1) if stage.command == last)
+    return every[:end]
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep what commands print from the screen of a study."""
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        yield
+
+
+def _quarantined(raw: Path, listing: Path) -> Iterator[str]:
+    """Return the poses that quarantined rows belong to."""
+    rows = pd.read_csv(listing)
+    for name in set(rows["file"]):
+        path = raw / str(name)
+        header = pd.read_csv(path, nrows=0).columns
+        if "pose" not in header:
+            continue
+        labels = pd.read_csv(path, usecols=["pose"], dtype=str)["pose"]
+        lines = rows.loc[rows["file"] == name, "line"].to_numpy() - 2
+        yield from labels.iloc[lines[lines < len(labels)]]
+
+
+def _suspected(calibration: CalibrationRecord) -> Iterator[str]:
+    """Return the poses that the general model suspects of a gross error."""
+    if isinstance(calibration, GeneralCalibrationRecord):
+        yield from (outlier.pose for outlier in calibration.suspected_outliers)

@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pa10cal.arm.description import Arm
+from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign
 from pa10cal.cell.campaign import simulate_campaign
@@ -34,7 +35,6 @@ from pa10cal.results import studies as results
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.evaluation import Distances, HeldOutModel
 from pa10cal.results.truth import TrueParameter
-from pa10cal.studies.judging import record_of
 from pa10cal.studies.simulated import as_read
 
 Departs = Literal["rows", "any_way"]
@@ -123,8 +123,9 @@ def _individual(
     plan = settings.without_touches or TrackerOptions()
     made = simulate_campaign(f"{arm.name}-{number}-{plan.departs}", arm, settings)
     campaign = as_read(made)
+    about = campaign.description, campaign.arm, campaign.observations, _LOAD
     records = {
-        name: record_of(campaign, options.model_copy(update=changes), _LOAD)
+        name: calibrated_record(*about, options.model_copy(update=changes))
         for name, changes in _MODELS.items()
     }
     models = {name: tuple(models_of(found, name).values())[-1] for name, found in records.items()}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from changed_arm import Change, draw_changed
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.prior import calibrate_from, prior_of, refuse_unsound
@@ -18,7 +19,6 @@ from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.problem import Disagreement, Expected
-from pa10cal.studies.changes import Change, draw_changed
 from pa10cal.studies.simulated import (
     exact_observations,
     measured,

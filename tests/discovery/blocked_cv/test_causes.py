@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import pa10cal
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.effects.effect import Site
 from pa10cal.cell.effects.reading import SensorError as CellSensorError
@@ -15,16 +16,12 @@ from pa10cal.discovery.blocked_cv.bands import in_bands
 from pa10cal.discovery.blocked_cv.finest import level
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.rows import ShapedEffect
-from pa10cal.discovery.discover import discover
-from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.records import discovery_records, summary, verdict_keys
 from pa10cal.discovery.verdict import Plan
-from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
 from pa10cal.settings_reading import parse_section
-from pa10cal.studies.judging import calibrated_campaign
 from pa10cal.terms.effects.joint_error_map import Fading
 
 POSES, JOINT = 900, 3
@@ -46,14 +43,12 @@ def campaign(tmp_path_factory):
     settings = parse_section(SimulateOptions, raw, where="trial")
     folder = tmp_path_factory.mktemp("raw") / "drive"
     write_campaign(simulate_campaign("drive", load_arm("ur10"), settings), folder)
-    return calibrated_campaign(folder, JudgingOptions())
+    return pa10cal.read_campaign(folder)
 
 
 @pytest.fixture(scope="module")
 def found(campaign):
-    read, options = campaign.campaign, campaign.options
-    setup = setup_of(read.description, read.arm, options.calibration, options.discovery)
-    return discover(read.observations, campaign.model, setup)
+    return pa10cal.discover(campaign, pa10cal.calibrate(campaign))
 
 
 @pytest.mark.slow
@@ -76,7 +71,7 @@ def test_it_is_told_and_written(found, campaign):
     assert witness.ripple.orders == (4, 10, 20)
     assert witness.ripple.profile_nats.max() == 0.0
     assert "its motor followed" in " ".join(summary(keys))
-    written = discovery_records(found, Plan(()), campaign.campaign.description, "combined")
+    written = discovery_records(found, Plan(()), campaign.description, "combined")
     assert written.verdict.effects[0].witness == witness
     back = model_from_plain(model_to_plain(found.model), FittedModel, where="model.yaml")
     assert back.model.terms == found.model.model.terms

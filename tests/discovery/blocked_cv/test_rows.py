@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
+import pa10cal
 from made_up_survey import observe
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.write import write_campaign
@@ -15,15 +16,11 @@ from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect, in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import survey
-from pa10cal.discovery.discover import discover
 from pa10cal.discovery.linear import by_joints, by_terms, residual
-from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.weights import unweighted
-from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.studies.blind_trials import draw
-from pa10cal.studies.judging import calibrated_campaign
 from pa10cal.terms.effects.joint_error_map import (
     Fading,
     JointErrorMap,
@@ -179,11 +176,8 @@ def test_distances_too_few_for_maps_of_all_joints_are_weighed_by_their_noise(tmp
     write_campaign(
         simulate_campaign("t", load_arm(trial.settings.robot), trial.settings), tmp_path / "raw"
     )
-    options = JudgingOptions()
-    known = calibrated_campaign(tmp_path / "raw", options)
-    campaign = known.campaign
-    setup = setup_of(campaign.description, campaign.arm, options.calibration, options.discovery)
-    judged = discover(campaign.observations, known.model, setup).survey
+    campaign = pa10cal.read_campaign(tmp_path / "raw")
+    judged = pa10cal.discover(campaign, pa10cal.calibrate(campaign)).survey
     found = weighted_rows(judged, computable(judged)[0], 72)
     noise_mm = 1e3 / np.median(found.weights.whitener)
     assert noise_mm == pytest.approx(trial.settings.without_touches.position_mm, rel=0.25)
