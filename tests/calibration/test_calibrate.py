@@ -11,10 +11,9 @@ from pa10cal.calibration.calibrate import (
     solve,
     solve_one_level,
     tolerance_rows,
-    weak_directions,
 )
-from pa10cal.calibration.levels import TwoLevel
-from pa10cal.calibration.load_case import inner_dependence, l_curve, load_cases, rows_of_load
+from pa10cal.calibration.levels import TwoLevel, rows_of
+from pa10cal.calibration.load_case import load_cases, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import ErrorSources, deviations, summarise
 from pa10cal.errors import CalibrationError
@@ -95,14 +94,17 @@ def test_one_level_agrees_with_two_levels_over_all_poses(model, observe, T_instr
 
 
 def test_inner_subset_moves_the_answer_by_less_than_its_uncertainty(calibrated):
-    options = CalibrationOptions()
-    spread = inner_dependence(calibrated.level, calibrated.solution.x, options, 5)
-    report = calibrated.level.model.report(calibrated.solution.x)
+    level, x, rng = calibrated.level, calibrated.solution.x, np.random.default_rng(20080427)
+    report, labels = level.model.report(x), np.unique(level.observations.pose)
+    found = []
+    for _ in range(5):
+        poses = tuple(rng.choice(labels, 8, replace=False))
+        other = replace(level, inner_rows=rows_of(level.observations, poses))
+        terms = tolerance_rows(other, x, CalibrationOptions())
+        found.append(other.model.report(solve(other, x, terms, 200).x).values)
     covariance = report.jacobian @ calibrated.covariances.parameters @ report.jacobian.T
     mask = np.array([p.name not in calibrated.not_identifiable for p in report.parameters])
-    assert spread.choices == 5
-    assert list(spread.std) == [p.name for p in report.parameters]
-    std = np.array(list(spread.std.values()))
+    std = np.std(found, axis=0, ddof=1)
     assert (std[mask] < 2 * np.sqrt(np.diag(covariance))[mask]).all()
     assert (std[mask] > 0).all()
 
@@ -245,12 +247,6 @@ def test_reference_torque_does_not_change_the_answer(pa10, model, observe, calib
     np.testing.assert_allclose(there.values[free], here.values[free], rtol=1e-6)
 
 
-def test_l_curve_trades_misfit_for_departure(calibrated):
-    points = l_curve(calibrated.level, calibrated.solution.x, np.geomspace(1e-6, 1e-3, 4), 100)
-    assert np.all(np.diff([point.misfit for point in points]) > 0)
-    assert np.all(np.diff([point.departure for point in points]) < 0)
-
-
 def test_nested_finite_differences_give_the_same_answer(model, observe):
     """The paper's way: both levels by finite differences, no derivative of ours."""
     observations = observe(noise=1.0)
@@ -320,14 +316,6 @@ def test_null_directions_of_a_made_up_matrix():
     assert pytest.approx(3.0) == index.O3
     assert pytest.approx(np.sqrt(3.0 * np.sqrt(10.0))) == index.O1
     assert pytest.approx(3.0 / np.sqrt(10.0)) == index.O2
-
-
-def test_directions_that_noise_drowns_are_named(model, observe, calibrated):
-    assert weak_directions(calibrated) == ()
-    drowned = calibrate(model, observe(noise=100.0), QUICK, AS_MEASURED)
-    weak = weak_directions(drowned)
-    assert weak[0].std_over_tolerance > 1.0
-    assert set(weak[0].weights) <= {parameter.name for parameter in model.parameters}
 
 
 def test_load_cases_are_the_loads_by_rising_load_and_all_together():

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.levels import TwoLevel, random_poses, rows_of, spread_poses
+from pa10cal.calibration.levels import TwoLevel, rows_of, spread_poses
 from pa10cal.errors import CalibrationError
 
 
@@ -65,13 +65,6 @@ def test_spread_poses_are_distinct_and_far_apart(level):
     assert len(set(chosen)) == 8
     assert len(rows_of(level.observations, chosen)) == 24
     assert spread_poses(level.observations, "all") == spread_poses(level.observations, 27)
-
-
-def test_random_poses_repeat_with_their_seed(level):
-    first = random_poses(level.observations, 8, 5, 1)
-    assert first == random_poses(level.observations, 8, 5, 1)
-    assert first != random_poses(level.observations, 8, 5, 2)
-    assert random_poses(level.observations, "all", 5, 1) == []
 
 
 def test_more_inner_poses_than_measured_are_refused(level):

@@ -44,7 +44,7 @@ def run_calibrate(work, load, out, settings=None, base="base_frame.json"):
 @pytest.fixture(scope="module")
 def combined(work):
     out = work / "combined.json"
-    assert run_calibrate(work, "combined", out, {"inner_subsets": 3}) == 0
+    assert run_calibrate(work, "combined", out, {}) == 0
     return json.loads(out.read_text())
 
 
@@ -101,7 +101,7 @@ def test_held_out_points_and_loads(work, combined):
 
 def test_one_load_alone(work):
     out = work / "22N.json"
-    settings = {"inner_subsets": 0, "starts": 2, "inner_poses": "all"}
+    settings = {"starts": 2, "inner_poses": "all"}
     assert run_calibrate(work, "22N", out, settings) == 0
     record = json.loads(out.read_text())
     assert record["loads_fitted"] == [22.0]
@@ -111,7 +111,7 @@ def test_one_load_alone(work):
 @pytest.mark.slow
 def test_all_load_cases_in_one_go(work, combined):
     out = work / "calibration"
-    assert run_calibrate(work, None, out, {"inner_subsets": 0, "starts": 1}) == 0
+    assert run_calibrate(work, None, out, {"starts": 1}) == 0
     records = {path.stem: json.loads(path.read_text()) for path in out.iterdir()}
     assert sorted(records) == ["0N", "22N", "44N", "combined", "general"]
     assert all(record["load"] == name for name, record in records.items())
@@ -169,7 +169,7 @@ def test_refuses_a_damaged_seed(work, capsys, content):
 
 def test_a_parameter_at_its_bound_by_noise_is_no_alarm(work):
     out = work / "0N.json"
-    assert run_calibrate(work, "0N", out, {"inner_subsets": 0, "starts": 2}) == 0
+    assert run_calibrate(work, "0N", out, {"starts": 2}) == 0
     record = json.loads(out.read_text())
     assert record["parameters"]["K_cub_3"]["at_bound"]
     assert not record["parameters"]["K_lin_3"]["at_bound"]
@@ -185,7 +185,7 @@ def test_an_incomplete_model_is_said_to_be_one(tmp_path, capsys):
     assert run_command("ingest", [*campaign, "--out", str(poses), "--quarantine", quarantine]) == 0
     assert run_command("seed", [*campaign, "--poses", str(poses), "--out", str(base)]) == 0
     argv = [*campaign, "--poses", str(poses), "--base-frame", str(base), "--out", str(out)]
-    settings = '{"inner_subsets": 0, "starts": 2}'
+    settings = '{"starts": 2}'
     assert run_command("calibrate", [*argv, "--load", "combined", "--settings", settings]) == 0
     record = json.loads(out.read_text())
     assert any("the model is incomplete" in warning for warning in record["warnings"])

@@ -43,7 +43,7 @@ def work(tmp_path_factory):
     raw = str(folder / "raw")
     table = ["--campaign-dir", raw, "--poses", str(folder / "poses.parquet")]
     base = str(folder / "base.json")
-    quick = json.dumps({"starts": 1, "inner_subsets": 1})
+    quick = json.dumps({"starts": 1})
     made = ["--name", NAME, "--settings", json.dumps(SETTINGS)]
     assert (
         run_command("simulate", [*made, "--out", raw, "--truth", str(folder / "truth.json")]) == 0
@@ -339,7 +339,7 @@ def calibrate_with(work, out, effects, *more):
         [
             *("--campaign-dir", str(work / "raw"), "--poses", str(work / "poses.parquet")),
             *("--base-frame", str(work / "base.json"), "--load", "combined"),
-            *("--settings", json.dumps({"starts": 1, "inner_subsets": 0, "effects": effects})),
+            *("--settings", json.dumps({"starts": 1, "effects": effects})),
             *("--out", str(out), *more),
         ],
     )

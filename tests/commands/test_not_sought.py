@@ -150,7 +150,7 @@ def touched(tmp_path_factory):
     logs = ("--campaign-dir", folder / "raw", "--quarantine", folder / "quarantine.csv")
     assert run("ingest", *logs, "--out", folder / "poses.parquet") == 0
     assert run("seed", *table(folder), "--out", folder / "base.json") == 0
-    quick = ("--settings", json.dumps({"starts": 1, "inner_subsets": 1}))
+    quick = ("--settings", json.dumps({"starts": 1}))
     for load in ("combined", "general"):
         begun = ("--base-frame", folder / "base.json", "--out", folder / f"{load}.json")
         assert run("calibrate", *table(folder), *begun, "--load", load, *quick) == 0

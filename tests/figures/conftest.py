@@ -22,7 +22,7 @@ from pa10cal.results.maps import AnglesSeen
 CAMPAIGN = Path(__file__).parents[2] / "data/raw/cell-null"
 PLANES_MM = (300, 500, 700)
 LITTLE_DRAWING = '{"cycles": 200, "positions": 20, "map_spacing_mm": 200}'
-LITTLE_CALIBRATION = '{"starts": 1, "inner_subsets": 2}'
+LITTLE_CALIBRATION = '{"starts": 1}'
 
 
 #: Knots a turn of the maps in results made up.

@@ -24,7 +24,6 @@ from pa10cal.fit.problem import Rows
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.results.calibration import WeakDirection
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Parameter
@@ -181,33 +180,6 @@ def pull_beyond_bounds(calibration: Calibration) -> Array:
     std = np.sqrt(np.diag(calibration.covariances.parameters))
     pull = np.divide(np.abs(step), std, out=np.zeros_like(step), where=std > 0)
     return np.where(solution.at_bound, pull, 0.0)
-
-
-def weak_directions(calibration: Calibration) -> tuple[WeakDirection, ...]:
-    """Return directions of the link parameters that tolerances determine better than the data.
-
-    The parameters that make up most of each are named, in tolerances, the largest first.
-    """
-    parameters = [
-        (k, each.name, each.tolerance)
-        for k, each in enumerate(calibration.level.model.parameters)
-        if each.tolerance is not None and each.name not in calibration.not_identifiable
-    ]
-    links, names, tolerances = zip(*parameters, strict=True) if parameters else ((), (), ())
-    covariance = calibration.covariances.parameters[np.ix_(links, links)]
-    sizes, vectors = np.linalg.eigh(covariance / np.outer(tolerances, tolerances))
-    return tuple(
-        WeakDirection(
-            std_over_tolerance=float(np.sqrt(size)),
-            weights={
-                names[k]: float(vector[k])
-                for k in np.argsort(-np.abs(vector))
-                if abs(vector[k]) > 0.1
-            },
-        )
-        for size, vector in zip(sizes[::-1], vectors.T[::-1], strict=True)
-        if size > 1.0
-    )
 
 
 def solve_one_level(

@@ -54,7 +54,7 @@ def calibrated_record(
         arm: the nominal arm.
         every: single readings of all kinds.
         load: `combined`, or a load such as `44N`.
-        options: how to calibrate; None for the defaults, without trying random inner poses.
+        options: how to calibrate; None for the defaults.
         findings: what checks of the input found.
         prior: fitted model of the arm to start from; None for none.
         base_frame: what straight moves must satisfy; None for the defaults.
@@ -63,7 +63,7 @@ def calibrated_record(
         CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
             described does not fit the readings at all.
     """
-    options = options or CalibrationOptions(inner_subsets=0)
+    options = options or CalibrationOptions()
     general = takes_general_model(options.model, from_touches=campaign.from_touches)
     lines, name = base_frame or BaseFrameOptions(), campaign.name
     seed = locate_base(every, arm, lines, name, name, campaign.provenance)

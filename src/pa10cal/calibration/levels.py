@@ -52,21 +52,6 @@ def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) 
     return tuple(str(labels[k]) for k in sorted(chosen))
 
 
-def random_poses(
-    observations: Observations[Pose], count: int | Literal["all"], draws: int, random_seed: int
-) -> list[tuple[str, ...]]:
-    """Draw random choices of M poses; none when all poses are used anyway."""
-    labels, _ = _places(observations)
-    _check(count, len(labels))
-    if count == "all" or count == len(labels):
-        return []
-    generator = np.random.default_rng(random_seed)
-    return [
-        tuple(sorted(str(label) for label in generator.choice(labels, count, replace=False)))
-        for _ in range(draws)
-    ]
-
-
 def rows_of(observations: Observations[Pose], poses: tuple[str, ...]) -> NDArray[np.intp]:
     """Return the rows of the named poses, at every load."""
     return np.flatnonzero(np.isin(observations.pose, poses))

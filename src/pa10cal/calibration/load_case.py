@@ -12,19 +12,16 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import (
     Calibration,
-    all_terms,
     calibrate,
     fitted_model,
     nominal_start,
     pull_beyond_bounds,
     solve,
     solve_one_level,
-    tolerance_rows,
-    weak_directions,
 )
 from pa10cal.calibration.grade import Errors, FitSummary
 from pa10cal.calibration.health import case_keys, fit_keys, health, held_out_errors
-from pa10cal.calibration.levels import TwoLevel, random_poses, report_base, rows_of
+from pa10cal.calibration.levels import TwoLevel, report_base
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import (
     ErrorSources,
@@ -49,8 +46,6 @@ from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.calibration import (
     CalibratedParameter,
-    InnerDependence,
-    LCurvePoint,
     LinearFit,
     OneLevel,
     PaperCalibrationRecord,
@@ -65,8 +60,6 @@ from pa10cal.terms.term import Report
 COMBINED = "combined"
 #: Random postures at which it is found what no pose determines.
 _POSTURES = 60
-#: Weights of the L-curve: from no influence to next to no departures.
-_L_CURVE_WEIGHTS = np.geomspace(1e-6, 3e-2, 14)
 
 
 #: The straight lines give the base frame to about the nominal model's own error, near 1 deg.
@@ -138,7 +131,6 @@ def paper_case(
     record = PaperCalibrationRecord(
         **case_keys(campaign, load, options, ended, found, model, grid),
         **_paper_fit_keys(cubic, model),
-        weak_directions=weak_directions(cubic),
         errors={
             load: PaperErrors(
                 before=before[load], before_seed_frame=from_seed[load], after=after[load]
@@ -146,9 +138,6 @@ def paper_case(
             for load in after
         },
         inner_poses=cubic.inner_poses,
-        inner_dependence=inner_dependence(
-            cubic.level, cubic.solution.x, options, options.inner_subsets
-        ),
         one_level=_one_level(cubic, T_instr_base_seed, options),
         seed_difference=SeedDifference(
             angle_deg=seed_angle_deg, distance_mm=float(1e3 * np.linalg.norm(away[:3, 3]))
@@ -156,11 +145,6 @@ def paper_case(
         linear=LinearFit(
             **_paper_fit_keys(linear, replace(fitted_model(linear, payload), fitted_to=about)),
             after=summarise_by_load(model_deviations(linear, grid), load_N),
-        ),
-        l_curve=(
-            l_curve(cubic.level, cubic.solution.x, _L_CURVE_WEIGHTS, options.max_iterations)
-            if load == COMBINED
-            else ()
         ),
         warnings=_warnings(cubic, noise, seed_angle_deg),
     )
@@ -417,64 +401,3 @@ def _of_last_row(model: Model) -> frozenset[str]:
         for parameter in model.parameters
         if parameter.name.startswith("delta_") and parameter.name.endswith(f"_{model.chain.arm.n}")
     )
-
-
-# How far the answer depends on which M poses the inner level uses.
-
-
-def inner_dependence(
-    level: TwoLevel, x: Array, options: CalibrationOptions, draws: int
-) -> InnerDependence:
-    """Calibrate again with random inner poses, each time from the solution x."""
-    reported: list[Array] = []
-    means: list[float] = []
-    report = level.model.report(x)
-    for poses in random_poses(level.observations, options.inner_poses, draws, options.random_seed):
-        other = replace(level, inner_rows=rows_of(level.observations, poses))
-        terms = tolerance_rows(other, x, options)
-        solution = solve(other, x, terms, options.max_iterations)
-        T_base_ee = other.model.predict(other.observations.states, solution.x)
-        base = other.base(solution.x).T_instr_base
-        means.append(summarise(deviations(T_base_ee, base, other.observations)).mean_mm)
-        reported.append(other.model.report(solution.x).values)
-    count = len(reported)
-    std = np.std(reported, axis=0, ddof=1) if count > 1 else np.zeros(len(report.values))
-    names = [parameter.name for parameter in report.parameters]
-    return InnerDependence(
-        choices=count, std=dict(zip(names, std.tolist(), strict=True)), mean_mm=np.array(means)
-    )
-
-
-# What the weight of the tolerance terms costs: misfit against departure from nominal.
-
-#: Enough for a curve; heavy weights bend the valley so that the last digits would cost most.
-_PRECISION = 1e-8
-
-
-def l_curve(
-    level: TwoLevel, x_start: Array, weights: Array, max_iterations: int
-) -> tuple[LCurvePoint, ...]:
-    """Solve once a weight, from small to large, each from the solution before.
-
-    Args:
-        level: the problem.
-        x_start: (k,) start, best the solution without tolerance terms.
-        weights: factors on the residuals.
-        max_iterations: bound on the steps of one solve.
-    """
-    unit = all_terms(level.model.parameters, 1.0)
-    points, x = [], x_start
-    for weight in np.sort(weights):
-        solution = solve(level, x, weight * unit, max_iterations, _PRECISION)
-        x = solution.x
-        T_base_ee = level.model.predict(level.observations.states, x)
-        found = deviations(T_base_ee, level.base(x).T_instr_base, level.observations)
-        points.append(
-            LCurvePoint(
-                weight=float(weight),
-                misfit=float(np.linalg.norm(level.residual(x))),
-                departure=float(np.linalg.norm(unit @ x)),
-                mean_mm=summarise(found).mean_mm,
-            )
-        )
-    return tuple(points)

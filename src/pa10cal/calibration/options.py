@@ -84,17 +84,12 @@ class CalibrationOptions(Section):
     inner_poses: Annotated[int, Field(ge=1)] | Literal["all"] = Field(
         8, description="M: poses of the inner level, or all"
     )
-    inner_subsets: Annotated[int, Field(ge=0)] = Field(
-        20, description="random choices of the M poses tried to see how much the answer depends"
-    )
     flexible_joints: tuple[Annotated[int, Field(ge=1)], ...] = Field(
         (2, 3, 5), description="joints with a cubic spring; the others are rigid"
     )
     r_max_m: Positive = Field(1.0, description="length that normalises positions")
     starts: Annotated[int, Field(ge=1)] = Field(8, description="initial guesses tried")
-    random_seed: Annotated[int, Field(ge=0)] = Field(
-        20080427, description="of the starts and of the inner subsets"
-    )
+    random_seed: Annotated[int, Field(ge=0)] = Field(20080427, description="of the starts")
     max_iterations: Annotated[int, Field(ge=1)] = Field(
         200, description="of the outer level, for each start"
     )

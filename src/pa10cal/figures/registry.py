@@ -1,7 +1,7 @@
 """Pictures and tables find themselves: every function of some modules that says what it shows.
 
 `@picture` says it; the function's name says what it makes and what the files are called:
-`draw_l_curve` returns the figure `l_curve`, `tabulate_` a table, `film_` writes a film.
+`draw_where_joints` returns the figure `where_joints`, `tabulate_` a table, `film_` writes a film.
 """
 
 from __future__ import annotations

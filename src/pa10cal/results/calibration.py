@@ -312,23 +312,6 @@ class CalibrationRecord(Fit, MeasuredRecord):
         )
 
 
-class WeakDirection(Part):
-    """An identified direction whose uncertainty is larger than its tolerance."""
-
-    std_over_tolerance: float = Field(description="standard uncertainty over tolerance")
-    weights: Mapping[ParameterKey, float] = Field(description="its weights of parameters")
-
-
-class InnerDependence(Part):
-    """Spread of the parameters over random choices of the inner poses."""
-
-    choices: int = Field(description="random choices tried")
-    std: Mapping[ParameterKey, float] = Field(
-        description="standard deviation over the choices, in each parameter's unit"
-    )
-    mean_mm: Numbers = Field(description="mean position error of each choice [mm]")
-
-
 class OneLevel(Part):
     """The same model fitted on one level."""
 
@@ -348,33 +331,15 @@ class SeedDifference(Part):
     distance_mm: float = Field(description="distance of their origins [mm]")
 
 
-class LCurvePoint(Part):
-    """One weight of the tolerance terms."""
-
-    weight: float = Field(description="weight of the tolerance terms")
-    misfit: float = Field(description="norm of the residuals")
-    departure: float = Field(description="norm of the parameters over their tolerances")
-    mean_mm: float = Field(description="mean position error [mm]")
-
-
 class PaperCalibrationRecord(CalibrationRecord):
     """`calibration/<load>.json` of the paper's model."""
 
     model: Literal["paper"] = Field("paper", description="the paper's model")
     errors: Mapping[LoadKey, PaperErrors] = Field(description="errors at each load")
-    weak_directions: tuple[WeakDirection, ...] = Field(
-        description="identified directions, but worse than their tolerance"
-    )
     inner_poses: tuple[str, ...] = Field(description="poses that the inner level is fitted to")
-    inner_dependence: InnerDependence = Field(
-        description="how the result depends on the choice of inner poses"
-    )
     one_level: OneLevel = Field(description="the same model fitted on one level")
     seed_difference: SeedDifference = Field(description="base frame found, against its seed")
     linear: LinearFit = Field(description="the fit with linear springs")
-    l_curve: tuple[LCurvePoint, ...] = Field(
-        description="misfit against departure over the weight of the tolerance terms"
-    )
 
     @property
     def fits(self) -> Mapping[str, Fit]:

@@ -159,11 +159,8 @@ def _options(trial: Trial, options: ChainOptions) -> ChainOptions:
     combined = options.model_copy(update={"evaluation": EvaluationOptions(calibration=COMBINED)})
     if trial.kind in WILD_KINDS:
         return combined
-    lean = {
-        "calibration": options.calibration.model_copy(update={"inner_subsets": 0}),
-        "discovery": options.discovery.model_copy(update={"suggestions": 0}),
-    }
-    return combined.model_copy(update=lean)
+    discovery = options.discovery.model_copy(update={"suggestions": 0})
+    return combined.model_copy(update={"discovery": discovery})
 
 
 def _write(trial: Trial, raw: Path) -> tuple[tuple[Path, ...], WrittenPlaces]:

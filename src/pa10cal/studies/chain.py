@@ -72,7 +72,7 @@ def chain_study(
     """
     limit_rad = float(np.radians(options.limit_deg))
     arm = chain_arm(f"chain_{options.links}", options.links, options.link_m, limit_rad)
-    rigid = calibration.model_copy(update={"flexible_joints": (), "inner_subsets": 0})
+    rigid = calibration.model_copy(update={"flexible_joints": ()})
     # The mean length of a vector of three coordinates with this noise.
     floor_mm = float(options.position_mm * np.sqrt(8.0 / np.pi))
     shapes: list[Postures] = []
