@@ -11,7 +11,7 @@ from made_up_arm import Missing, at_joint, measure
 from pa10cal.discovery import gates
 from pa10cal.discovery.evidence.discover import VerdictByRepeats
 from pa10cal.discovery.gates import MOST_ALTERNATIVES, MOST_SIZES, doubts, gated, unfit, with_pulls
-from pa10cal.discovery.lack_of_fit import PureErrorTest
+from pa10cal.discovery.lack_of_fit import pure_error_test
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.terms.effects.joint_angle import GearRatioError
 
@@ -194,9 +194,9 @@ class TestNone:
 def test_none_is_not_said_of_torques_that_do_not_fit(monkeypatch, null):
     own = null.discovery.torque_test
     assert own is not None
-    assert own.ratio < 1.5
+    assert own.F < 1.5
     for ratio, word in ((1.2, "none"), (1.6, "unexplained"), (162.0, "unexplained")):
-        test = PureErrorTest(ratio * 1500.0, 1500.0, 3000)
+        test = pure_error_test(ratio * 1500.0, 1500.0, 3000)
         monkeypatch.setattr(VerdictByRepeats, "torque_test", property(lambda _, test=test: test))
         after = gated(null.discovery)
         assert after.verdict == word

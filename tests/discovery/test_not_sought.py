@@ -90,7 +90,7 @@ class TestVerdict:
     def test_what_remains_is_stated_the_same_before_and_after(self, found):
         before, after = found.lack_of_fit()
         assert before is after
-        assert before.pose is before.torque is None
+        assert before.pose.shared is before.pose.unshared is before.torque is None
         assert before.floor_mm > 0.0
 
     def test_repeats_say_what_the_noise_is_where_poses_are_too_few(self, made):
@@ -131,11 +131,11 @@ def test_cells_of_the_same_mean_time_have_no_drift(made):
     order = there_and_back(made.readings, same_circumstances(made.readings))
     again = replace(made, readings=order)
     found = evidence_lack_of_fit(again.problem, again.start)
-    assert [drift.mm_per_h for drift in found.drifts] == [None] * 3
+    assert [drift.by_time_mm_per_h for drift in found.drifts] == [None] * 3
     few = of_poses(made, 3)
     verdict = discover(there_and_back(few, reading_groups(few)), made.baseline, made.setup)
     assert verdict.verdict == "not_sought"
-    assert [drift.mm_per_h for drift in verdict.lack_of_fit()[0].drifts] == [None] * 3
+    assert [drift.by_time_mm_per_h for drift in verdict.lack_of_fit()[0].drifts] == [None] * 3
 
 
 class TestLogsThatDoNotScatter:

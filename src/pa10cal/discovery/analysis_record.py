@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import asdict
 
 import numpy as np
 
-from pa10cal.arrays import Array
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.uncertainty import reported_keys
-from pa10cal.discovery import lack_of_fit as domain
 from pa10cal.discovery.blocked_cv.alone import ByCampaign, Pair, by_campaign
 from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
 from pa10cal.discovery.gap import Gap
-from pa10cal.discovery.lack_of_fit import ChannelTest, Estimate, Periodogram, PureErrorTest
 from pa10cal.discovery.linear import possible_sizes
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.results import analysis as parts
-from pa10cal.results import evaluation
 from pa10cal.results.analysis import (
     AnalysisKeys,
     GapField,
@@ -40,8 +34,6 @@ from pa10cal.terms.effects.effect import Effect
 
 #: A parameter known no better than this part of what is possible is not identified by the data.
 _IDENTIFIED = 1.0 / 3.0
-#: Digits of what is there to be drawn.
-_DIGITS = 6
 
 
 def analysis_keys(found: Verdict[object]) -> AnalysisKeys:
@@ -49,8 +41,8 @@ def analysis_keys(found: Verdict[object]) -> AnalysisKeys:
     before, after = found.lack_of_fit()
     baseline = found.baseline
     return AnalysisKeys(
-        before=lack_of_fit_part(before),
-        after=lack_of_fit_part(after),
+        before=before,
+        after=after,
         steps=tuple(
             SearchStep(
                 effects=tuple(name_of(effect) for effect in step.effects),
@@ -75,144 +67,6 @@ def analysis_keys(found: Verdict[object]) -> AnalysisKeys:
         ),
         noise_floor_mm=found.noise_floor_mm,
     )
-
-
-def lack_of_fit_part(found: domain.LackOfFit) -> parts.LackOfFit:
-    """Return the numbers of a lack of fit."""
-    return parts.LackOfFit(
-        pose=_channel(found.pose or ChannelTest(None, None, 0.0)),
-        torque=None if found.torque is None else _channel(found.torque),
-        rms_mm=found.rms_mm,
-        floor_mm=found.floor_mm,
-        by_load=_parts(found.by_load),
-        by_pose=_parts(found.by_pose),
-        by_axis=_parts(found.by_axis),
-        by_joint=tuple(
-            parts.JointPart(
-                joint=part.joint,
-                rms_rad=part.rms_rad,
-                floor_rad=part.floor_rad,
-                arrivals=tuple(
-                    parts.JointArrival(
-                        direction=arrival.direction,
-                        cells=arrival.cells,
-                        mean_rad=arrival.mean.value,
-                        std_rad=_known(arrival.mean.std),
-                    )
-                    for arrival in part.arrivals
-                ),
-                periodogram=_periodogram(part.periodogram),
-            )
-            for part in found.by_joint
-        ),
-        by_torque=tuple(
-            parts.TorquePart(
-                joint=part.joint,
-                rms_Nm=part.rms_Nm,
-                noise_Nm=part.noise_Nm,
-                arrivals=tuple(
-                    parts.TorqueArrival(
-                        direction=arrival.direction,
-                        cells=arrival.cells,
-                        mean_Nm=arrival.mean.value,
-                        std_Nm=_known(arrival.mean.std),
-                    )
-                    for arrival in part.arrivals
-                ),
-            )
-            for part in found.by_torque
-        ),
-        drifts=tuple(
-            parts.Drift(
-                axis=drift.axis,
-                by_time_mm_per_h=_estimate(drift.mm_per_h),
-                by_temperature_mm_per_K=_estimate(drift.mm_per_K),
-            )
-            for drift in found.drifts
-        ),
-        cells=_cells(found),
-    )
-
-
-def _cells(found: domain.LackOfFit) -> parts.Cells:
-    states = found.cells.states
-    torque = found.torque_left_Nm
-    x_mm, y_mm, z_mm = _rounded(found.position_mm).T
-    return parts.Cells(
-        pose=found.cells.pose,
-        load_N=_rounded(states.load_N),
-        readings=found.cells.readings,
-        time_s=_rounded(states.time_s),
-        temperature_C=_rounded(states.temperature_C),
-        position_x_mm=x_mm,
-        position_y_mm=y_mm,
-        position_z_mm=z_mm,
-        joints=tuple(
-            parts.CellJoint(
-                joint=j + 1,
-                q_rad=_rounded(states.q_rad[:, j]),
-                arrival=_rounded(states.arrival[:, j]),
-                error_rad=_rounded(found.joints.error_rad[:, j]),
-                std_rad=_rounded(found.joints.std_rad[:, j]),
-                torque_residual_Nm=None if torque is None else _rounded(torque[:, j]),
-            )
-            for j in range(states.n)
-        ),
-    )
-
-
-def _channel(found: ChannelTest) -> parts.Channel:
-    return parts.Channel(
-        shared=_test(found.shared),
-        unshared=_test(found.unshared),
-        shared_variance_of_a_reading=found.shared_variance,
-    )
-
-
-def _test(found: PureErrorTest | None) -> parts.PureErrorTest | None:
-    if found is None:
-        return None
-    return parts.PureErrorTest(
-        chi_square=found.chi_square,
-        dof=found.dof,
-        pure_error_dof=found.pure_dof,
-        F=found.ratio,
-        p_value=found.p_value,
-    )
-
-
-def _parts(found: Iterable[domain.Part]) -> tuple[parts.ErrorPart, ...]:
-    return tuple(
-        parts.ErrorPart(of=part.of, cells=part.cells, rms_mm=part.rms_mm, floor_mm=part.floor_mm)
-        for part in found
-    )
-
-
-def _estimate(found: Estimate | None) -> evaluation.Estimate | None:
-    if found is None:
-        return None
-    return evaluation.Estimate(value=found.value, std=_known(found.std))
-
-
-def _known(number: float) -> float | None:
-    return number if np.isfinite(number) else None
-
-
-def _periodogram(found: Periodogram | None) -> parts.Periodogram | None:
-    if found is None:
-        return None
-    return parts.Periodogram(
-        orders=_rounded(found.orders),
-        explained_rad=_rounded(found.explained_rad),
-        marked=np.array(found.marked),
-        marked_rad=_rounded(found.marked_rad),
-    )
-
-
-def _rounded(values: Array) -> Array:
-    """Return numbers rounded to what a picture shows."""
-    flat = [float(f"{value:.{_DIGITS}g}") for value in np.ravel(values).tolist()]
-    return np.array(flat).reshape(np.shape(values))
 
 
 def model_parameters(found: Verdict[object]) -> dict[str, Parameter]:

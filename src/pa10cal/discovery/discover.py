@@ -18,7 +18,7 @@ from pa10cal.discovery.finding import Unexplained
 from pa10cal.discovery.formulas import with_lines_named, with_proposals
 from pa10cal.discovery.gap import Gap, Named, gap
 from pa10cal.discovery.gates import gated
-from pa10cal.discovery.lack_of_fit import CellResiduals, LackOfFit, lack_of_fit
+from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import (
     ModelWithEffects,
     mean_error_of_noise_mm,
@@ -41,6 +41,7 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
+from pa10cal.results.analysis import LackOfFit
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 if TYPE_CHECKING:

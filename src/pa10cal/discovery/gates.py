@@ -244,9 +244,9 @@ def doubts(found: Verdict[object]) -> Iterator[str]:
             "encoder_eccentricity of a joint that lifts) is there; logged torques would tell"
         )
     torque = found.torque_test
-    if torque is not None and torque.ratio > MOST_TORQUE_RATIO and torque.p_value < SURELY:
+    if torque is not None and torque.F > MOST_TORQUE_RATIO and torque.p_value < SURELY:
         yield (
-            f"the logged torques differ from those of the weights: F = {torque.ratio:.3g}, "
+            f"the logged torques differ from those of the weights: F = {torque.F:.3g}, "
             "as with wrong loads, masses or directions"
         )
     by_repeats = found.noise_floor_from is None

@@ -5,6 +5,7 @@ Everything is stated of cells: readings of a pose that have been averaged, or si
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,21 @@ from pa10cal.arrays import Array
 from pa10cal.discovery.linear import by_joints, error_mm, position_m, position_noise, residual
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
+from pa10cal.results.analysis import (
+    CellJoint,
+    Cells,
+    Channel,
+    Drift,
+    ErrorPart,
+    JointArrival,
+    JointPart,
+    LackOfFit,
+    Periodogram,
+    PureErrorTest,
+    TorqueArrival,
+    TorquePart,
+)
+from pa10cal.results.evaluation import Estimate
 
 # Weighted means and slopes whose uncertainty counts poses, not rows.
 #
@@ -24,14 +40,6 @@ from pa10cal.observe.observations import Observations
 
 #: What differs by a smaller part than this is the same.
 _ROUNDING = 1e-9
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A number with its standard uncertainty, nan where there is one pose only."""
-
-    value: float
-    std: float
 
 
 def mean(values: Array, weight: Array, pose: NDArray[np.str_]) -> Estimate:
@@ -59,11 +67,12 @@ def _last_coefficient(
     _, cluster = np.unique(pose, return_inverse=True)
     count = int(cluster.max()) + 1
     if count < 2:
-        return Estimate(float(found[-1]), np.nan)
+        return Estimate(value=float(found[-1]), std=None)
     scores = np.zeros((count, columns.shape[1]))
     np.add.at(scores, cluster, weighted * (values - columns @ found)[:, None])
     covariance = inverse @ (scores.T @ scores) @ inverse * count / (count - 1)
-    return Estimate(float(found[-1]), float(np.sqrt(covariance[-1, -1])))
+    std = float(np.sqrt(covariance[-1, -1]))
+    return Estimate(value=float(found[-1]), std=std if np.isfinite(std) else None)
 
 
 # Residuals of the model as errors of joint angles, and how they depend on each joint's angle.
@@ -97,20 +106,6 @@ class JointErrors:
         return np.asarray(self.std_rad**-2.0)
 
 
-@dataclass(frozen=True)
-class Periodogram:
-    """How much of a joint's error goes with a sine of its angle, order by order."""
-
-    orders: Array  # (F,) cycles a turn of the joint
-    # (F,) root mean square of the error that a sine of that order explains, a constant left free
-    # (generalised Lomb-Scargle periodogram)
-    explained_rad: Array
-    # orders where joints are known to err: once and twice a turn of the joint, once and twice a
-    # turn of the motor
-    marked: tuple[float, ...]
-    marked_rad: Array  # what they explain
-
-
 def joint_errors(screws: Array, left: Array) -> JointErrors:
     """Turn what the model leaves at every cell into errors of the joints, by least squares.
 
@@ -131,6 +126,9 @@ def periodogram(
 ) -> Periodogram | None:
     """Return the periodogram of one joint's error by its angle, None where it hardly turned.
 
+    It is that of Lomb and Scargle, generalised: a constant is free. Orders are marked where joints
+    are known to err: once and twice a turn of the joint, once and twice a turn of the motor.
+
     Args:
         q_rad: (C,) joint angle of every cell.
         error_rad: (C,) joint angle error.
@@ -150,7 +148,7 @@ def periodogram(
     centred = error_rad - share @ error_rad
     variance = float(share @ centred**2)
     if variance == 0.0:
-        return Periodogram(orders, np.zeros(len(orders)), marked, np.zeros(len(marked)))
+        return _periodogram(orders, marked, np.zeros(len(orders) + len(marked)))
     from scipy.signal import lombscargle  # late: blind trials draw no periodogram
 
     part = lombscargle(
@@ -161,120 +159,42 @@ def periodogram(
         normalize=True,
         floating_mean=True,
     )
-    explained = np.sqrt(variance * np.clip(part, 0.0, 1.0))
-    return Periodogram(orders, explained[: len(orders)], marked, explained[len(orders) :])
+    return _periodogram(orders, marked, np.sqrt(variance * np.clip(part, 0.0, 1.0)))
+
+
+def _periodogram(orders: Array, marked: tuple[float, ...], explained_rad: Array) -> Periodogram:
+    return Periodogram(
+        orders=rounded(orders),
+        explained_rad=rounded(explained_rad[: len(orders)]),
+        marked=np.array(marked),
+        marked_rad=rounded(explained_rad[len(orders) :]),
+    )
 
 
 AXES = ("x", "y", "z")
 #: Of more cells only so many, spread evenly over time, stand for all where each is looked at.
 MOST_CELLS = 1200
 _HOUR_S = 3600.0
+#: Digits of what is there to be drawn.
+_DIGITS = 6
 
 
-@dataclass(frozen=True)
-class PureErrorTest:
-    """Remaining error against pure error: Fisher's F."""
+def pure_error_test(chi_square: float, dof: float, pure_dof: int) -> PureErrorTest:
+    """Return Fisher's F of a remaining error, near one where the model lacks nothing.
 
-    chi_square: float  # sum of squares in units of the pure error's variance
-    dof: float  # rows less what the parameters took of them
-    pure_dof: int  # behind the pure error, from repeats
-
-    @property
-    def ratio(self) -> float:
-        """Return F, near one where the model lacks nothing."""
-        return self.chi_square / self.dof
-
-    @property
-    def p_value(self) -> float:
-        """Return the probability of so large an F where the model lacks nothing."""
-        return float(fdtrc(self.dof, self.pure_dof, self.ratio))
-
-
-@dataclass(frozen=True)
-class ChannelTest:
-    """Lack of fit of one channel, row by row; the verdict rests on poses, not on this."""
-
-    # what the cells of a pose share, by load, direction and time; None without such rows
-    shared: PureErrorTest | None
-    unshared: PureErrorTest | None  # what differs among them beyond that; None without such rows
-    # of an error that the cells of a pose share and that would explain the residuals, in variances
-    # of one reading
-    shared_variance: float
-
-
-@dataclass(frozen=True)
-class Part:
-    """Position error over some cells, or along one axis."""
-
-    of: str  # which: `22 N`, a pose's label, or `x`, `y`, `z` of the instrument
-    cells: int  # how many
-    rms_mm: float  # root mean square of the error
-    floor_mm: float  # what the noise of these cells alone would leave
-
-
-@dataclass(frozen=True)
-class Arrival:
-    """Mean over the cells at which a joint arrived from one side."""
-
-    direction: int  # +1 or -1
-    cells: int  # how many
-    mean: Estimate  # of the joint's angle error [rad] or of its torque left [N m]
-
-
-@dataclass(frozen=True)
-class JointPart:
-    """Angle error of one joint."""
-
-    joint: int  # 1 … n
-    rms_rad: float  # root mean square, cells weighted by their information on the joint
-    floor_rad: float  # what noise alone would leave
-    arrivals: tuple[Arrival, ...]  # by direction of arrival
-    # by the joint's angle, None for a prismatic joint or hardly turned
-    periodogram: Periodogram | None
-
-
-@dataclass(frozen=True)
-class TorquePart:
-    """Torque of one joint minus that of the weights."""
-
-    joint: int  # 1 … n
-    rms_Nm: float  # root mean square
-    noise_Nm: float  # what the noise of the cells alone would leave
-    arrivals: tuple[Arrival, ...]  # by direction of arrival
-
-
-@dataclass(frozen=True)
-class Drift:
-    """Slope of the measured less the predicted position along one axis of the instrument."""
-
-    axis: str  # `x`, `y` or `z`
-    # with time; None where the cells have the same mean time, as with a way there and back
-    mm_per_h: Estimate | None
-    mm_per_K: Estimate | None  # with temperature, None where it was not logged or did not change
-
-
-@dataclass(frozen=True)
-class LackOfFit:
-    """Where a fit and the data disagree."""
-
-    pose: ChannelTest | None  # lack of fit of the poses against pure error; None without repeats
-    # of the torques; None where they or the weights are not known, or without repeats
-    torque: ChannelTest | None
-    # rms_mm and floor_mm: position error over all cells, and what noise alone would leave
-    rms_mm: float
-    floor_mm: float
-    # by_load, by_pose and by_axis: the same by part; no poses where each is measured once
-    by_load: tuple[Part, ...]
-    by_pose: tuple[Part, ...]
-    by_axis: tuple[Part, ...]
-    by_joint: tuple[JointPart, ...]  # in joint space
-    by_torque: tuple[TorquePart, ...]  # torques left, none where they are not known
-    drifts: tuple[Drift, ...]  # along the instrument's axes
-    # C cells; of many poses so many as a picture shows, spread evenly over time
-    cells: Observations
-    position_mm: Array  # (C, 3) measured less predicted, along the instrument's axes
-    joints: JointErrors  # in joint space, cell by cell
-    torque_left_Nm: Array | None  # (C, n) logged less predicted, None where it is not known
+    Args:
+        chi_square: sum of squares in units of the pure error's variance.
+        dof: rows less what the parameters took of them.
+        pure_dof: behind the pure error, from repeats.
+    """
+    ratio = chi_square / dof
+    return PureErrorTest(
+        chi_square=chi_square,
+        dof=dof,
+        pure_error_dof=pure_dof,
+        F=ratio,
+        p_value=float(fdtrc(dof, pure_dof, ratio)),
+    )
 
 
 @dataclass(frozen=True)
@@ -304,7 +224,7 @@ class TorqueResiduals:
 
 def lack_of_fit(
     left: CellResiduals,
-    tests: tuple[ChannelTest | None, ChannelTest | None] = (None, None),
+    tests: tuple[Channel | None, Channel | None] = (None, None),
     torques: TorqueResiduals | None = None,
 ) -> LackOfFit:
     """Compute where a model and the data disagree.
@@ -326,14 +246,19 @@ def lack_of_fit(
     joints = joint_errors(white @ left.screws[shown], white @ left.components[shown, :, None])
     arm = left.at.model.chain.arm
     return LackOfFit(
-        pose=tests[0],
+        pose=tests[0] or Channel(shared=None, unshared=None, shared_variance_of_a_reading=0.0),
         torque=tests[1],
         rms_mm=_root_mean(squares),
         floor_mm=_root_mean(noise),
         by_load=_parts([f"{load:g} N" for load in cells.states.load_N], squares, noise),
         by_pose=() if tests[0] is None else _parts(cells.pose.tolist(), squares, noise),
         by_axis=tuple(
-            Part(axis, len(cells), _root_mean(position_mm[:, k] ** 2), _root_mean(noise_mm2[:, k]))
+            ErrorPart(
+                of=axis,
+                cells=len(cells),
+                rms_mm=_root_mean(position_mm[:, k] ** 2),
+                floor_mm=_root_mean(noise_mm2[:, k]),
+            )
             for k, axis in enumerate(AXES)
         ),
         by_joint=tuple(_joint_part(arm, some, joints, j) for j in range(n)),
@@ -341,11 +266,45 @@ def lack_of_fit(
         if torques is None
         else tuple(_torque_part(cells, torques, j) for j in range(n)),
         drifts=tuple(_drift(cells, axis, position_mm[:, k]) for k, axis in enumerate(AXES)),
-        cells=some,
-        position_mm=position_mm[shown],
-        joints=joints,
-        torque_left_Nm=None if torques is None else torques.torque_Nm[shown],
+        cells=_cells(
+            some, position_mm[shown], joints, None if torques is None else torques.torque_Nm[shown]
+        ),
     )
+
+
+def _cells(
+    cells: Observations, position_mm: Array, joints: JointErrors, torque_Nm: Array | None
+) -> Cells:
+    """Return what is drawn of every cell, with as many digits as a picture shows."""
+    states = cells.states
+    x_mm, y_mm, z_mm = rounded(position_mm).T
+    return Cells(
+        pose=cells.pose,
+        load_N=rounded(states.load_N),
+        readings=cells.readings,
+        time_s=rounded(states.time_s),
+        temperature_C=rounded(states.temperature_C),
+        position_x_mm=x_mm,
+        position_y_mm=y_mm,
+        position_z_mm=z_mm,
+        joints=tuple(
+            CellJoint(
+                joint=j + 1,
+                q_rad=rounded(states.q_rad[:, j]),
+                arrival=rounded(states.arrival[:, j]),
+                error_rad=rounded(joints.error_rad[:, j]),
+                std_rad=rounded(joints.std_rad[:, j]),
+                torque_residual_Nm=None if torque_Nm is None else rounded(torque_Nm[:, j]),
+            )
+            for j in range(states.n)
+        ),
+    )
+
+
+def rounded(values: Array) -> Array:
+    """Return numbers rounded to what a picture shows."""
+    flat = [float(f"{value:.{_DIGITS}g}") for value in np.ravel(values).tolist()]
+    return np.array(flat).reshape(np.shape(values))
 
 
 def _joint_part(arm: Arm, cells: Observations, joints: JointErrors, j: int) -> JointPart:
@@ -355,7 +314,10 @@ def _joint_part(arm: Arm, cells: Observations, joints: JointErrors, j: int) -> J
         joint=j + 1,
         rms_rad=float(np.sqrt(share @ error**2)),
         floor_rad=float(np.sqrt(share @ joints.std_rad[:, j] ** 2)),
-        arrivals=_arrivals(cells, error, weight, j),
+        arrivals=tuple(
+            JointArrival(direction=sign, cells=count, mean_rad=of.value, std_rad=of.std)
+            for sign, count, of in _arrivals(cells, error, weight, j)
+        ),
         periodogram=None
         if arm.prismatic[j]
         else periodogram(cells.states.q_rad[:, j], error, weight, float(arm.gear_ratio[j])),
@@ -368,18 +330,21 @@ def _torque_part(cells: Observations, torques: TorqueResiduals, j: int) -> Torqu
         joint=j + 1,
         rms_Nm=_root_mean(left_Nm**2),
         noise_Nm=_root_mean(torques.noise_Nm[j] ** 2 / cells.readings),
-        arrivals=_arrivals(cells, left_Nm, cells.readings.astype(float), j),
+        arrivals=tuple(
+            TorqueArrival(direction=sign, cells=count, mean_Nm=of.value, std_Nm=of.std)
+            for sign, count, of in _arrivals(cells, left_Nm, cells.readings.astype(float), j)
+        ),
     )
 
 
-def _arrivals(cells: Observations, values: Array, weight: Array, j: int) -> tuple[Arrival, ...]:
-    """Return the mean of values over the cells at which joint j (from 0) came from each side."""
+def _arrivals(
+    cells: Observations, values: Array, weight: Array, j: int
+) -> Iterator[tuple[int, int, Estimate]]:
+    """Yield the mean of values over the cells at which joint j (from 0) came from each side."""
     arrival, pose = cells.states.arrival[:, j], cells.pose
-    return tuple(
-        Arrival(sign, int(rows.sum()), mean(values[rows], weight[rows], pose[rows]))
-        for sign in (-1, 1)
-        if (rows := np.sign(arrival) == sign).any()
-    )
+    for sign in (-1, 1):
+        if (rows := np.sign(arrival) == sign).any():
+            yield sign, int(rows.sum()), mean(values[rows], weight[rows], pose[rows])
 
 
 def _drift(cells: Observations, axis: str, position_mm: Array) -> Drift:
@@ -387,19 +352,24 @@ def _drift(cells: Observations, axis: str, position_mm: Array) -> Drift:
     hours, kelvin = cells.states.time_s / _HOUR_S, cells.states.temperature_C
     return Drift(
         axis=axis,
-        mm_per_h=slope(hours, position_mm, weight, cells.pose),
-        mm_per_K=slope(kelvin, position_mm, weight, cells.pose),
+        by_time_mm_per_h=slope(hours, position_mm, weight, cells.pose),
+        by_temperature_mm_per_K=slope(kelvin, position_mm, weight, cells.pose),
     )
 
 
-def _parts(of: list[str], squares: Array, noise: Array) -> tuple[Part, ...]:
+def _parts(of: list[str], squares: Array, noise: Array) -> tuple[ErrorPart, ...]:
     """Return the parts of cells by a label of each, in the order in which labels first come."""
     labels, first, group = np.unique(of, return_index=True, return_inverse=True)
     count = np.bincount(group)
     rms = np.sqrt(np.bincount(group, squares) / count)
     floor = np.sqrt(np.bincount(group, noise) / count)
     return tuple(
-        Part(str(labels[k]), int(count[k]), float(rms[k]), float(floor[k]))
+        ErrorPart(
+            of=str(labels[k]),
+            cells=int(count[k]),
+            rms_mm=float(rms[k]),
+            floor_mm=float(floor[k]),
+        )
         for k in np.argsort(first)
     )
 

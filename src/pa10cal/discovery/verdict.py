@@ -15,7 +15,6 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.finding import Fault, Finding, NotTestable, Unexplained, fault_of, to_check
 from pa10cal.discovery.gap import Gap, Named
-from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
 from pa10cal.discovery.linear import ModelWithEffects
 from pa10cal.discovery.next_poses.room import NextPose
 from pa10cal.discovery.preparation import Prepared
@@ -24,6 +23,7 @@ from pa10cal.discovery.weights import Scatter
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.log_faults import LogFault

@@ -33,7 +33,7 @@ from pa10cal.discovery.gap import Gap, Named, left_by
 from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
 from pa10cal.discovery.in_time.wander import InTime
-from pa10cal.discovery.lack_of_fit import CellResiduals, LackOfFit, lack_of_fit
+from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import by_targets, by_terms, mean_error_of_noise_mm, possible_sizes
 from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
 from pa10cal.discovery.next_poses.separate import fill
@@ -45,6 +45,7 @@ from pa10cal.discovery.verdict import Plan, Verdict, reported
 from pa10cal.discovery.weights import AS_FOUND, Scatter, scatter_of, share_inside
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.observe.observations import Observations
+from pa10cal.results.analysis import LackOfFit
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import GearError, JointErrorMap, SensorError
 from pa10cal.terms.forms.form import Form

@@ -40,11 +40,9 @@ from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_wi
 from pa10cal.discovery.in_time.wander import STILL, moved_between_repeats, moved_frames
 from pa10cal.discovery.lack_of_fit import (
     CellResiduals,
-    ChannelTest,
-    LackOfFit,
-    PureErrorTest,
     TorqueResiduals,
     lack_of_fit,
+    pure_error_test,
 )
 from pa10cal.discovery.linear import by_every_joint, possible_sizes, residual
 from pa10cal.discovery.next_poses.contest import Pair
@@ -64,6 +62,7 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
+from pa10cal.results.analysis import Channel, LackOfFit, PureErrorTest
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
 
@@ -416,7 +415,7 @@ def evidence_lack_of_fit(problem: Problem, found: Fit) -> LackOfFit:
     return lack_of_fit(left, (pose, torque), torques)
 
 
-def channel_tests(problem: Problem, found: Fit) -> tuple[ChannelTest, ChannelTest | None]:
+def channel_tests(problem: Problem, found: Fit) -> tuple[Channel, Channel | None]:
     """Test both channels, the parameters' part of every row taken off its freedom."""
     channels = [(problem.pose, pose_rows(problem, found.at))]
     if problem.torque is not None:
@@ -434,20 +433,24 @@ def channel_tests(problem: Problem, found: Fit) -> tuple[ChannelTest, ChannelTes
     return tests[0], tests[1] if len(tests) > 1 else None
 
 
-def _channel_test(channel: NoiseModel, squares: Array, dof: Array, pure: int) -> ChannelTest:
+def _channel_test(channel: NoiseModel, squares: Array, dof: Array, pure: int) -> Channel:
     shared = channel.shared_size > _NO_PART
     tests = [
-        PureErrorTest(float(squares[rows].sum()), float(dof[rows].sum()), pure)
+        pure_error_test(float(squares[rows].sum()), float(dof[rows].sum()), pure)
         if float(dof[rows].sum()) > _NO_PART
         else None
         for rows in (shared, ~shared)
     ]
     beyond = 0.0 if tests[0] is None else max(tests[0].chi_square - tests[0].dof, 0.0)
     largest = float(dof @ channel.shared_size)
-    return ChannelTest(tests[0], tests[1], beyond / largest if beyond else 0.0)
+    return Channel(
+        shared=tests[0],
+        unshared=tests[1],
+        shared_variance_of_a_reading=beyond / largest if beyond else 0.0,
+    )
 
 
-def _left_over(model: NoiseModel, rows: Array, test: ChannelTest) -> Array:
+def _left_over(model: NoiseModel, rows: Array, test: Channel) -> Array:
     """Return measured less predicted, less the errors common to all poses, (C, b).
 
     These errors have unit variance each, by which they are held back; the error that poses share
@@ -459,7 +462,7 @@ def _left_over(model: NoiseModel, rows: Array, test: ChannelTest) -> Array:
         test: says what error the poses share.
     """
     left = -model.rows(rows[:, :, :1])
-    weight = 1.0 / (1.0 + test.shared_variance * model.shared_size)[:, None]
+    weight = 1.0 / (1.0 + test.shared_variance_of_a_reading * model.shared_size)[:, None]
     normal = model.common.T @ (weight * model.common) + np.eye(model.common.shape[1])
     common = cho_solve(cho_factor(normal), model.common.T @ (weight * left))
     left = left - model.common @ common
