@@ -40,7 +40,9 @@ class Shift(LogFault):
 
 
 def fault(*, decides):
-    return Fault("outlier", "pose 7", "off", "measure again", decides=decides)
+    return Fault(
+        kind="outlier", where="pose 7", what="off", remedy="measure again", decides=decides
+    )
 
 
 @pytest.mark.parametrize(

@@ -53,8 +53,7 @@ def test_the_reduction_has_the_interval_of_a_paired_t_test():
     expected = ttest_rel(*by_pose).confidence_interval(0.95)
     assert found.reduction.poses == POSES
     assert found.reduction.mean_mm == pytest.approx((before - after).mean())
-    assert found.reduction.low_mm == pytest.approx(expected.low)
-    assert found.reduction.high_mm == pytest.approx(expected.high)
+    assert found.reduction.interval95_mm == pytest.approx((expected.low, expected.high))
 
 
 def test_errors_are_those_of_each_model_over_all_and_by_load():
@@ -64,14 +63,15 @@ def test_errors_are_those_of_each_model_over_all_and_by_load():
         assert accuracy.mean_mm == pytest.approx(off_mm.mean())
         assert accuracy.peak_mm == pytest.approx(off_mm.max())
         assert accuracy.rms_mm == pytest.approx(np.sqrt((off_mm**2).mean()))
-    assert set(found.by_load) == set(found.reduction_by_load) == set(LOADS_N)
-    for load, (there, here) in found.by_load.items():
-        rows = measured.states.load_N == load
-        assert there.mean_mm == pytest.approx(before[rows].mean())
-        assert here.mean_mm == pytest.approx(after[rows].mean())
-        saved = found.reduction_by_load[load]
-        assert saved.mean_mm == pytest.approx((before - after)[rows].mean())
-        assert saved.low_mm < saved.mean_mm < saved.high_mm
+    by_load = found.record().per_load
+    assert set(by_load) == {f"{load:g}N" for load in LOADS_N}
+    for load in LOADS_N:
+        rows, there = measured.states.load_N == load, by_load[f"{load:g}N"]
+        assert there.before.mean_mm == pytest.approx(before[rows].mean())
+        assert there.after.mean_mm == pytest.approx(after[rows].mean())
+        (low_mm, high_mm), mean_mm = there.reduction.interval95_mm, there.reduction.mean_mm
+        assert mean_mm == pytest.approx((before - after)[rows].mean())
+        assert low_mm < mean_mm < high_mm
 
 
 def test_loads_of_a_pose_are_no_further_poses():
@@ -79,13 +79,14 @@ def test_loads_of_a_pose_are_no_further_poses():
     twice = np.repeat(np.arange(len(measured)), 2)
     again = compared(measured.take(twice), *(T[twice] for T in models))
     once = compared(measured, *models)
-    assert again.reduction.low_mm == pytest.approx(once.reduction.low_mm)
+    assert again.reduction.interval95_mm == pytest.approx(once.reduction.interval95_mm)
 
 
 def test_one_pose_has_no_interval():
     measured, models, (before, after) = made(poses=1)
     found = compared(measured, *models).reduction
-    assert found.low_mm == found.high_mm == found.mean_mm == pytest.approx((before - after).mean())
+    assert found.interval95_mm == (found.mean_mm, found.mean_mm)
+    assert found.mean_mm == pytest.approx((before - after).mean())
     assert found.poses == 1
 
 

@@ -70,6 +70,13 @@ def made(found, factor=1.0, uncertainty=1.0):
     return finding, replace(model, x=x, covariance=uncertainty**2 * model.covariance)
 
 
+def erring(gap, mean_mm):
+    """Return a gap with another mean error after, and the same deviations pose by pose."""
+    other = replace(gap)
+    other.__dict__["after"] = gap.after.model_copy(update={"mean_mm": mean_mm})
+    return other
+
+
 def test_a_size_that_is_not_plausible_is_no_name(wave):
     finding, model = made(wave.discovery)
     x = model.values_of(finding.effect)
@@ -153,16 +160,14 @@ class TestNone:
     def test_held_out_error_and_repeatability(self, found):
         for factor, word in ((2.0, "none"), (6.0, "unexplained")):
             mean_mm = factor * found.holdout.noise_floor_mm
-            after = found.holdout.after.model_copy(update={"mean_mm": mean_mm})
-            doubtful = gated(replace(found, holdout=replace(found.holdout, after=after)))
+            doubtful = gated(replace(found, holdout=erring(found.holdout, mean_mm)))
             assert doubtful.verdict == word
         assert "the held-out error is" in why(doubtful)
 
     def test_error_left_and_repeatability(self, found):
         for factor in (0.2, 5.0):
             mean_mm = factor * found.train.noise_floor_mm
-            after = found.train.after.model_copy(update={"mean_mm": mean_mm})
-            doubtful = gated(replace(found, train=replace(found.train, after=after)))
+            doubtful = gated(replace(found, train=erring(found.train, mean_mm)))
             assert doubtful.verdict == "unexplained"
             assert "the remaining error is" in why(doubtful)
 

@@ -12,7 +12,6 @@ from pa10cal.campaign.read import wrong_rows
 from pa10cal.campaign.screens import OFF_REPEATS
 from pa10cal.discovery import discover as search
 from pa10cal.discovery.evidence.confirm import confirm
-from pa10cal.discovery.finding import Unexplained
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.row_faults import (
     carries,
@@ -22,6 +21,7 @@ from pa10cal.discovery.row_faults import (
     row_faults,
 )
 from pa10cal.fit.robust_weights import Tails
+from pa10cal.results.discovery import Unexplained
 from pa10cal.results.health import InputFinding
 
 
@@ -178,8 +178,8 @@ class TestNamesThatOnePoseCarries:
     def test_it_is_wrong_only_if_the_rest_fits(self, rest_fits, wave, monkeypatch):
         pose, first = wave.readings.pose[40], wave.discovery
         (finding,) = first.findings
-        carried = replace(finding, proof=replace(finding.proof, carrier=pose))
-        unknown = Unexplained(None, None, 0.1, "no effect explains it")
+        carried = replace(finding, proof=finding.proof.model_copy(update={"carrier": pose}))
+        unknown = Unexplained(of=None, form=None, shared_error_mm=0.1, why="no effect explains it")
         without = replace(first, findings=(), unexplained=() if rest_fits else (unknown,))
         answers = [replace(first, findings=(carried,)), without]
         looked_at = []

@@ -14,7 +14,6 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
 from pa10cal.discovery.compliance import with_compliance
-from pa10cal.discovery.finding import Unexplained
 from pa10cal.discovery.formulas import with_lines_named, with_proposals
 from pa10cal.discovery.gap import Gap, Named, gap
 from pa10cal.discovery.gates import gated
@@ -36,7 +35,7 @@ from pa10cal.discovery.noise import (
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.row_faults import carries, of_wrong_row
 from pa10cal.discovery.torque_check import stated_wrongly
-from pa10cal.discovery.verdict import Plan, Verdict, Word, is_named, label_of
+from pa10cal.discovery.verdict import Plan, Verdict, Word, is_named, label_of, no_name
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
@@ -239,16 +238,8 @@ def without_names(found: Verdict[object], carried: Sequence[Finding[object]]) ->
     """Return a verdict without names that one pose carries each: they are unexplained."""
     gone = [each.effect for each in carried]
     fewer = found.with_findings([each for each in found.findings if each.effect not in gone])
-    unknown = tuple(
-        Unexplained(
-            each.of,
-            each.id,
-            found.train.after.mean_mm,
-            f"{label_of(each.effect, None)} fits best, and is no name: pose {each.carrier} alone "
-            "carries it",
-        )
-        for each in carried
-    )
+    left_mm = found.train.after.mean_mm
+    unknown = (no_name(each, left_mm, f"pose {each.carrier} alone carries it") for each in carried)
     return replace(fewer, unexplained=(*fewer.unexplained, *unknown))
 
 

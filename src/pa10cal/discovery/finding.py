@@ -3,53 +3,39 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Literal, TypeVar
 
 import numpy as np
+from pydantic import Field
 
 from pa10cal.arrays import Array
+from pa10cal.results import discovery as results
+from pa10cal.results.discovery import EvidenceOfSag
+from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.health import InputFinding
-from pa10cal.results.record import FaultKind
+from pa10cal.results.record import EffectName, FaultKind, Numbers
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.log_faults import LogFault
+from pa10cal.terms.term import Term
 
 P_co = TypeVar("P_co", covariant=True)
 
 
-@dataclass(frozen=True)
-class ReportedValue:
-    """A reported parameter: value and standard uncertainty."""
-
-    value: float
-    std: float
-    unit: str
-
-
-@dataclass(frozen=True, eq=False)
-class GivesWay:
+class GivesWay(EvidenceOfSag):
     """The statistics that decided about the spring of a joint."""
 
-    nats: float  # log evidence lost without it, its weights and all else fitted anew
-    needed_nats: float  # log evidence needed
-    sag_rad: float  # largest deflection over the poses fitted
-    sag_std_rad: float  # its standard uncertainty
-    # without_mm and with_mm: root mean square position error of the poses fitted, with the joint
-    # rigid and as it is
-    without_mm: float
-    with_mm: float
-    # held_out_without_mm and held_out_with_mm: of those held out; None without any
-    held_out_without_mm: float | None
-    held_out_with_mm: float | None
-    all_rigid_mm: float  # of those held out, or else fitted, with all joints rigid that give way
-    # without_each_mm and all_rigid_each_mm: (P,) the errors of these poses, one by one
-    without_each_mm: Array
-    all_rigid_each_mm: Array
-    weights: str  # where the weights come from: `assumed`, `total` or `logged`
-
-    #: Not carried by a single pose: it acts in all of them.
-    carrier: None = None
+    without_each_mm: Numbers = Field(
+        exclude=True,
+        description="(P,) errors of the poses held out, or else fitted, with the joint rigid",
+    )
+    all_rigid_each_mm: Numbers = Field(
+        exclude=True, description="the same with all joints rigid that give way"
+    )
+    weights: Literal["assumed", "total", "logged"] = Field(
+        exclude=True, description="where the weights come from"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,25 +72,29 @@ class Finding(Generic[P_co]):
         return None if carrier is None else str(carrier)
 
     @property
-    def parameters(self) -> Mapping[str, ReportedValue]:
+    def parameters(self) -> dict[str, EffectParameter]:
         """Return its reported parameters by name."""
-        known = self.effect.report(np.zeros(len(self.effect.parameters))).parameters
-        std = np.sqrt(np.diag(self.covariance))
-        return {
-            parameter.name: ReportedValue(float(value), float(sigma), parameter.unit)
-            for parameter, value, sigma in zip(known, self.x, std, strict=True)
-        }
+        return effect_parameters(self.effect, self.x, self.covariance)
 
 
-@dataclass(frozen=True)
-class Unexplained:
-    """Something that is missing from the model and has no name."""
+def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, EffectParameter]:
+    """Return the parameters of an effect or a form by name.
 
-    of: str | None  # where it sits, as a place of the vocabulary; None where the data do not say
-    # id of the smooth unknown function that predicts it best; None where none does
-    form: str | None
-    error_mm: float | None  # its position error; None where a map has taken it up
-    why: str  # why it has no name, one clause
+    Args:
+        term: which.
+        x, covariance: its reported parameters, and their covariance.
+    """
+    known = term.report(np.zeros(len(term.parameters))).parameters
+    std = np.sqrt(np.diag(covariance)).tolist()
+    return {
+        parameter.name: EffectParameter(value=value, std=sigma, unit=parameter.unit)
+        for parameter, value, sigma in zip(known, x.tolist(), std, strict=True)
+    }
+
+
+def name_of(effect: Effect) -> EffectName:
+    """Return an effect's name and place."""
+    return EffectName(id=effect.id, of=effect.of)
 
 
 @dataclass(frozen=True)
@@ -129,23 +119,25 @@ _OF_INPUT: dict[str, FaultKind] = {
 }
 
 
-@dataclass(frozen=True)
-class Fault:
-    """Something in the log that is wrong."""
+class Fault(results.Fault):
+    """Something in the log that is wrong, and what it does to the verdict; that is not written."""
 
-    kind: FaultKind  # which fault
-    where: str  # column, joint, load, pose, row or time
-    what: str  # what is wrong and by how much, one clause
-    remedy: str  # what to do about it
-    # part of the weighted squared error that putting it right takes away; None where that was not
-    # tried
-    gain: float | None = None
-    # whether the verdict is `check_the_log` whatever else was found; a reading with a gross error,
-    # once excluded, leaves the effects found standing
-    decides: bool = True
-    # of a step that is told as a fact, its most likely time; readings before and after have bases
-    # of their own
-    at_s: float | None = None
+    gain: float | None = Field(
+        default=None,
+        description="part of the weighted squared error that putting it right takes away",
+    )
+    decides: bool = Field(
+        default=True,
+        exclude=True,
+        description="whether the verdict is `check_the_log` whatever else was found; a reading "
+        "with a gross error, once excluded, leaves the effects found standing",
+    )
+    at_s: float | None = Field(
+        default=None,
+        exclude=True,
+        description="of a step that is told as a fact, its most likely time; readings before and "
+        "after have bases of their own",
+    )
 
     def __str__(self) -> str:
         return f"{self.where}: {self.what}; {self.remedy}"
@@ -165,7 +157,7 @@ def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) ->
         gain: part of the squared error that it explains.
     """
     told = term.told(x, np.sqrt(np.diag(covariance)))
-    return Fault(term.kind, told.where, told.what, told.remedy, gain)
+    return Fault(kind=term.kind, where=told.where, what=told.what, remedy=told.remedy, gain=gain)
 
 
 def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[Fault, ...]:
@@ -181,7 +173,8 @@ def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[Fault, ...]:
         left = each.would_leave_mm
         then = "" if left is None else f" ({left:.3g} mm rms would remain if that is put right)"
         where = each.where if joint is None else f"joint {joint[1]}"
-        found.append(Fault(kind, where, f"{each.what}{then}", each.remedy))
+        what = f"{each.what}{then}"
+        found.append(Fault(kind=kind, where=where, what=what, remedy=each.remedy))
     return tuple(found)
 
 

@@ -103,7 +103,11 @@ def _named(found: V, proposal: Proposal) -> V | None:
     alone = len(held) == 1 and held[0].id == MAP and held[0].of == proposal.of
     if proposal.form.form != "harmonic" or order is None or not alone:
         return None
-    if proposal.orders != (order, order) or order <= NAMED_ORDERS or found.falls_back is not None:
+    if (
+        proposal.record.orders != (order, order)
+        or order <= NAMED_ORDERS
+        or found.falls_back is not None
+    ):
         return None
     joint = joint_of(proposal.of)
     gear = 2.0 * float(found.context.arm.gear_ratio[joint - 1])

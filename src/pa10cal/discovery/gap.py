@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,54 +16,28 @@ from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
-from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.discovery import LoadGap, Reduction, SetGap
+from pa10cal.results.evaluation import Accuracy, BeforeAfter
 from pa10cal.terms.effects.effect import Effect
 
+Rows = NDArray[np.bool_]
+
 _LEVEL = 0.95
-
-
-@dataclass(frozen=True)
-class Paired:
-    """Mean reduction of the position error, poses being the unit."""
-
-    mean_mm: float  # mean over poses
-    # low_mm and high_mm: its 95 % interval; equal to the mean where there is one pose
-    low_mm: float
-    high_mm: float
-    poses: int  # how many
-
-
-@dataclass(frozen=True)
-class Parts:
-    """The gap inside the joint positions that the fit has seen, and beyond them."""
-
-    # (P,) configurations that keep to the positions seen; the others are extrapolated
-    inside: NDArray[np.bool_]
-    # before_inside and after_inside: accuracies over these; None where there is none
-    before_inside: Accuracy | None
-    after_inside: Accuracy | None
-    # before_beyond and after_beyond: over the others
-    before_beyond: Accuracy | None
-    after_beyond: Accuracy | None
 
 
 @dataclass(frozen=True)
 class Gap:
     """The gap between model and measurement on some configurations."""
 
-    # before and after: errors of the calibrated baseline and of the extended model
-    before: Accuracy
-    after: Accuracy
-    by_load: dict[float, tuple[Accuracy, Accuracy]]  # the same for every load
-    reduction: Paired  # paired over poses
-    reduction_by_load: dict[float, Paired]  # the same for every load
-    # found_before and found_after: deviations, configuration by configuration
+    poses: Observations  # P configurations
+    # found_before and found_after: deviations of the calibrated baseline and of the extended model,
+    # configuration by configuration
     found_before: Deviations
     found_after: Deviations
-    poses: Observations  # the configurations
     noise_floor_mm: float  # mean error that their noise alone would leave
-    # inside and beyond what the fit has seen; None where it is not needed
-    parts: Parts | None = None
+    # (P,) configurations that keep to the joint positions that the fit has seen; the others are
+    # extrapolated. None where that is not needed
+    inside: Rows | None = None
     # deviations before and after with the motion of the base that was found taken out of the
     # readings. It is in no model, and in none of the other numbers. None where no motion was
     # found.
@@ -70,6 +45,80 @@ class Gap:
     # deviations with all that the search held and has no name in the model as well, which is not
     # the one that is written; None where it held nothing of the kind
     with_rivals: Deviations | None = None
+
+    @cached_property
+    def before(self) -> Accuracy:
+        """Return the errors of the calibrated baseline."""
+        return summarise(self.found_before)
+
+    @cached_property
+    def after(self) -> Accuracy:
+        """Return the errors of the extended model."""
+        return summarise(self.found_after)
+
+    @cached_property
+    def reduction(self) -> Reduction:
+        """Return the mean reduction of the error, paired over poses."""
+        return self.reduction_of(slice(None))
+
+    def reduction_of(self, rows: Rows | slice) -> Reduction:
+        """Return the mean reduction over some configurations, paired over their poses.
+
+        Its interval is the mean where there is one pose.
+        """
+        saved_mm = self.found_before.distance_mm - self.found_after.distance_mm
+        _, group = np.unique(self.poses.pose[rows], return_inverse=True)
+        by_pose = np.bincount(group, saved_mm[rows]) / np.bincount(group)
+        count, mean = len(by_pose), float(by_pose.mean())
+        half = 0.0
+        if count > 1:
+            spread = float(by_pose.std(ddof=1)) / np.sqrt(count)
+            half = float(stdtrit(count - 1, 0.5 + _LEVEL / 2.0)) * spread
+        return Reduction(mean_mm=mean, interval95_mm=(mean - half, mean + half), poses=count)
+
+    def accuracies(self, rows: Rows | None) -> BeforeAfter | None:
+        """Return the errors over some configurations; None where there is none."""
+        if rows is None or not rows.any():
+            return None
+        return BeforeAfter(
+            before=summarise(self.found_before, rows), after=summarise(self.found_after, rows)
+        )
+
+    def at_load(self, load_N: float) -> LoadGap:
+        """Return the gap at one load."""
+        rows = self.poses.states.load_N == load_N
+        return LoadGap(
+            before=summarise(self.found_before, rows),
+            after=summarise(self.found_after, rows),
+            reduction=self.reduction_of(rows),
+        )
+
+    def record(self, suspected: Rows | None = None) -> SetGap:
+        """Return the gap as it is written: over all loads, by load, and by what the fit saw.
+
+        Args:
+            suspected: (P,) configurations that have a suspected reading.
+        """
+        less, still = trusted(self, suspected), self.without_motion
+        return SetGap(
+            before=self.before,
+            after=self.after,
+            noise_floor_mm=self.noise_floor_mm,
+            reduction=self.reduction,
+            per_load={
+                f"{load:g}N": self.at_load(load)
+                for load in np.unique(self.poses.states.load_N).tolist()
+            },
+            inside=self.accuracies(self.inside),
+            outside=None if self.inside is None else self.accuracies(~self.inside),
+            trusted=None
+            if less is None or less is self
+            else BeforeAfter(before=less.before, after=less.after),
+            without_motion=None
+            if still is None
+            else BeforeAfter(before=summarise(still[0]), after=summarise(still[1])),
+            with_rivals=None if self.with_rivals is None else summarise(self.with_rivals),
+        )
 
     def beside(self, other: Gap) -> Gap:
         """Return it with what another has that is in no model, where it has none of its own."""
@@ -149,60 +198,55 @@ def gap(
         T_moved: (P, 4, 4) how the base had moved at each, which neither model holds; None where it
             had not.
     """
-    inside = None if seen is None else seen.inside(poses.states.q_rad)
-    found = gap_of(
-        poses, [left_by(each, poses) for each in (before, after)], noise_floor_mm, inside
+    return Gap(
+        poses,
+        left_by(before, poses),
+        left_by(after, poses),
+        noise_floor_mm,
+        inside=None if seen is None else seen.inside(poses.states.q_rad),
+        without_motion=None
+        if T_moved is None
+        else (left_by(before, poses, T_moved), left_by(after, poses, T_moved)),
     )
-    if T_moved is None:
-        return found
-    still = left_by(before, poses, T_moved), left_by(after, poses, T_moved)
-    return replace(found, without_motion=still)
 
 
 def beside_motion(found: Gap) -> Gap:
     """Return the gap with the motion of the base taken out of the readings, where it was found."""
     if found.without_motion is None:
         return found
-    inside = None if found.parts is None else found.parts.inside
-    return gap_of(found.poses, list(found.without_motion), found.noise_floor_mm, inside)
+    before, after = found.without_motion
+    return Gap(found.poses, before, after, found.noise_floor_mm, found.inside)
 
 
-def fallen_back(found: Gap, outside: NDArray[np.bool_]) -> Gap:
+def fallen_back(found: Gap, outside: Rows) -> Gap:
     """Return the gap where some configurations (P,) are left to the calibrated model."""
-    after = found.found_after.with_others(outside, found.found_before)
-    inside = None if found.parts is None else found.parts.inside
-    fallen = gap_of(found.poses, [found.found_before, after], found.noise_floor_mm, inside)
-    return fallen.beside(found)
+    return replace(found, found_after=found.found_after.with_others(outside, found.found_before))
 
 
-def trusted(found: Gap | None, suspected: NDArray[np.bool_] | None) -> Gap | None:
+def trusted(found: Gap | None, suspected: Rows | None) -> Gap | None:
     """Return the gap without configurations that are suspected; None where nothing is left."""
     if found is None or suspected is None or not suspected.any():
         return found
     if suspected.all():
         return None
-    inside = None if found.parts is None else found.parts.inside[~suspected]
-    deviations = [found.found_before.take(~suspected), found.found_after.take(~suspected)]
-    rest = gap_of(found.poses.take(~suspected), deviations, found.noise_floor_mm, inside)
-    if found.with_rivals is not None:
-        rest = replace(rest, with_rivals=found.with_rivals.take(~suspected))
-    if found.without_motion is None:
-        return rest
-    before, after = (each.take(~suspected) for each in found.without_motion)
-    return replace(rest, without_motion=(before, after))
-
-
-def reduction(found: Gap, rows: NDArray[np.bool_]) -> Paired:
-    """Return the mean reduction over some configurations (P,), paired over their poses."""
-    saved_mm = found.found_before.distance_mm - found.found_after.distance_mm
-    return _paired(saved_mm[rows], found.poses.pose[rows])
+    rows = ~suspected
+    still = found.without_motion
+    return replace(
+        found,
+        poses=found.poses.take(rows),
+        found_before=found.found_before.take(rows),
+        found_after=found.found_after.take(rows),
+        inside=None if found.inside is None else found.inside[rows],
+        without_motion=None if still is None else (still[0].take(rows), still[1].take(rows)),
+        with_rivals=None if found.with_rivals is None else found.with_rivals.take(rows),
+    )
 
 
 def in_order(
     train: Gap,
     holdout: Gap | None,
     effects: tuple[Effect, ...],
-    with_only: Callable[[tuple[Effect, ...]], Named],
+    fitted_with: Callable[[tuple[Effect, ...]], FittedModel],
 ) -> tuple[Named, ...]:
     """Return the errors of the calibrated model, and as effects join it, the largest first.
 
@@ -212,8 +256,13 @@ def in_order(
     Args:
         train, holdout: the gap before and with all effects.
         effects: all of them.
-        with_only: fits the model with some of them.
+        fitted_with: fits the model with some of them.
     """
+
+    def with_only(some: tuple[Effect, ...]) -> Named:
+        model = fitted_with(some)
+        held_out = None if holdout is None else left_by(model, holdout.poses)
+        return Named(some, left_by(model, train.poses), held_out)
 
     def ends(after: bool) -> tuple[Deviations, Deviations | None]:
         pairs = [
@@ -237,56 +286,7 @@ def in_order(
     return tuple(steps)
 
 
-def gap_of(
-    poses: Observations,
-    found: list[Deviations],
-    noise_floor_mm: float,
-    inside: NDArray[np.bool_] | None,
-) -> Gap:
-    """Return the gap of deviations before and after."""
-    saved = found[0].distance_mm - found[1].distance_mm
-    load_N = poses.states.load_N
-    loads = [float(load) for load in np.unique(load_N)]
-    return Gap(
-        before=summarise(found[0]),
-        after=summarise(found[1]),
-        by_load={
-            load: (summarise(found[0], load_N == load), summarise(found[1], load_N == load))
-            for load in loads
-        },
-        reduction=_paired(saved, poses.pose),
-        reduction_by_load={
-            load: _paired(saved[load_N == load], poses.pose[load_N == load]) for load in loads
-        },
-        found_before=found[0],
-        found_after=found[1],
-        poses=poses,
-        noise_floor_mm=noise_floor_mm,
-        parts=None if inside is None else _parts(inside, found),
-    )
-
-
 def left_by(model: FittedModel, poses: Observations, T_moved: Array | None = None) -> Deviations:
     """Return what a model leaves of complete poses, at which the base had moved (P, 4, 4)."""
     T_base_ee = model.as_read(poses) if T_moved is None else T_moved @ model.as_read(poses)
     return poses.measured.deviations(T_base_ee, model.T_instr_base, model.targets_m)
-
-
-def _parts(inside: NDArray[np.bool_], found: list[Deviations]) -> Parts:
-    accuracies = [
-        summarise(deviations, rows) if rows.any() else None
-        for rows in (inside, ~inside)
-        for deviations in found
-    ]
-    return Parts(inside, *accuracies)
-
-
-def _paired(saved_mm: Array, pose: NDArray[np.str_]) -> Paired:
-    _, group = np.unique(pose, return_inverse=True)
-    by_pose = np.bincount(group, saved_mm) / np.bincount(group)
-    count, mean = len(by_pose), float(by_pose.mean())
-    half = 0.0
-    if count > 1:
-        spread = float(by_pose.std(ddof=1)) / np.sqrt(count)
-        half = float(stdtrit(count - 1, 0.5 + _LEVEL / 2.0)) * spread
-    return Paired(mean, mean - half, mean + half, count)

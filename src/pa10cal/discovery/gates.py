@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 
 from pa10cal.calibration.grade import JOINT_RAD, most_stated
 from pa10cal.calibration.uncertainty import summarise
-from pa10cal.discovery.finding import Finding, Unexplained
-from pa10cal.discovery.gap import Gap, beside_motion, fallen_back, reduction, trusted
+from pa10cal.discovery.finding import Finding
+from pa10cal.discovery.gap import Gap, beside_motion, fallen_back, trusted
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.verdict import FallsBack, Verdict, is_named, label_of
+from pa10cal.discovery.verdict import FallsBack, Verdict, is_named, no_name
 from pa10cal.fit.angles_seen import AnglesSeen, nothing_seen, span_visited
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.order import drivers, measured_again, slow_joints
+from pa10cal.results.discovery import Unexplained
 from pa10cal.results.evaluation import Accuracy
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.effects.in_time import BaseDrift
@@ -61,7 +62,9 @@ def gated(found: V) -> V:
     found = _without_names_that_move_nothing(with_pulls(_with_names_that_pass(found)))
     if found.verdict == "none" and (reasons := tuple(doubts(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
-        unknown = Unexplained(None, None, found.train.after.mean_mm, why)
+        unknown = Unexplained(
+            of=None, form=None, shared_error_mm=found.train.after.mean_mm, why=why
+        )
         found = replace(found, unexplained=(unknown,))
     return found
 
@@ -76,16 +79,14 @@ def _with_names_that_pass(found: V) -> V:
         if not reasons:
             continue
         found, finding = _with_other_reading(found, finding)
-        label, better = label_of(finding.effect, None), _alternative(found, finding)
+        better = _alternative(found, finding)
         if better is not None:
             found = better
             continue
         found = found.with_findings(
             [each for each in found.findings if each.effect != finding.effect]
         )
-        why = f"{label} fits best, and is no name: {'; '.join(reasons)}"
-        left_mm = found.train.after.mean_mm
-        unknown.append(Unexplained(finding.of, finding.id, left_mm, why))
+        unknown.append(no_name(finding, found.train.after.mean_mm, "; ".join(reasons)))
     return replace(found, unexplained=(*found.unexplained, *unknown)) if unknown else found
 
 
@@ -115,21 +116,16 @@ def _without_names_that_move_nothing(found: V) -> V:
     safe, names = harmless(found), [each for each in found.findings if is_named(each.effect)]
     if safe.falls_back is None or not safe.falls_back.everywhere or not names:
         return safe
-    if found.train.reduction.low_mm > 0.0:
+    if found.train.reduction.interval95_mm[0] > 0.0:
         return safe
     before_mm, after_mm = found.train.before.mean_mm, found.train.after.mean_mm
     why = (
-        f"fits best, and is no name: it takes nothing away, {before_mm:.4g} mm before and "
+        f"it takes nothing away, {before_mm:.4g} mm before and "
         f"{after_mm:.4g} mm with it at the poses of the fit, and no less at others"
     )
     rest = [each for each in found.findings if each not in names]
     safe = harmless(found.with_findings(rest))
-    unknown = (
-        Unexplained(
-            each.of, each.id, safe.train.after.mean_mm, f"{label_of(each.effect, None)} {why}"
-        )
-        for each in names
-    )
+    unknown = (no_name(each, safe.train.after.mean_mm, why) for each in names)
     return replace(safe, unexplained=(*safe.unexplained, *unknown))
 
 
@@ -237,7 +233,7 @@ def doubts(found: Verdict[object]) -> Iterator[str]:
         )
     weights = [term for term in found.model.model.terms if isinstance(term, Weights)]
     before_mm, after_mm = train.before.mean_mm, train.after.mean_mm
-    if weights and after_mm < MOST_LEFT * before_mm and train.reduction.low_mm > 0.0:
+    if weights and after_mm < MOST_LEFT * before_mm and train.reduction.interval95_mm[0] > 0.0:
         yield (
             f"the error falls from {before_mm:.3g} to {after_mm:.3g} mm where the weights may be "
             "other than described: they are, or an effect that goes with gravity (such as "
@@ -358,16 +354,8 @@ def _without_contradicted(found: V, visited: AnglesSeen) -> V:
             break
         kept = [each for each in found.findings if each not in names]
         found = found.with_findings(kept)
-        unknown += [
-            Unexplained(
-                each.of,
-                each.id,
-                found.train.after.mean_mm,
-                f"{label_of(each.effect, None)} fits best, and is no name: held-out poses "
-                f"contradict it, {harm.errors}",
-            )
-            for each in names
-        ]
+        why = f"held-out poses contradict it, {harm.errors}"
+        unknown += [no_name(each, found.train.after.mean_mm, why) for each in names]
     return replace(found, unexplained=(*found.unexplained, *unknown)) if unknown else found
 
 
@@ -395,9 +383,9 @@ def _harm(gap: Gap, rows: Rows) -> _Harm | None:
     if not rows.any():
         return None
     harm = _Harm(summarise(gap.found_before, rows), summarise(gap.found_after, rows))
-    paired = reduction(gap, rows)
+    paired = gap.reduction_of(rows)
     worse = harm.after.mean_mm > TRIFLING * harm.before.mean_mm
-    surely = worse and paired.poses > 1 and paired.high_mm < 0.0
+    surely = worse and paired.poses > 1 and paired.interval95_mm[1] < 0.0
     return harm if harm.over(WORSE) or surely else None
 
 

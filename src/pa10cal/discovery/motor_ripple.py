@@ -129,7 +129,7 @@ def witnesses(
             said.append(None)
             continue
         own = _of_motor(lines(series, ratio, searched), joints[k])
-        said.append(_witness(k + 1, series, ratio, own))
+        said.append(_witness(series, ratio, own))
     return tuple(said)
 
 
@@ -212,9 +212,7 @@ def _of_motor(found: Sequence[Line], joint: Sequence[JointSeries]) -> list[Line]
     return [line for line in found if not stands(line)]
 
 
-def _witness(
-    joint: int, series: Sequence[JointSeries], ratio: float, lines_: Sequence[Line]
-) -> Witness | None:
+def _witness(series: Sequence[JointSeries], ratio: float, lines_: Sequence[Line]) -> Witness | None:
     """Return what a joint's lines at multiples of a ratio say; None where it has none."""
     found = sorted(lines_, key=lambda line: line.order)
     orders = [line.order for line in found]
@@ -237,7 +235,6 @@ def _witness(
     nats = gains.max(axis=1)
     best = int(np.argmax(nats))
     return Witness(
-        joint=joint,
         ratio=ratio,
         orders=tuple(round(order / ratio) for order in orders),
         alpha=_top(nats),
@@ -478,7 +475,7 @@ def agreement(series: Sequence[JointSeries]) -> Agreement | None:
     if not count or min(first, second) <= 0.0:
         return None
     correlation = float(np.clip(across / np.sqrt(first * second), -1.0, 1.0))
-    return Agreement(correlation, float(across / first), count)
+    return Agreement(correlation=correlation, slope=float(across / first), arcs=count)
 
 
 def _by_turn(series: JointSeries) -> list[tuple[Array, Array]]:

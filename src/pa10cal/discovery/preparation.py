@@ -224,11 +224,11 @@ def prepared(
 def _direction(joint: int) -> Fault:
     """Return that the directions of a joint, from 1, are reversed."""
     return Fault(
-        "direction",
-        f"joint {joint}",
-        f"joint {joint} is logged to arrive from the other side than where it stood before, nearly "
-        "always, and the other joints are not; its directions were reversed",
-        f"check the sign of q{joint}_deg in the log of approaches",
+        kind="direction",
+        where=f"joint {joint}",
+        what=f"joint {joint} is logged to arrive from the other side than where it stood before, "
+        "nearly always, and the other joints are not; its directions were reversed",
+        remedy=f"check the sign of q{joint}_deg in the log of approaches",
     )
 
 

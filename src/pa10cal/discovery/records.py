@@ -1,39 +1,34 @@
-"""A verdict as the records of discovery: `verdict.json`, `extended.json`, `analysis.json`."""
+"""The records of discovery: `verdict.json`, `extended.json`, `analysis.json`.
+
+What they hold comes from the functions that found it; here it is gathered, and said in words.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pa10cal.calibration.uncertainty import summarise
-from pa10cal.discovery.analysis_record import (
-    analysis_keys,
-    by_campaign_part,
-    model_parameters,
-    name_of,
-)
-from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
-from pa10cal.discovery.blocked_cv.judge import Prediction
-from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
-from pa10cal.discovery.blocked_cv.survey import BLOCKS
-from pa10cal.discovery.evidence.confirm import Confirmation
-from pa10cal.discovery.evidence.discover import VerdictByRepeats
-from pa10cal.discovery.evidence.judge import FLIP_RATE, shared_error_mm
-from pa10cal.discovery.evidence.search import threshold
+from pa10cal.calibration.levels import report_base
+from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.explained import explained
-from pa10cal.discovery.finding import Fault, Finding, GivesWay, NotTestable, Unexplained, steps_told
-from pa10cal.discovery.gap import Gap, Paired, trusted
-from pa10cal.discovery.next_poses.room import NextPose
-from pa10cal.discovery.short_forms import Proposal
+from pa10cal.discovery.finding import Finding, GivesWay, NotTestable, name_of, steps_told
+from pa10cal.discovery.gap import Gap
+from pa10cal.discovery.linear import possible_sizes
 from pa10cal.discovery.verdict import Plan, Verdict, without_a_cause
-from pa10cal.fit import angles_seen
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results import discovery as parts
 from pa10cal.results import maps
-from pa10cal.results.analysis import AnalysisRecord
+from pa10cal.results.analysis import (
+    AnalysisKeys,
+    AnalysisRecord,
+    GapField,
+    GapRows,
+    NamingStep,
+    ParameterShift,
+)
 from pa10cal.results.discovery import (
     ExtendedKeys,
     ExtendedRecord,
@@ -42,18 +37,9 @@ from pa10cal.results.discovery import (
     VerdictKeys,
     VerdictRecord,
 )
-from pa10cal.results.evaluation import Accuracy, BeforeAfter, EffectParameter
-from pa10cal.results.explained import ProposedEvidence, ProposedFormula
-from pa10cal.results.maps import (
-    Agreement,
-    BandOfMap,
-    Bands,
-    JointWitness,
-    LeftOut,
-    MotorRipple,
-    PoseScatter,
-)
-from pa10cal.results.record import Campaign, EffectName
+from pa10cal.results.evaluation import EffectParameter, Parameter
+from pa10cal.results.maps import JointWitness
+from pa10cal.results.record import Campaign
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import Band, JointErrorMap
 
@@ -87,7 +73,7 @@ def discovery_records(
             provenance=provenance,
             arrival_from_order=from_order,
             seconds=None,
-            by_campaign=by_campaign_part(found),
+            by_campaign=found.by_campaign(),
         ),
         ExtendedRecord(
             **dict(_extended(found)),
@@ -115,7 +101,7 @@ def discovery_records(
 
 def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKeys:
     """Return the verdict on a campaign, and what to measure next."""
-    by_blocks = found if isinstance(found, VerdictByBlocks) else None
+    places = without_a_cause(found.effects, found.unexplained)
     return VerdictKeys(
         verdict=found.verdict,
         why=found.why,
@@ -125,9 +111,9 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         effects=tuple(
             found_effect(finding, found) for finding in (*found.gives_way, *found.effects)
         ),
-        faults=tuple(map(_fault, found.faults)),
-        unexplained=all_unexplained(found.effects, found.unexplained),
-        proposed=tuple(map(proposed_formula, found.proposed)) or None,
+        faults=found.faults,
+        unexplained=parts.AllUnexplained(**dict(places[0]), all=places) if places else None,
+        proposed=tuple(each.record for each in found.proposed) or None,
         not_testable=not_testable(found.not_testable),
         below_detection_limit=None
         if found.below_detection_limit is None
@@ -138,139 +124,18 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         gap=parts.Gap(
             noise_floor_mm=found.noise_floor_mm,
             noise_floor_from=found.noise_floor_from,
-            train=set_gap(found.train),
+            train=found.train.record(),
             holdout=None
             if found.holdout is None
-            else set_gap(found.holdout, trusted(found.holdout, found.prepared.suspected)),
+            else found.holdout.record(found.prepared.suspected),
         ),
-        remaining=None if by_blocks is None else _remaining(by_blocks),
-        search=_search(found),
-        bands=bands_part(by_blocks),
-        scatter=scatter_part(by_blocks),
-        angles_seen=None if found.seen is None else angles_part(found.seen),
+        **found.of_its_method(),
+        angles_seen=None if found.seen is None else found.seen.record,
         falls_back=None
         if found.falls_back is None
-        else maps.FallsBack(within=angles_part(found.falls_back.within), why=found.falls_back.why),
-        suggested_poses=() if ahead is None else tuple(map(_suggested, ahead.poses)),
-        separations=None
-        if ahead is None or ahead.separations is None
-        else tuple(
-            parts.Separation(
-                pair=separation.label,
-                before_nats=separation.before_nats,
-                after_nats=separation.after_nats,
-                possible_nats=separation.possible_nats,
-                can_be_split=separation.can_be_split,
-            )
-            for separation in ahead.separations
-        ),
-    )
-
-
-def _fault(fault: Fault) -> parts.Fault:
-    return parts.Fault(**{key: getattr(fault, key) for key in parts.Fault.model_fields})
-
-
-def angles_part(seen: angles_seen.AnglesSeen) -> tuple[maps.AnglesSeen, ...]:
-    """Return the stretches that each joint's poses have seen."""
-    return tuple(
-        maps.AnglesSeen(turns=turns, stretches=stretches)
-        for stretches, turns in zip(seen.intervals, seen.turns, strict=True)
-    )
-
-
-def _suggested(pose: NextPose) -> parts.SuggestedPose:
-    return parts.SuggestedPose(
-        q_deg=np.degrees(pose.q_rad),
-        q_rad=pose.q_rad,
-        load_N=pose.load_N,
-        arrive_from=None if pose.arrival is None else -pose.arrival,
-        separation_nats=pose.separation_nats,
-        for_=pose.purposes,
-    )
-
-
-def _search(found: Verdict[object]) -> parts.SearchByRepeats | parts.SearchByBlocks | None:
-    """Return how effects were searched for; None where they were not."""
-    if found.method is None:
-        return None
-    if isinstance(found, VerdictByBlocks):
-        return parts.SearchByBlocks(
-            candidates=found.candidates,
-            error_rate=found.error_rate,
-            blocks=BLOCKS,
-            needed=parts.Needed(
-                standard_errors=STANDARD_ERRORS,
-                sum_of_squares=found.least_gain,
-                part_of_remaining_error_over_noise=LEAST_SHARE,
-            ),
-            poses_down_weighted=int(np.sum(found.extended.weights.weight < 1.0)),
-            refit_converged=bool(found.extended.converged),
-        )
-    assert isinstance(found, VerdictByRepeats)
-    search = found.judgement.found
-    return parts.SearchByRepeats(
-        candidates=found.candidates,
-        error_rate=found.error_rate,
-        needed_nats=threshold(found.candidates, found.error_rate),
-        shared_error_mm=parts.SharedError(
-            before=shared_error_mm(found.problem, search.nothing.pose_variance),
-            after=shared_error_mm(found.problem, search.score.pose_variance),
-        ),
-        readings_excluded=int(found.prepared.gross.sum()),
-    )
-
-
-def _remaining(found: VerdictByBlocks) -> parts.Remaining:
-    return parts.Remaining(
-        **asdict(found.remaining),
-        over_floor=found.remaining.over_floor,
-        tried=tuple(
-            parts.Tried(
-                id=entry.effect.id,
-                of=entry.effect.of,
-                gain=entry.gain,
-                gain_std=entry.gain_std,
-                helps=entry.helps,
-                positions_and_attitudes_agree=entry.kinds_agree,
-            )
-            for entry in found.tried
-        ),
-    )
-
-
-def _evidence(
-    proof: object, found: Verdict[object]
-) -> parts.EvidenceByRepeats | parts.EvidenceByBlocks | parts.EvidenceOfSag:
-    if isinstance(proof, GivesWay):
-        return parts.EvidenceOfSag(
-            lost_without_it_nats=proof.nats,
-            needed_nats=proof.needed_nats,
-            sag_mrad=1e3 * proof.sag_rad,
-            sag_u_mrad=1e3 * proof.sag_std_rad,
-            rigid_mm=proof.without_mm,
-            gives_way_mm=proof.with_mm,
-            held_out_rigid_mm=proof.held_out_without_mm,
-            held_out_gives_way_mm=proof.held_out_with_mm,
-            all_rigid_mm=proof.all_rigid_mm,
-        )
-    if isinstance(proof, Prediction):
-        # A name that one pose carries is none: the carrier of one that stands is not told.
-        told = {key: value for key, value in asdict(proof).items() if key != "carrier"}
-        return parts.EvidenceByBlocks(
-            cross_validation_over_blocks=parts.BlockedCrossValidation(**told, z=proof.z)
-        )
-    assert isinstance(proof, Confirmation)
-    over_loads = proof.loads
-    return parts.EvidenceByRepeats(
-        lost_without_it_nats=proof.loss,
-        needed_nats=threshold(found.candidates, found.error_rate),
-        p_sign_flips_max_t=proof.p_flips,
-        p_needed=FLIP_RATE,
-        cross_validation_over_poses=parts.CrossValidation(**asdict(proof.poses)),
-        cross_validation_over_loads=None
-        if over_loads is None
-        else parts.CrossValidation(**asdict(over_loads)),
+        else maps.FallsBack(within=found.falls_back.within.record, why=found.falls_back.why),
+        suggested_poses=() if ahead is None else ahead.poses,
+        separations=None if ahead is None else ahead.separations,
     )
 
 
@@ -280,7 +145,7 @@ def _extended(found: Verdict[object]) -> ExtendedKeys:
         parameters=model_parameters(found),
         T_instr_base=found.model.T_instr_base,
         fitted_model=model_to_plain(found.model),
-        angles_seen=None if found.seen is None else angles_part(found.seen),
+        angles_seen=None if found.seen is None else found.seen.record,
     )
 
 
@@ -361,18 +226,18 @@ def _gap_lines(kind: str, gap: parts.SetGap) -> list[str]:
 
 def found_effect(finding: Finding[object], found: Verdict[object]) -> FoundEffect:
     """Return a finding with the statistics that decided."""
+    proof = finding.proof
     return FoundEffect(
         id=finding.id,
         of=finding.of,
         form=form_of(finding.effect),
-        parameters={
-            name: EffectParameter(value=each.value, std=each.std, unit=each.unit)
-            for name, each in finding.parameters.items()
-        },
-        alternatives=tuple(name_of(other) for other in finding.alternatives),
-        evidence=_evidence(finding.proof, found),
-        witness=witness_of(finding.effect, found),
-        weights=finding.proof.weights if isinstance(finding.proof, GivesWay) else None,
+        parameters=finding.parameters,
+        alternatives=tuple(map(name_of, finding.alternatives)),
+        evidence=parts.EvidenceByBlocks(cross_validation_over_blocks=proof)
+        if isinstance(proof, parts.BlockedCrossValidation)
+        else proof,
+        witness=found.witness(finding.effect),
+        weights=proof.weights if isinstance(proof, GivesWay) else None,
     )
 
 
@@ -395,78 +260,6 @@ def not_testable(entries: Iterable[NotTestable]) -> tuple[parts.NotTestable, ...
     )
 
 
-def all_unexplained(
-    findings: Sequence[Finding[object]], unexplained: Sequence[Unexplained]
-) -> parts.AllUnexplained | None:
-    """Return where something without a name sits: the largest first, all of them in a list."""
-    places = tuple(
-        parts.Unexplained(
-            of=entry.of, form=entry.form, shared_error_mm=entry.error_mm, why=entry.why
-        )
-        for entry in without_a_cause(findings, unexplained)
-    )
-    return parts.AllUnexplained(**dict(places[0]), all=places) if places else None
-
-
-# Bands of maps and the scatter of single poses as parts of a verdict's record.
-
-
-def bands_part(found: VerdictByBlocks | None) -> Bands | None:
-    """Return the bands of the maps; None where no map has one."""
-    if found is None or found.bands is None:
-        return None
-    of_maps = [
-        member.effect.of
-        for member in found.bands.level.members
-        if isinstance(member.effect, JointErrorMap)
-    ]
-    names = [field.name for field in fields(Band)]
-    return Bands(
-        shared=found.bands.found.shared,
-        scatter=found.bands.found.scatter,
-        maps=tuple(
-            BandOfMap(of=of, log_std=dict(zip(names, std.tolist(), strict=True)))
-            for of, std in zip(of_maps, found.bands.found.log_std, strict=True)
-        ),
-        of_time=_left_out(found.bands.of_time),
-        of_angles=_left_out(found.bands.of_angles),
-    )
-
-
-def scatter_part(found: VerdictByBlocks | None) -> PoseScatter | None:
-    """Return what single poses scatter by; None where no map has a band."""
-    if found is None or found.bands is None or found.scatter is None:
-        return None
-    train, holdout = found.inside95
-    return PoseScatter(
-        joints=tuple(found.scatter.joints.tolist()),
-        kinds=dict(found.scatter.kinds),
-        inside95_train=train,
-        inside95_holdout=holdout,
-    )
-
-
-def _left_out(squares: NDArray[np.float64]) -> LeftOut:
-    before, after = squares.sum(axis=0).tolist()
-    return LeftOut(before=before, after=after)
-
-
-# What is known of the cause of a map, as a record.
-
-
-def witness_of(effect: Effect, found: Verdict[object]) -> JointWitness | None:
-    """Return what says whose error an error by a joint's angle is; None where nothing does."""
-    if not (isinstance(found, VerdictByBlocks) and isinstance(effect, JointErrorMap)):
-        return None
-    for each in found.causes:
-        if each.joint == effect.joint and (each.witness or each.agreement):
-            return JointWitness(
-                ripple=None if each.witness is None else _ripple(asdict(each.witness)),
-                agreement=None if each.agreement is None else Agreement(**asdict(each.agreement)),
-            )
-    return None
-
-
 def ripple_words(witness: JointWitness) -> str:
     """Return what the ripple says in words that follow others; nothing where there is none."""
     ripple = witness.ripple
@@ -479,88 +272,89 @@ def ripple_words(witness: JointWitness) -> str:
     )
 
 
-def _ripple(told: dict[str, object]) -> MotorRipple:
-    """Return a witness as a record; the joint is that of the effect."""
-    return MotorRipple(**{name: value for name, value in told.items() if name != "joint"})
+# All that the figures of discovery show.
+
+#: A parameter known no better than this part of what is possible is not identified by the data.
+_IDENTIFIED = 1.0 / 3.0
 
 
-# The gap between model and measurement as a record.
-
-
-def set_gap(found: Gap, without: Gap | None = None) -> parts.SetGap:
-    """Return the gap before and after: over all loads, load by load, and by what the fit saw.
-
-    Args:
-        found: the gap.
-        without: the same without configurations that have a suspected reading.
-    """
-    seen = found.parts
-    less = None if without is None or without is found else without
-    return parts.SetGap(
-        before=found.before,
-        after=found.after,
-        noise_floor_mm=found.noise_floor_mm,
-        reduction=_reduction(found.reduction),
-        per_load={
-            f"{load:g}N": parts.LoadGap(
-                before=before,
-                after=after,
-                reduction=_reduction(found.reduction_by_load[load]),
+def analysis_keys(found: Verdict[object]) -> AnalysisKeys:
+    """Return all that the figures of discovery show."""
+    before, after = found.lack_of_fit()
+    baseline = found.baseline
+    return AnalysisKeys(
+        before=before,
+        after=after,
+        steps=found.steps,
+        naming=tuple(
+            NamingStep(
+                effects=tuple(name_of(effect) for effect in step.effects),
+                train=step.train,
+                holdout=step.holdout,
             )
-            for load, (before, after) in found.by_load.items()
-        },
-        inside=None if seen is None else _pair(seen.before_inside, seen.after_inside),
-        outside=None if seen is None else _pair(seen.before_beyond, seen.after_beyond),
-        trusted=None if less is None else _pair(less.before, less.after),
-        without_motion=None
-        if found.without_motion is None
-        else _pair(*map(summarise, found.without_motion)),
-        with_rivals=None if found.with_rivals is None else summarise(found.with_rivals),
-    )
-
-
-def _pair(before: Accuracy | None, after: Accuracy | None) -> BeforeAfter | None:
-    if before is None or after is None:
-        return None
-    return BeforeAfter(before=before, after=after)
-
-
-def _reduction(paired: Paired) -> parts.Reduction:
-    return parts.Reduction(
-        mean_mm=paired.mean_mm,
-        interval95_mm=(paired.low_mm, paired.high_mm),
-        poses=paired.poses,
-    )
-
-
-# A proposed formula as a part of the verdict's record.
-
-
-def proposed_formula(found: Proposal) -> ProposedFormula:
-    """Return a proposal as `verdict.json` holds it."""
-    without, held, with_it = found.squares
-    form = found.form
-    known = form.report(np.zeros(len(form.parameters))).parameters
-    std = np.sqrt(np.diag(found.covariance))
-    return ProposedFormula(
-        formula=form.formula,
-        of=form.of,
-        form=form.form,
-        numbers=form.numbers,
-        orders=found.orders,
-        parameters={
-            parameter.name: EffectParameter(value=value, std=sigma, unit=parameter.unit)
-            for parameter, value, sigma in zip(known, found.x.tolist(), std.tolist(), strict=True)
-        },
-        gain=found.gain,
-        does_as_well_as=tuple(EffectName(id=each.id, of=each.of) for each in found.instead),
-        others=tuple(other.formula for other in found.others),
-        evidence=ProposedEvidence(
-            blocks=found.blocks,
-            rows=found.rows,
-            squared_error_without=without,
-            squared_error_with=with_it,
-            squared_error_held=held,
-            gain_std=found.gain_std,
+            for step in found.naming
         ),
+        parameter_shifts=parameter_shifts(baseline, model_parameters(found)),
+        gap=GapField(
+            train=gap_rows(found.train, baseline),
+            holdout=None if found.holdout is None else gap_rows(found.holdout, baseline),
+        ),
+        noise_floor_mm=found.noise_floor_mm,
+    )
+
+
+def model_parameters(found: Verdict[object]) -> dict[str, Parameter]:
+    """Return every parameter of the calibrated model as it is with the effects, and the base."""
+    baseline, covariance = found.baseline, found.covariance
+    own, base = np.arange(len(baseline.x)), len(found.extended.at.x) - np.arange(6, 0, -1)
+    report = baseline.model.report(found.model.x[own])
+    known = np.sqrt(np.diag(covariance))[own] < _IDENTIFIED * possible_sizes(baseline.model)
+    # Small motions of the base are along its own axes, its origin along the instrument's.
+    along = np.eye(6)
+    along[:3, :3] = baseline.T_instr_base[:3, :3]
+    of_base = along @ covariance[np.ix_(base, base)] @ along.T
+    of_own = reported_keys(report, covariance[np.ix_(own, own)])
+    of_frame = reported_keys(report_base(found.model.T_instr_base), of_base)
+    return {
+        name: Parameter(**keys, identifiable=bool(np.all(known[row])))
+        for (name, keys), row in zip(of_own.items(), report.jacobian != 0.0, strict=True)
+    } | {name: Parameter(**keys, identifiable=True) for name, keys in of_frame.items()}
+
+
+def parameter_shifts(
+    baseline: FittedModel, after: dict[str, Parameter]
+) -> tuple[ParameterShift, ...]:
+    """Return every parameter of the calibrated model, and once the effects joined it."""
+    reports = (baseline.model.report(baseline.x), report_base(baseline.T_instr_base))
+    before = {
+        parameter.name: float(value)
+        for report in reports
+        for parameter, value in zip(report.parameters, report.values, strict=True)
+    }
+    return tuple(
+        ParameterShift(
+            name=name,
+            unit=parameter.unit,
+            before=before[name],
+            after=parameter.value,
+            std=parameter.std or 0.0,
+            tolerance=parameter.tolerance,
+            identifiable=parameter.identifiable,
+        )
+        for name, parameter in after.items()
+    )
+
+
+def gap_rows(gap: Gap, baseline: FittedModel) -> GapRows:
+    """Return every configuration with its residuals before and after, along base axes."""
+    poses, T_instr_base = gap.poses, baseline.T_instr_base
+    T_instr_ee = T_instr_base @ baseline.model.predict(poses.states, baseline.x)
+    p_instr_m = poses.measured.end_poses(T_instr_ee)[:, :3, 3]
+    return GapRows(
+        pose=poses.pose,
+        load_N=poses.states.load_N,
+        place_mm=1e3 * (p_instr_m - T_instr_base[:3, 3]) @ T_instr_base[:3, :3],
+        before_mm=gap.found_before.position_mm,
+        after_mm=gap.found_after.position_mm,
+        extrapolated=None if gap.inside is None else ~gap.inside,
     )

@@ -76,7 +76,11 @@ def row_faults(
     for pose, (off_mm, times) in poses_off(readings.take(~excluded), model).items():
         excluded |= readings.pose == pose
         what = f"all its readings are {off_mm:.3g} mm off, {times:.3g} times as far as is usual"
-        faults.append(Fault("outlier", f"pose {pose}", what, _LOOK_AT_POSE, decides=False))
+        faults.append(
+            Fault(
+                kind="outlier", where=f"pose {pose}", what=what, remedy=_LOOK_AT_POSE, decides=False
+            )
+        )
     return RowFaults(excluded, tuple(faults))
 
 
@@ -96,17 +100,24 @@ def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observat
 def of_wrong_row(finding: InputFinding) -> Fault:
     """Return the fault of a configuration that was quarantined because it is wrong."""
     kind: FaultKind = "label" if finding.kind == "target_label" else "outlier"
-    return Fault(kind, finding.where, finding.what, finding.remedy, decides=kind == "label")
+    return Fault(
+        kind=kind,
+        where=finding.where,
+        what=finding.what,
+        remedy=finding.remedy,
+        decides=kind == "label",
+    )
 
 
 def carries(pose: str, name: str, gain: float | None) -> Fault:
     """Return the fault of a pose that carried a name alone."""
     return Fault(
-        "outlier",
-        f"pose {pose}",
-        f"without this pose nothing speaks for {name}: one pose is no evidence of what acts in all",
-        _LOOK_AT_POSE,
-        gain,
+        kind="outlier",
+        where=f"pose {pose}",
+        what=f"without this pose nothing speaks for {name}: one pose is no evidence of what acts "
+        "in all",
+        remedy=_LOOK_AT_POSE,
+        gain=gain,
     )
 
 
@@ -129,11 +140,11 @@ def _of_loads(readings: Observations, told_N: Array, gain: Array) -> Iterator[Fa
         each = "; ".join(f"{one:g} N stated, {other:g} N told" for one, other in pairs)
         swapped = len(pairs) > 1 and {one for one, _ in pairs} == {other for _, other in pairs}
         yield Fault(
-            "load",
-            f"pose {pose}, {', '.join(f'{one:g} N' for one, _ in pairs)}{among}",
-            f"{'the loads seem exchanged' if swapped else 'the load seems another'}: {each}",
-            "check which load hung on the arm, and correct load_N there",
-            float(gain[here].sum()),
+            kind="load",
+            where=f"pose {pose}, {', '.join(f'{one:g} N' for one, _ in pairs)}{among}",
+            what=f"{'the loads seem exchanged' if swapped else 'the load seems another'}: {each}",
+            remedy="check which load hung on the arm, and correct load_N there",
+            gain=float(gain[here].sum()),
         )
 
 
@@ -152,19 +163,20 @@ def _of_readings(
             names = readings.measured.target_names
             moved = " and ".join(names[b] for b, other in enumerate(order) if other != b)
             yield Fault(
-                "label",
-                f"{which}{place_of(readings, row)}",
-                f"the labels of targets {moved} seem exchanged",
-                "correct the labels of this configuration",
-                gain,
+                kind="label",
+                where=f"{which}{place_of(readings, row)}",
+                what=f"the labels of targets {moved} seem exchanged",
+                remedy="correct the labels of this configuration",
+                gain=gain,
             )
         else:
             yield Fault(
-                "outlier",
-                f"{which}{place_of(readings, row)}",
-                f"{gross.off_mm[row]:.3g} mm off, {gross.times[row]:.3g} times the usual scatter",
-                _LOOK,
-                gain,
+                kind="outlier",
+                where=f"{which}{place_of(readings, row)}",
+                what=f"{gross.off_mm[row]:.3g} mm off, {gross.times[row]:.3g} times the usual "
+                "scatter",
+                remedy=_LOOK,
+                gain=gain,
                 decides=False,
             )
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from pa10cal.arrays import Array
+from pa10cal.results import maps
+from pa10cal.results.maps import MotorRipple
 
 Cause = Literal["sensor", "gear"]
 
@@ -24,29 +25,12 @@ LEAST_CORRELATION = 0.8
 LEAST_ARCS = 15
 
 
-@dataclass(frozen=True, eq=False)
-class Witness:
+class Witness(MotorRipple):
     """What the motor's ripple of one joint says.
 
     The residual of the joint has lines a cos(N n p) + b sin(N n p) in p = q + alpha e(q) +
     beta tau, with e the joint's error (true less commanded angle).
     """
-
-    joint: int  # which, from 1
-    ratio: float  # N, motor turns a joint turn
-    orders: tuple[int, ...]  # the n of the lines that were found
-    # share of the error that the motor followed; 0 where the gear errs, 1 where the sensor does
-    alpha: float
-    # its 95 % interval by profile likelihood; ends at those of the shares tried
-    interval95: tuple[float, float]
-    gain_nats: float  # log-likelihood over alpha = 0
-    gain_over_one_nats: float  # log-likelihood over alpha = 1
-    # turn of the motor a torque; None where torques are not known or do not vary
-    beta_rad_Nm: float | None
-    # alphas and profile_nats: shares tried (A,), and the log-likelihood (A,) of each less that of
-    # the best
-    alphas: Array
-    profile_nats: Array
 
     @property
     def excludes_gear(self) -> bool:
@@ -79,13 +63,8 @@ class Witness:
         return None
 
 
-@dataclass(frozen=True)
-class Agreement:
+class Agreement(maps.Agreement):
     """How well campaigns, or turns of a joint, agree on its error where both were."""
-
-    correlation: float  # of their means in arcs of 3°, less what noise makes of it
-    slope: float  # of one by the other, likewise
-    arcs: int  # pairs of means that were compared
 
     @property
     def holds(self) -> bool:

@@ -11,6 +11,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
+from pa10cal.discovery.finding import effect_parameters, name_of
+from pa10cal.results.explained import ProposedEvidence, ProposedFormula
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.catalogue import further
 from pa10cal.terms.forms.form import Form
@@ -153,21 +155,9 @@ class Proposal:
     """A formula for what has no name; it changes nothing of what is named."""
 
     form: Form  # which, and where
-    # x and covariance: its reported parameters, and their covariance
-    x: Array
-    covariance: Array
     # maps and rivals that it does as well as; none where it leaves noise alone
     instead: tuple[Effect, ...]
-    gain: float  # part of the squared error of blocks left out that it takes away
-    gain_std: float  # its standard error
-    # squared error of blocks left out without it, with what it may stand for (None where there is
-    # none), and with it; a whitened row of noise alone leaves 1
-    squares: tuple[float, float | None, float]
-    rows: int  # how many rows that is of
-    blocks: int  # how many blocks
-    # lowest and highest order that does as well; None where it has no order
-    orders: tuple[int, int] | None
-    others: tuple[Form, ...]  # other forms that do as well and are no shorter
+    record: ProposedFormula  # all of it, as it is written
 
     @property
     def of(self) -> str:
@@ -287,23 +277,27 @@ def _proposal(
     report = best.form.report(factor @ amounts)
     by_amount = report.jacobian @ factor
     gain = nothing - best.squares
-    return Proposal(
-        form=best.form,
-        x=report.values,
-        covariance=by_amount @ covariance @ by_amount.T,
-        instead=tuple(instead),
-        gain=float(gain.sum() / nothing.sum()),
-        gain_std=standard_error(gain) / float(nothing.sum()),
-        squares=(
-            float(nothing.sum()),
-            None if held is None else float(held.sum()),
-            best.total,
-        ),
-        rows=len(contest.data),
-        blocks=len(nothing),
+    covariance = by_amount @ covariance @ by_amount.T
+    record = ProposedFormula(
+        formula=best.form.formula,
+        of=best.form.of,
+        form=best.form.form,
+        numbers=best.form.numbers,
         orders=_orders(best, good),
-        others=_others(best, good),
+        parameters=effect_parameters(best.form, report.values, covariance),
+        gain=float(gain.sum() / nothing.sum()),
+        does_as_well_as=tuple(map(name_of, instead)),
+        others=tuple(other.formula for other in _others(best, good)),
+        evidence=ProposedEvidence(
+            blocks=len(nothing),
+            rows=len(contest.data),
+            squared_error_without=float(nothing.sum()),
+            squared_error_with=best.total,
+            squared_error_held=None if held is None else float(held.sum()),
+            gain_std=standard_error(gain) / float(nothing.sum()),
+        ),
     )
+    return Proposal(best.form, tuple(instead), record)
 
 
 def no_worse(squares: Array, than: Array, errors: float = 1.0) -> bool:

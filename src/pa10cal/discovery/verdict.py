@@ -7,23 +7,29 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
-from typing import ClassVar, Generic, Literal, Self, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
 import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.discovery.finding import Fault, Finding, NotTestable, Unexplained, fault_of, to_check
+from pa10cal.discovery.finding import Fault, Finding, NotTestable, fault_of, to_check
 from pa10cal.discovery.gap import Gap, Named
 from pa10cal.discovery.linear import ModelWithEffects
-from pa10cal.discovery.next_poses.room import NextPose
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.short_forms import Arena, Proposal
 from pa10cal.discovery.weights import Scatter
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.results.analysis import LackOfFit, PureErrorTest
+from pa10cal.results.analysis import LackOfFit, PureErrorTest, SearchStep
+from pa10cal.results.calibration import EffectByCampaign
+from pa10cal.results.discovery import (
+    Separation,
+    SuggestedPose,
+    Unexplained,
+)
+from pa10cal.results.maps import JointWitness
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.log_faults import LogFault
@@ -48,43 +54,14 @@ class FallsBack:
 
 
 @dataclass(frozen=True)
-class Separation:
-    """How far apart an effect and its rival are expected to be, in log evidence."""
-
-    effect: Effect  # found, or not testable so far
-    rival: Effect | None  # what explains the data as well; None for the model's own parameters
-    before_nats: float  # with the data so far
-    after_nats: float  # with all configurations suggested
-    possible_nats: float  # with as many configurations, were they chosen for this pair alone
-    can_be_split: bool  # whether so many configurations bring the two apart at all
-
-    @property
-    def label(self) -> str:
-        """Name of the pair."""
-        return label_of(self.effect, self.rival)
-
-
-@dataclass(frozen=True)
 class Plan:
     """What to measure next, and what it is expected to bring."""
 
     # the configurations, in the order of choice; none where poses cannot help
-    poses: tuple[NextPose, ...]
+    poses: tuple[SuggestedPose, ...]
     # one for each pair of effects that the data cannot separate; None where effects are judged by
     # blocks
     separations: tuple[Separation, ...] | None = None
-
-
-@dataclass(frozen=True)
-class Step:
-    """One step of the search."""
-
-    effects: tuple[Effect, ...]  # the set then held
-    # log evidence over the model without effects; None where judged by blocks
-    gain_nats: float | None = None
-    rms_mm: float | None = None  # position error that remains at the cells; None likewise
-    # mean square of a whitened row of blocks held out; None where judged by repeats
-    squared_error_of_a_row: float | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -111,7 +88,7 @@ class Verdict(ABC, Generic[P_co]):
     # train and holdout: the gap before and after; None without held-out poses
     train: Gap
     holdout: Gap | None
-    steps: tuple[Step, ...]  # of the search
+    steps: tuple[SearchStep, ...]  # of the search
     # faults of single rows or poses that were found after the search
     faults_of_rows: tuple[Fault, ...] = ()
     # where the effects do not hold; None where nothing speaks against them
@@ -276,6 +253,19 @@ class Verdict(ABC, Generic[P_co]):
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
         """Return configurations to measure next, at most so many, drawn with a seed."""
 
+    def of_its_method(self) -> dict[str, Any]:
+        """Return the keys of the verdict's record that the way of judging has, as `search`."""
+        return {"search": None}
+
+    def witness(self, effect: Effect) -> JointWitness | None:
+        """Return what says whose error an error by a joint's angle is; None where nothing does."""
+        del effect
+        return None
+
+    def by_campaign(self) -> tuple[EffectByCampaign, ...] | None:
+        """Return every effect as each campaign of a group alone has it; None without any."""
+        return None
+
     @abstractmethod
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
         """Return where data and model disagree, before and after."""
@@ -297,6 +287,18 @@ def label_of(effect: Effect, rival: Effect | None) -> str:
     """Return the name of an effect and its rival."""
     name = f"{effect.id} of {effect.of}"
     return name if rival is None else f"{name} or {rival.id} of {rival.of}"
+
+
+def no_name(finding: Finding[object], left_mm: float, why: str) -> Unexplained:
+    """Return what a finding is that fits best and is no name.
+
+    Args:
+        finding: the effect.
+        left_mm: mean error that remains without it.
+        why: why it is none.
+    """
+    said = f"{label_of(finding.effect, None)} fits best, and is no name: {why}"
+    return Unexplained(of=finding.of, form=finding.id, shared_error_mm=left_mm, why=said)
 
 
 def is_named(effect: Effect) -> bool:
@@ -325,5 +327,6 @@ def without_a_cause(
     """Return what is unexplained, or else the maps: they say where an error is, and not why."""
     maps = [finding.effect for finding in findings if finding.effect.id == MAP]
     return tuple(unexplained) or tuple(
-        Unexplained(effect.of, effect.id, None, "cause not known") for effect in maps
+        Unexplained(of=effect.of, form=effect.id, shared_error_mm=None, why="cause not known")
+        for effect in maps
     )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
+from pa10cal.results import maps
 
 #: Poses that must lie within so much of an angle [rad]: the finest waves expected of a map, of 25
 #: a turn, are ten times as long.
@@ -48,6 +49,14 @@ class AnglesSeen:
             last = np.append(stretches[:, 1], -np.inf)
             found[:, j] = (place >= 0) & (angle <= last[place])
         return found
+
+    @property
+    def record(self) -> tuple[maps.AnglesSeen, ...]:
+        """Return the stretches joint by joint, as they are written."""
+        return tuple(
+            maps.AnglesSeen(turns=turns, stretches=stretches)
+            for stretches, turns in zip(self.intervals, self.turns, strict=True)
+        )
 
 
 def span_seen(q_rad: Array) -> AnglesSeen:

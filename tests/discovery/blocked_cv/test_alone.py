@@ -27,9 +27,9 @@ def test_the_same_error_agrees_whatever_its_mean():
     assert found.correlation > 0.99
     assert found.correlation95[0] < found.correlation < found.correlation95[1] <= 1.0
     assert found.slope95[0] < 1.0 < found.slope95[1]
-    assert found.share == pytest.approx(200 / 360)
-    assert found.difference_rad == pytest.approx(np.sqrt(2.0) * 1e-5, rel=0.2)
-    assert found.rms_rad[0] == pytest.approx(found.rms_rad[1], rel=0.05)
+    assert found.share_of_turn == pytest.approx(200 / 360)
+    assert found.difference_rms_mrad == pytest.approx(np.sqrt(2.0) * 1e-2, rel=0.2)
+    assert found.first_rms_mrad == pytest.approx(found.second_rms_mrad, rel=0.05)
 
 
 def test_another_error_does_not_agree():
@@ -48,8 +48,8 @@ def test_the_slope_is_of_the_second_by_the_first():
 def test_few_angles_in_common_say_nothing():
     few = np.arange(len(ANGLES_RAD)) < 14
     found = pair_of(("a", Curve(wave(1), few)), ("b", Curve(wave(1), EVERYWHERE)))
-    assert np.isnan(found.correlation)
-    assert found.share == pytest.approx(14 / 360)
+    assert found.correlation is None
+    assert found.share_of_turn == pytest.approx(14 / 360)
 
 
 def test_angles_are_visited_by_the_turn():

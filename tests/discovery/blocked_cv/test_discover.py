@@ -34,9 +34,9 @@ def test_an_error_of_one_joint_that_has_no_name_is_the_map_of_that_joint(mapped)
     assert finding.proof.improved == finding.proof.blocks == 10
     assert finding.proof.z > 10.0
     assert finding.proof.rms_without_mm > 1.5 * finding.proof.rms_with_mm
-    inside = found.holdout.parts.after_inside
-    assert inside.rms_mm < 1.3 * found.remaining.rms_mm
-    assert inside.mean_mm < 0.7 * found.holdout.parts.before_inside.mean_mm
+    inside = found.holdout.record().inside
+    assert inside.after.rms_mm < 1.3 * found.remaining.rms_mm
+    assert inside.after.mean_mm < 0.7 * inside.before.mean_mm
 
 
 def test_the_map_is_the_error_hidden_within_its_uncertainty(mapped):
@@ -69,7 +69,11 @@ def test_a_named_form_is_the_answer_where_it_does_as_well_as_the_map(eccentric):
 def test_what_turns_the_end_and_does_not_move_it_is_no_effect_of_a_joint(twisted):
     found = twisted.discovery
     assert found.effects == ()
-    helping = [(entry.effect.of, entry.kinds_agree) for entry in found.tried if entry.helps]
+    helping = [
+        (entry.of, entry.positions_and_attitudes_agree)
+        for entry in found.remaining.tried
+        if entry.helps
+    ]
     assert ("joint 5", False) in helping
 
 
@@ -94,13 +98,10 @@ def test_not_testable_are_effects_of_what_was_not_logged(nothing_hidden):
 
 def test_held_out_poses_beyond_the_angles_seen_are_told_apart(mapped):
     holdout = mapped.discovery.holdout
-    counts = [
-        found.configurations
-        for found in (holdout.parts.after_inside, holdout.parts.after_beyond)
-        if found
-    ]
+    record = holdout.record()
+    counts = [found.after.configurations for found in (record.inside, record.outside) if found]
     assert sum(counts) == len(mapped.held_out) == holdout.after.configurations
-    assert counts[0] == holdout.parts.inside.sum()
+    assert counts[0] == holdout.inside.sum()
 
 
 def test_too_few_poses_are_refused():

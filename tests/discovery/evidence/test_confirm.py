@@ -20,33 +20,33 @@ def chance(null):
 
 def test_what_is_there_is_confirmed_every_way(wave):
     (found,) = confirm(wave.problem, wave.found)
-    assert found.p_flips == 1.0 / (1 + FLIPS)
-    assert found.loss == pytest.approx(
+    assert found.p_sign_flips_max_t == 1.0 / (1 + FLIPS)
+    assert found.lost_without_it_nats == pytest.approx(
         wave.found.score.log_evidence - wave.found.without[0].log_evidence
     )
-    for left_out in (found.poses, found.loads):
+    for left_out in (found.cross_validation_over_poses, found.cross_validation_over_loads):
         assert left_out.explained > 0.8
         assert left_out.z > 3.0
 
 
 def test_what_is_chance_is_not(null, chance):
     (found,) = confirm(null.problem, chance)
-    assert found.p_flips > FLIP_RATE
-    assert found.poses.explained < 0.1
-    assert found.poses.z < 3.0
-    assert found.loads.explained < 0.1
+    assert found.p_sign_flips_max_t > FLIP_RATE
+    assert found.cross_validation_over_poses.explained < 0.1
+    assert found.cross_validation_over_poses.z < 3.0
+    assert found.cross_validation_over_loads.explained < 0.1
 
 
 def test_what_fits_by_its_many_parameters_does_not_predict(null):
     (found,) = confirm(null.problem, forced(null, (null.effect("place_map", "instrument"),), (2,)))
-    assert found.poses.explained < 0.0
-    assert found.poses.z < 0.0
+    assert found.cross_validation_over_poses.explained < 0.0
+    assert found.cross_validation_over_poses.z < 0.0
 
 
 def test_the_larger_the_family_the_more_chance_makes_of_it(null, chance):
     (among_all,) = confirm(null.problem, chance)
     (alone,) = confirm(null.problem, replace(chance, family=chance.fit.effects))
-    assert alone.p_flips < 0.8 * among_all.p_flips
+    assert alone.p_sign_flips_max_t < 0.8 * among_all.p_sign_flips_max_t
 
 
 def test_an_effect_is_confirmed_beside_another_that_is_not(wave):
@@ -56,18 +56,18 @@ def test_an_effect_is_confirmed_beside_another_that_is_not(wave):
         found = dict(
             zip(effects, confirm(wave.problem, forced(wave, effects, (1, 1))), strict=True)
         )
-        assert found[right].p_flips == 1.0 / (1 + FLIPS)
-        assert found[right].poses.explained > 0.8
-        assert found[chance].p_flips > FLIP_RATE
-        assert found[chance].poses.explained < 0.1
-        assert found[right].loss > 100.0 > 10.0 > found[chance].loss
+        assert found[right].p_sign_flips_max_t == 1.0 / (1 + FLIPS)
+        assert found[right].cross_validation_over_poses.explained > 0.8
+        assert found[chance].p_sign_flips_max_t > FLIP_RATE
+        assert found[chance].cross_validation_over_poses.explained < 0.1
+        assert found[right].lost_without_it_nats > 100.0 > 10.0 > found[chance].lost_without_it_nats
 
 
 def test_friction_is_confirmed_by_the_torques_it_shows_in(rubbing):
     friction = rubbing.effect("friction_torque", "joint 3")
     (found,) = confirm(rubbing.problem, forced(rubbing, (friction,), (1,)))
-    assert found.p_flips == 1.0 / (1 + FLIPS)
-    assert found.poses.explained > 0.9
+    assert found.p_sign_flips_max_t == 1.0 / (1 + FLIPS)
+    assert found.cross_validation_over_poses.explained > 0.9
 
 
 def test_one_load_leaves_none_to_leave_out(wave):
@@ -75,8 +75,8 @@ def test_one_load_leaves_none_to_leave_out(wave):
     problem = prepare(readings, wave.baseline, wave.setup)
     effect = wave.effect("transmission_error", "joint 2")
     (found,) = confirm(problem, forced(wave, (effect,), (1,), problem))
-    assert found.loads is None
-    assert found.poses.explained > 0.8
+    assert found.cross_validation_over_loads is None
+    assert found.cross_validation_over_poses.explained > 0.8
 
 
 def test_nothing_found_is_nothing_to_confirm(null):
@@ -97,9 +97,9 @@ def test_flips_hold_where_poses_are_off_for_no_reason(lawless):
     assert gains[best][0] > 5.0  # the evidence alone makes more of it than of noise
     there = forced(lawless, (lawless.family[best],), (gains[best][1],))
     (found,) = confirm(lawless.problem, there)
-    assert found.p_flips > FLIP_RATE
+    assert found.p_sign_flips_max_t > FLIP_RATE
     # Were its readings independent, chance would not do as much.
     cells = lawless.problem.cells
     each = np.array([f"{pose}-{k}" for k, pose in enumerate(cells.pose)])
     split = replace(lawless.problem, cells=replace(cells, pose=each))
-    assert confirm(split, there)[0].p_flips < found.p_flips
+    assert confirm(split, there)[0].p_sign_flips_max_t < found.p_sign_flips_max_t

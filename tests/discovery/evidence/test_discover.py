@@ -24,7 +24,7 @@ def said(found):
         [name(finding.effect) for finding in judged.findings],
         [finding.x.tolist() for finding in judged.findings],
         [tuple(map(name, finding.alternatives)) for finding in judged.findings],
-        [(place.of, place.error_mm) for place in judged.unexplained],
+        [(place.of, place.shared_error_mm) for place in judged.unexplained],
         found.extended.x.tolist(),
     )
 
@@ -53,10 +53,10 @@ def test_a_transmission_error_is_named_and_the_gap_closed(wave, null):
     ):
         assert closed.before.mean_mm > 4.0 * closed.after.mean_mm
         assert closed.after.mean_mm < 1.3 * bare.after.mean_mm
-        assert closed.reduction.low_mm > 0.0
-        for load in closed.by_load:
-            assert closed.reduction_by_load[load].low_mm > 0.0
-    assert set(found.holdout.by_load) == {0.0, 22.0, 66.0}
+        assert closed.reduction.interval95_mm[0] > 0.0
+        for at_load in closed.record().per_load.values():
+            assert at_load.reduction.interval95_mm[0] > 0.0
+    assert set(found.holdout.record().per_load) == {"0N", "22N", "66N"}
 
 
 def test_friction_is_seen_in_torque_and_pose(rubbing):
@@ -68,7 +68,7 @@ def test_friction_is_seen_in_torque_and_pose(rubbing):
     nothing, score = found.judgement.found.nothing, found.judgement.found.score
     assert nothing.torque_variance > 100.0 > 1.0 > score.torque_variance
     # The spring of joint 3 was wound by a torque that the log made up.
-    assert found.holdout.reduction.low_mm > 0.0
+    assert found.holdout.reduction.interval95_mm[0] > 0.0
     assert found.holdout.after.mean_mm < 1.3 * found.noise_floor_mm
 
 

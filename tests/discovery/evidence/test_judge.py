@@ -39,7 +39,7 @@ def test_what_stands_alone_is_named_with_its_uncertainty(wave):
     std = np.sqrt(np.diag(finding.covariance))
     assert (np.abs(finding.x - [2e-4, 1.0]) < 4.0 * std).all()
     assert (std < [1e-5, 0.05]).all()
-    assert finding.proof.p_flips < 0.01
+    assert finding.proof.p_sign_flips_max_t < 0.01
 
 
 def test_rivals_that_do_as_well_stand_beside_the_name(eccentric_judged):
@@ -88,7 +88,7 @@ def test_what_no_name_explains_is_unexplained_where_it_sits(bowed):
     assert judged.findings == ()
     (place,) = judged.unexplained
     assert (place.of, place.form) == ("instrument", "place_map")
-    assert place.error_mm > floor_mm(bowed.problem)
+    assert place.shared_error_mm > floor_mm(bowed.problem)
 
 
 def test_what_sits_nowhere_is_unexplained_all_the_same():
@@ -107,7 +107,7 @@ def test_what_sits_nowhere_is_unexplained_all_the_same():
     assert judged.findings == ()
     (place,) = judged.unexplained
     assert (place.of, place.form) == (None, None)
-    assert place.error_mm > 2.0 * floor_mm(lost.problem)
+    assert place.shared_error_mm > 2.0 * floor_mm(lost.problem)
 
 
 def test_what_chance_does_as_well_is_no_finding(null):

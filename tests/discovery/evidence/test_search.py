@@ -9,6 +9,7 @@ import pytest
 from made_up_arm import ERROR_RATE, Missing, harmonic, measure
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.search import evidence_about, less, refit, search, threshold
+from pa10cal.discovery.finding import name_of
 from pa10cal.discovery.linear import residual
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.term import Parameter
@@ -77,7 +78,7 @@ def test_two_effects_are_found_together(two_waves):
 def test_steps_tell_how_the_search_came_there(two_waves):
     found = two_waves.found
     last = found.steps[-1]
-    assert last.effects == found.fit.effects
+    assert last.effects == tuple(map(name_of, found.fit.effects))
     assert last.gain_nats > threshold(len(found.family), ERROR_RATE)
     residuals = residual(found.fit.at, found.problem.cells)[:, :3]
     assert last.rms_mm == pytest.approx(1e3 * np.sqrt((residuals**2).sum(axis=1).mean()))

@@ -7,7 +7,7 @@ import made_up_survey
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.formulas import with_proposals
-from pa10cal.discovery.records import proposed_formula, summary, verdict_keys
+from pa10cal.discovery.records import summary, verdict_keys
 from pa10cal.discovery.short_forms import Arena, Contest, choose
 from pa10cal.terms.forms.of_joints import AngleForm
 
@@ -59,8 +59,8 @@ def test_one_order_is_found_among_others():
     arena = made_up_arena(lambda q: 5.0 * np.sin(3.0 * q + 0.4))
     found = choose(arena, FORMS, (), 0.01)
     assert found.form.numbers == (3.0,)
-    assert found.orders == (3, 3)
-    assert found.gain > 0.9
+    assert found.record.orders == (3, 3)
+    assert found.record.gain > 0.9
 
 
 def test_many_orders_have_no_short_form():
@@ -86,7 +86,7 @@ def test_a_bow_of_the_instrument_comes_back_as_its_formula(bowed):
     assert formula.form.form in ("quadratic", "cubic")
     assert formula.form.numbers == (0, 1)  # x reads wrong along y
     assert [each.id for each in formula.instead] == ["place_map"]
-    record = proposed_formula(formula)
+    record = formula.record
     assert record.of == "instrument"
     assert record.formula.startswith("reading of x += c")
     assert record.evidence.squared_error_with < 0.5 * record.evidence.squared_error_without
@@ -101,8 +101,8 @@ def test_a_lag_that_goes_with_the_torque_comes_back_as_its_formula():
     assert found.verdict == "unexplained"
     (formula,) = proposed(found)
     assert formula.form.formula == "theta_2 += h s_2 |tau_2|"
-    (value,), (std,) = formula.x, np.sqrt(np.diag(formula.covariance))
-    assert abs(value - 4e-6) < 4.0 * std
+    (lag,) = formula.record.parameters.values()
+    assert abs(lag.value - 4e-6) < 4.0 * lag.std
     assert found.proposed == ()  # the verdict it was made of stays as it was
     (line,) = (each for each in summary(verdict_keys(with_proposals(found))) if "proposed" in each)
     assert line.startswith("  proposed for joint 2, no name: theta_2 += h s_2 |tau_2|, h = ")
@@ -130,4 +130,5 @@ def test_a_sawtooth_seen_by_a_tracker_comes_back_as_its_formula():
     (formula,) = proposed(found)
     assert (formula.form.form, formula.of) == ("sawtooth", "joint 3")
     assert formula.form.order == 10
-    assert formula.x[0] == pytest.approx(2e-4, rel=0.05)
+    size, *_ = formula.record.parameters.values()
+    assert size.value == pytest.approx(2e-4, rel=0.05)

@@ -43,7 +43,7 @@ def test_over_part_of_a_turn_it_stays_a_map_with_a_formula():
     assert [each.id for each in found.effects] == ["joint_error_map"]
     (formula,) = found.proposed
     assert formula.form.formula == "theta_3 += A sin(5 q_3 + phi)"
-    assert formula.orders[0] <= 5 <= formula.orders[1]
+    assert formula.record.orders[0] <= 5 <= formula.record.orders[1]
 
 
 def test_repeats_fit_the_line_in_the_place_of_their_map_too(monkeypatch):

@@ -18,8 +18,8 @@ class TestFill:
         for pose in found:
             new = ~seen.each(pose.q_rad[None])[0]
             joints = np.flatnonzero(new) + 1
-            assert pose.purposes == tuple(f"angle of joint {j} not seen" for j in joints)
-        joints = [len(pose.purposes) for pose in found]
+            assert pose.for_ == tuple(f"angle of joint {j} not seen" for j in joints)
+        joints = [len(pose.for_) for pose in found]
         assert joints == sorted(joints, reverse=True)
         limits = survey.context.arm.limits_rad
         q_rad = np.array([pose.q_rad for pose in found])

@@ -205,7 +205,7 @@ def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, searched):
     assert [separation.can_be_split for separation in both.separations] == [True, False]
     for one, other in zip(alone.poses, both.poses, strict=True):
         assert np.array_equal(one.q_rad, other.q_rad)
-        assert other.purposes == (both.separations[0].label,)
+        assert other.for_ == (both.separations[0].pair,)
 
 
 def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, searched):
@@ -216,7 +216,7 @@ def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, searched):
     assert [s.q_rad.tolist() for s in first] == [s.q_rad.tolist() for s in again]
     assert len({tuple(suggestion.q_rad) for suggestion in first}) == 5
     for suggestion in first:
-        assert set(suggestion.arrival) <= {-1.0, 1.0}
+        assert set(suggestion.arrive_from) <= {-1.0, 1.0}
         assert suggestion.load_N in (0.0, 44.0)
     assert plan(ratio.problem, searched.fit, [], 5).poses == ()
 

@@ -19,7 +19,12 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.refit import Refit, one_step
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.terms.effects.effect import Effect
+from pa10cal.results.calibration import (
+    CampaignsAgree,
+    EffectByCampaign,
+    JointErrorAlone,
+    ParameterAlone,
+)
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.term import Report
@@ -44,33 +49,7 @@ class Curve:
     visited: NDArray[np.bool_]  # (A,) whether the campaign has poses there
 
 
-@dataclass(frozen=True)
-class Pair:
-    """How well two campaigns agree on the error of a joint."""
-
-    # first and second: their names
-    first: str
-    second: str
-    correlation: float  # over the angles that both visited; nan where they have too few
-    correlation95: tuple[float, float]  # its interval of 95 %
-    slope: float  # of the second by the first, both uncertain alike
-    slope95: tuple[float, float]  # its interval of 95 %
-    rms_rad: tuple[float, float]  # of each there, less its mean
-    difference_rad: float  # root mean square of what they differ by
-    share: float  # part of the turn that both visited
-
-
-@dataclass(frozen=True)
-class ByCampaign:
-    """An effect as each campaign alone has it."""
-
-    effect: Effect  # which
-    reports: dict[str, tuple[Report, Array]]  # its parameters and their covariance, by campaign
-    curves: dict[str, Curve]  # of an error by a joint's angle, by campaign; empty for other effects
-    pairs: tuple[Pair, ...]  # how well campaigns agree on that error
-
-
-def by_campaign(survey: Survey, found: Refit) -> tuple[ByCampaign, ...]:
+def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
     """Return every effect as each campaign of a group alone has it; none of a single campaign."""
     campaign = survey.poses.states.campaign
     shared = [each for each in found.effects if not isinstance(each, OfCampaign)]
@@ -85,21 +64,41 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[ByCampaign, ...]:
     each = []
     for effect in shared:
         at = found.columns_of(effect)
-        reports = {
-            name: (effect.report(x[at]), covariance[at, at])
-            for name, (x, covariance) in alone.items()
-        }
         curves = {}
         if isinstance(effect, JointErrorMap):
             for name, (x, _) in alone.items():
                 q_rad = survey.poses.states.q_rad[campaign == names.index(name), effect.joint - 1]
                 curves[name] = Curve(_error_rad(effect, x[at]), visited(q_rad))
-        pairs = tuple(
-            pair_of((first, curves[first]), (second, curves[second]))
-            for first, second in combinations(curves, 2)
+        each.append(
+            EffectByCampaign(
+                id=effect.id,
+                of=effect.of,
+                parameters=None
+                if curves
+                else {
+                    name: _parameters(effect.report(x[at]), covariance[at, at])
+                    for name, (x, covariance) in alone.items()
+                },
+                errors={
+                    name: JointErrorAlone(error_mrad=1e3 * curve.error_rad, visited=curve.visited)
+                    for name, curve in curves.items()
+                }
+                or None,
+                agreement=tuple(
+                    pair_of((first, curves[first]), (second, curves[second]))
+                    for first, second in combinations(curves, 2)
+                ),
+            )
         )
-        each.append(ByCampaign(effect, reports, curves, pairs))
     return tuple(each)
+
+
+def _parameters(report: Report, covariance: Array) -> dict[str, ParameterAlone]:
+    std = np.sqrt(np.diag(report.jacobian @ covariance @ report.jacobian.T))
+    return {
+        parameter.name: ParameterAlone(value=float(value), std=float(sigma))
+        for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
+    }
 
 
 def visited(q_rad: Array) -> NDArray[np.bool_]:
@@ -112,16 +111,29 @@ def visited(q_rad: Array) -> NDArray[np.bool_]:
     return np.asarray(last - first >= _LEAST_POSES)
 
 
-def pair_of(first: tuple[str, Curve], second: tuple[str, Curve]) -> Pair:
-    """Compare the curves of two campaigns, each given with its name."""
+def pair_of(first: tuple[str, Curve], second: tuple[str, Curve]) -> CampaignsAgree:
+    """Compare the curves of two campaigns, each given with its name.
+
+    Slopes are of the second by the first, both uncertain alike.
+    """
     (one, a), (two, b) = first, second
     both = a.visited & b.visited
     x, y = a.error_rad[both], b.error_rad[both]
     arc = (ANGLES_RAD[both] // _ARC_RAD).astype(int)
     arcs = np.unique(arc)
-    nothing = (np.nan, np.nan)
     if len(arcs) < _LEAST_ARCS or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
-        return Pair(one, two, np.nan, nothing, np.nan, nothing, nothing, np.nan, both.mean())
+        return CampaignsAgree(
+            first=one,
+            second=two,
+            correlation=None,
+            correlation95=None,
+            slope=None,
+            slope95=None,
+            first_rms_mrad=None,
+            second_rms_mrad=None,
+            difference_rms_mrad=None,
+            share_of_turn=float(both.mean()),
+        )
 
     def interval(of: Callable[[Array, Array], float]) -> tuple[float, float, float]:
         """Return a quantity and its interval, by leaving out arc by arc (jackknife)."""
@@ -134,16 +146,17 @@ def pair_of(first: tuple[str, Curve], second: tuple[str, Curve]) -> Pair:
     z, z_low, z_high = interval(lambda x, y: float(np.arctanh(_correlation(x, y))))
     slope, low, high = interval(_slope)
     x, y = x - x.mean(), y - y.mean()
-    return Pair(
+    return CampaignsAgree(
         first=one,
         second=two,
         correlation=float(np.tanh(z)),
         correlation95=(float(np.tanh(z_low)), float(np.tanh(z_high))),
         slope=slope,
         slope95=(low, high),
-        rms_rad=(_rms(x), _rms(y)),
-        difference_rad=_rms(x - y),
-        share=float(both.mean()),
+        first_rms_mrad=1e3 * _rms(x),
+        second_rms_mrad=1e3 * _rms(y),
+        difference_rms_mrad=1e3 * _rms(x - y),
+        share_of_turn=float(both.mean()),
     )
 
 

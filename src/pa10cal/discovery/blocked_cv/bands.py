@@ -9,7 +9,7 @@ and stretches of angles of each joint with all their poses left out.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, fields, replace
 
 import numpy as np
 from scipy.linalg import block_diag, lapack
@@ -27,6 +27,7 @@ from pa10cal.discovery.blocked_cv.rows import Products, Rows, ShapedEffect, in_t
 from pa10cal.discovery.blocked_cv.selection import solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
 from pa10cal.discovery.weights import Widening
+from pa10cal.results import maps as results
 from pa10cal.terms.effects.joint_error_map import (
     FINE,
     TYPICAL,
@@ -58,6 +59,28 @@ class InBands:
     of_time: Array  # (B, 2) squared errors of stretches of time left out, before and with the bands
     of_angles: Array  # (S, 2) the same of stretches of angles
     widening: Widening  # how components scatter, and what attitudes weigh
+
+    @property
+    def record(self) -> results.Bands:
+        """Return the bands, how well they are known, and what was left out."""
+        names = [field.name for field in fields(Band)]
+        return results.Bands(
+            shared=self.found.shared,
+            scatter=self.found.scatter,
+            maps=tuple(
+                results.BandOfMap(of=each.of, log_std=dict(zip(names, std.tolist(), strict=True)))
+                for each, std in zip(
+                    maps_among(self.level.members), self.found.log_std, strict=True
+                )
+            ),
+            of_time=_left_out(self.of_time),
+            of_angles=_left_out(self.of_angles),
+        )
+
+
+def _left_out(squares: Array) -> results.LeftOut:
+    before, after = squares.sum(axis=0).tolist()
+    return results.LeftOut(before=before, after=after)
 
 
 def in_bands(rows: Rows, fine: Level) -> InBands | None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.arrays import Array
-from pa10cal.discovery import verdict
+from pa10cal.discovery.blocked_cv.alone import by_campaign
 from pa10cal.discovery.blocked_cv.bands import InBands
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable
 from pa10cal.discovery.blocked_cv.finest import Level
@@ -20,15 +20,14 @@ from pa10cal.discovery.blocked_cv.found import found_in, with_more
 from pa10cal.discovery.blocked_cv.held_poses import slow_drift
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
-    Remaining,
-    Tried,
     remaining_error,
     unexplained,
 )
 from pa10cal.discovery.blocked_cv.refit import Refit, compare, errors_by_name, refit
 from pa10cal.discovery.blocked_cv.rows import ShapedEffect
-from pa10cal.discovery.blocked_cv.survey import Survey, survey
-from pa10cal.discovery.finding import Finding
+from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey, survey
+from pa10cal.discovery.finding import Finding, name_of
 from pa10cal.discovery.gap import Gap, Named, left_by
 from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
@@ -45,7 +44,10 @@ from pa10cal.discovery.verdict import Plan, Verdict, reported
 from pa10cal.discovery.weights import AS_FOUND, Scatter, scatter_of, share_inside
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.observe.observations import Observations
-from pa10cal.results.analysis import LackOfFit
+from pa10cal.results.analysis import LackOfFit, SearchStep
+from pa10cal.results.calibration import EffectByCampaign
+from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks
+from pa10cal.results.maps import JointWitness, PoseScatter
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import GearError, JointErrorMap, SensorError
 from pa10cal.terms.forms.form import Form
@@ -63,8 +65,7 @@ class VerdictByBlocks(Verdict[Prediction]):
 
     survey: Survey  # the campaign as it was judged
     nameless: tuple[Effect, ...]  # smooth unknown functions that the search held
-    tried: tuple[Tried, ...]  # what else was tried on the remaining error, the most helpful first
-    remaining: Remaining  # position error of the held-out blocks, against noise
+    remaining: Remaining  # position error of the held-out blocks, and what else was tried on it
     least_gain: float  # sum of squares by which one must help at least
     extended: Refit  # the model with the effects found
     noise: Noise  # of single readings
@@ -92,18 +93,56 @@ class VerdictByBlocks(Verdict[Prediction]):
         at, poses = self.extended.at, self.survey.poses
         return scatter_of(at, poses, self.survey.left_by(at))
 
+    @override
+    def of_its_method(self) -> dict[str, Any]:
+        search = SearchByBlocks(
+            candidates=self.candidates,
+            error_rate=self.error_rate,
+            blocks=BLOCKS,
+            needed=Needed(
+                standard_errors=STANDARD_ERRORS,
+                sum_of_squares=self.least_gain,
+                part_of_remaining_error_over_noise=LEAST_SHARE,
+            ),
+            poses_down_weighted=int(np.sum(self.extended.weights.weight < 1.0)),
+            refit_converged=bool(self.extended.converged),
+        )
+        return {
+            "search": search,
+            "remaining": self.remaining,
+            "bands": None if self.bands is None else self.bands.record,
+            "scatter": self.pose_scatter,
+        }
+
     @property
-    def inside95(self) -> tuple[float, float | None]:
-        """Return how many coordinates, fitted and held out, lie in their 95 % intervals."""
-        assert self.scatter is not None
-        shares: list[float | None] = []
-        for found in (self.train, self.holdout):
-            if found is None:
-                shares.append(None)
-                continue
-            left = self.survey.left_by(self.model, found.poses)
-            shares.append(share_inside(self.model, self.scatter, found.poses, left))
-        return shares[0] or 0.0, shares[1]
+    def pose_scatter(self) -> PoseScatter | None:
+        """Return what single poses scatter by; None where no map has a band."""
+        scatter = self.scatter
+        if self.bands is None or scatter is None:
+            return None
+
+        def inside95(gap: Gap) -> float:
+            left = self.survey.left_by(self.model, gap.poses)
+            return share_inside(self.model, scatter, gap.poses, left)
+
+        return PoseScatter(
+            joints=tuple(scatter.joints.tolist()),
+            kinds=dict(scatter.kinds),
+            inside95_train=inside95(self.train),
+            inside95_holdout=None if self.holdout is None else inside95(self.holdout),
+        )
+
+    @override
+    def by_campaign(self) -> tuple[EffectByCampaign, ...] | None:
+        return by_campaign(self.survey, self.extended) or None
+
+    @override
+    def witness(self, effect: Effect) -> JointWitness | None:
+        if isinstance(effect, JointErrorMap):
+            for each in self.causes:
+                if each.joint == effect.joint and (each.witness or each.agreement):
+                    return JointWitness(ripple=each.witness, agreement=each.agreement)
+        return None
 
     @property
     @override
@@ -211,7 +250,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
     if judged.torques_logged:
         noise = with_torque_noise(noise, fitted, poses, judged.setup.payload)
     floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
-    remaining = remaining_error(rows, searched.errors_mm, floor_mm)
+    remaining = remaining_error(rows, searched.errors_mm, floor_mm, searched.tried)
     findings = tuple(
         Finding(effect, *_reported(extended, effect), others, proof)
         for effect, others, proof in zip(
@@ -227,7 +266,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         candidates=searched.candidates,
         findings=findings,
         unexplained=(
-            *unexplained(remaining, searched.nameless, searched.tried),
+            *unexplained(remaining, searched.nameless),
             *(() if judged.wander is None else wandering(judged.wander, floor_mm)),
             *told_with_rivals(in_time, floor_mm),
             *(() if judged.lag is None else (judged.lag.unexplained(remaining.mean_mm),)),
@@ -239,8 +278,8 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         train=compare(judged, fitted, seen, poses, floor_mm),
         holdout=None if held_out is None else compare(judged, fitted, seen, held_out, floor_mm),
         steps=tuple(
-            verdict.Step(
-                tuple(member.effect for member in step.members),
+            SearchStep(
+                effects=tuple(name_of(member.effect) for member in step.members),
                 squared_error_of_a_row=float(step.squares.sum()) / components,
             )
             for step in (*searched.steps, *found.finer_steps)
@@ -250,7 +289,6 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         else steps_in_time(judged.wander, extended.at, poses),
         survey=judged,
         nameless=searched.nameless,
-        tried=searched.tried,
         remaining=remaining,
         least_gain=searched.least_gain,
         noise=noise,

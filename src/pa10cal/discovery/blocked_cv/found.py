@@ -22,7 +22,6 @@ from pa10cal.discovery.blocked_cv.finest import Level, finest, level
 from pa10cal.discovery.blocked_cv.held_poses import FoundAfter, HeldPoses, Squares, proof_of
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
-    Tried,
     alternatives,
     predictions,
     tried,
@@ -36,6 +35,8 @@ from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.finding import NotTestable
 from pa10cal.discovery.noise import noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.weights import AS_FOUND
+from pa10cal.results.discovery import Tried
+from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_angle import ArrivalError, Backlash
 from pa10cal.terms.effects.unnamed import DirectionMap
@@ -128,8 +129,7 @@ def with_more(found: Found, more: Sequence[FoundAfter]) -> Found:
             tried=tuple(
                 each
                 for each in searched.tried
-                if (each.effect.id, each.effect.of) not in names
-                and not (by_arrival(each.effect) and each.effect.of in places)
+                if (each.id, each.of) not in names and not (by_arrival(each) and each.of in places)
             ),
             predictions=(
                 *(searched.predictions[k] for k in stays),
@@ -182,9 +182,9 @@ def arrivals(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[
     )
 
 
-def by_arrival(effect: Effect) -> bool:
+def by_arrival(effect: Effect | EffectName) -> bool:
     """Return whether an effect goes with the way that a joint came."""
-    return isinstance(effect, ArrivalError | Backlash | DirectionMap)
+    return effect.id in (ArrivalError.id, Backlash.id, DirectionMap.id)
 
 
 def _stays(held: HeldPoses, without: Squares, every: Squares) -> bool:

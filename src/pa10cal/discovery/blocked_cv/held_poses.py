@@ -13,7 +13,7 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.family import standard_error
-from pa10cal.discovery.blocked_cv.judge import Prediction
+from pa10cal.discovery.blocked_cv.judge import Prediction, prediction
 from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.selection import solve
@@ -139,15 +139,8 @@ class HeldPoses:
 
 def proof_of(before: Squares, after: Squares) -> Prediction:
     """Return how well held-out poses are predicted without something and with it."""
-    gain, whole = before.total - after.total, float(before.total.sum())
-    return Prediction(
-        rms_without_mm=before.rms_mm,
-        rms_with_mm=after.rms_mm,
-        blocks=BLOCKS,
-        improved=int(np.sum(gain > 0.0)),
-        gain=float(gain.sum()) / whole,
-        gain_std=standard_error(gain) / whole,
-    )
+    gain = before.total - after.total
+    return prediction(gain, float(before.total.sum()), (before.rms_mm, after.rms_mm))
 
 
 # A base that moved slowly and smoothly while a campaign lasted: too little to be a wander.

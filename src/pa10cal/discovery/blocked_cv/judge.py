@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from pydantic import Field
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.family import Chosen, both_kinds_agree, standard_error
 from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
-from pa10cal.discovery.finding import Unexplained
 from pa10cal.discovery.linear import error_mm
+from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
 from pa10cal.terms.effects.effect import Effect
 
 #: The remaining error counts as more than noise where it is so many times as large.
@@ -24,55 +24,39 @@ _SURELY = 3.0
 CARRIED = 0.5
 
 
-@dataclass(frozen=True)
-class Prediction:
+class Prediction(BlockedCrossValidation):
     """How well held-out blocks are predicted without an effect and with it."""
 
-    # rms_without_mm and rms_with_mm: root mean square of the position error there
-    rms_without_mm: float
-    rms_with_mm: float
-    # blocks and improved: how many blocks, and in how many the weighed sum of squares came down
-    blocks: int
-    improved: int
-    gain: float  # part by which the weighed sum of squares came down
-    gain_std: float  # its standard error, from how it scatters between blocks
-    # the one pose without which not half of the gain would be left, and too little for a name;
-    # None where there is no such pose
-    carrier: str | None = None
-
-    @property
-    def z(self) -> float:
-        """Gain in standard errors."""
-        return self.gain / max(self.gain_std, np.finfo(float).tiny)
+    carrier: str | None = Field(
+        default=None,
+        exclude=True,
+        description="the one pose without which not half of the gain would be left, and too "
+        "little for a name; None where there is no such pose",
+    )
 
 
-@dataclass(frozen=True)
-class Tried:
-    """Something that was tried on the remaining error."""
+def prediction(
+    gain: Array, whole: float, rms_mm: tuple[float, float], carrier: str | None = None
+) -> Prediction:
+    """Return how well held-out blocks are predicted without an effect and with it.
 
-    effect: Effect  # the smooth unknown function, or effect, that was tried
-    gain: float  # part by which it brings down the weighed sum of squares of held-out blocks
-    gain_std: float  # its standard error
-    helps: bool  # whether that is enough to say that it is there
-    # whether it makes neither positions nor attitudes worse; what does is no effect by that name.
-    # None where it does not help.
-    kinds_agree: bool | None
-
-
-@dataclass(frozen=True)
-class Remaining:
-    """Position error of held-out blocks, against noise."""
-
-    mean_mm: float  # mean position error
-    std_mm: float  # its standard error, over blocks
-    rms_mm: float  # root mean square
-    floor_mm: float  # mean error that noise alone leaves
-
-    @property
-    def over_floor(self) -> bool:
-        """Whether the remaining error exceeds the noise."""
-        excess = self.mean_mm - self.floor_mm
-        return self.mean_mm > _OVER_FLOOR * self.floor_mm and excess > _SURELY * self.std_mm
+    Args:
+        gain: (B,) what the weighed sum of squares of every block comes down by.
+        whole: sum of squares without the effect.
+        rms_mm: root mean square position errors without it and with it.
+        carrier: the one pose that carries it.
+    """
+    part, std = float(gain.sum()) / whole, standard_error(gain) / whole
+    return Prediction(
+        rms_without_mm=rms_mm[0],
+        rms_with_mm=rms_mm[1],
+        blocks=BLOCKS,
+        improved=int(np.sum(gain > 0.0)),
+        gain=part,
+        gain_std=std,
+        z=part / max(std, np.finfo(float).tiny),
+        carrier=carrier,
+    )
 
 
 def predictions(
@@ -106,20 +90,9 @@ def predictions(
     found = []
     for k, without in enumerate(state.without_each()):
         gain = without - chosen.squares
-        whole = float(without.sum())
-        found.append(
-            Prediction(
-                rms_without_mm=float(rms[k + 1]),
-                rms_with_mm=float(rms[0]),
-                blocks=BLOCKS,
-                improved=int(np.sum(gain > 0.0)),
-                gain=float(gain.sum()) / whole,
-                gain_std=standard_error(gain) / whole,
-                carrier=_carrier(
-                    rows, squares[:, k + 1] - squares[:, 0], float(gain.sum()), least_gain
-                ),
-            )
-        )
+        carrier = _carrier(rows, squares[:, k + 1] - squares[:, 0], float(gain.sum()), least_gain)
+        rms_mm = float(rms[k + 1]), float(rms[0])
+        found.append(prediction(gain, float(without.sum()), rms_mm, carrier))
     return tuple(found), errors_mm[:, 0]
 
 
@@ -136,14 +109,19 @@ def _carrier(rows: Rows, gain: Array, whole: float, least_gain: float) -> str | 
     return worst if left < min(least_gain, CARRIED * whole) else None
 
 
-def remaining_error(rows: Rows, errors_mm: Array, floor_mm: float) -> Remaining:
-    """Return the position error of held-out blocks, against noise."""
+def remaining_error(
+    rows: Rows, errors_mm: Array, floor_mm: float, others: tuple[Tried, ...]
+) -> Remaining:
+    """Return the position error of held-out blocks, against noise, and what was tried on it."""
     means = np.array([errors_mm[rows.survey.block == b].mean() for b in range(BLOCKS)])
+    mean_mm, std_mm = float(errors_mm.mean()), float(means.std(ddof=1) / np.sqrt(BLOCKS))
     return Remaining(
-        mean_mm=float(errors_mm.mean()),
-        std_mm=float(means.std(ddof=1) / np.sqrt(BLOCKS)),
+        mean_mm=mean_mm,
+        std_mm=std_mm,
         rms_mm=float(np.sqrt(np.mean(errors_mm**2))),
         floor_mm=floor_mm,
+        over_floor=mean_mm > _OVER_FLOOR * floor_mm and mean_mm - floor_mm > _SURELY * std_mm,
+        tried=others,
     )
 
 
@@ -185,11 +163,14 @@ def tried(search: Search, chosen: Chosen) -> tuple[Tried, ...]:
         gain = chosen.squares - squares
         helps = search.helps(chosen.squares, squares)
         entry = Tried(
-            effect=other.effect,
+            id=other.effect.id,
+            of=other.effect.of,
             gain=float(gain.sum()) / whole,
             gain_std=standard_error(gain) / whole,
             helps=helps,
-            kinds_agree=both_kinds_agree(chosen, chosen.extended(other)) if helps else None,
+            positions_and_attitudes_agree=both_kinds_agree(chosen, chosen.extended(other))
+            if helps
+            else None,
         )
         if other.name not in best or entry.gain > best[other.name].gain:
             best[other.name] = entry
@@ -204,36 +185,33 @@ def without_rivals(chosen: Chosen) -> Chosen:
     return chosen
 
 
-def unexplained(
-    remaining: Remaining, nameless: Sequence[Effect], others: Sequence[Tried]
-) -> tuple[Unexplained, ...]:
+def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexplained, ...]:
     """Return what remains without a name; nothing where noise explains it.
 
     Args:
         remaining: position error of the held-out blocks.
         nameless: smooth unknown functions that the search held.
-        others: what else was tried on the remaining error, the most helpful first.
     """
     if not remaining.over_floor:
         return ()
-    left_mm = remaining.mean_mm
+    left_mm, others = remaining.mean_mm, remaining.tried
     places = [
         Unexplained(
-            effect.of,
-            effect.id,
-            left_mm,
-            f"a smooth unknown function ({effect.id}) of {effect.of} predicts held-out blocks "
+            of=effect.of,
+            form=effect.id,
+            shared_error_mm=left_mm,
+            why=f"a smooth unknown function ({effect.id}) of {effect.of} predicts held-out blocks "
             f"better than any name{effect.advice}",
         )
         for effect in nameless
     ]
     places += [
         Unexplained(
-            entry.effect.of,
-            entry.effect.id,
-            left_mm,
-            f"{100 * entry.gain:.0f} % of the remaining error depends on {entry.effect.id} of "
-            f"{entry.effect.of}, but positions and attitudes contradict each other: it is no "
+            of=entry.of,
+            form=entry.id,
+            shared_error_mm=left_mm,
+            why=f"{100 * entry.gain:.0f} % of the remaining error depends on {entry.id} of "
+            f"{entry.of}, but positions and attitudes contradict each other: it is no "
             "effect of that name",
         )
         for entry in _contradicting(others)
@@ -247,16 +225,16 @@ def unexplained(
     if others:
         nearest = others[0]
         why += (
-            f"; the nearest is {nearest.effect.id} of {nearest.effect.of}, "
+            f"; the nearest is {nearest.id} of {nearest.of}, "
             f"({100 * nearest.gain:.1f} ± {100 * nearest.gain_std:.1f}) % of it"
         )
-    return (Unexplained(None, None, left_mm, why),)
+    return (Unexplained(of=None, form=None, shared_error_mm=left_mm, why=why),)
 
 
 def _contradicting(others: Sequence[Tried]) -> list[Tried]:
     """Return what helps and makes positions or attitudes worse, the best of each place."""
     best: dict[str, Tried] = {}
     for entry in others:
-        if entry.helps and entry.kinds_agree is False:
-            best.setdefault(entry.effect.of, entry)
+        if entry.helps and entry.positions_and_attitudes_agree is False:
+            best.setdefault(entry.of, entry)
     return list(best.values())

@@ -14,7 +14,7 @@ from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect, in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.selection import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
-from pa10cal.discovery.gap import Gap, Named, gap, in_order, left_by
+from pa10cal.discovery.gap import Gap, Named, gap, in_order
 from pa10cal.discovery.in_time.wander import moved_frames
 from pa10cal.discovery.linear import (
     ModelWithEffects,
@@ -352,12 +352,9 @@ def errors_by_name(
         train, holdout: the gap before and with all effects.
     """
 
-    def with_only(some: tuple[Effect, ...]) -> Named:
-        model = _with_only(campaign, extended, some)
-        held_out = None if holdout is None else left_by(model, holdout.poses)
-        return Named(some, left_by(model, train.poses), held_out)
-
-    return in_order(train, holdout, extended.effects, with_only)
+    return in_order(
+        train, holdout, extended.effects, lambda some: _with_only(campaign, extended, some)
+    )
 
 
 def _with_only(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> FittedModel:

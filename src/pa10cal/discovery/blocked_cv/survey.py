@@ -8,13 +8,13 @@ from itertools import pairwise
 import numpy as np
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.finding import Unexplained
 from pa10cal.discovery.in_time.wander import Wander
 from pa10cal.discovery.linear import by_joints, residual, with_base_term
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
+from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import CandidateContext, Effect, turning_joints
 from pa10cal.terms.model import Model
 
@@ -220,7 +220,7 @@ class AttitudeLag:
             f"attitudes go with the way that {said} came, and positions do not: it is the reader "
             "of attitudes or its mount that lags, and no joint that stops short"
         )
-        return Unexplained("instrument", "attitude_lag", left_mm, why)
+        return Unexplained(of="instrument", form="attitude_lag", shared_error_mm=left_mm, why=why)
 
 
 def attitude_lag(context: CandidateContext, poses: Observations) -> AttitudeLag | None:

@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arrays import Array, Index
@@ -21,41 +22,33 @@ from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.likelihood import SIZES, Block
 from pa10cal.discovery.evidence.problem import NoiseModel, Problem
 from pa10cal.discovery.evidence.search import EndOfSearch
+from pa10cal.results.discovery import CrossValidation, EvidenceByRepeats
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.weights import Weights
 
 FLIPS = 999
+#: Probability allowed that chance makes as much of the family, by sign flips over poses.
+FLIP_RATE = 0.05
 #: A name without one pose keeps more of its evidence than this, or that pose alone carries it.
 CARRIED = 0.5
 _FOLDS = 9
 _SEED = 20080427
 
 
-@dataclass(frozen=True)
-class HeldOutGain:
-    """How an effect does on rows that were held out of the fit."""
-
-    explained: float  # part of the error without the effect that it explains there
-    z: float  # mean gain over poses, in its own standard error
-
-
-@dataclass(frozen=True)
-class Confirmation:
+class Confirmation(EvidenceByRepeats):
     """What speaks for one effect, all others being in the model."""
 
-    loss: float  # evidence that the model would lose without it, natural logarithm
-    p_flips: float  # probability that chance gives any candidate of the family as much (max-T)
-    # poses and loads: blocks of poses, and whole loads, held out; None where there is one load
-    poses: HeldOutGain
-    loads: HeldOutGain | None
-    # the one pose without which not half of this would be left, and too little for a name; None
-    # where there is no such pose
-    carrier: str | None = None
+    carrier: str | None = Field(
+        default=None,
+        exclude=True,
+        description="the one pose without which not half of this would be left, and too "
+        "little for a name; None where there is no such pose",
+    )
 
     @property
     def gain(self) -> float:
         """Part of the squared error of poses left out that it explains."""
-        return self.poses.explained
+        return self.cross_validation_over_poses.explained
 
 
 @dataclass(frozen=True)
@@ -90,10 +83,14 @@ def confirm(problem: Problem, found: EndOfSearch, needed: float = 0.0) -> tuple[
     for k, without in enumerate(found.without):
         confirmed.append(
             Confirmation(
-                loss=found.score.log_evidence - without.log_evidence,
-                p_flips=_flipped(rows, k, pose, signs),
-                poses=_left_out(rows, k, pose % _FOLDS, pose),
-                loads=_left_out(unturned, k, load, pose) if len(loads) > 1 else None,
+                lost_without_it_nats=found.score.log_evidence - without.log_evidence,
+                needed_nats=needed,
+                p_sign_flips_max_t=_flipped(rows, k, pose, signs),
+                p_needed=FLIP_RATE,
+                cross_validation_over_poses=_left_out(rows, k, pose % _FOLDS, pose),
+                cross_validation_over_loads=_left_out(unturned, k, load, pose)
+                if len(loads) > 1
+                else None,
                 carrier=_carrier(rows, k, pose, labels, needed),
             )
         )
@@ -248,7 +245,9 @@ def _gain(scores: Array, gram: Array, signs: Array | None) -> Array:
     return found
 
 
-def _left_out(rows: WeighedRows, k: int, fold_of_cell: Index, pose_of_cell: Index) -> HeldOutGain:
+def _left_out(
+    rows: WeighedRows, k: int, fold_of_cell: Index, pose_of_cell: Index
+) -> CrossValidation:
     """Return how member k does on each fold, all being fitted on the others."""
     fold, pose = fold_of_cell[rows.cell], pose_of_cell[rows.cell]
     without = np.delete(rows.own, rows.members[k], axis=1)
@@ -267,7 +266,7 @@ def _left_out(rows: WeighedRows, k: int, fold_of_cell: Index, pose_of_cell: Inde
         errors.append(squares)
     gain = errors[1] - errors[0]
     spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
-    return HeldOutGain(
+    return CrossValidation(
         explained=float(gain.sum() / errors[1].sum()),
         z=float(gain.mean() / spread) if spread > 0 else 0.0,
     )

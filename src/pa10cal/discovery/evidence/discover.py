@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -24,7 +24,7 @@ from pa10cal.discovery.evidence.fit import (
     pose_rows,
     torque_rows,
 )
-from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge
+from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge, shared_error_mm
 from pa10cal.discovery.evidence.problem import NoiseModel, Problem, prepare
 from pa10cal.discovery.evidence.search import (
     EndOfSearch,
@@ -34,7 +34,7 @@ from pa10cal.discovery.evidence.search import (
     search,
     threshold,
 )
-from pa10cal.discovery.finding import Fault, Finding, Unexplained
+from pa10cal.discovery.finding import Fault, Finding
 from pa10cal.discovery.gap import Gap, Named, gap, in_order, left_by
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
 from pa10cal.discovery.in_time.wander import STILL, moved_between_repeats, moved_frames
@@ -63,6 +63,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.results.analysis import Channel, LackOfFit, PureErrorTest
+from pa10cal.results.discovery import SearchByRepeats, SharedError, Unexplained
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
 
@@ -109,6 +110,21 @@ class VerdictByRepeats(Verdict[Confirmation]):
             return plan(self.problem, found, self.unresolved(), count, random_seed)
         except DiscoveryError:  # the verdict stands without it
             return Plan((), ())
+
+    @override
+    def of_its_method(self) -> dict[str, Any]:
+        found = self.judgement.found
+        search = SearchByRepeats(
+            candidates=self.candidates,
+            error_rate=self.error_rate,
+            needed_nats=threshold(self.candidates, self.error_rate),
+            shared_error_mm=SharedError(
+                before=shared_error_mm(self.problem, found.nothing.pose_variance),
+                after=shared_error_mm(self.problem, found.score.pose_variance),
+            ),
+            readings_excluded=int(self.prepared.gross.sum()),
+        )
+        return {"search": search}
 
     @override
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
@@ -359,13 +375,11 @@ def errors_by_name(
     variances = (extended.pose_variance, extended.torque_variance)
     size = dict(zip(extended.effects, extended.sizes, strict=True))
 
-    def with_only(some: tuple[Effect, ...]) -> Named:
-        partial = fit(problem, some, tuple(size[each] for each in some), variances, extended)
-        model = _exported(problem, partial)
-        held_out = None if holdout is None else left_by(model, holdout.poses)
-        return Named(some, left_by(model, train.poses), held_out)
+    def fitted_with(some: tuple[Effect, ...]) -> FittedModel:
+        sizes = tuple(size[each] for each in some)
+        return _exported(problem, fit(problem, some, sizes, variances, extended))
 
-    return in_order(train, holdout, extended.effects, with_only)
+    return in_order(train, holdout, extended.effects, fitted_with)
 
 
 def _extended(problem: Problem, judgement: Judgement) -> Fit:

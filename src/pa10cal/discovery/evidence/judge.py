@@ -8,22 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.evidence.confirm import Confirmation, confirm
+from pa10cal.discovery.evidence.confirm import FLIP_RATE, Confirmation, confirm
 from pa10cal.discovery.evidence.fit import Fit, covariance_of, fit
 from pa10cal.discovery.evidence.likelihood import Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, evidence_about, less, threshold
-from pa10cal.discovery.finding import Finding, Unexplained
+from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.linear import mean_length, position_noise
 from pa10cal.discovery.preparation import effects_in, is_fault
 from pa10cal.discovery.verdict import MAP, Word, is_named, reported, word_of
 from pa10cal.observe.observations import reading_groups
+from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import Effect
 
 #: Probability allowed that the truth is missing among an effect and its alternatives.
 MISSED_RATE = 0.03
-#: Probability allowed that chance makes as much of the family, by sign flips over poses.
-FLIP_RATE = 0.05
 #: A map of a joint's error can always do what a named form does: it is a rival of one only where
 #: the name has no odds of 20 to 1.
 _BY_NAME = float(np.log(20.0))
@@ -56,7 +55,7 @@ def judge(found: EndOfSearch, needed: float = 0.0) -> Judgement:
     covariance = covariance_of(problem, found.fit)
     findings = []
     for effect in found.fit.effects:
-        if effect.generic or confirmations[effect].p_flips > FLIP_RATE:
+        if effect.generic or confirmations[effect].p_sign_flips_max_t > FLIP_RATE:
             continue
         columns = slice(*found.fit.effect_columns()[found.fit.effects.index(effect)])
         x, of_x = reported(effect, found.fit.of(effect), covariance[columns, columns])
@@ -148,16 +147,18 @@ def _unexplained(
     for effect, without in zip(found.fit.effects, found.without, strict=True):
         shared_mm = shared_error_mm(problem, without.pose_variance)
         counts = shared_mm > floor or without.torque_variance > _of_averages(problem)
-        if effect.generic and counts and confirmations[effect].p_flips <= FLIP_RATE:
+        if effect.generic and counts and confirmations[effect].p_sign_flips_max_t <= FLIP_RATE:
             why = (
                 f"a smooth unknown function ({effect.id}) of {effect.of} predicts it better than "
                 f"any name{effect.advice}"
             )
-            places.append(Unexplained(effect.of, effect.id, shared_mm, why))
+            places.append(
+                Unexplained(of=effect.of, form=effect.id, shared_error_mm=shared_mm, why=why)
+            )
     left_mm = shared_error_mm(problem, found.score.pose_variance)
     if not places and left_mm > floor:
         why = "no effect of the vocabulary explains what the readings of a pose share"
-        places.append(Unexplained(None, None, left_mm, why))
+        places.append(Unexplained(of=None, form=None, shared_error_mm=left_mm, why=why))
     return tuple(places)
 
 

@@ -11,9 +11,10 @@ from pa10cal.discovery.evidence.candidates import Linearised, indistinguishable,
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.likelihood import SIZES, Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem, prepare
+from pa10cal.discovery.finding import name_of
 from pa10cal.discovery.linear import error_mm, residual
 from pa10cal.discovery.preparation import effects_in
-from pa10cal.discovery.verdict import Step
+from pa10cal.results.analysis import SearchStep
 from pa10cal.terms.effects.effect import Effect
 
 #: A forward step may be a proxy for what comes later; it need only make the data likelier.
@@ -35,7 +36,9 @@ class EndOfSearch:
     family: tuple[Effect, ...]  # the candidates, in the order of the evidence's blocks
     same: NDArray[np.bool_]  # (m, m) which of them look the same in these poses
     nothing: Score  # evidence of the empty set about that fit
-    steps: tuple[Step, ...]  # sets after every refit, with their evidence gain over the empty set
+    steps: tuple[
+        SearchStep, ...
+    ]  # sets after every refit, with their evidence gain over the empty set
 
 
 def threshold(family: int, error_rate: float) -> float:
@@ -68,7 +71,7 @@ def search(
     members: tuple[int, ...] = ()
     sizes: tuple[int, ...] = ()
     seen: set[frozenset[int]] = set()
-    steps: list[Step] = []
+    steps: list[SearchStep] = []
     for _ in range(_MOST_ROUNDS):
         evidence = evidence_about(problem, current, family)
         members, sizes = _improve(evidence, same, members, sizes, needed)
@@ -85,8 +88,8 @@ def search(
             current,
         )
         steps.append(
-            Step(
-                tuple(family[k] for k in members),
+            SearchStep(
+                effects=tuple(name_of(family[k]) for k in members),
                 gain_nats=score.log_evidence - nothing.log_evidence,
                 rms_mm=_rms_mm(problem, current),
             )
@@ -99,7 +102,7 @@ def ended_at(
     current: Fit,
     family: tuple[Effect, ...],
     same: NDArray[np.bool_],
-    steps: tuple[Step, ...],
+    steps: tuple[SearchStep, ...],
 ) -> EndOfSearch:
     """Return what the search has found where it ends at a fit, with the evidence about it."""
     evidence = evidence_about(problem, current, family)

@@ -11,7 +11,7 @@ from scipy.stats import rankdata
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.discovery.finding import Fault, Unexplained
+from pa10cal.discovery.finding import Fault
 from pa10cal.discovery.in_time.find import find_in_time
 from pa10cal.discovery.in_time.wander import (
     STILL,
@@ -26,6 +26,7 @@ from pa10cal.discovery.preparation import why_unknown
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import Driver, Parting, drivers, measured_again, partings, slow_joints
+from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
@@ -150,12 +151,13 @@ def steps_in_time(wander: Wander, at: FittedModel, readings: Observations) -> tu
         turn_mrad = 1e3 * float(np.linalg.norm(motion[3:]))
         found.append(
             Fault(
-                "step_in_time",
-                f"between {pose[last]} at {time_s[last]:.10g} s and {pose[next_]} at "
+                kind="step_in_time",
+                where=f"between {pose[last]} at {time_s[last]:.10g} s and {pose[next_]} at "
                 f"{time_s[next_]:.10g} s",
-                f"the instrument or the base moved by {size_mm:.2g} mm and {turn_mrad:.2f} mrad",
-                "measure reference targets before and after, or calibrate the readings before and "
-                "after as two campaigns",
+                what=f"the instrument or the base moved by {size_mm:.2g} mm and {turn_mrad:.2f} "
+                "mrad",
+                remedy="measure reference targets before and after, or calibrate the readings "
+                "before and after as two campaigns",
                 at_s=jump.time_s,
             )
         )
@@ -226,7 +228,7 @@ def told_with_rivals(found: InTime, floor_mm: float) -> tuple[Unexplained, ...]:
         f"{' and '.join(found.rivals)} alike: the arm errs by that, or the instrument or the base "
         "moved; measure the poses in random order"
     )
-    return (Unexplained(None, None, found.rivals_mm, why),)
+    return (Unexplained(of=None, form=None, shared_error_mm=found.rivals_mm, why=why),)
 
 
 def wandering(wander: Wander, floor_mm: float) -> tuple[Unexplained, ...]:
@@ -239,7 +241,7 @@ def wandering(wander: Wander, floor_mm: float) -> tuple[Unexplained, ...]:
         f"the instrument or the base wandered by {walk_mm:.3g} mm (root mean square) in "
         f"{hours:.2g} h, neither steadily nor at once"
     )
-    return (Unexplained("base", None, walk_mm, why),)
+    return (Unexplained(of="base", form=None, shared_error_mm=walk_mm, why=why),)
 
 
 def _by_load(at: FittedModel, poses: Observations) -> Array:

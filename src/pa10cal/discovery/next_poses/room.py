@@ -19,20 +19,6 @@ _DRAWN_AT_ONCE = 20_000
 _MOST_DRAWS = 15
 
 
-@dataclass(frozen=True)
-class NextPose:
-    """One configuration to measure."""
-
-    q_rad: Array  # (n,) joint positions [rad, or m of a prismatic joint]
-    load_N: float  # external load
-    purposes: tuple[str, ...]  # what it serves, in words
-    # (n,) direction in which each joint should arrive: -1 or +1; None where any will do
-    arrival: Array | None = None
-    # expected separation of the hardest pair of effects once this one and those before it are
-    # measured; None where it serves something else
-    separation_nats: float | None = None
-
-
 class Measured(Protocol):
     """A campaign whose candidate context is needed."""
 

@@ -20,18 +20,18 @@ from pa10cal.discovery.linear import by_every_joint
 from pa10cal.discovery.next_poses.contest import Outlook, Pair, outlooks
 from pa10cal.discovery.next_poses.room import (
     Measured,
-    NextPose,
     Room,
     draw_admissible,
     measured_ends_m,
 )
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import complete
-from pa10cal.discovery.verdict import Plan, Separation, label_of
+from pa10cal.discovery.verdict import Plan, label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import WITHIN_RAD, AnglesSeen
 from pa10cal.fit.loads import statics_of
 from pa10cal.observe.observations import Observations
+from pa10cal.results.discovery import Separation, SuggestedPose
 from pa10cal.terms.model import Model
 
 #: A pair that the best configurations bring apart by less (odds of 20 to 1) counts as one that
@@ -78,7 +78,7 @@ def plan(
         _chosen_poses(pool, chosen, nats, rivals, sought),
         tuple(
             Separation(
-                *pair,
+                pair=label_of(*pair),
                 before_nats=float(nats[0, k]),
                 after_nats=float(nats[-1, k]),
                 possible_nats=possible[k],
@@ -136,7 +136,7 @@ def _nats(pair: tuple[Outlook, ...]) -> float:
 
 def _chosen_poses(
     pool: _Pool, chosen: list[int], nats: Array, rivals: Sequence[Pair], sought: list[int]
-) -> tuple[NextPose, ...]:
+) -> tuple[SuggestedPose, ...]:
     """Return what was chosen, with the pairs it is for."""
     suggestions = []
     for order, k in enumerate(chosen):
@@ -144,12 +144,13 @@ def _chosen_poses(
         even_share = (nats[-1] - nats[0]) / len(chosen)
         closest = min(sought, key=lambda pair: nats[order, pair])
         suggestions.append(
-            NextPose(
+            SuggestedPose(
+                q_deg=np.degrees(pool.q_rad[k]),
                 q_rad=pool.q_rad[k],
                 load_N=float(pool.load_N[k]),
-                arrival=pool.arrival[k],
+                arrive_from=-pool.arrival[k],
                 separation_nats=float(nats[order + 1, sought].min()),
-                purposes=tuple(
+                for_=tuple(
                     label_of(*rivals[pair])
                     for pair in sought
                     if pair == closest or gained[pair] >= even_share[pair]
@@ -295,7 +296,7 @@ _TURN = 2.0 * np.pi
 
 def fill(
     measured: Measured, seen: AnglesSeen, count: int, random_seed: int = 0, room: Room | None = None
-) -> tuple[NextPose, ...]:
+) -> tuple[SuggestedPose, ...]:
     """Choose configurations that take joints to angles not seen, the most of them first.
 
     Out of a pool drawn at random, within limits and near the measured places. An angle once chosen
@@ -330,7 +331,8 @@ def fill(
             break
         joints = np.flatnonzero(new[best])
         purposes = tuple(f"angle of joint {joint + 1} not seen" for joint in joints)
-        chosen.append(NextPose(q_rad[best], load_N, purposes))
+        q_deg = np.degrees(q_rad[best])
+        chosen.append(SuggestedPose(q_deg=q_deg, q_rad=q_rad[best], load_N=load_N, for_=purposes))
         new[:, joints] &= place[:, joints] != place[best, joints]
     return tuple(chosen)
 
