@@ -13,7 +13,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign, read_campaign, read_group
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel, load_model
-from pa10cal.options import DiscoveryOptions
+from pa10cal.options import BaseFrameOptions, DiscoveryOptions
 
 if TYPE_CHECKING:
     from pa10cal.arm.description import Arm
@@ -42,6 +42,7 @@ def calibrate(
     load: str = "combined",
     prior: FittedModel | None = None,
     force: bool = False,
+    base_frame: BaseFrameOptions | None = None,
 ) -> FittedModel:
     """Calibrate the arm of a campaign.
 
@@ -56,6 +57,7 @@ def calibrate(
             base, tool and targets are found anew, the rest is expected where the model has it; None
             for none.
         force: whether a prior is taken whatever its grade.
+        base_frame: what straight-line moves must satisfy; None for the defaults.
 
     Returns:
         The calibrated model; `grade` says in a word how good it is, `fitted_to.health` why and what
@@ -79,7 +81,7 @@ def calibrate(
     about = campaign.description, campaign.arm, campaign.observations
     findings = check_input(*about, used)
     try:
-        record = calibrated_record(*about, load, options, findings, given)
+        record = calibrated_record(*about, load, options, findings, given, base_frame)
         if used.effects:
             from pa10cal.discovery.given import calibrated_with, listed
 
