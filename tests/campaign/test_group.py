@@ -15,7 +15,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import read_description
 from pa10cal.campaign.table import read_observations
 from pa10cal.commands.command_line import main
-from pa10cal.errors import RawDataError, SettingsError
+from pa10cal.errors import CalibrationError, RawDataError, SettingsError
 from pa10cal.settings import parse_settings
 
 MIXED = ("pose", "points", "distance")
@@ -160,7 +160,7 @@ def test_what_is_no_group_is_refused(folders, chosen, name, words):
 def test_the_papers_model_is_for_one_campaign(folders):
     group = pa10cal.read_group(folders[:2], "ur10")
     options = CalibrationOptions(model="paper")
-    with pytest.raises(RawDataError, match="calibrate this campaign with its general model"):
+    with pytest.raises(CalibrationError, match=r"of one campaign.*set calibration.model to auto"):
         pa10cal.calibrate(group, options)
 
 
