@@ -6,14 +6,16 @@ Each function takes what the one before returns, and works in memory; nothing is
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.read import Campaign, read_campaign, read_group
+from pa10cal.campaign.read import Campaign, read_group
+from pa10cal.campaign.read import read_campaign as read_raw
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel, load_model
-from pa10cal.options import BaseFrameOptions, DiscoveryOptions
+from pa10cal.options import BaseFrameOptions, DiscoveryOptions, IngestOptions
 
 if TYPE_CHECKING:
     from pa10cal.arm.description import Arm
@@ -33,6 +35,25 @@ __all__ = [
     "read_group",
     "report",
 ]
+
+
+def read_campaign(folder: Path | str, options: IngestOptions | None = None) -> Campaign:
+    """Read a measurement campaign: its raw files to single readings, held-out poses marked.
+
+    Args:
+        folder: the campaign's folder, with `campaign.yaml` and the raw files that it names.
+        options: how to ingest; None for the defaults.
+
+    Raises:
+        RawDataError: when the description or a file, or too much of it, cannot be used, when there
+            is no `grid` row, or when the arm has prismatic joints and its log gives degrees.
+        SettingsError: when a key of the description does not fit.
+    """
+    from pa10cal.campaign.table import as_in_table
+
+    found = read_raw(folder, options)
+    every = as_in_table(found.observations, found.arm.prismatic, found.description)
+    return replace(found, observations=every)
 
 
 def calibrate(

@@ -71,8 +71,7 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
     table = read_pose_table(path, description.name)
     columns = {str(name): table[name].to_numpy() for name in table}
     if not description.campaigns:
-        base = BaseTargets.from_columns(columns, read_base_motion(path))
-        return replace(_observations(columns, description), base=base)
+        return _of_campaign(columns, description, read_base_motion(path))
     each, rows = [], []
     for campaign in description.campaigns:
         here = np.flatnonzero(columns[_CAMPAIGN] == campaign.name)
@@ -80,6 +79,33 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
         rows.append(here)
     whole = joined(each, tuple(campaign.name for campaign in description.campaigns))
     return whole.take(np.argsort(np.concatenate(rows), kind="stable"))
+
+
+def as_in_table(
+    every: Observations, prismatic: NDArray[np.bool_], description: CampaignDescription
+) -> Observations:
+    """Return single readings of a campaign as they are read back from its table.
+
+    An attitude is a quaternion there: what is calculated with it has other last digits.
+
+    Args:
+        every: single readings of all kinds.
+        prismatic: (n,) which joints slide.
+        description: of the campaign.
+    """
+    columns = {name: np.asarray(values) for name, values in _columns(every, prismatic).items()}
+    found = None if every.base is None else every.base.found
+    return _of_campaign(columns, description, found)
+
+
+def _of_campaign(
+    columns: Mapping[str, NDArray[Any]],
+    description: CampaignDescription,
+    found: MotionFound | None,
+) -> Observations:
+    """Return the readings of one campaign from columns, and the targets on its base."""
+    base = BaseTargets.from_columns(columns, found)
+    return replace(_observations(columns, description), base=base)
 
 
 def _own_columns(
