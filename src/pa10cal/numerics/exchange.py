@@ -179,10 +179,14 @@ def exchange(
             if gains[best] <= back + _LEAST_GAIN:
                 criterion.add(pose)
                 continue
-            criterion.add(best)
-            chosen[place], better = best, True
-            values.append(criterion.value)
+            chosen[place] = best
+            criterion.restart(chosen)
+            if criterion.value > values[-1]:
+                values.append(criterion.value)
+                better = True
+            else:  # the gain was of rounding
+                chosen[place] = pose
+                criterion.restart(chosen)
         if not better:
             break
-        criterion.restart(chosen)
     return Exchanged(chosen, tuple(values))
