@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pa10cal.reports.theme import BLUE
+
 SIZES = {"wide": (1280, 900, False), "dark": (1280, 900, True), "narrow": (380, 800, False)}
 MOST_BYTES = 6e6
 NOTICE = "Synthetic data: simulated, no robot was measured."
@@ -43,7 +45,7 @@ new Promise(done => {{
     done([box.left, box.top, box.right, box.bottom]); }}, 500);
 }})
 """
-MARKS_RGB = (0x2B, 0x83, 0xD0)
+MARKS_RGB = tuple(bytes.fromhex(BLUE.removeprefix("#")))
 
 
 @pytest.fixture(scope="module", params=SIZES)
@@ -119,8 +121,11 @@ def test_it_is_small(browser, page):
     print(f"{page.stat().st_size / 1e6:.2f} MB, there after {seconds:.1f} s of the processor")
 
 
-def test_by_keyboard_the_first_step_skips_to_the_report(tab):
-    tab.evaluate("document.activeElement.blur()")
+@pytest.mark.parametrize("size", SIZES)
+def test_by_keyboard_the_first_step_skips_to_the_report(browser, page, size):
+    # In a tab of its own: where a page was scrolled to is where the next step begins.
+    width, height, dark = SIZES[size]
+    tab = browser.open(page, width, height, dark=dark)
     for kind in ("keyDown", "keyUp"):
         tab.send(
             "Input.dispatchKeyEvent", type=kind, key="Tab", code="Tab", windowsVirtualKeyCode=9
