@@ -3,7 +3,7 @@
 # those that are asked for, by the rules of the single stages.
 FLEET_FILES = [
     os.path.join(_literal(SETTINGS.results_dir), "fleet", f"fleet.{end}")
-    for end in ("csv", "html", "json", "svg", "pdf", "png")
+    for end in ("csv", "html", "json")
 ]
 
 
