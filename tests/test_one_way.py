@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.fuzz.corpus import CAMPAIGNS as SMALL
 
 import pa10cal
 from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
+from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.write import write_campaign
 from pa10cal.commands.command_line import run_command
 from pa10cal.discovery.records import discovery_records
@@ -40,9 +41,7 @@ SETTINGS = {
 }
 #: One small campaign of each instrument.
 CAMPAIGNS = {
-    "pose": SimulateOptions(
-        robot="ur10", random_seed=1, without_touches=TrackerOptions(instrument="pose", poses=130)
-    ),
+    **SMALL,
     "points": SimulateOptions(
         robot="irb120",
         random_seed=2,
@@ -52,14 +51,6 @@ CAMPAIGNS = {
         robot="irb120",
         random_seed=3,
         without_touches=TrackerOptions(instrument="distance", poses=260),
-    ),
-    "touched": SimulateOptions(
-        random_seed=4,
-        loads_N=(0.0, 44.0),
-        repeats=1,
-        holdout_points=3,
-        holdout_repeats=1,
-        poses=CellPosesOptions(layout="wide", wide_poses=24),
     ),
 }
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pa10cal
-from pa10cal.calibration.campaign import calibrated
+from calibrated import calibrated
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.calibration.campaign import calibrated
+from calibrated import calibrated
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.campaign import simulate_campaign

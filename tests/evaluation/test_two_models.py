@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import pa10cal
+from calibrated import calibrated
 from made_up_model import fitted
 from made_up_pair import campaign, parts, shifted
-from pa10cal.calibration.campaign import calibrated
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign

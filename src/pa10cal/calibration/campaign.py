@@ -9,32 +9,12 @@ from pa10cal.calibration.load_case import COMBINED, paper_case
 from pa10cal.calibration.options import CalibrationOptions, takes_general_model
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.fitted_model import FittedModel, models_of
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.seed import locate_base
 from pa10cal.options import BaseFrameOptions
 from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
 from pa10cal.results.health import InputFinding
-
-
-def calibrated(
-    campaign: CampaignDescription,
-    arm: Arm,
-    every: Observations,
-    load: str = COMBINED,
-    options: CalibrationOptions | None = None,
-    findings: tuple[InputFinding, ...] = (),
-    prior: FittedModel | None = None,
-) -> FittedModel:
-    """Calibrate the arm of a campaign; see `calibrated_record`.
-
-    Raises:
-        CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
-            described does not fit the readings at all.
-    """
-    record = calibrated_record(campaign, arm, every, load, options, findings, prior)
-    *_, model = models_of(record, campaign.name).values()
-    return model
 
 
 def calibrated_record(

@@ -153,8 +153,8 @@ def listed(options: CalibrationOptions) -> list[Place | Effect]:
             "the effects that were named are not known",
             where="calibration.effects",
             value="named",
-            allowed="effects, each with its place",
-            remedy="list them; those of a verdict are in verdict.model",
+            allowed="the extended model of a search, with --named",
+            remedy="give discovery/extended.json with --named, or list the effects",
         )
     return [Place(each.id, each.of) for each in options.effects]
 

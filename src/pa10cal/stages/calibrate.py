@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from pa10cal.campaign.description import CampaignDescription
     from pa10cal.observe.observations import Observations
     from pa10cal.results.calibration import CalibrationRecord
+    from pa10cal.terms.effects.effect import Effect
 
 
 #: Load case of the general model beside the paper's: all loads together.
@@ -144,24 +145,16 @@ def _with_effects(
     if not options.effects:
         return record
 
-    from pa10cal.discovery.given import calibrated_with, listed
-    from pa10cal.errors import CalibrationError
+    from pa10cal.discovery.given import Place, calibrated_with, listed
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
     from pa10cal.stages.extended import effects_of, read_extended
 
-    if options.effects != "named":
-        effects = listed(options)
-    elif named is None:
-        raise CalibrationError(
-            "the effects that were named are not known",
-            where="calibration.effects",
-            value="named",
-            allowed="the extended model of a search, with --named",
-            remedy="give discovery/extended.json with --named, or list the effects",
-        )
+    if options.effects == "named" and named is not None:
+        known = read_extended(named, campaign.name).model
+        effects: list[Place | Effect] = [*effects_of(known)]
     else:
-        effects = [*effects_of(read_extended(named, campaign.name).model)]
+        effects = listed(options)
     if named is not None and not effects:
         word = read(ExtendedRecord, named, campaign.name).verdict
         print(f"{campaign.name} {load}: the verdict {word} names no effects to calibrate with")
