@@ -48,6 +48,20 @@ def test_benches_and_subjects_take_turns():
     assert set(subjects_of("stressed")) | set(subjects_of("fault")) == set(all_disturbances())
 
 
+def test_the_turn_of_subjects_stays_for_it_decides_what_a_seed_draws() -> None:
+    """A published rate belongs to trials of a seed: classes that change places draw others."""
+    assert subjects_of("stressed") == (
+        *("link_masses_off", "heavy_tails", "random_walk", "temperature_ramp", "misstated_noise"),
+        *("one_uncertainty", "gross_errors", "level_off", "unknown_tool"),
+    )
+    assert subjects_of("fault") == (
+        *("joint_zero", "joint_sign", "joints_exchanged", "direction_reversed", "attitudes"),
+        *("jump", "labels_exchanged", "poses_exchanged", "loads_exchanged", "load_misstated"),
+        *("held_out_reading_off", "one_reading_off", "log_cut", "unit", "uncertainty_off"),
+        *("gravity", "payload_off", "payload_centre_off", "length_typo", "places_exchanged"),
+    )
+
+
 def test_an_effect_hides_among_a_stressor():
     for trial in draw_wild_trials("effect", 12, 3):
         assert len(trial.settings.hidden_effects) == len(put_in(trial)) == 1

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar, Literal
 
@@ -15,6 +16,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.cell import disturbances
 from pa10cal.cell.classes import classes_in
@@ -99,6 +101,26 @@ def disturb(
 # What ordinary logs have: noise that is not normal, an instrument that moves, wrong statements.
 #
 # The readings are changed after they were taken; nothing here knows a model of the arm.
+
+
+class LinkMassesOff(Disturbance):
+    """The masses of the links in the description of the arm are off."""
+
+    id = "link_masses_off"
+    stressor = True
+    measured = True
+    kinds = ("payload",)
+    needs = ("masses", "springs")
+
+    part: FinitePositive = Field(0.1, description="by which part each is off, more or less")
+
+    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+        """Name an arm of one's own, with other masses."""
+        masses_kg = log.arm.mass_kg
+        if masses_kg is not None:
+            off = self.part * rng.choice([-1.0, 1.0], log.arm.n)
+            describe(log, replace(log.arm, mass_kg=masses_kg * (1.0 + off)))
+        return ["mass_kg"]
 
 
 class HeavyTails(Disturbance):
@@ -291,3 +313,9 @@ def _turn(log: RawLog, turn_rad: Array) -> None:
     read = Rotation.from_quat(log.quaternions(), scalar_first=True)
     turned = Rotation.from_rotvec(turn_rad) * read
     log.set_quaternions(turned.as_quat(canonical=True, scalar_first=True))
+
+
+def describe(log: RawLog, arm: Arm) -> None:
+    """Describe an arm in the folder of the campaign, under a name of its own."""
+    log.arm = replace(arm, name=f"{arm.name.removesuffix('_own')}_own")
+    log.description["robot"] = log.arm.name
