@@ -14,6 +14,7 @@ EXTRAS = {
     "snakemake": "workflow",
     "snakemake_executor_plugin_slurm": "slurm",
     "pinocchio": "urdf",
+    "python_calamine": "workbooks",
 }
 
 

@@ -66,8 +66,8 @@ def cut_gzip(raw):
     raw.extra["cmm.csv.gz"] = (raw.folder / "cmm.csv.gz").read_bytes()[:-300]
 
 
-def utf16(raw):
-    raw.extra["cmm.csv"] = "\n".join(raw.cmm).encode("utf-16")
+def binary(raw):
+    raw.extra["cmm.csv"] = bytes(range(256)) * 40
 
 
 def too_many_bad(raw):
@@ -118,7 +118,7 @@ REFUSED = {
     "empty file": (empty_cmm, r"cmm.csv:1: the file is empty"),
     "header only": (header_only, r"resolver.csv:1: there is no row"),
     "cut gzip": (cut_gzip, r"cmm.csv.gz: the compressed file is damaged or cut short"),
-    "utf-16": (utf16, r"cmm.csv:1: the file is not UTF-8 text"),
+    "binary": (binary, r"cmm.csv:1: the file is not UTF-8 text"),
     "too many bad rows": (too_many_bad, r"cmm.csv:2: 128 of 510 rows .*not a finite number"),
     "wrong diameter": (wrong_diameter, r"spheres of the stated diameter.*ball_diameter_mm"),
     "metres": (metres, r"lie in one plane.*unit of x_mm"),

@@ -113,6 +113,10 @@ def windows_line_ends(raw):
     raw.line_end = "\r\n"
 
 
+def utf_16(raw):
+    raw.extra["cmm.csv"] = "\n".join([*raw.cmm, ""]).encode("utf-16")
+
+
 def quoted_fields(raw):
     raw.cmm[:] = [",".join(f'"{word}"' for word in line.split(",")) for line in raw.cmm]
 
@@ -218,6 +222,7 @@ SURVIVED = {
     ),
     "byte-order mark": (byte_order_mark, 34, {}, None),
     "windows line ends": (windows_line_ends, 34, {}, None),
+    "utf-16": (utf_16, 34, {}, None),
     "quoted fields": (quoted_fields, 34, {}, None),
     "blank lines": (blank_lines, 34, {}, None),
     "compressed": (compressed, 34, {}, None),

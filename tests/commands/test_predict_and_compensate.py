@@ -103,7 +103,7 @@ def test_no_target_is_dropped(tmp_path, capsys):
 
 
 SLIPS = [
-    ("predict", None, "cannot be read.*check the path"),
+    ("predict", None, "the file is not there.*check the path"),
     ("predict", [f"id,{JOINTS}"], "no row under the header"),
     ("predict", [f"id,{JOINTS[:-7]}", "P1,1,2,3,4,5"], "missing column q6_deg"),
     ("predict", [f"id,{JOINTS},q7_deg", "P1,1,2,3,4,5,6,7"], "of another arm.*q7_deg"),
@@ -119,7 +119,7 @@ SLIPS = [
     ("predict", [""], "the file is empty"),
     ("predict", [f"id,{JOINTS},q1_deg", "P1,1,2,3,4,5,6,7"], "q1_deg occurs twice"),
     ("predict", [JOINTS, "1,2,3,4,5,6"], "missing column id"),
-    ("predict", [f"id,{JOINTS}", 'P1,"1,5",2,3,4,5,6'], "decimal commas"),
+    ("predict", [f"id,{JOINTS}", 'P1,"1,5",2,3,4,5,6'], "a decimal comma"),
     ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,6\0"], "not UTF-8 text"),
     ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,inf"], "not a finite number"),
     ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,nan"], ":2: not a finite number.*q6_deg = 'nan'"),

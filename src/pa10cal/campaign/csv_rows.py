@@ -6,18 +6,16 @@ separator, decimal commas throughout, a missing column, nothing in it) stops wit
 
 from __future__ import annotations
 
+import csv
 import difflib
-import gzip
-import io
+import re
 import sys
-import zlib
 from array import array
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import chain
+from dataclasses import dataclass, replace
+from itertools import chain, islice
 from pathlib import Path
-from typing import IO, cast
 
 import numpy as np
 import pandas as pd
@@ -25,11 +23,11 @@ from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.raw_rows import TEXT, NumberColumn, RawRows, quarantined
+from pa10cal.campaign.recognise import canonical_unit, unit_alone
+from pa10cal.campaign.text_file import Line, encoding_of, is_workbook, lines_of
 from pa10cal.errors import RawDataError
 
-#: Files of more text than this, unpacked, are refused; so many bytes and rows are read at a time.
-LARGEST_BYTES = 310_000_000
-BLOCK_BYTES = 1 << 22
+#: So many rows are read at a time.
 ROWS_A_PART = 20_000
 #: Share of rows that must write their last field in one format for a shorter one to count as cut.
 SAME_FORMAT = 0.99
@@ -48,22 +46,29 @@ class Layout:
     decimal: str = "."  # sign before the decimals
     # line of the column names; 0 where there is none, the columns then being 1, 2, …
     header: int = 1
+    first: int = 0  # line of the first row; 0 for the one that follows the names
     text: tuple[str, ...] = TEXT  # columns of text
     missing: str = "rename it"  # what to do where a column is missing
+    own: bool = False  # whether a campaign describes it: names that occur twice are told apart
 
     def fields(self, text: str) -> list[str]:
         """Return the fields of a line."""
+        if '"' in text and self.separator is not None:
+            (split,) = csv.reader([text], delimiter=self.separator, skipinitialspace=True)
+            return [field.strip() for field in split]
         return [field.strip(' \t"') for field in text.split(self.separator)]
 
     def names(self, text: str) -> list[str]:
         """Return the names of the columns, of the line that has them or else of the first."""
         fields = self.fields(text)
-        return fields if self.header else [str(k) for k in range(1, len(fields) + 1)]
+        if not self.header:
+            return [str(k) for k in range(1, len(fields) + 1)]
+        return numbered_apart(fields) if self.own else fields
 
     def row(self, text: str, width: int) -> list[str]:
         """Return the fields of a row; a separator at the end of each makes no further field."""
         row = self.fields(text)
-        own = self.separator != "," or self.header != 1
+        own = self.own or self.separator != "," or self.header != 1
         return row[:-1] if own and len(row) == width + 1 and row[-1] == "" else row
 
     def plain(self, field: str) -> str:
@@ -72,21 +77,49 @@ class Layout:
             return field
         return "?" if "." in field else field.replace(self.decimal, ".")
 
+    def number(self, field: str) -> float:
+        """Return a number as people write it, with signs between thousands too; nan for none."""
+        bare = _BETWEEN_THOUSANDS.sub("", field.replace("\u2212", "-"))
+        other = "." if self.decimal == "," else ","
+        if self.own and _IN_THOUSANDS[other].fullmatch(bare):
+            bare = bare.replace(other, "")
+        try:
+            return float(self.plain(bare).replace("_", "?"))
+        except ValueError:
+            return float("nan")
 
+
+#: Blanks that do not break, and apostrophes, between the thousands of a number.
+_BETWEEN_THOUSANDS = re.compile(r"(?<=\d)[\u00a0\u202f\u2009'’](?=\d{3})")
+#: Numbers with points, or commas, between the thousands, and the other sign before decimals.
+_IN_THOUSANDS = {
+    ".": re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d+"),
+    ",": re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d+"),
+}
 CONTRACT = Layout()
-#: Number from 1, text, and whether a line end follows.
-_Line = tuple[int, str, bool]
+
+
+def numbered_apart(names: Sequence[str]) -> list[str]:
+    """Return names of columns, with a number behind those that occurred before; blanks named."""
+    seen: Counter[str] = Counter()
+    apart = []
+    for k, name in enumerate(names, start=1):
+        seen[name] += 1
+        unnamed = f"column {k}" if name == "" else name
+        apart.append(unnamed if seen[name] == 1 or name == "" else f"{name} ({seen[name]})")
+    return apart
 
 
 def column_names(path: Path, layout: Layout = CONTRACT) -> list[str]:
     """Return the names of the columns of a file, none where it is empty."""
-    first = _first(_lines(path), layout)
-    return [] if first is None else layout.names(first[1])
+    first = _first(lines_of(path), layout)
+    return [] if first is None else layout.names(first.text)
 
 
-def _first(lines: Iterator[_Line], layout: Layout) -> _Line | None:
+def _first(lines: Iterator[Line], layout: Layout) -> Line | None:
     """Return the line with the names, or without names the first; None where there is none."""
-    return next((line for line in lines if line[0] >= layout.header), None)
+    start = layout.header or layout.first
+    return next((line for line in lines if line.number >= start), None)
 
 
 def read_rows(
@@ -104,7 +137,7 @@ def read_rows(
     line that was cut short are quarantined.
 
     Args:
-        path: the file; a byte-order mark and Windows line ends are accepted.
+        path: the file, in any encoding that `lines_of` tells, or a workbook.
         required: columns that must be there.
         optional: columns that may be there.
         together: columns that are all there or all absent.
@@ -112,21 +145,22 @@ def read_rows(
         repeats: whether exact repeats are kept.
 
     Raises:
-        RawDataError: when the file is empty or too large, is no UTF-8 text, uses another separator
-            or decimal commas throughout, or lacks a required column.
+        RawDataError: when the file is empty or too large, is no text, uses another separator or
+            decimal commas throughout, or lacks a required column.
     """
-    lines = _lines(path)
+    lines = lines_of(path)
     first = _first(lines, layout)
     if first is None:
         raise _refusal(path, 1, "the file is empty", "a header and rows", "export it again")
-    header_line, header_text, _ = first
+    header_line, header_text = first.number, first.text
     header = layout.names(header_text)
     needed = [*required, *(together if set(together) & set(header) else ())]
     _check_header(path, header_line, header_text, header, needed, layout)
     used = [name for name in header if name in needed or name in optional]
     parts = _Parts(header, used, layout)
-    for number, text, ended in lines if layout.header else chain([first], lines):
-        parts.add(number, text, ended=ended)
+    for line_read in lines if layout.header else chain([first], lines):
+        if line_read.number >= layout.first:
+            parts.add(line_read.number, line_read.text, ended=line_read.ended)
     if not parts.lines:
         raise _refusal(path, header_line, "there is no row under the header", "rows", "export it")
     line, widths = np.array(parts.lines, dtype=np.int64), np.array(parts.widths)
@@ -217,60 +251,15 @@ class _Parts:
 
     def _add_numbers(self, name: str, fields: list[str]) -> None:
         text = np.array([self._layout.plain(field) for field in fields], dtype=object)
-        values = np.asarray(pd.to_numeric(text, errors="coerce"), dtype=np.float64)
+        values = np.array(pd.to_numeric(text, errors="coerce"), dtype=np.float64)
+        unread = np.flatnonzero(~np.isfinite(values))
+        values[unread] = [self._layout.number(fields[k]) for k in unread]
         odd = np.flatnonzero(~np.isfinite(values))
-        values = np.where(np.isfinite(values), values, np.nan)
+        values[odd] = np.nan
         rows, found = self._odd[name]
         rows += (odd + len(self._numbers[name])).tolist()
         found += [fields[k] for k in odd]
         self._numbers[name].frombytes(values.tobytes())
-
-
-def _lines(path: Path) -> Iterator[_Line]:
-    """Yield the lines that are not blank: number from 1, text, and whether a line end follows.
-
-    Raises:
-        RawDataError: when the file is damaged, larger than is read, or no text.
-    """
-    with path.open("rb") as content:
-        packed = content.read(2) == b"\x1f\x8b"
-        content.seek(0)
-        try:
-            plain = gzip.GzipFile(fileobj=content) if packed else content
-            _refuse_large(cast(IO[bytes], plain), path)
-            content.seek(0)
-            plain = gzip.GzipFile(fileobj=content) if packed else content
-            text = io.TextIOWrapper(plain, encoding="utf-8-sig", errors="replace")
-            for number, line in enumerate(text, start=1):
-                if "\x00" in line:
-                    raise _refusal(
-                        path, number, "the file is not UTF-8 text", "UTF-8", "export it as UTF-8"
-                    )
-                if line.strip():
-                    yield number, line.removesuffix("\n"), line.endswith("\n")
-        except (EOFError, gzip.BadGzipFile, zlib.error):
-            raise RawDataError(
-                "the compressed file is damaged or cut short",
-                where=str(path),
-                allowed="a whole gzip file",
-                remedy="copy or export it again",
-            ) from None
-
-
-def _refuse_large(content: IO[bytes], path: Path) -> None:
-    """Stop at a file, or what an archive unpacks to, that would not fit into memory."""
-    size = 0
-    while block := content.read(BLOCK_BYTES):
-        size += len(block)
-        if size > LARGEST_BYTES:
-            raise RawDataError(
-                "the file, unpacked, is larger than is read",
-                where=str(path),
-                value=f"more than {LARGEST_BYTES / 1e6:.0f} MB",
-                allowed=f"at most {LARGEST_BYTES / 1e6:.0f} MB of text",
-                remedy="leave out what is not needed, such as samples between the dwells, or "
-                "split the campaign",
-            )
 
 
 def _check_header(
@@ -344,12 +333,12 @@ def _refusal(path: Path, line: int, what: str, allowed: str, remedy: str) -> Raw
     return RawDataError(what, where=f"{path}:{line}", allowed=allowed, remedy=remedy)
 
 
-# How an unknown text file is written: separator, decimal sign, line of the names, numbers.
+# How an unknown file is written: separator, decimal sign, line of the names, numbers.
 
 #: So many lines are looked at.
 LINES = 3000
-LEAST_FIELDS = 4
-_SEPARATORS = (";", "\t", ",", None)
+LEAST_FIELDS = 3
+_SEPARATORS = (";", "\t", ",", "|", None)
 
 
 @dataclass(frozen=True)
@@ -357,7 +346,9 @@ class Sniffed:
     """A file, as far as it was looked at."""
 
     layout: Layout  # how it is written
+    encoding: str  # of its text; empty of a workbook
     names: tuple[str, ...]  # of its columns
+    units: tuple[str, ...]  # what a line of units below the names says of each; empty without one
     text: NDArray[np.str_]  # (N, k) fields of the rows
     numbers: Array  # (N, k) the same as numbers, nan where a field is none
 
@@ -373,6 +364,11 @@ class Sniffed:
         """Return a column as it is written."""
         return [str(each) for each in self.text[:, self.names.index(name)]]
 
+    def titled(self, name: str) -> str:
+        """Return a name with the unit that a line below the names gives it."""
+        unit = self.units[self.names.index(name)] if self.units else ""
+        return f"{name} [{unit}]" if unit else name
+
 
 def sniff(path: Path) -> Sniffed:
     """Find out how a file of rows of numbers is written.
@@ -380,49 +376,55 @@ def sniff(path: Path) -> Sniffed:
     Raises:
         RawDataError: when it cannot be read, or holds no rows of numbers.
     """
-    lines = _first_lines(path)
+    lines = [(line.number, line.text) for line in islice(lines_of(path), LINES)]
+    workbook = is_workbook(path)
     ways = [
-        _judged(lines, Layout(separator, decimal))
-        for separator in _SEPARATORS
-        for decimal in (".", ",")
+        _judged(lines, Layout(separator, decimal, own=True))
+        for separator in (("\t",) if workbook else _SEPARATORS)
+        for decimal in ("." if workbook else ".,")
         if separator != decimal and lines
     ]
-    none = (0.0, 0, Layout())
-    share, width, layout = max(ways or [none], key=lambda way: (round(way[0], 3), way[1]))
+    share, width, layout = max(
+        ways or [(0.0, 0, Layout())], key=lambda way: (round(way[0], 3), way[1])
+    )
     if share < 0.3 or width < LEAST_FIELDS:
         raise RawDataError(
             "no rows of numbers were found",
             where=str(path),
-            allowed="a text file with a row for each configuration: joint positions, and what was "
-            "measured",
-            remedy="export the file as text; a workbook or a binary log is not read",
+            allowed="a text file or a workbook with a row for each configuration: joint positions, "
+            "and what was measured",
+            remedy="export the rows as text; a binary log is not read",
         )
     rows = [(number, layout.row(text, width)) for number, text in lines]
     rows = [(number, fields) for number, fields in rows if len(fields) == width]
-    number, first = rows[0]
-    named = _numeric(first, layout) < 0.3
-    layout = Layout(layout.separator, layout.decimal, number if named else 0)
-    names = tuple(first) if named else tuple(str(k) for k in range(1, width + 1))
-    text = np.array([fields for _, fields in rows[int(named) :]], dtype=str)
-    numbers = np.array([[_number(field, layout) for field in row] for row in text])
-    return Sniffed(layout, names, text.reshape(-1, width), numbers.reshape(-1, width))
+    starts = [_numeric(fields, layout) for _, fields in rows[:LINES]]
+    usual = float(np.median(starts))
+    body = next(k for k, share in enumerate(starts) if share >= 0.6 * usual)
+    named = body > 0
+    units: tuple[str, ...] = ()
+    if named:
+        titles = rows[body - 1]
+        if body > 1 and _are_units(titles[1]):
+            units, titles = tuple(map(unit_alone, titles[1])), rows[body - 2]
+        follows = rows[body][0] > titles[0] + 1 + bool(units)
+        first = rows[body][0] if units or follows else 0
+        layout = replace(layout, header=titles[0], first=first)
+        names = tuple(numbered_apart(titles[1]))
+    else:
+        layout = replace(layout, header=0, first=rows[0][0] if rows[0][0] > 1 else 0)
+        names = tuple(str(k) for k in range(1, width + 1))
+    text = np.array([fields for _, fields in rows[body:]], dtype=str)
+    numbers = np.array([[layout.number(field) for field in row] for row in text])
+    encoding = "" if workbook else encoding_of(path)
+    return Sniffed(
+        layout, encoding, names, units, text.reshape(-1, width), numbers.reshape(-1, width)
+    )
 
 
-def _first_lines(path: Path) -> list[tuple[int, str]]:
-    try:
-        content = path.read_bytes()[: 1 << 24]
-        if content[:2] == b"\x1f\x8b":
-            content = gzip.decompress(path.read_bytes())[: 1 << 24]
-    except (OSError, EOFError) as error:
-        raise RawDataError(
-            "the file cannot be read",
-            where=str(path),
-            value=str(error),
-            allowed="a text file, plain or gzipped",
-            remedy="check the path",
-        ) from None
-    text = content.decode("utf-8-sig", errors="replace").splitlines()
-    return [(k, line) for k, line in enumerate(text, start=1) if line.strip()][:LINES]
+def _are_units(fields: Sequence[str]) -> bool:
+    """Return whether a line under the names holds units: short words, most of them known ones."""
+    given = [unit_alone(field) for field in fields if field]
+    return bool(given) and float(np.mean([canonical_unit(unit) != "" for unit in given])) > 0.6
 
 
 def _judged(lines: Sequence[tuple[int, str]], layout: Layout) -> tuple[float, int, Layout]:
@@ -438,11 +440,4 @@ def _judged(lines: Sequence[tuple[int, str]], layout: Layout) -> tuple[float, in
 
 def _numeric(row: Sequence[str], layout: Layout) -> float:
     """Return the share of the fields of a row that are numbers."""
-    return float(np.mean([not np.isnan(_number(field, layout)) for field in row]))
-
-
-def _number(field: str, layout: Layout) -> float:
-    try:
-        return float(layout.plain(field))
-    except ValueError:
-        return float("nan")
+    return float(np.mean([not np.isnan(layout.number(field)) for field in row]))

@@ -11,9 +11,9 @@ from pa10cal.options import Section
 
 #: What one unit of a column is of the contract's unit: mm, degrees, N m, seconds.
 LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
-ANGLES = {"deg": 1.0, "rad": 57.29577951308232}
+ANGLES = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232}
 TORQUES = {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3}
-TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "d": 86400.0}
 FORCES = {"N": 1.0, "kg": 9.80665}
 SEPARATORS = {"tab": "\t", "blanks": None}
 
@@ -53,7 +53,7 @@ class Time(Section):
     """When a row was taken."""
 
     names: Names = Field(description="one column, or two with date and time of day")
-    unit: Literal["s", "ms", "us", "min"] = "s"
+    unit: Literal["s", "ms", "us", "min", "d"] = Field("s", description="d: days, as in workbooks")
     format: Name | None = Field(
         default=None,
         description="of dates and times: iso, or such as %d.%m.%Y %H:%M:%S; without it, numbers",
@@ -64,7 +64,7 @@ class Joints(Section):
     """Joint positions, in the order of the arm's joints."""
 
     names: Names
-    unit: Literal["deg", "rad"] = "deg"
+    unit: Literal["deg", "rad", "mrad"] = "deg"
     stroke_unit: Literal["mm", "cm", "m", "um", "in"] = "mm"
     u: Names | None = Field(default=None, description="standard uncertainties, in the same unit")
 
@@ -98,7 +98,7 @@ class RotationColumns(Section):
 
     names: Names
     convention: Annotated[str, AfterValidator(_rotation)]
-    unit: Literal["deg", "rad"] = "deg"
+    unit: Literal["deg", "rad", "mrad"] = "deg"
     inverse: bool = Field(default=False, description="the columns hold the inverse rotation")
     u: Names | None = None
 
@@ -138,6 +138,9 @@ class FileColumns(Section):
         ge=0,
         le=1000,
         description="line of the column names; 0 where there is none, columns then being 1, 2, …",
+    )
+    first_row: int = Field(
+        default=0, ge=0, description="line of the first row; 0 where it follows the names"
     )
     time: Time | None = None
     kind: Kind | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,25 +20,46 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.conventions import attitude_scatter, modelled_attitudes
 from pa10cal.campaign.csv_rows import Layout, Sniffed
 from pa10cal.campaign.description import SCHEMA
-from pa10cal.campaign.own_columns import ANGLES, ISO, LENGTHS, RotationColumns
-from pa10cal.campaign.raw_file import quaternions
+from pa10cal.campaign.own_columns import (
+    ANGLES,
+    FORCES,
+    ISO,
+    LENGTHS,
+    TIMES,
+    TORQUES,
+    FileColumns,
+    RotationColumns,
+)
+from pa10cal.campaign.raw_file import own_columns, quaternions
+from pa10cal.campaign.recognise import Roles, plain, roles_of, standing, unit_of
 from pa10cal.campaign.rows import in_radians
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import scale_of_points
 
 #: Conventions that three columns of an attitude may follow, the commonest first.
-THREE = ("rpy", "euler_XYZ", "euler_ZYX", "euler_ZYZ", "fixed_zyx", "rotation_vector")
+_USUAL = ("rpy", "euler_XYZ", "euler_ZYX", "euler_ZYZ", "fixed_zyx", "rotation_vector")
+_EULER = tuple(a + b + c for a in "XYZ" for b in "XYZ" for c in "XYZ" if a != b != c)
+_FIXED = (f"fixed_{axes.lower()}" for axes in _EULER)
+THREE = tuple(dict.fromkeys((*_USUAL, *(f"euler_{axes}" for axes in _EULER), *_FIXED)))
 FOUR = ("quaternion_wxyz", "quaternion_xyzw")
 #: Attitudes agree with the nominal arm within this; positions of a nominal arm scatter by less.
 AGREES_RAD = np.radians(3.0)
-#: Formats of dates and times that are tried.
-TIMES = (
-    *("%Y%m%d%H%M%S", "%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S"),
-    *("%d/%m/%Y %H:%M:%S", "%m/%d/%Y %I:%M:%S %p", "%H:%M:%S", "%H:%M:%S.%f"),
-)
 #: A date alone, and a time of day alone, which together are a time.
 _DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}")
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.I)
+#: Parts of the formats of dates and times that are tried, the commonest first.
+_DATES = ("%Y-%m-%d", "%d.%m.%Y", "%m/%d/%Y", "%d/%m/%Y", "%d-%m-%Y", "%Y/%m/%d", "%d.%m.%y")
+_CLOCKS = ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%H:%M", "%H.%M.%S")
+_BETWEEN = (" ", "T", ", ", "  ")
+_ZONES = ("", "%z", " %z")
+#: Numbers of days since 1900, as workbooks count time, between 1982 and 2064.
+_SERIAL_DAYS = (30_000.0, 60_000.0)
+#: Words for rows to calibrate with and rows held out.
+_GRID = "grid train training calibration calib cal fit kalibrierung kalib calibrage calibracion"
+_HELD = (
+    "holdout test validation verification check val valid pruefung prufung validierung "
+    "verifikation controle verificacion validacion"
+)
 #: Rows that conventions are judged by.
 JUDGED = 200
 #: What is stated where the file says nothing.
@@ -50,6 +72,7 @@ class Proposal:
 
     content: dict[str, Any]  # of campaign.yaml
     checks: tuple[str, ...]  # what its reader should check or fill in, one sentence each
+    read_as: tuple[str, ...]  # every column of the files, and what it is read as
 
 
 def propose(sniffed: Sniffed, file: str, name: str, robot: str, arm: Arm | None) -> Proposal:
@@ -96,14 +119,31 @@ def propose(sniffed: Sniffed, file: str, name: str, robot: str, arm: Arm | None)
         **({} if "kind" in columns else {"holdout": {"every": 5}}),
         "columns": {"poses": columns},
     }
-    return Proposal(content, tuple(making.checks))
+    return Proposal(content, tuple(making.checks), read_as(sniffed, columns, file))
+
+
+def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[str, ...]:
+    """Return a line for every column of a file: what it is read as, or that it is not read."""
+    model = FileColumns.model_validate(columns)
+    count = 0 if model.joints is None else len(model.joints.names)
+    uses: dict[str, list[str]] = {}
+    for ours, source in own_columns(model, np.zeros(count, dtype=bool)):
+        for own in source.name.split(", ") if source.name not in sniffed.names else [source.name]:
+            how = f"{ours} [{source.unit}]" if source.unit else ours
+            uses.setdefault(own, []).append(how)
+    encoding = "a workbook" if not sniffed.encoding else sniffed.encoding.removesuffix("-sig")
+    lines = [f"{file}: {encoding}, {len(sniffed.names)} columns, {len(sniffed.text)} rows seen"]
+    width = max(map(len, sniffed.names))
+    for name in sniffed.names:
+        lines.append(f"  {name:{width}}  {', '.join(uses.get(name, ['not read']))}")
+    return tuple(lines)
 
 
 def follows_contract(sniffed: Sniffed) -> bool:
     """Return whether a file has the contract's own names and layout, and needs no mapping."""
     names = set(sniffed.names)
     labelled = {"time_s", "pose", "load_N", "repeat"} <= names and names & {"q1_deg", "q1_mm"}
-    return sniffed.layout == Layout() and bool(labelled)
+    return sniffed.layout == Layout(own=True) and bool(labelled)
 
 
 def _refuse_unrecognised(roles: Roles, sniffed: Sniffed, file: str) -> None:
@@ -136,24 +176,36 @@ class _Proposing:
 
     def columns(self) -> dict[str, Any]:
         """Return `columns.poses`."""
-        layout, roles = self.sniffed.layout, self.roles
-        word = {"\t": "tab", None: "blanks"}.get(layout.separator, layout.separator)
-        found: dict[str, Any] = {"separator": word} if word != "," else {}
-        found |= {"decimal": layout.decimal} if layout.decimal != "." else {}
-        found |= {"header": layout.header} if layout.header != 1 else {}
-        found |= self._time()
-        for key in ("pose", "repeat"):
-            found |= {key: roles.single[key]} if key in roles.single else {}
+        roles = self.roles
+        found = self._layout() | self._time()
         found |= self._labels()
         angle, q_rad = self._joints()
         found["joints"] = {"names": list(roles.joints), **angle}
         if roles.torques:
-            found["torques"] = {"names": list(roles.torques)}
+            unit = self._stated(roles.torques, TORQUES) or "Nm"
+            found["torques"] = {
+                "names": list(roles.torques),
+                **({} if unit == "Nm" else {"unit": unit}),
+            }
         T_base_ee = None if self.arm is None else Chain.of(self.arm).forward(q_rad)
         found |= self._measured(T_base_ee)
         if "temperature" in roles.single:
             found["temperature"] = self._temperature(roles.single["temperature"])
         return found
+
+    def _layout(self) -> dict[str, Any]:
+        """Return how the file is written, where that is not as the contract has it."""
+        layout = self.sniffed.layout
+        word = {"\t": "tab", None: "blanks"}.get(layout.separator, layout.separator)
+        found: dict[str, Any] = {"separator": word} if word != "," else {}
+        found |= {"decimal": layout.decimal} if layout.decimal != "." else {}
+        found |= {"header": layout.header} if layout.header != 1 else {}
+        return found | ({"first_row": layout.first} if layout.first else {})
+
+    def _stated(self, names: Sequence[str], known: Mapping[str, float]) -> str | None:
+        """Return the unit that columns state in their names, or below them; None for none."""
+        units = [unit_of(self.sniffed.titled(name)) for name in names]
+        return next((unit for unit in units if unit in known), None)
 
     def _temperature(self, name: str) -> dict[str, str]:
         """Return the column of temperatures, and note a reference temperature."""
@@ -167,13 +219,23 @@ class _Proposing:
         return {"names": name, **({} if unit == "C" else {"unit": unit})}
 
     def _labels(self) -> dict[str, Any]:
-        """Return which rows are held out, and their loads, where the file says so."""
+        """Return labels, loads, and which rows are held out, where every row says so."""
         found: dict[str, Any] = {}
         single = self.roles.single
-        if "kind" in single and {"grid", "holdout"} >= set(self.sniffed.words(single["kind"])):
-            found["kind"] = {"names": single["kind"]}
+        if "pose" in single and all(self.sniffed.words(single["pose"])):
+            found["pose"] = single["pose"]
+        if "repeat" in single and np.isfinite(self.sniffed.column(single["repeat"])).all():
+            found["repeat"] = single["repeat"]
+        if "kind" in single:
+            words = set(self.sniffed.words(single["kind"]))
+            known = dict.fromkeys(_GRID.split(), "grid") | dict.fromkeys(_HELD.split(), "holdout")
+            stands = {word: known.get(plain(word)) for word in words}
+            if all(stands.values()):
+                own = {word: kind for word, kind in sorted(stands.items()) if word != kind}
+                found["kind"] = {"names": single["kind"], **({"words": own} if own else {})}
         if "load" in single and np.isfinite(self.sniffed.column(single["load"])).all():
-            found["load"] = {"names": single["load"]}
+            unit = self._stated([single["load"]], FORCES) or "N"
+            found["load"] = {"names": single["load"], **({} if unit == "N" else {"unit": unit})}
         return found
 
     def _time(self) -> dict[str, Any]:
@@ -191,21 +253,32 @@ class _Proposing:
                 f"time: {name} is the same in all rows, so rows are numbered instead"
             )
             return {}
-        some = pd.Series(words[:JUDGED])
-        digits = some.str.fullmatch(r"\d{14}").mean() > 0.9
+        digits = pd.Series(words[:JUDGED]).str.fullmatch(r"\d{14}").mean() > 0.9
         if np.isfinite(numbers).mean() > 0.9 and not digits:
-            unit = unit_of(name)
-            largest = float(np.nanmax(np.abs(numbers)))
-            unit = unit if unit in ("s", "ms", "us") else "ms" if largest > 1e11 else "s"
+            unit = self._stated([name], TIMES) or self._unit_of_time(name, numbers)
             return {"time": {"names": name, **({} if unit == "s" else {"unit": unit})}}
-        tried = {form: pd.to_datetime(some, format=form, errors="coerce") for form in TIMES}
-        tried[ISO] = pd.to_datetime(some, format="ISO8601", errors="coerce", utc=True)
-        read = {form: float(moments.notna().mean()) for form, moments in tried.items()}
-        best = max(read, key=lambda form: read[form])
-        if read[best] < 0.9:
+        how, others = format_of(words)
+        if how is None:
             self.checks.append(f"time: the format of {name} was not recognised ({words[0]!r})")
             return {}
-        return {"time": {"names": names, "format": best}}
+        if others:
+            self.checks.append(f"time.format: {how}; {words[0]} may be {others[0]} as well")
+        return {"time": {"names": names, "format": how}}
+
+    def _unit_of_time(self, name: str, numbers: Array) -> str:
+        """Return the unit of times by their size: since 1970, days of a workbook, or since any."""
+        finite = numbers[np.isfinite(numbers)]
+        least, most = finite.min(), finite.max()
+        if most > 1e14:
+            return "us"
+        if most > 1e11:
+            return "ms"
+        parts = np.mod(finite, 1.0)
+        if _SERIAL_DAYS[0] < least and most < _SERIAL_DAYS[1] and (parts > 1e-9).mean() > 0.5:
+            if most - least < 60.0:  # of days, such as a campaign takes
+                return "d"
+            self.checks.append(f"time.unit: s, by the size of the numbers of {name}")
+        return "s"
 
     def _day_and_clock(self) -> tuple[str, str] | None:
         """Return a column of dates and one of times of day, where the file has them apart."""
@@ -221,22 +294,19 @@ class _Proposing:
     def _joints(self) -> tuple[dict[str, str], Array]:
         """Return the unit of joint positions, and these in radians (metres) of an arm."""
         names, logged = self.roles.joints, self.sniffed.columns(self.roles.joints)
-        units = {unit_of(name) for name in names}
-        if units <= {"rad", "radians"}:
-            unit = "rad"
-        elif units & {"deg", "degrees", "degree"}:
-            unit = "deg"
-        else:
-            unit = "rad" if np.nanmax(np.abs(logged)) < 2.0 * np.pi + 0.1 else "deg"
+        slides = np.zeros(len(names), bool) if self.arm is None else self.arm.prismatic
+        turning = [name for name, slide in zip(names, slides, strict=True) if not slide]
+        unit = self._stated(turning, ANGLES)
+        if unit is None:
+            largest = np.nanmax(np.abs(logged[:, ~slides]), initial=0.0)
+            unit = "rad" if largest < 2.0 * np.pi + 0.1 else "deg" if largest < 760.0 else "mrad"
             self.checks.append(f"joints.unit: {unit}, by the size of the numbers")
         found = {"unit": unit}
-        slides = np.zeros(len(names), bool) if self.arm is None else self.arm.prismatic
         factor = np.full(len(names), ANGLES[unit])
         if slides.any():
-            strokes = {unit_of(names[k]) for k in np.flatnonzero(slides)}
             large = bool(np.nanmax(np.abs(logged[:, slides])) > 5.0)
-            stated = [each for each in LENGTHS if each in strokes]
-            found["stroke_unit"] = stated[0] if stated else "mm" if large else "m"
+            strokes = [name for name, slide in zip(names, slides, strict=True) if slide]
+            found["stroke_unit"] = self._stated(strokes, LENGTHS) or ("mm" if large else "m")
             factor[slides] = LENGTHS[found["stroke_unit"]]
         return found, in_radians(logged * factor, slides)
 
@@ -280,9 +350,8 @@ class _Proposing:
 
     def _length(self, names: NDArray[np.str_], p: Array, T_base_ee: Array | None) -> str:
         """Return the unit of lengths: of the names, by the arm, or by their size."""
-        stated = {unit_of(str(name)) for name in names} & set(LENGTHS)
-        if stated:
-            return str(next(iter(stated)))
+        if (stated := self._stated([str(name) for name in names], LENGTHS)) is not None:
+            return stated
         seen = np.isfinite(p).all(axis=1)
         if T_base_ee is not None and p.shape[1] == 3:
             finite = seen & np.isfinite(T_base_ee).all(axis=(1, 2))
@@ -312,14 +381,12 @@ class _Proposing:
         assert self.roles.attitude is not None
         names, convention = self.roles.attitude
         values = self.sniffed.columns(names)
-        largest = float(np.nanmax(np.abs(values)))
-        stated = {unit_of(name) for name in names}
-        units = ["rad"] if stated <= {"rad", "radians"} else ["deg"] if largest > 7.0 else []
-        units = units or ["deg" if stated & {"deg", "degrees"} else "rad"]
+        size = "deg" if float(np.nanmax(np.abs(values))) > 7.0 else "rad"
+        unit = self._stated(names, ANGLES) or size
         given = {"names": list(names)}
         turned = [self.roles.uncertain.get(name) for name in names]
         u = {"u": turned} if all(name is not None for name in turned) else {}
-        angles = {"unit": units[0]} if len(names) == 3 else {}
+        angles = {"unit": unit} if len(names) == 3 else {}
         best: tuple[float, dict[str, Any]] | None = None
         if T_base_ee is not None:
             best = self._best(T_base_ee, p_m, values, given, angles)
@@ -379,190 +446,45 @@ def label_of(path: Path) -> str:
     return letters.strip("-_") or "mine"
 
 
-# What the columns of an unknown file may be, by their names.
-
-#: Targets that move by less than this part of what others do stand still.
-_STILL = 0.02
-#: Words of columns that hold what was commanded, and of uncertainties.
-_COMMANDED = re.compile(r"goal|target|command|cmd|nominal|nom\b|setpoint|desired|soll|ref", re.I)
-_UNCERTAIN = re.compile(r"std|sigma|uncert|unc\b|stdev|(^|_)u_|(^|[ _])s[xyz]", re.I)
-_UNIT = re.compile(
-    r"[\[(/ _.-]*[\[(/_ ](rad|radians|deg|degrees|degree|mm|cm|um|m|in|nm|n\.m|n|c|k|f|s|ms|us)"
-    r"[\])]?$",
-    re.I,
-)
-_TORQUE = re.compile(r"tau|torque|effort|moment|drehmoment", re.I)
-_JOINT = re.compile(r"joint|axis|achse|gelenk", re.I)
-_NUMBERED = re.compile(r"(?:^|[^a-z])(q|j|a|axis|joint|theta|th|jnt|achse|pos)[ _.-]?(\d)\b", re.I)
-#: Endings of the columns of an attitude, and the convention that the names alone suggest.
-_ATTITUDES = (
-    (("qw", "qx", "qy", "qz"), "quaternion_wxyz"),
-    (("q0", "q1", "q2", "q3"), "quaternion_wxyz"),
-    (("qx", "qy", "qz", "qw"), "quaternion_xyzw"),
-    (("roll", "pitch", "yaw"), "rpy"),
-    (("rx", "ry", "rz"), "rpy"),
-    (("rotx", "roty", "rotz"), "rpy"),
-    (("w", "p", "r"), "rpy"),
-    (("a", "b", "c"), "euler_ZYX"),
-    (("o", "a", "t"), "euler_ZYZ"),
-    (tuple(f"r{i}{j}" for i in "123" for j in "123"), "matrix"),
-    (tuple(f"r{i}{j}" for i in "012" for j in "012"), "matrix"),
-)
-#: What stands before x, y, z without anything between.
-_RUN_ON = ("p", "t", "pos", "tcp", "trans")
-_SINGLE = {
-    "temperature": re.compile(r"temp", re.I),
-    "time": re.compile(r"time|stamp|date|zeit|datum|^t$", re.I),
-    "load": re.compile(r"load|payload|last\b", re.I),
-    "pose": re.compile(r"^(pose|label|point|name|id|punkt)$", re.I),
-    "repeat": re.compile(r"^(repeat|run|cycle)$", re.I),
-    "kind": re.compile(r"^(kind|set|split)$", re.I),
-    "distance": re.compile(r"dist|range", re.I),
-}
+# Formats of dates and times.
 
 
-@dataclass(frozen=True)
-class Roles:
-    """Names of columns by what they may be."""
+def format_of(words: Sequence[str]) -> tuple[str | None, tuple[str, ...]]:
+    """Return the format of dates and times, for `time.format`, and others that fit as well.
 
-    joints: tuple[str, ...]  # in order; empty where none were recognised
-    torques: tuple[str, ...]  # likewise
-    # triples by what stands before x, y, z, those of commands last
-    positions: dict[str, tuple[str, ...]]
-    # columns, and the convention that the names suggest; None where there is none
-    attitude: tuple[tuple[str, ...], str] | None
-    uncertain: dict[str, str]  # uncertainties by the column that they are of
-    single: dict[str, str]  # further columns, by the key of `columns`
-    times: tuple[str, ...] = ()  # every column that may hold a date or a time of day
-
-
-def roles_of(names: Sequence[str], joints: int | None) -> Roles:
-    """Return what columns may be.
-
-    Args:
-        names: of all columns.
-        joints: how many joints the arm has; None where that is not known.
+    Where day and month may be exchanged, that in which the times lie closest together is taken.
+    None where no format fits.
     """
-    certain = [name for name in names if not _UNCERTAIN.search(name)]
-    turns = _joints([name for name in certain if not _TORQUE.search(name)], joints)
-    torques = _joints([name for name in certain if _TORQUE.search(name)], joints)
-    rest = [name for name in certain if name not in {*turns, *torques}]
-    attitude = _attitude(rest)
-    rest = [name for name in rest if attitude is None or name not in attitude[0]]
-    positions = dict(_positions(rest))
-    taken = {name for triple in positions.values() for name in triple}
-    single = {}
-    for key, like in _SINGLE.items():
-        found = next((name for name in rest if like.search(name) and name not in taken), None)
-        if found is not None:
-            single[key] = found
-            taken.add(found)
-    times = tuple(
-        name
-        for name in rest
-        if _SINGLE["time"].search(name) and name not in taken - {single.get("time")}
+    some = pd.Series(list(words[:JUDGED]))
+    fits: dict[str, float] = {}
+    for how in _formats(str(some.iloc[0])):
+        form = "ISO8601" if how == ISO else how
+        moments = pd.to_datetime(some, format=form, errors="coerce", utc=True)
+        if moments.notna().mean() > 0.9:
+            fits[how] = float((moments.max() - moments.min()).total_seconds())
+    if not fits:
+        return None, ()
+    shortest = min(fits.values())
+    best, *others = [how for how, lasts in fits.items() if lasts <= 1.001 * shortest + 1.0]
+    order = [
+        how
+        for how in others
+        if how.find("%m") < how.find("%d") != (best.find("%m") < best.find("%d"))
+    ]
+    return best, tuple(order)
+
+
+def _formats(word: str) -> Iterator[str]:
+    """Yield the formats that a date or time may have: those that read its first row."""
+    every = itertools.chain(
+        (ISO, "%Y%m%d%H%M%S", "%Y%m%d_%H%M%S", "%Y%m%dT%H%M%S"),
+        (
+            f"{date}{between}{clock}{zone}"
+            for date, between, clock, zone in itertools.product(_DATES, _BETWEEN, _CLOCKS, _ZONES)
+        ),
+        _CLOCKS,
     )
-    return Roles(turns, torques, positions, attitude, _uncertain(names), single, times)
-
-
-def unit_of(name: str) -> str | None:
-    """Return the unit that stands in a name, in lower case; None where there is none."""
-    found = _UNIT.search(name)
-    return found[1].lower() if found else None
-
-
-def _bare(name: str) -> str:
-    return _UNIT.sub("", name.strip()).strip()
-
-
-def _joints(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
-    """Return columns of joints: numbered ones from 1 (or 0), or such as are called joints."""
-    numbered: dict[str, dict[int, str]] = {}
-    for name in names:
-        if (found := _NUMBERED.search(_bare(name))) is not None:
-            stem = _bare(name)[: found.start(2)].lower()
-            numbered.setdefault(stem, {})[int(found[2])] = name
-    best: tuple[str, ...] = ()
-    for listed in numbered.values():
-        start = 0 if 0 in listed else 1
-        found_ones: list[str] = []
-        while start + len(found_ones) in listed:
-            found_ones.append(listed[start + len(found_ones)])
-        best = max(best, tuple(found_ones), key=lambda each: (_fits(each, joints), len(each)))
-    called = tuple(name for name in names if _JOINT.search(name))
-    best = max(best, called, key=lambda each: (_fits(each, joints), len(each)))
-    return best if len(best) >= 2 and (joints is None or len(best) == joints) else ()
-
-
-def _fits(names: Sequence[str], joints: int | None) -> bool:
-    return joints is None or len(names) == joints
-
-
-def _attitude(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
-    """Return the columns of an attitude, measured rather than commanded."""
-    for commanded in (False, True):
-        some = [name for name in names if bool(_COMMANDED.search(name)) == commanded]
-        for endings, convention in _ATTITUDES:
-            for stem in _stems(some, endings[0]):
-                found = [_ending(some, stem, ending) for ending in endings]
-                if all(each is not None for each in found):
-                    order = sorted((str(each) for each in found), key=names.index)
-                    if convention.startswith("quaternion"):
-                        first = "w" if order[0] == found[endings.index(_scalar(endings))] else "x"
-                        convention = "quaternion_wxyz" if first == "w" else "quaternion_xyzw"
-                        return tuple(order), convention
-                    return tuple(str(each) for each in found), convention
-    return None
-
-
-def _scalar(endings: Sequence[str]) -> str:
-    return "qw" if "qw" in endings else "q0"
-
-
-def _stems(names: Sequence[str], ending: str) -> Iterator[str]:
-    """Yield what stands before an ending; a single letter stands apart, but in `px` or `tx`."""
-    for name in names:
-        bare = _bare(name).lower()
-        before = bare.removesuffix(ending)
-        apart = not before[-1:].isalnum() or before in _RUN_ON
-        if before != bare and (len(ending) > 1 or apart):
-            yield before
-
-
-def _ending(names: Sequence[str], stem: str, ending: str) -> str | None:
-    return next((name for name in names if _bare(name).lower() == stem + ending), None)
-
-
-def _positions(names: Sequence[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield triples of coordinates by what stands before x, y, z; commanded ones last."""
-    for commanded in (False, True):
-        some = [name for name in names if bool(_COMMANDED.search(name)) == commanded]
-        for stem in dict.fromkeys(_stems(some, "x")):
-            found = [_ending(some, stem, f"{axis}") for axis in "xyz"]
-            if all(each is not None for each in found):
-                triple = tuple(str(each) for each in found)
-                yield triple[0][: len(stem)], triple
-
-
-def _uncertain(names: Sequence[str]) -> dict[str, str]:
-    """Return the columns of uncertainties by the one that each is of."""
-    plain = {re.sub(r"[^a-z0-9]", "", name.lower()): name for name in names}
-    found = {}
-    for name in names:
-        if _UNCERTAIN.search(name):
-            without = re.sub(r"std(ev)?|sigma|uncert(ainty)?|unc|(?:^|_)u_", "", name, flags=re.I)
-            of = plain.get(re.sub(r"[^a-z0-9]", "", without.lower()))
-            if of is not None and of != name:
-                found[of] = name
-    return found
-
-
-def standing(positions: Mapping[str, NDArray[np.float64]]) -> list[str]:
-    """Return which of several positions (N, 3) hardly move, by what stands before their x, y, z."""
-    spread = {
-        place: float(np.max(np.nanmax(p, axis=0) - np.nanmin(p, axis=0)))
-        for place, p in positions.items()
-        if np.isfinite(p).any(axis=0).all()
-    }
-    most = max(spread.values(), default=0.0)
-    return [place for place, size in spread.items() if size < _STILL * most]
+    for how in dict.fromkeys(every):
+        form = "ISO8601" if how == ISO else how
+        if not pd.isna(pd.to_datetime(word, format=form, errors="coerce", utc=True)):
+            yield how

@@ -87,7 +87,7 @@ class RawFile:
         if self.columns is None:
             return {}
         self._check_counts(self.columns)
-        return dict(_sources(self.columns, self.prismatic))
+        return dict(own_columns(self.columns, self.prismatic))
 
     def in_own_words(self, text: str) -> str:
         """Return a text in which the file's own names stand beside those of the contract."""
@@ -149,8 +149,10 @@ class RawFile:
             SEPARATORS.get(columns.separator, columns.separator),
             columns.decimal,
             columns.header,
+            columns.first_row,
             tuple(name for some in text for name in some),
             f"correct columns.{self.key} in {DESCRIPTION_FILE}",
+            own=True,
         )
         return replace(read_rows(self.path, list(names), layout=layout), unused=())
 
@@ -220,7 +222,9 @@ class RawFile:
         )
 
 
-def _sources(columns: FileColumns, prismatic: NDArray[np.bool_]) -> Iterator[tuple[str, OwnColumn]]:
+def own_columns(
+    columns: FileColumns, prismatic: NDArray[np.bool_]
+) -> Iterator[tuple[str, OwnColumn]]:
     """Yield the columns of the contract, and what each is read from."""
     if columns.time is not None:
         time = columns.time
@@ -329,7 +333,8 @@ def quaternions(values: Array, columns: RotationColumns) -> Array:
     if word.startswith("quaternion"):
         found = values if word.endswith("wxyz") else values[:, [3, 0, 1, 2]]
         return np.where([True, *3 * [not columns.inverse]], found, -found)
-    rotation = _read(values, word, degrees=columns.unit == "deg")
+    degrees = values * ANGLES[columns.unit] if word not in ("matrix",) else values
+    rotation = _read(degrees, word)
     rotation = rotation.inv() if columns.inverse else rotation
     return np.asarray(rotation.as_quat(canonical=True, scalar_first=True))
 
@@ -368,11 +373,11 @@ def _derivative(of: Callable[[Array], Array], values: Array, k: int) -> Array:
     return np.asarray((ahead - same * behind) / (2.0 * _STEP))
 
 
-def _read(values: Array, word: str, *, degrees: bool) -> Rotation:
+def _read(values: Array, word: str) -> Rotation:
     if word == "matrix":
         return Rotation.from_matrix(values.reshape(-1, 3, 3))
     if word == "rotation_vector":
-        return Rotation.from_rotvec(values, degrees=degrees)
+        return Rotation.from_rotvec(values, degrees=True)
     sequence = "xyz" if word == "rpy" else word.rpartition("_")[2]
     # Capitals turn along, as SciPy has it too.
-    return Rotation.from_euler(sequence, values, degrees=degrees)
+    return Rotation.from_euler(sequence, values, degrees=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -248,6 +249,9 @@ def numbers(
     return raw, parsed
 
 
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+")
+
+
 def finite(raw: RawRows, names: Sequence[str], *, may_be_blank: bool = False) -> RawRows:
     """Quarantine the rows in which a column holds no finite number; see `numbers`."""
     columns = [raw.numbers_of(name) for name in names]
@@ -255,7 +259,8 @@ def finite(raw: RawRows, names: Sequence[str], *, may_be_blank: bool = False) ->
     for name, column in zip(names, columns, strict=True):
         for row, text in zip(column.odd, column.text, strict=True):
             if text != "" or not may_be_blank:
-                wrong.setdefault(int(row), f"{raw.name_of(name)} = {text!r}")
+                comma = " (a decimal comma)" if _DECIMAL_COMMA.fullmatch(str(text)) else ""
+                wrong.setdefault(int(row), f"{raw.name_of(name)} = {text!r}{comma}")
     keep = np.ones(len(raw.line), dtype=bool)
     keep[list(wrong)] = False
     return raw.take(keep, "not a finite number", [wrong[row] for row in sorted(wrong)])

@@ -47,7 +47,8 @@ def columns(file: Path, *, robot: str | None = None, name: str | None = None) ->
         proposal.content, sort_keys=False, default_flow_style=None, width=90, allow_unicode=True
     )
     told = [] if arm is None else _tried(file, text, arm)
-    print("\n".join((*told, *(f"# check {each}" for each in proposal.checks))))
+    read_as = (f"# {line}" for line in proposal.read_as)
+    print("\n".join((*told, *read_as, *(f"# check {each}" for each in proposal.checks))))
     print(text, end="")
     if sys.stdout.isatty():
         print(f"\nSave this as {file.parent / 'campaign.yaml'}, correct it, and then:")

@@ -1,0 +1,386 @@
+"""What the columns of an unknown file may be, by their names: English, German, French, Spanish."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Units by the word that campaign.yaml has for each, and how files write it.
+_UNITS = {
+    "deg": "° deg degs degree degrees grad grade grado grados degre degres",
+    "rad": "rad rads radian radians radiant radianes",
+    "mrad": "mrad",
+    "mm": "mm millimeter millimetre millimetres millimeters milimetros",
+    "cm": "cm",
+    "m": "m meter metre meters metres metro metros",
+    "um": "um µm micron microns micrometer",
+    "in": "in inch inches zoll pouce pouces",
+    "s": "s sec secs second seconds sek sekunde sekunden seconde secondes segundos",
+    "ms": "ms msec millisekunden",
+    "us": "us µs usec",
+    "min": "min",
+    "d": "days",
+    "Nm": "nm n·m n*m n.m n-m newtonmeter",
+    "Nmm": "nmm n·mm n*mm",
+    "kNm": "knm",
+    "N": "n newton newtons",
+    "kg": "kg kilogramm kilogram",
+    "C": "c °c degc celsius gradc",
+    "K": "k kelvin",
+    "F": "f °f degf fahrenheit",
+}
+_SPELLED = {spelled: unit for unit, words in _UNITS.items() for spelled in words.split()}
+_BRACKETED = re.compile(r"^(?P<bare>.*?)\s*[\[({<]\s*(?P<unit>[^\[\](){}<>]{1,14}?)\s*[\])}>]\s*$")
+_APART = re.compile(r"^(?P<bare>.+?)(?:\s+in\s+|[\s_/,;:-]+)(?P<unit>[^\s_/,;:-]{1,12})$")
+_SIGN = re.compile(r"^(?P<bare>.*?)\s*(?P<unit>°[CF]?)$")
+
+
+def canonical_unit(text: str) -> str:
+    """Return the word that campaign.yaml has for a unit as files write it; empty for none."""
+    bare = plain(text).replace(" ", "")
+    return _SPELLED.get(bare, "")
+
+
+def unit_alone(field: str) -> str:
+    """Return a unit that stands alone in a field, without its brackets."""
+    return field.strip(" \t[](){}<>/")
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """Return a column's name without its unit, and the unit; empty where there is none."""
+    for like in (_BRACKETED, _SIGN, _APART):
+        found = like.match(name.strip())
+        if found is not None and (unit := canonical_unit(found["unit"])):
+            return found["bare"].strip(" _/,;:-"), unit
+    return name.strip(), ""
+
+
+def unit_of(name: str) -> str:
+    """Return the unit that stands in a name; empty where there is none."""
+    return split_unit(name)[1]
+
+
+# Words of names, in small letters without accents.
+
+_GREEK = {
+    **{"α": "alpha", "β": "beta", "γ": "gamma", "θ": "theta", "φ": "phi", "ϕ": "phi"},
+    **{"ψ": "psi", "ω": "omega", "τ": "tau"},
+}
+_COMMANDED = (
+    "goal target command commanded cmd nominal nom setpoint desired soll sollwert ref consigne "
+    "commande cible nominale consigna deseado objetivo"
+)
+_DEVIATION = (
+    "dev deviation error err delta diff difference abweichung fehler ecart erreur desviacion res "
+    "residual"
+)
+_UNCERTAIN = "std stdev sigma uncert uncertainty unc u rms unsicherheit incertitude incertidumbre"
+_TORQUE = "tau torque effort moment drehmoment couple par momento"
+_NO_POSITION = (
+    "speed velocity vel qd dq geschwindigkeit vitesse velocidad acc accel acceleration "
+    "beschleunigung current strom courant corriente voltage spannung temp temperature temperatur"
+)
+_JOINT = (
+    "joint joints axis axes achse achsen gelenk axe articulation art eje articulacion q j a ax "
+    "theta th jnt rax winkel angle encoder motor"
+)
+_ROTATION = (
+    "rot rotation r rotate drehung winkel angle orientation ori orient giro vector rotvec euler rv"
+)
+_QUATERNION = "quat quaternion quaternio q"
+_SINGLE = {
+    "time": "time timestamp stamp date datetime zeit zeitstempel uhrzeit datum temps heure "
+    "horodatage tiempo hora fecha t clock",
+    "temperature": "temp temperature temperatur temperatura tarm troom",
+    "load": "load payload last nutzlast traglast zusatzlast zuladung charge carga",
+    "pose": "pose label point name id punkt messpunkt nr no number index punto nom "
+    "nombre posennummer",
+    "repeat": "repeat run cycle wiederholung lauf zyklus repetition repeticion ciclo",
+    "kind": "kind set split satz jeu conjunto",
+    "distance": "dist distance range abstand distanz entfernung distancia",
+}
+#: Endings of the columns of an attitude, and the convention that the names alone suggest.
+_ATTITUDES = (
+    (("qw", "qx", "qy", "qz"), "quaternion_wxyz"),
+    (("q0", "q1", "q2", "q3"), "quaternion_wxyz"),
+    (("q1", "q2", "q3", "q4"), "quaternion_wxyz"),
+    (("roll", "pitch", "yaw"), "rpy"),
+    (("rollen", "nicken", "gieren"), "rpy"),
+    (("roulis", "tangage", "lacet"), "rpy"),
+    (("alabeo", "cabeceo", "guinada"), "rpy"),
+    (("rx", "ry", "rz"), "rpy"),
+    (("rotx", "roty", "rotz"), "rpy"),
+    (("w", "p", "r"), "rpy"),
+    (("a", "b", "c"), "euler_ZYX"),
+    (("o", "a", "t"), "euler_ZYZ"),
+    (("alpha", "beta", "gamma"), "euler_XYZ"),
+    (("phi", "theta", "psi"), "rpy"),
+    (("omega", "phi", "kappa"), "euler_XYZ"),
+    (tuple(f"r{i}{j}" for i in "123" for j in "123"), "matrix"),
+    (tuple(f"r{i}{j}" for i in "012" for j in "012"), "matrix"),
+)
+#: What stands directly before or after x, y, z without anything between.
+_BEFORE_AXIS = "p|t|pos|tcp|trans|coord|meas|act|ist"
+_AFTER_AXIS = "pos|ist|act|actual|mess|meas|measured|coord|koord|soll|nom|cmd"
+_AXIS = re.compile(rf"(?:{_BEFORE_AXIS})?([xyz])(?:{_AFTER_AXIS})?")
+#: Targets that move by less than this part of what others do stand still.
+_STILL = 0.02
+
+
+def plain(text: str) -> str:
+    """Return a text in small letters, without accents, Greek letters and micro signs spelled."""
+    spelled = "".join(_GREEK.get(letter, letter) for letter in text.lower())
+    spelled = spelled.replace("μ", "u").replace("µ", "u").replace("ß", "ss")
+    apart = unicodedata.normalize("NFKD", spelled)
+    return "".join(letter for letter in apart if not unicodedata.combining(letter))
+
+
+def _words(name: str) -> tuple[str, ...]:
+    """Return the words of a name without its unit: camel case and signs between are boundaries."""
+    bare = re.sub(r"(?<=[a-zäöüéèí])(?=[A-Z])", " ", split_unit(name)[0])
+    return tuple(re.findall(r"[a-z]+\d*|\d+", plain(bare)))
+
+
+def _has(words: Sequence[str], vocabulary: str) -> bool:
+    """Return whether one of the words is of a vocabulary."""
+    return not frozenset(vocabulary.split()).isdisjoint(words)
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Names of columns by what they may be."""
+
+    joints: tuple[str, ...]  # in order; empty where none were recognised
+    torques: tuple[str, ...]  # likewise
+    # triples by what stands before x, y, z, those of commands last
+    positions: dict[str, tuple[str, ...]]
+    # columns, and the convention that the names suggest; None where there is none
+    attitude: tuple[tuple[str, ...], str] | None
+    uncertain: dict[str, str]  # uncertainties by the column that they are of
+    single: dict[str, str]  # further columns, by the key of `columns`
+    times: tuple[str, ...] = ()  # every column that may hold a date or a time of day
+
+
+def roles_of(names: Sequence[str], joints: int | None) -> Roles:
+    """Return what columns may be.
+
+    Args:
+        names: of all columns.
+        joints: how many joints the arm has; None where that is not known.
+    """
+    words = {name: _words(name) for name in names}
+    of = _uncertain(words)
+    certain = [
+        name
+        for name in names
+        if name not in of.values()
+        and not _has(words[name][:1], _UNCERTAIN)
+        and not _has(words[name], _DEVIATION)
+    ]
+    attitude = _attitude([name for name in certain if not _has(words[name], _NO_POSITION)], words)
+    free = [name for name in certain if attitude is None or name not in attitude[0]]
+    positions: dict[str, tuple[str, ...]] = {}
+    for place, triple in _positions(free, words):
+        positions[place if place not in positions else f"{place}{len(positions) + 1}"] = triple
+    taken = {name for triple in positions.values() for name in triple}
+    free = [name for name in free if name not in taken]
+    torques = _numbered([name for name in free if _has(words[name], _TORQUE)], words, joints)
+    free = [name for name in free if not _has(words[name], _TORQUE)]
+    still = [name for name in free if not _has(words[name], _NO_POSITION)]
+    turns = _numbered(still, words, joints)
+    if not turns and attitude is not None and attitude[1].startswith("quaternion"):
+        # q0 … q3 of an arm with four joints are these, where nothing else is.
+        turns = _numbered([*still, *attitude[0]], words, joints) if joints == 4 else ()
+        attitude = None if turns else attitude
+    free = [name for name in free if name not in turns]
+    single = dict(_single(free, words))
+    times = tuple(
+        name
+        for name in free
+        if _has(words[name], _SINGLE["time"]) and name not in {*single.values()} - {_time(single)}
+    )
+    return Roles(turns, torques, positions, attitude, of, single, times)
+
+
+def _time(single: Mapping[str, str]) -> str:
+    return single.get("time", "")
+
+
+def _single(names: Sequence[str], words: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, str]]:
+    """Yield columns that stand alone, by the key of `columns`; whole words before parts of one."""
+    taken: set[str] = set()
+    for key, vocabulary in _SINGLE.items():
+        known = vocabulary.split()
+        free = [name for name in names if name not in taken]
+        found = next((name for name in free if _has(words[name], vocabulary)), None)
+        if found is None and key in ("time", "temperature", "load", "distance"):
+            long = [word for word in known if len(word) > 3]
+            found = next(
+                (
+                    name
+                    for name in free
+                    if any(part in word for word in words[name] for part in long)
+                ),
+                None,
+            )
+        if found is not None:
+            taken.add(found)
+            yield key, found
+
+
+def _numbered(
+    names: Sequence[str], words: Mapping[str, Sequence[str]], joints: int | None
+) -> tuple[str, ...]:
+    """Return columns of joints: numbered ones from 1 (or 0), or such as are called joints."""
+    series: dict[tuple[str, str], dict[int, str]] = {}
+    for name in names:
+        bare = plain(split_unit(name)[0])
+        for found in re.finditer(r"\d+", bare):
+            around = (bare[: found.start()], bare[found.end() :])
+            series.setdefault(around, {})[int(found[0])] = name
+    best: tuple[tuple[bool, bool, bool, int], tuple[str, ...]] = ((False,) * 3 + (0,), ())
+    for (before, after), listed in series.items():
+        start = 0 if 0 in listed else 1
+        found_ones: list[str] = []
+        while start + len(found_ones) in listed:
+            found_ones.append(listed[start + len(found_ones)])
+        around_words = re.findall(r"[a-z]+", f"{before} {after}")
+        a_joint = _has(around_words, _JOINT)
+        score = (
+            joints is None or len(found_ones) == joints,
+            not _has(around_words, _COMMANDED),
+            a_joint,
+            len(found_ones),
+        )
+        if score > best[0] and around_words and (a_joint or joints is not None):
+            best = score, tuple(found_ones)
+    called = tuple(
+        name
+        for name in names
+        if _has(words[name], "joint axis achse gelenk articulation articulacion eje axe")
+    )
+    if (joints is None or len(called) == joints) and len(called) > len(best[1]) * best[0][0]:
+        return called if len(called) >= 2 else ()
+    found_here = best[1]
+    return found_here if len(found_here) >= 2 and best[0][0] else ()
+
+
+def _attitude(
+    names: Sequence[str], words: Mapping[str, Sequence[str]]
+) -> tuple[tuple[str, ...], str] | None:
+    """Return the columns of an attitude, measured rather than commanded."""
+    for commanded in (False, True):
+        some = [name for name in names if _has(words[name], _COMMANDED) == commanded]
+        for endings, convention in _ATTITUDES:
+            for found in _with_endings(some, words, endings):
+                if convention.startswith("quaternion"):
+                    return _quaternion(found, names)
+                return found, convention
+        for axes, place in _by_axis(some, words, "wxyz"):
+            if _has(place, f"{_QUATERNION} {_ROTATION}"):
+                return _quaternion(tuple(axes.values()), names)
+        for axes, place in _by_axis(some, words, "xyz"):
+            if _has(place, _ROTATION):
+                vector = _has(place, "vector rotvec rv")
+                return tuple(axes.values()), "rotation_vector" if vector else "rpy"
+    return None
+
+
+def _quaternion(columns: tuple[str, ...], names: Sequence[str]) -> tuple[tuple[str, ...], str]:
+    """Return the columns of a quaternion, w first, in the order of the file, and what that is."""
+    order = tuple(sorted(columns, key=names.index))
+    return order, "quaternion_wxyz" if order[0] == columns[0] else "quaternion_xyzw"
+
+
+def _with_endings(
+    names: Sequence[str], words: Mapping[str, Sequence[str]], endings: Sequence[str]
+) -> Iterator[tuple[str, ...]]:
+    """Yield columns that differ by these words alone; q1 … q4 that go on with q5 are joints."""
+    beyond = {"q0": "q4", "q1": "q5"}.get(endings[0], "")
+    groups: dict[tuple[str, ...], dict[str, str]] = {}
+    for name in names:
+        listed = words[name]
+        for k, word in enumerate(listed):
+            rest = (*listed[:k], *listed[k + 1 :])
+            if word in (*endings, beyond):
+                groups.setdefault(rest, {}).setdefault(word, name)
+        if len(listed) >= 2 and listed[-2] + listed[-1] in (*endings, beyond):
+            groups.setdefault(tuple(listed[:-2]), {}).setdefault(listed[-2] + listed[-1], name)
+    for found in groups.values():
+        if beyond not in found and all(ending in found for ending in endings):
+            yield tuple(found[ending] for ending in endings)
+
+
+def _by_axis(
+    names: Sequence[str], words: Mapping[str, Sequence[str]], letters: str
+) -> Iterator[tuple[dict[str, str], tuple[str, ...]]]:
+    """Yield columns that differ by a letter x, y, z (w) alone, by it, and the words around it."""
+    groups: dict[tuple[str, ...], dict[str, str]] = {}
+    for name in names:
+        for k, word in enumerate(words[name]):
+            found = re.fullmatch(f"[{letters}]", word) or (
+                _AXIS.fullmatch(word) if letters == "xyz" else None
+            )
+            if found is not None:
+                axis = found[found.lastindex or 0]
+                run_on = tuple(part for part in word.split(axis) if part)
+                place = (*words[name][:k], *run_on, "#", *words[name][k + 1 :])
+                groups.setdefault(place, {}).setdefault(axis, name)
+                break
+    for place, found_ones in groups.items():
+        if set(found_ones) == set(letters):
+            yield {axis: found_ones[axis] for axis in letters}, place
+
+
+def _positions(
+    names: Sequence[str], words: Mapping[str, Sequence[str]]
+) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield triples of coordinates by what stands before x, y, z; commanded ones last."""
+    for commanded in (False, True):
+        some = [name for name in names if _has(words[name], _COMMANDED) == commanded]
+        for axes, place in _by_axis(some, words, "xyz"):
+            if not _has(place, f"{_ROTATION} {_NO_POSITION} {_TORQUE} force f kraft"):
+                yield _around_axis(axes["x"]), tuple(axes.values())
+
+
+def _around_axis(name: str) -> str:
+    """Return a name without its unit and without the word that is x, as it is written."""
+    parts = re.findall(r"[^\W_]+", split_unit(name)[0])
+    k = next((k for k, part in enumerate(parts) if _AXIS.fullmatch(plain(part))), len(parts))
+    return "".join((*parts[:k], *parts[k + 1 :]))
+
+
+def _uncertain(words: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Return the columns of uncertainties by the one that each is of."""
+    known = frozenset(_UNCERTAIN.split())
+    plain: dict[str, str] = {}
+    for name, listed in words.items():
+        plain.setdefault("".join(listed), name)
+    found = {}
+    for name, listed in words.items():
+        rest = [word for word in listed if word not in known]
+        run_on = re.fullmatch(r"(?:s|u|std|sigma)([xyz]|q\d)", listed[-1]) if listed else None
+        if len(rest) == len(listed) and run_on is None:
+            continue
+        if run_on is not None and len(rest) == len(listed):
+            rest = [*rest[:-1], run_on[1]]
+        of = plain.get("".join(rest))
+        if of is not None and of != name:
+            found[of] = name
+    return found
+
+
+def standing(positions: Mapping[str, NDArray[np.float64]]) -> list[str]:
+    """Return which of several positions (N, 3) hardly move, by what stands before their x, y, z."""
+    spread = {
+        place: float(np.max(np.nanmax(p, axis=0) - np.nanmin(p, axis=0)))
+        for place, p in positions.items()
+        if np.isfinite(p).any(axis=0).all()
+    }
+    most = max(spread.values(), default=0.0)
+    return [place for place, size in spread.items() if size < _STILL * most]
