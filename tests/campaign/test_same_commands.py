@@ -22,10 +22,15 @@ def test_commands_are_numbered_as_they_first_appear(which):
     commands = np.random.default_rng(7).uniform(-3, 3, (6, 6))
     order = list(dict.fromkeys(which))
     expected = [order.index(k) for k in which]
-    assert same_commands(commands[which]).tolist() == expected
+    assert same_commands(commands[which], 0.01).tolist() == expected
 
 
-@pytest.mark.parametrize("apart_rad", [0.9e-6, 1.1e-6])
-def test_a_millionth_of_a_radian_is_the_limit(apart_rad):
-    q = np.array([[0.5e-6, 1.0], [0.5e-6 + apart_rad, 1.0]])
-    assert same_commands(q).tolist() == [0, int(apart_rad > 1e-6)]
+@pytest.mark.parametrize("apart_deg", [0.009, 0.011])
+def test_what_is_read_back_may_scatter_by_a_hundredth_of_a_degree(apart_deg):
+    q = np.array([[0.5, 1.0], [0.5 + apart_deg, 1.0], [0.5, 30.0]])
+    assert same_commands(q, 0.01).tolist() == ([0, 0, 1] if apart_deg < 0.01 else [0, 1, 2])
+
+
+def test_poses_along_a_slow_sweep_are_not_one_place():
+    q = np.column_stack([np.arange(50) * 0.008, np.zeros(50)])
+    assert same_commands(q, 0.01).tolist() == list(range(50))

@@ -17,6 +17,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import refuse_impossible_gravity, refuse_impossible_temperature
 from pa10cal.campaign.own_columns import OwnColumns
+from pa10cal.campaign.raw_rows import Exclusions
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind, instruments
@@ -84,6 +85,16 @@ class Holdout(Section):
     every: Annotated[int, Field(ge=2)] | None = None
 
 
+class Exclusion(Section):
+    """Rows that are not to be used, and why."""
+
+    where: Text = Field(
+        description="a label, P012; one reading of it, pose P012, 0 N, repeat 3; line 17, or "
+        "lines 17 to 20, of the file of readings"
+    )
+    why: Text = Field(description="what the report says of them")
+
+
 class Masses(Section):
     """What is known of the weight of an arm whose parts are not described."""
 
@@ -115,6 +126,18 @@ class CampaignDescription(Section):
     configurations: Annotated[int, Field(ge=1)] | None = None
     columns: OwnColumns | None = None
     joints: JointPositions = "logged"
+    joint_signs: tuple[Literal[-1, 1], ...] | None = Field(
+        default=None, description="one a joint: what each logged position is multiplied by"
+    )
+    joint_offsets_deg: tuple[FiniteFloat, ...] | None = Field(
+        default=None,
+        description="one a joint, added after that: mastering offsets (mm of one that slides)",
+    )
+    repeat_tolerance_deg: Annotated[FiniteFloat, Field(gt=0, le=1)] = Field(
+        default=0.01,
+        description="joint positions within it are one place (mm of a joint that slides)",
+    )
+    exclude: tuple[Exclusion, ...] = ()
     masses: Masses | None = None
     time_recorded: bool = Field(
         default=True,
@@ -198,6 +221,30 @@ def read_description(folder: Path) -> CampaignDescription:
     if campaign.holdout is not None:
         _check_holdout(campaign.holdout, path)
     return campaign
+
+
+def check_joints(campaign: CampaignDescription, joints: int, where: str) -> None:
+    """Refuse signs or offsets that are not one for each joint of the arm.
+
+    Raises:
+        RawDataError: naming the key, and how many the arm has.
+    """
+    for key in ("joint_signs", "joint_offsets_deg"):
+        stated = getattr(campaign, key)
+        if stated is not None and len(stated) != joints:
+            raise RawDataError(
+                f"{len(stated)} numbers are stated",
+                where=f"{where}: {key}",
+                value=", ".join(f"{number:g}" for number in stated),
+                allowed=f"{joints}, one for each joint of {campaign.robot}, in order",
+                remedy="state as many",
+            )
+
+
+def exclusions_of(campaign: CampaignDescription, folder: Path) -> Exclusions:
+    """Return the rows that a campaign excludes, none met yet."""
+    stated = [(each.where, each.why) for each in campaign.exclude]
+    return Exclusions(stated, f"{folder / DESCRIPTION_FILE}: exclude")
 
 
 def _read_mapping(path: Path) -> dict[str, object]:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.csv_rows import Layout, column_names, read_rows
-from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
+from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
 from pa10cal.campaign.own_columns import (
     ANGLES,
     FORCES,
@@ -63,6 +63,8 @@ class RawFile:
     key: str  # what campaign.yaml calls it: poses, cmm or resolver
     prismatic: NDArray[np.bool_]  # (n,) which joints of the arm slide
     columns: FileColumns | None = None  # what its columns are; None where it follows the contract
+    signs: tuple[int, ...] | None = None  # `joint_signs` of campaign.yaml
+    offsets_deg: tuple[float, ...] | None = None  # `joint_offsets_deg`
 
     @classmethod
     def of(
@@ -70,7 +72,15 @@ class RawFile:
     ) -> RawFile:
         """Return a file that campaign.yaml names."""
         columns = None if campaign.columns is None else getattr(campaign.columns, key)
-        return cls(folder / str(getattr(campaign.files, key)), key, prismatic, columns)
+        check_joints(campaign, len(prismatic), str(folder / DESCRIPTION_FILE))
+        return cls(
+            folder / str(getattr(campaign.files, key)),
+            key,
+            prismatic,
+            columns,
+            campaign.joint_signs,
+            campaign.joint_offsets_deg,
+        )
 
     @property
     def names(self) -> list[str]:
@@ -106,6 +116,11 @@ class RawFile:
         Raises:
             RawDataError: as `read_rows`; when `columns` maps nothing to a column that is required.
         """
+        return self._with_joints_turned(self._read(required, optional, together))
+
+    def _read(
+        self, required: Sequence[str], optional: Sequence[str], together: Sequence[str]
+    ) -> RawRows:
         if self.columns is None:
             return self._by_contract(required, optional, together)
         sources = self.sources
@@ -123,6 +138,24 @@ class RawFile:
             value = {"load_N": 0.0 * counted, "repeat": 0.0 * counted + 1.0}.get(name, counted)
             found.columns[name] = _numbers(value)
         return found
+
+    def _with_joints_turned(self, raw: RawRows) -> RawRows:
+        """Return rows with the signs and offsets of joints that campaign.yaml states."""
+        if self.signs is None and self.offsets_deg is None:
+            return raw
+        columns, own = dict(raw.columns), dict(raw.own)
+        for k, slides in enumerate(self.prismatic):
+            sign = 1 if self.signs is None else self.signs[k]
+            offset = 0.0 if self.offsets_deg is None else self.offsets_deg[k]
+            unit = "mm" if slides else "deg"
+            for name, added in ((f"q{k + 1}_{unit}", offset), (f"tau{k + 1}_Nm", 0.0)):
+                if name not in columns:
+                    continue
+                column = raw.numbers_of(name)
+                columns[name] = replace(column, values=sign * column.values + added)
+                was = own.get(name, OwnColumn(name, unit if name[0] == "q" else "Nm"))
+                own[name] = replace(was, factor=sign * was.factor, offset=sign * was.offset + added)
+        return replace(raw, columns=columns, own=own)
 
     def _by_contract(
         self, required: Sequence[str], optional: Sequence[str], together: Sequence[str]

@@ -100,6 +100,8 @@ def refuse_too_many(
 ) -> None:
     """Stop when more of a file's rows are quarantined than the settings allow, or all of them.
 
+    Rows that campaign.yaml excludes do not count.
+
     Args:
         rows: rows quarantined.
         totals: rows in each file.
@@ -109,8 +111,12 @@ def refuse_too_many(
         RawDataError: naming the file, the commonest reason and the first line it struck.
     """
     by_file: dict[str, list[Quarantined]] = {name: [] for name in totals}
+    totals = dict(totals)
     for row in sorted(rows):
-        by_file[row.file].append(row)
+        if row.reason.startswith(EXCLUDED):
+            totals[row.file] -= 1  # as its user wants it
+        else:
+            by_file[row.file].append(row)
     for name, listed in by_file.items():
         if len(listed) <= max_fraction * totals[name] and len(listed) < totals[name]:
             continue
@@ -128,6 +134,64 @@ def refuse_too_many(
             allowed=f"at most {max_fraction:.0%} (ingest.max_quarantined_fraction)",
             remedy=f"{look}correct the file, or raise the setting if the other rows suffice",
         )
+
+
+#: Beginning of the reason of rows that campaign.yaml excludes.
+EXCLUDED = "excluded"
+_LINES = re.compile(r"(?:.*:|lines?\s+)(?P<first>\d+)(?:\s*(?:-|–|to)\s*(?P<last>\d+))?")
+_READING = re.compile(
+    r"(?:pose )?(?P<label>[^,]+?)(?:, (?P<load>[-+.\d]+) N)?(?:, repeat (?P<repeat>\d+))?"
+)
+
+
+@dataclass
+class Exclusions:
+    """Rows that campaign.yaml excludes, and which of these were met."""
+
+    stated: Sequence[tuple[str, str]]  # where, and why
+    where: str  # file and key, for a refusal
+    met: set[int] = field(default_factory=set)
+
+    def lines(self, raw: RawRows) -> RawRows:
+        """Leave out rows by their lines in the file."""
+        for k, (where, why) in enumerate(self.stated):
+            if (found := _LINES.fullmatch(where)) is None:
+                continue
+            first, last = int(found["first"]), int(found["last"] or found["first"])
+            struck = (raw.line >= first) & (raw.line <= last)
+            if struck.any() or any(first <= row.line <= last for row in raw.quarantined):
+                self.met.add(k)
+            raw = self._without(raw, struck, why)
+        return raw
+
+    def labels(self, raw: RawRows) -> RawRows:
+        """Leave out rows by their labels, loads and repeats, and refuse what meets no row."""
+        for k, (where, why) in enumerate(self.stated):
+            found = _READING.fullmatch(where)
+            if _LINES.fullmatch(where) or found is None:
+                continue
+            struck = raw.text_of("pose") == found["label"]
+            for name, number in (("load_N", found["load"]), ("repeat", found["repeat"])):
+                if number is not None:
+                    struck &= raw.numbers_of(name).values == float(number)
+            if struck.any():
+                self.met.add(k)
+            raw = self._without(raw, struck, why)
+        missed = [where for k, (where, _) in enumerate(self.stated) if k not in self.met]
+        if missed:
+            raise RawDataError(
+                "nothing is there to exclude",
+                where=self.where,
+                value=missed[0],
+                allowed="the label of a pose, such as P012; pose P012, 0 N, repeat 3; line 17; "
+                "lines 17 to 20",
+                remedy="correct it, or remove it from exclude",
+            )
+        return raw
+
+    def _without(self, raw: RawRows, struck: NDArray[np.bool_], why: str) -> RawRows:
+        poses = raw.text_of("pose")[struck] if "pose" in raw.columns else [""] * int(struck.sum())
+        return raw.take(~struck, f"{EXCLUDED}: {why}", list(poses))
 
 
 #: Columns of text; all others hold numbers.

@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Index
 from pa10cal.campaign.bounds import refuse_impossible_tool
 from pa10cal.campaign.description import (
     DESCRIPTION_FILE,
@@ -24,6 +27,7 @@ from pa10cal.campaign.description import (
 )
 from pa10cal.campaign.labels import EXCHANGED, NOT_RIGID
 from pa10cal.campaign.raw_rows import Ingested, Quarantined
+from pa10cal.campaign.rows import same_commands
 from pa10cal.campaign.screens import OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
@@ -167,8 +171,13 @@ def ingest_campaign(
     read = read_touched if instrument.from_touches else read_tracked
     ingested = read(description, arm, folder, options)
     every = ingested.observations
+    places = places_of(every, arm.prismatic, description.repeat_tolerance_deg)
+    warnings = ingested.warnings
     if description.holdout is not None:
-        every = hold_out(every, description.holdout, f"{folder / DESCRIPTION_FILE}: holdout")
+        where = f"{folder / DESCRIPTION_FILE}: holdout"
+        every = hold_out(every, description.holdout, where, places)
+    else:
+        warnings += _on_both_sides(every, places)
     recorded = ingested.timed and description.time_recorded
     every, of_time = with_what_tells_time(every, arm.prismatic, recorded=recorded)
     kinds = set(every.kind)
@@ -184,21 +193,53 @@ def ingest_campaign(
     missing = [kind for kind in useful if kind not in kinds]
     return replace(
         ingested,
+        warnings=warnings,
         observations=every,
         quarantined=tuple(sorted(ingested.quarantined)),
         notes=(*ingested.notes, *of_time, *(f"no {kind} rows" for kind in missing)),
     )
 
 
-def hold_out(every: Observations, rule: Holdout, where: str) -> Observations:
+def places_of(every: Observations, prismatic: NDArray[np.bool_], tolerance: float) -> Index:
+    """Number the places (N,) that readings are of: one label, or joint positions that agree.
+
+    Args:
+        every: readings.
+        prismatic: (n,) which joints slide.
+        tolerance: `repeat_tolerance_deg` [deg; mm of a joint that slides].
+    """
+    q = every.states.q_rad
+    by_joints = same_commands(np.where(prismatic, 1e3 * q, np.degrees(q)), tolerance)
+    by_label = pd.factorize(pd.Series(every.pose))[0]
+    ones, labels = np.ones(len(every), dtype=np.int8), int(by_label.max(initial=-1)) + 1
+    size = labels + int(by_joints.max(initial=-1)) + 1
+    graph = coo_array((ones, (by_label, labels + by_joints)), shape=(size, size))
+    return np.asarray(connected_components(graph, directed=False)[1][by_label], dtype=np.intp)
+
+
+def _on_both_sides(every: Observations, places: Index) -> tuple[str, ...]:
+    """Warn of held-out poses that are calibrated with as well."""
+    held = np.isin(places, places[every.kind == "grid"]) & (every.kind == "holdout")
+    poses = pd.unique(pd.Series(every.pose[held]))
+    if not len(poses):
+        return ()
+    return (
+        f"held-out poses at joint positions that are calibrated with too: {len(poses)}, the first "
+        f"{poses[0]}: what they say of accuracy is too good; hold out whole places, as "
+        "holdout: {every: 5} in campaign.yaml does",
+    )
+
+
+def hold_out(every: Observations, rule: Holdout, where: str, places: Index) -> Observations:
     """Mark grid poses as held out: the last of them in time, or every n-th.
 
-    All loads and repeats of a pose go together, as they are the same command.
+    All readings of a place go together, whatever their labels, loads and repeats.
 
     Args:
         every: readings in order of time.
         rule: which poses.
         where: file and key, for the message.
+        places: (N,) see `places_of`.
 
     Raises:
         RawDataError: when rows already state that they are held out.
@@ -211,13 +252,13 @@ def hold_out(every: Observations, rule: Holdout, where: str) -> Observations:
             remedy="remove the key, or the kind holdout from the rows",
         )
     grid = every.kind == "grid"
-    labels = pd.unique(pd.Series(every.pose[grid]))
+    order = pd.unique(pd.Series(places[grid]))
     if rule.every is not None:
-        chosen = labels[rule.every - 1 :: rule.every]
+        chosen = order[rule.every - 1 :: rule.every]
     else:
-        chosen = labels[len(labels) - round((rule.last_fraction or 0.0) * len(labels)) :]
+        chosen = order[len(order) - round((rule.last_fraction or 0.0) * len(order)) :]
     kind = every.kind.astype("U7")
-    kind[grid & np.isin(every.pose, np.asarray(chosen, dtype=str))] = "holdout"
+    kind[grid & np.isin(places, chosen)] = "holdout"
     return replace(every, kind=kind)
 
 

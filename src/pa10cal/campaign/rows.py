@@ -19,6 +19,7 @@ from pa10cal.campaign.base_motion import base_columns, base_target_names, base_t
 from pa10cal.campaign.bounds import Bounds, within_bounds
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import (
+    Exclusions,
     NumberColumn,
     Quarantined,
     RawRows,
@@ -110,7 +111,7 @@ class FileRead:
 
 
 def read_touches(
-    file: RawFile, ball_names: Sequence[str], bounds: Bounds
+    file: RawFile, ball_names: Sequence[str], bounds: Bounds, exclusions: Exclusions
 ) -> tuple[Touches, FileRead]:
     """Read the touches of a touch-trigger instrument.
 
@@ -118,12 +119,14 @@ def read_touches(
         file: the file of touches.
         ball_names: names of the tool's balls.
         bounds: of the columns.
+        exclusions: rows that campaign.yaml excludes.
 
     Raises:
         RawDataError: when the file as a whole cannot be used.
     """
     places = ["x_mm", "y_mm", "z_mm"]
     raw = file.read(["time_s", "kind", "pose", "load_N", "repeat", "ball", "touch", *places])
+    raw = exclusions.labels(exclusions.lines(raw))
     raw = choices(choices(raw, "kind", KINDS), "ball", ball_names)
     raw = finite(raw, ["time_s", "load_N", *places])
     raw = within_bounds(raw, ["time_s", *places], bounds)
@@ -168,8 +171,10 @@ def read_pose_rows(
     bounds: Bounds,
     instrument: type[Instrument],
     stated: Stated,
+    exclusions: Exclusions,
     *,
     kind_stated: bool,
+    same_deg: float,
 ) -> tuple[PoseRows, FileRead, RawColumns]:
     """Read the configurations of an instrument that touches nothing.
 
@@ -178,7 +183,9 @@ def read_pose_rows(
         bounds: of the columns.
         instrument: the class of the instrument.
         stated: what the campaign's description states of it.
+        exclusions: rows that campaign.yaml excludes.
         kind_stated: whether the rows must state their kind; else all are of the grid.
+        same_deg: `repeat_tolerance_deg`.
 
     Returns:
         The rows: no approach (arrivals are 0) and no dwell, what was not logged is nan; how the
@@ -199,6 +206,7 @@ def read_pose_rows(
     optional = ["temperature_C", *stated_u]
     lengths = [*measured.names, *on_base]
     raw = file.read(["time_s", *labelling, *q, *lengths], ["kind", *optional], tau)
+    raw = exclusions.lines(raw)
     if "kind" not in raw.columns:
         raw.columns["kind"] = np.full(len(raw.line), "grid", dtype=object)
     raw = choices(raw, "kind", KINDS)
@@ -209,7 +217,8 @@ def read_pose_rows(
     given = [name for name in optional if name in raw.columns]
     raw = finite(raw, given, may_be_blank=True)
     raw = within_bounds(raw, ["time_s", *q, *logged, *lengths, *given], bounds)
-    raw = _with_labels(_usable(raw, instrument, measured, file), q, prismatic)
+    raw = _with_labels(_usable(raw, instrument, measured, file), q, same_deg)
+    raw = exclusions.labels(raw)
     raw, labelled = _labelled(raw, bounds)
     given += [*logged, *q, *lengths]
     columns = dict(zip(given, numbers(raw, given, may_be_blank=True)[1].T, strict=True))
@@ -273,7 +282,7 @@ def _usable(
     return raw
 
 
-def _with_labels(raw: RawRows, q: Sequence[str], prismatic: NDArray[np.bool_]) -> RawRows:
+def _with_labels(raw: RawRows, q: Sequence[str], same_deg: float) -> RawRows:
     """Label rows whose own file does not: equal joint positions are one pose, its repeats counted.
 
     Poses and repeats are numbered in order of time.
@@ -284,7 +293,7 @@ def _with_labels(raw: RawRows, q: Sequence[str], prismatic: NDArray[np.bool_]) -
     order = np.argsort(table[:, 0], kind="stable")
     if "pose" not in raw.columns:
         pose = np.empty(len(order), dtype=object)
-        pose[order] = labels(same_commands(in_radians(table[order, 2:], prismatic)))
+        pose[order] = labels(same_commands(table[order, 2:], same_deg))
         raw.columns["pose"] = pose
     if "repeat" not in raw.columns:
         keys = pd.DataFrame({"pose": raw.text_of("pose"), "load": table[:, 1]}).iloc[order]
@@ -343,18 +352,38 @@ def _some(value: Any, rows: Rows) -> Any:
 
 # Readings of the same joint positions are repeats of one pose.
 
-#: Commands whose joints differ by less are one command [rad].
-SAME_COMMAND_RAD = 1e-6
+#: Places that a chain of neighbours joins over more than so many tolerances are told apart anew.
+CHAIN = 3.0
+#: Commands that differ by less are one however fine the poses lie [deg, mm].
+SAME_COMMAND = 1e-4
 
 
-def same_commands(q_rad: Array) -> NDArray[np.intp]:
-    """Number the commands (N,) from 0 in the order in which they first appear."""
-    count = len(q_rad)
-    pairs = cKDTree(q_rad).query_pairs(SAME_COMMAND_RAD, p=np.inf, output_type="ndarray")
+def same_commands(q: Array, tolerance: float) -> NDArray[np.intp]:
+    """Number the places (N,) of joint positions from 0 in the order in which they first appear.
+
+    Positions within a tolerance of each other are one place: what is read back scatters. Where
+    poses lie so densely that a chain of them would be one, only equal ones are.
+
+    Args:
+        q: (N, n) joint positions [deg, mm].
+        tolerance: `repeat_tolerance_deg` [deg, mm].
+    """
+    group = _joined(q, tolerance)
+    of_group = pd.DataFrame(q).groupby(group)
+    spread = (of_group.max() - of_group.min()).max(axis=1)
+    dense = np.isin(group, spread.index[spread > CHAIN * tolerance])
+    if dense.any():
+        group[dense] = group.max() + 1 + _joined(q[dense], min(SAME_COMMAND, tolerance))
+    return np.asarray(pd.factorize(group)[0], dtype=np.intp)
+
+
+def _joined(q: Array, tolerance: float) -> NDArray[np.intp]:
+    """Number the groups of positions (N, n) that neighbours join."""
+    count = len(q)
+    pairs = cKDTree(q).query_pairs(tolerance, p=np.inf, output_type="ndarray")
     ones = np.ones(len(pairs), dtype=np.int8)
     graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    group = connected_components(graph, directed=False)[1]
-    return np.asarray(pd.factorize(group)[0], dtype=np.intp)
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
 
 
 def labels(number: NDArray[np.intp]) -> list[str]:

@@ -23,7 +23,7 @@ from pa10cal.campaign.balls import (
     locate_balls,
 )
 from pa10cal.campaign.bounds import Bounds
-from pa10cal.campaign.description import CampaignDescription
+from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.labels import EXCHANGED, exchange_text, exchanged, misfit_mm, nominal_places
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import Ingested, Quarantined, quarantined, refuse_too_many
@@ -74,7 +74,9 @@ def read_touched(
     """
     files = [RawFile.of(campaign, folder, key, arm.prismatic) for key in ("cmm", "resolver")]
     cmm, resolver = (file.path for file in files)
-    touches, cmm_read = read_touches(files[0], campaign.ball_names, Bounds(arm))
+    touches, cmm_read = read_touches(
+        files[0], campaign.ball_names, Bounds(arm), exclusions_of(campaign, folder)
+    )
     samples, resolver_read = read_samples(files[1], Bounds(arm))
     logged = len(np.unique(touches.configurations))
     reads = (cmm_read, resolver_read)

@@ -15,7 +15,7 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.base_motion import base_target_names, refuse_base_targets, steadied
 from pa10cal.campaign.bounds import Bounds
 from pa10cal.campaign.csv_rows import REPEATED
-from pa10cal.campaign.description import CampaignDescription
+from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.labels import (
     EXCHANGED,
     NOT_RIGID,
@@ -88,7 +88,13 @@ def read_tracked(
     instrument, stated = description.instrument.type, description.stated
     refuse_base_targets(description, file, base_target_names(file.names))
     rows, read, columns = read_pose_rows(
-        file, Bounds(arm), instrument, stated, kind_stated=description.holdout is None
+        file,
+        Bounds(arm),
+        instrument,
+        stated,
+        exclusions_of(description, folder),
+        kind_stated=description.holdout is None,
+        same_deg=description.repeat_tolerance_deg,
     )
     # Rows that cannot be read are of some configuration too, but for exact repeats.
     unread = sum(row.reason != REPEATED for row in read.quarantined)

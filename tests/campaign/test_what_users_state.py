@@ -1,0 +1,133 @@
+"""What a user states of a file that stays as it is: signs, offsets, rows left out, places."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from made_up_sightings import sighted
+from pa10cal.campaign.read import read_campaign
+from pa10cal.errors import Pa10calError
+
+JOINTS = [f"q{k}_deg" for k in range(1, 7)]
+
+
+@pytest.fixture
+def raw(tmp_path):
+    return sighted(tmp_path, "pose", repeats=3, noise_mm=0.02)
+
+
+def read(raw, **stated):
+    raw.description |= stated
+    return read_campaign(raw.write())
+
+
+def changed(raw, change) -> None:
+    """Change the joint positions of every row: `change` takes and returns (6,) degrees."""
+    at = [raw.column(name) for name in JOINTS]
+    for k, line in enumerate(raw.poses[1:], start=1):
+        row = line.split(",")
+        q_deg = change(np.array([float(row[j]) for j in at]), k)
+        for j, value in zip(at, q_deg, strict=True):
+            row[j] = f"{value:.9f}"
+        raw.poses[k] = ",".join(row)
+
+
+#: The file's columns but for labels, which are then made of the joint positions.
+UNLABELLED = {
+    "time": "time_s",
+    "kind": "kind",
+    "joints": JOINTS,
+    "position": ["x_mm", "y_mm", "z_mm"],
+    "rotation": {"names": ["qw", "qx", "qy", "qz"], "convention": "quaternion_wxyz"},
+}
+
+
+def test_signs_and_offsets_of_joints_are_taken_out(raw):
+    right = read(raw)
+    signs, offsets = [1, -1, 1, 1, -1, 1], [0.0, 90.0, 0.0, -12.5, 0.0, 3.0]
+    changed(raw, lambda q_deg, _: (q_deg - offsets) * signs)
+    with pytest.raises(Pa10calError):
+        read(raw, joint_signs=[1, -1])
+    mended = read(raw, joint_signs=signs, joint_offsets_deg=offsets)
+    np.testing.assert_allclose(
+        mended.observations.states.q_rad, right.observations.states.q_rad, atol=1e-9
+    )
+
+
+def test_bounds_are_told_in_the_number_of_the_file(raw):
+    changed(raw, lambda q_deg, k: q_deg + 720.0 * (k == 4) * np.eye(6)[2])
+    turned = read(raw, joint_signs=[1, 1, -1, 1, 1, 1])
+    (row,) = turned.quarantined
+    assert float(row.value.split(" = ")[1].split()[0]) > 360.0
+
+
+@pytest.mark.parametrize(
+    ("where", "left_out"),
+    [
+        ("P003", 3),
+        ("pose P003, 0 N, repeat 2", 1),
+        ("P003, repeat 2", 1),
+        ("line 7", 1),
+        ("lines 7 to 9", 3),
+        ("lines 7-9", 3),
+        ("poses.csv:7", 1),
+    ],
+)
+def test_rows_are_excluded_with_the_reason_that_is_stated(raw, where, left_out):
+    found = read(raw, exclude=[{"where": where, "why": "the tracker was bumped"}])
+    assert [row.reason for row in found.quarantined] == left_out * [
+        "excluded: the tracker was bumped"
+    ]
+    assert len(found.observations) == 120 - left_out
+    assert not found.wrong_rows
+
+
+def test_excluded_rows_may_be_many_and_unreadable(raw):
+    for k in range(1, 61):
+        raw.poses[k] = raw.poses[k].replace(",grid,", ",?,", 1)
+    with pytest.raises(Pa10calError, match=r"of 120 rows would be quarantined"):
+        read(raw)
+    found = read(raw, exclude=[{"where": "lines 2 to 61", "why": "warming up"}])
+    assert len(found.quarantined) == 60
+    assert len(found.observations) == 60
+
+
+def test_an_exclusion_that_meets_nothing_is_refused(raw):
+    for where in ("P999", "line 999", "pose P003, 0 N, repeat 9"):
+        with pytest.raises(Pa10calError, match=r"exclude: nothing is there .*" + where):
+            read(raw, exclude=[{"where": where, "why": "none"}])
+
+
+def test_repeats_are_known_by_the_scatter_of_what_is_read_back(raw):
+    rng = np.random.default_rng(5)
+    changed(raw, lambda q_deg, _: q_deg + rng.uniform(-0.002, 0.002, 6))
+    columns = {
+        key: each if isinstance(each, dict) else {"names": each} for key, each in UNLABELLED.items()
+    }
+    found = read(raw, columns={"poses": columns}).observations
+    assert len(set(found.pose)) == 40
+    assert sorted(set(found.repeat)) == [1, 2, 3]
+    assert len(set(read(raw, repeat_tolerance_deg=1e-4).observations.pose)) == 120
+
+
+def test_repeats_of_a_place_are_never_on_both_sides(raw):
+    at = raw.column("pose"), raw.column("repeat"), raw.column("kind")
+    for k, line in enumerate(raw.poses[1:], start=1):
+        row = line.split(",")
+        row[at[0]], row[at[1]], row[at[2]] = f"R{k}", "1", "grid"  # every row under its own label
+        raw.poses[k] = ",".join(row)
+    every = read(raw, holdout={"every": 5}).observations
+    assert len(set(every.pose)) == 120
+    sides = {tuple(q): set() for q in every.states.q_rad.round(9)}
+    for q, kind in zip(every.states.q_rad.round(9), every.kind, strict=True):
+        sides[tuple(q)].add(kind)
+    assert len(sides) == 40
+    assert all(len(kinds) == 1 for kinds in sides.values())
+    assert sum(kinds == {"holdout"} for kinds in sides.values()) == 8
+
+
+def test_held_out_places_that_are_calibrated_with_too_are_told(raw):
+    assert not read(raw).warnings
+    raw.poses[-1] = raw.poses[-1].replace(",holdout,P039,", ",grid,other,")
+    assert any("held-out poses at joint positions" in text for text in read(raw).warnings)
