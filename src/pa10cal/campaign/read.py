@@ -258,7 +258,7 @@ def hold_out(every: Observations, rule: Holdout, where: str, places: Index) -> O
     else:
         chosen = order[len(order) - round((rule.last_fraction or 0.0) * len(order)) :]
     kind = every.kind.astype("U7")
-    kind[grid & np.isin(places, chosen)] = "holdout"
+    kind[grid & np.isin(places, np.asarray(chosen, dtype=np.intp))] = "holdout"
     return replace(every, kind=kind)
 
 
