@@ -11,7 +11,7 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
-from pa10cal.campaign.raw_file import RawFile
+from pa10cal.campaign.raw_file import PoseFile
 from pa10cal.campaign.screens import robust_misfit
 from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, base_motion
@@ -46,7 +46,7 @@ def base_columns(names: Sequence[str]) -> list[str]:
 
 
 def refuse_base_targets(
-    description: CampaignDescription, file: RawFile, names: Sequence[str]
+    description: CampaignDescription, file: PoseFile, names: Sequence[str]
 ) -> None:
     """Refuse base targets where the instrument cannot use them, or that are not on the base.
 

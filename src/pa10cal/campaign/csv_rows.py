@@ -349,6 +349,7 @@ class Sniffed:
     encoding: str  # of its text; empty of a workbook
     names: tuple[str, ...]  # of its columns
     units: tuple[str, ...]  # what a line of units below the names says of each; empty without one
+    lines: tuple[int, ...]  # (N,) physical line of each row
     text: NDArray[np.str_]  # (N, k) fields of the rows
     numbers: Array  # (N, k) the same as numbers, nan where a field is none
 
@@ -416,8 +417,9 @@ def sniff(path: Path) -> Sniffed:
     text = np.array([fields for _, fields in rows[body:]], dtype=str)
     numbers = np.array([[layout.number(field) for field in row] for row in text])
     encoding = "" if workbook else encoding_of(path)
+    of_rows = tuple(number for number, _ in rows[body:])
     return Sniffed(
-        layout, encoding, names, units, text.reshape(-1, width), numbers.reshape(-1, width)
+        layout, encoding, names, units, of_rows, text.reshape(-1, width), numbers.reshape(-1, width)
     )
 
 

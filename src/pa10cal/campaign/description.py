@@ -76,6 +76,20 @@ class Files(Section):
     cmm: FileName | None = None
     resolver: FileName | None = None
     poses: FileName | None = None
+    joints: FileName | None = None
+    readings: FileName | None = None
+
+
+class Join(Section):
+    """How a log of joints and a log of readings belong together."""
+
+    by: Literal["row", "label", "time"] | None = Field(
+        default=None, description="none: by labels where both have them, else by time, else by row"
+    )
+    clock_offset_s: FiniteFloat | None = Field(
+        default=None,
+        description="what to add to the time of a reading for that of the joints; none: found",
+    )
 
 
 class Holdout(Section):
@@ -125,6 +139,7 @@ class CampaignDescription(Section):
     holdout: Holdout | None = None
     configurations: Annotated[int, Field(ge=1)] | None = None
     columns: OwnColumns | None = None
+    join: Join | None = None
     joints: JointPositions = "logged"
     joint_signs: tuple[Literal[-1, 1], ...] | None = Field(
         default=None, description="one a joint: what each logged position is multiplied by"
@@ -281,7 +296,9 @@ def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
                 dict(campaign.tool.balls_mm),
                 "at least three balls that are not collinear",
             )
-    needed = ("cmm", "resolver") if touched else ("poses",)
+    two = ("joints", "readings")
+    apart = any(getattr(campaign.files, key) is not None for key in two)
+    needed = ("cmm", "resolver") if touched else two if apart else ("poses",)
     for key in needed:
         name = getattr(campaign.files, key)
         if name is None:

@@ -164,3 +164,5 @@ class OwnColumns(Section):
     poses: FileColumns | None = None
     cmm: FileColumns | None = None
     resolver: FileColumns | None = None
+    joints: FileColumns | None = None
+    readings: FileColumns | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.campaign.conventions import attitude_scatter, modelled_attitudes
 from pa10cal.campaign.csv_rows import Layout, Sniffed
-from pa10cal.campaign.description import SCHEMA
+from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
 from pa10cal.campaign.own_columns import (
     ANGLES,
     FORCES,
@@ -32,9 +32,12 @@ from pa10cal.campaign.own_columns import (
 )
 from pa10cal.campaign.raw_file import own_columns, quaternions
 from pa10cal.campaign.recognise import Roles, plain, roles_of, standing, unit_of
-from pa10cal.campaign.rows import in_radians
+from pa10cal.campaign.rows import in_radians, position_columns
+from pa10cal.campaign.two_logs import LABELS, TwoLogs
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import scale_of_points
+from pa10cal.options import IngestOptions
+from pa10cal.settings_reading import parse_section
 
 #: Conventions that three columns of an attitude may follow, the commonest first.
 _USUAL = ("rpy", "euler_XYZ", "euler_ZYX", "euler_ZYZ", "fixed_zyx", "rotation_vector")
@@ -92,34 +95,115 @@ def propose(sniffed: Sniffed, file: str, name: str, robot: str, arm: Arm | None)
     roles = roles_of(sniffed.names, None if arm is None else arm.n)
     _refuse_unrecognised(roles, sniffed, file)
     making = _Proposing(sniffed, roles, arm)
-    columns = making.columns()
-    kind = "pose" if "rotation" in columns else "distance" if "distance" in columns else "points"
+    columns = making.joints() | making.readings(making.T_base_ee)
+    return _proposal(making, {"poses": (file, sniffed, columns)}, name, robot, arm)
+
+
+def propose_two_logs(
+    logs: tuple[Sniffed, Sniffed], files: tuple[Path, Path], name: str, robot: str, arm: Arm | None
+) -> Proposal:
+    """Propose a campaign.yaml for a log of joints and a log of readings, in either order.
+
+    The two are joined as the first proposal says; units and the convention of attitudes are then
+    found by the nominal arm at the joint positions that belong to each reading.
+
+    Args:
+        logs: the files.
+        files: where they are.
+        name: name of the campaign.
+        robot: name of the arm's description.
+        arm: that arm; None where it is not known.
+
+    Raises:
+        RawDataError: when neither has joint positions, or the other nothing that was measured.
+    """
+    count = None if arm is None else arm.n
+    both = [(roles_of(log.names, count), log, file) for log, file in zip(logs, files, strict=True)]
+    if not both[0][0].joints:
+        both.reverse()
+    (of_joints, joints_log, joints_file), (of_readings, readings_log, readings_file) = both
+    _refuse_unrecognised(of_joints, joints_log, joints_file.name, measured=True)
+    of_readings = replace(of_readings, joints=(), torques=())
+    _refuse_unrecognised(
+        replace(of_readings, joints=of_joints.joints), readings_log, readings_file.name
+    )
+    joints = _Proposing(joints_log, of_joints, arm)
+    readings = _Proposing(readings_log, of_readings, arm, joints.checks)
+    files_read: dict[str, Any] = {"joints": (joints_file.name, joints_log, joints.joints())}
+    T_base_ee = None
+    if arm is not None:
+        # First as points, whose unit and place need no convention.
+        found = _Proposing(readings_log, replace(of_readings, attitude=None), arm).readings(None)
+        tried = files_read | {"readings": (readings_file.name, readings_log, found)}
+        content = _proposal(joints, tried, name, robot, arm).content
+        T_base_ee = _at_joints(content, (joints_file, readings_file), arm, readings_log)
+    files_read["readings"] = (readings_file.name, readings_log, readings.readings(T_base_ee))
+    return _proposal(readings, files_read, name, robot, arm)
+
+
+def _at_joints(
+    content: Mapping[str, Any], files: Sequence[Path], arm: Arm, sniffed: Sniffed
+) -> Array | None:
+    """Return the nominal end (N, 4, 4) at each reading, nan where its joints are not known."""
+    keys = {key: value for key, value in content.items() if key != "schema"}
+    keys["columns"] = {
+        key: {name: value for name, value in each.items() if name not in ("temperature", "kind")}
+        for key, each in keys["columns"].items()
+    }
+    description = parse_section(CampaignDescription, keys, where=DESCRIPTION_FILE)
+    try:
+        two = TwoLogs.of(description, files[0].parent, arm, IngestOptions().still_speed_deg_s)
+        two = replace(two, joints=replace(two.joints, path=files[0]))
+        two = replace(two, readings=replace(two.readings, path=files[1]))
+        raw = two.read([*LABELS[:-1], *two.measured.names])
+    except RawDataError:
+        return None
+    q = np.column_stack([raw.numbers_of(name).values for name in position_columns(arm.prismatic)])
+    row = {line: k for k, line in enumerate(sniffed.lines)}
+    T_base_ee = np.full((len(sniffed.lines), 4, 4), np.nan)
+    known = [k for k, line in enumerate(raw.line.tolist()) if line in row]
+    at = [row[int(raw.line[k])] for k in known]
+    T_base_ee[at] = Chain.of(arm).forward(in_radians(q[known], arm.prismatic))
+    return T_base_ee
+
+
+def _proposal(
+    making: _Proposing,
+    files: Mapping[str, tuple[str, Sniffed, dict[str, Any]]],
+    name: str,
+    robot: str,
+    arm: Arm | None,
+) -> Proposal:
+    """Put a campaign.yaml together of what was found in each file."""
+    every = {key for _, _, columns in files.values() for key in columns}
+    kind = "pose" if "rotation" in every else "distance" if "distance" in every else "points"
+    checks = list(making.checks)
     if arm is None:
-        making.checks.append(
+        checks.append(
             "robot: name the arm, and run pa10cal columns again with --robot: units and the "
             "convention of attitudes are then found from its kinematics"
         )
-    making.checks.append(
+    checks.append(
         "provenance and gravity_m_s2: state them; instrument.uncertainty_mm is "
         + ("that of the file" if making.stated_mm is not None else f"{ASSUMED_MM} mm, assumed")
     )
-    making.checks.append(
-        "tool: state its mass and centre of mass; a mass of 0 is one that is not known"
-    )
+    checks.append("tool: state its mass and centre of mass; a mass of 0 is one that is not known")
+    names = " and ".join(file for file, _, _ in files.values())
     content = {
         "schema": SCHEMA,
         "name": name,
-        "provenance": f"to be stated; read from {file}",
+        "provenance": f"to be stated; read from {names}",
         "robot": robot,
         "instrument": {"kind": kind, "uncertainty_mm": making.stated_mm or ASSUMED_MM},
         "tool": {"mass_kg": 0.0, "com_mm": [0.0, 0.0, 0.0], "load_point_mm": [0.0, 0.0, 0.0]},
         "gravity_m_s2": [0.0, 0.0, -9.81],
         "reference_temperature_C": making.temperature_C,
-        "files": {"poses": file},
-        **({} if "kind" in columns else {"holdout": {"every": 5}}),
-        "columns": {"poses": columns},
+        "files": {key: file for key, (file, _, _) in files.items()},
+        **({} if "kind" in every else {"holdout": {"every": 5}}),
+        "columns": {key: columns for key, (_, _, columns) in files.items()},
     }
-    return Proposal(content, tuple(making.checks), read_as(sniffed, columns, file))
+    lines = [line for file, log, columns in files.values() for line in read_as(log, columns, file)]
+    return Proposal(content, tuple(checks), tuple(lines))
 
 
 def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[str, ...]:
@@ -146,8 +230,10 @@ def follows_contract(sniffed: Sniffed) -> bool:
     return sniffed.layout == Layout(own=True) and bool(labelled)
 
 
-def _refuse_unrecognised(roles: Roles, sniffed: Sniffed, file: str) -> None:
-    measured = bool(roles.positions) or "distance" in roles.single
+def _refuse_unrecognised(
+    roles: Roles, sniffed: Sniffed, file: str, *, measured: bool = False
+) -> None:
+    measured = measured or bool(roles.positions) or "distance" in roles.single
     if roles.joints and measured:
         return
     raise RawDataError(
@@ -174,24 +260,34 @@ class _Proposing:
     stated_mm: float | None = None
     temperature_C: float = 20.0
 
-    def columns(self) -> dict[str, Any]:
-        """Return `columns.poses`."""
+    T_base_ee: Array | None = None  # (N, 4, 4) the nominal end at each row, of joints in the file
+
+    def joints(self) -> dict[str, Any]:
+        """Return the columns of the joints, with how the file is written and its labels."""
         roles = self.roles
-        found = self._layout() | self._time()
-        found |= self._labels()
+        found = self._layout() | self._time() | self._labels()
         angle, q_rad = self._joints()
         found["joints"] = {"names": list(roles.joints), **angle}
         if roles.torques:
             unit = self._stated(roles.torques, TORQUES) or "Nm"
-            found["torques"] = {
-                "names": list(roles.torques),
-                **({} if unit == "Nm" else {"unit": unit}),
-            }
-        T_base_ee = None if self.arm is None else Chain.of(self.arm).forward(q_rad)
-        found |= self._measured(T_base_ee)
-        if "temperature" in roles.single:
-            found["temperature"] = self._temperature(roles.single["temperature"])
-        return found
+            stated = {} if unit == "Nm" else {"unit": unit}
+            found["torques"] = {"names": list(roles.torques), **stated}
+        self.T_base_ee = None if self.arm is None else Chain.of(self.arm).forward(q_rad)
+        return found | self._temperatures()
+
+    def readings(self, T_base_ee: Array | None) -> dict[str, Any]:
+        """Return the columns of what was measured, with how the file is written and its labels.
+
+        Args:
+            T_base_ee: (N, 4, 4) the nominal end at each row; None where it is not known.
+        """
+        labels = {} if self.roles.joints else self._layout() | self._time() | self._labels()
+        return labels | self._measured(T_base_ee) | self._temperatures()
+
+    def _temperatures(self) -> dict[str, Any]:
+        if "temperature" not in self.roles.single:
+            return {}
+        return {"temperature": self._temperature(self.roles.single["temperature"])}
 
     def _layout(self) -> dict[str, Any]:
         """Return how the file is written, where that is not as the contract has it."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -29,7 +30,15 @@ from pa10cal.campaign.own_columns import (
     RotationColumns,
     Time,
 )
-from pa10cal.campaign.raw_rows import TEXT, NumberColumn, OwnColumn, RawRows, finite, numbers
+from pa10cal.campaign.raw_rows import (
+    TEXT,
+    NumberColumn,
+    OwnColumn,
+    RawRows,
+    finite,
+    number_column,
+    numbers,
+)
 from pa10cal.errors import RawDataError
 
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -55,6 +64,26 @@ _KEYS = {
 }
 
 
+class PoseFile(Protocol):
+    """A file of poses, or two logs that are read as one."""
+
+    @property
+    def path(self) -> Path:
+        """Return where it is; of two logs, that of the readings."""
+
+    @property
+    def names(self) -> list[str]:
+        """Return the columns of the contract that it has, or stands for."""
+
+    def read(
+        self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
+    ) -> RawRows:
+        """Read columns of the contract."""
+
+    def in_own_words(self, text: str) -> str:
+        """Return a text with the file's own names beside those of the contract."""
+
+
 @dataclass(frozen=True)
 class RawFile:
     """A raw file of a campaign."""
@@ -65,6 +94,16 @@ class RawFile:
     columns: FileColumns | None = None  # what its columns are; None where it follows the contract
     signs: tuple[int, ...] | None = None  # `joint_signs` of campaign.yaml
     offsets_deg: tuple[float, ...] | None = None  # `joint_offsets_deg`
+
+    @property
+    def totals(self) -> dict[str, int]:
+        """Return the rows of further files that are read with it, by their names."""
+        return {}
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """Return how it is read, one clause each."""
+        return ()
 
     @classmethod
     def of(
@@ -136,7 +175,7 @@ class RawFile:
         for name in set(filled) & set(required) - set(sources) - labels:
             counted = np.arange(len(found.line), dtype=np.float64)
             value = {"load_N": 0.0 * counted, "repeat": 0.0 * counted + 1.0}.get(name, counted)
-            found.columns[name] = _numbers(value)
+            found.columns[name] = number_column(value)
         return found
 
     def _with_joints_turned(self, raw: RawRows) -> RawRows:
@@ -164,7 +203,7 @@ class RawFile:
         there = [name for name in required if name != "time_s" or self._timed]
         raw = read_rows(self.path, there, optional, together)
         if len(there) < len(required):
-            raw.columns["time_s"] = _numbers(np.arange(len(raw.line), dtype=np.float64))
+            raw.columns["time_s"] = number_column(np.arange(len(raw.line), dtype=np.float64))
         return raw
 
     @property
@@ -212,12 +251,12 @@ class RawFile:
             made["kind"] = np.array([words.get(each, each) for each in stated], dtype=np.object_)
         if turned is not None:
             _, values = numbers(raw, turned.names)
-            made |= zip(QUATERNION, map(_numbers, quaternions(values, turned).T), strict=True)
+            made |= zip(QUATERNION, map(number_column, quaternions(values, turned).T), strict=True)
             if turned.u is not None:
                 _, u = numbers(raw, turned.u, may_be_blank=True)
                 u = quaternion_uncertainty(values, np.where(u > 0.0, u, np.nan), turned)
                 u = np.maximum(u, LEAST_U)
-                made |= {f"u_{name}": _numbers(u[:, k]) for k, name in enumerate(QUATERNION)}
+                made |= {f"u_{name}": number_column(u[:, k]) for k, name in enumerate(QUATERNION)}
         return replace(raw, columns=made, own=self.sources)
 
     def _check_counts(self, columns: FileColumns) -> None:
@@ -320,10 +359,6 @@ def _temperature(name: str, unit: str) -> OwnColumn:
     if unit == "F":
         return OwnColumn(name, unit, 5.0 / 9.0, -160.0 / 9.0)
     return OwnColumn(name, unit)
-
-
-def _numbers(values: Array) -> NumberColumn:
-    return NumberColumn(values, np.zeros(0, dtype=np.intp), np.zeros(0, dtype=object))
 
 
 def _linear(column: NumberColumn, own: OwnColumn, uncertainty: bool) -> NumberColumn:

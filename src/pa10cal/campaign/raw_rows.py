@@ -212,12 +212,25 @@ class NumberColumn:
         odd = np.cumsum(keep)[self.odd[stays]] - 1
         return NumberColumn(self.values[keep], odd, self.text[stays])
 
+    def at(self, rows: NDArray[np.intp]) -> NumberColumn:
+        """Return the column at rows, in their order."""
+        text = dict(zip(self.odd.tolist(), self.text, strict=True))
+        odd = np.flatnonzero(np.isin(rows, self.odd))
+        return NumberColumn(
+            self.values[rows], odd, np.array([text[int(rows[k])] for k in odd], dtype=object)
+        )
+
     def as_text(self, row: int) -> str:
         """Return what stands in a row."""
         at = int(np.searchsorted(self.odd, row))
         if at < len(self.odd) and self.odd[at] == row:
             return repr(str(self.text[at]))
         return f"{self.values[row]:.10g}"
+
+
+def number_column(values: Array) -> NumberColumn:
+    """Return a column of numbers that were calculated."""
+    return NumberColumn(values, np.zeros(0, dtype=np.intp), np.zeros(0, dtype=object))
 
 
 @dataclass(frozen=True)
@@ -274,6 +287,17 @@ class RawRows:
                 *self.quarantined,
                 *quarantined(self.file, self.line[~keep], reason, values),
             ),
+        )
+
+    def reordered(self, order: NDArray[np.intp]) -> RawRows:
+        """Return the rows in another order."""
+        return replace(
+            self,
+            columns={
+                name: column.at(order) if isinstance(column, NumberColumn) else column[order]
+                for name, column in self.columns.items()
+            },
+            line=self.line[order],
         )
 
     def numbers_of(self, name: str) -> NumberColumn:

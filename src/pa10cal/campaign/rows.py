@@ -17,7 +17,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_columns, base_target_names, base_targets
 from pa10cal.campaign.bounds import Bounds, within_bounds
-from pa10cal.campaign.raw_file import RawFile
+from pa10cal.campaign.raw_file import PoseFile, RawFile
 from pa10cal.campaign.raw_rows import (
     Exclusions,
     NumberColumn,
@@ -167,7 +167,7 @@ def read_samples(file: RawFile, bounds: Bounds) -> tuple[Samples, FileRead]:
 
 
 def read_pose_rows(
-    file: RawFile,
+    file: PoseFile,
     bounds: Bounds,
     instrument: type[Instrument],
     stated: Stated,
@@ -234,7 +234,7 @@ def read_pose_rows(
     states = PoseStates(
         q_rad=in_radians(read(q), prismatic),
         tau_Nm=read(tau),
-        arrival=np.zeros((count, len(q))),
+        arrival=_arrivals(raw, len(q)),
         load_N=labelled["load_N"],
         temperature_C=read(["temperature_C"])[:, 0],
         time_s=labelled["time_s"],
@@ -268,8 +268,16 @@ def in_radians(q: Array, prismatic: NDArray[np.bool_]) -> Array:
     return np.asarray(np.where(prismatic, 1e-3 * q, np.radians(q)))
 
 
+def _arrivals(raw: RawRows, joints: int) -> Array:
+    """Return the sign of each joint's last motion (N, n); 0 where the file says nothing of it."""
+    names = [f"arrival{joint}" for joint in range(1, joints + 1)]
+    if names[0] not in raw.columns:
+        return np.zeros((len(raw.line), joints))
+    return np.column_stack([raw.numbers_of(name).values for name in names])
+
+
 def _usable(
-    raw: RawRows, instrument: type[Instrument], measured: RawColumns, file: RawFile
+    raw: RawRows, instrument: type[Instrument], measured: RawColumns, file: PoseFile
 ) -> RawRows:
     """Quarantine rows that are no measurement of the instrument."""
     _, values = numbers(raw, measured.names, may_be_blank=measured.may_be_blank)

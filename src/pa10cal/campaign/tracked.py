@@ -52,6 +52,7 @@ from pa10cal.campaign.screens import (
     refuse_wrong_length_unit,
     robust_misfit,
 )
+from pa10cal.campaign.two_logs import TwoLogs
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import Misfit, RawColumns
 from pa10cal.options import IngestOptions
@@ -84,7 +85,11 @@ def read_tracked(
     Raises:
         RawDataError: when the file, or too much of it, cannot be used.
     """
-    file = RawFile.of(description, folder, "poses", arm.prismatic)
+    file: RawFile | TwoLogs = (
+        RawFile.of(description, folder, "poses", arm.prismatic)
+        if description.files.joints is None
+        else TwoLogs.of(description, folder, arm, options.still_speed_deg_s)
+    )
     instrument, stated = description.instrument.type, description.stated
     refuse_base_targets(description, file, base_target_names(file.names))
     rows, read, columns = read_pose_rows(
@@ -99,7 +104,8 @@ def read_tracked(
     # Rows that cannot be read are of some configuration too, but for exact repeats.
     unread = sum(row.reason != REPEATED for row in read.quarantined)
     logged = len(np.unique(rows.configurations)) + unread
-    totals, most = {read.file: read.total}, options.max_quarantined_fraction
+    totals = {read.file: read.total, **file.totals}
+    most = options.max_quarantined_fraction
     listed = list(read.quarantined)
     _, first = np.unique(rows.configurations, return_index=True)
     again = np.ones(len(rows), dtype=bool)
@@ -120,7 +126,7 @@ def read_tracked(
     found = found.take(~off)
     T_base_ee = Chain.of(arm).forward(found.states.q_rad)
     found, moved, of_base = steadied(found, str(file.path), T_base_ee)
-    notes = [*read.notes, *instrument.raw_notes(columns, stated), *moved]
+    notes = [*file.notes, *read.notes, *instrument.raw_notes(columns, stated), *moved]
     if np.isnan(found.states.tau_Nm).all():
         notes.append(NO_TORQUES if arm.mass_kg is None else THOSE_OF_MASSES)
     missing = count_warnings(description.configurations, logged, read.file)
@@ -148,7 +154,7 @@ class _Screen:
 
     columns: RawColumns
     arm: Arm
-    file: RawFile
+    file: RawFile | TwoLogs
 
     def of(self, rows: PoseRows) -> _Screened:
         """Screen rows."""

@@ -12,41 +12,58 @@ if TYPE_CHECKING:
     from pa10cal.terms.effects.effect import Effect
 
 
-def columns(file: Path, *, robot: str | None = None, name: str | None = None) -> None:
+def columns(files: tuple[Path, ...], *, robot: str | None = None, name: str | None = None) -> None:
     """Propose how to read a tracker's or controller's export as it is: a campaign.yaml for it.
 
-    Separator, decimal sign and columns are recognised by the header and the numbers; with --robot
-    units and the convention of attitudes by the kinematics of the nominal arm too, and the file is
-    read once so. Save what is printed as campaign.yaml beside the file, correct it, and use
-    pa10cal run.
+    Encoding, separator, decimal sign and columns are recognised by the header and the numbers; with
+    --robot units and the convention of attitudes by the kinematics of the nominal arm too, and the
+    file is read once so. Of a log of joints and a log of readings the two are joined, by labels, by
+    time (the clocks may differ) or by row. Every column is listed with what it is read as. Save
+    what is printed as campaign.yaml beside the file, correct it, and use pa10cal run.
 
     Args:
-        file: one row a configuration: joint positions, and what was measured.
+        files: one with a row a configuration, joint positions and what was measured; or two, the
+            joints in one and the readings in the other.
         robot: name of the arm's description, shipped or beside the file.
         name: name of the campaign; without it, that of the folder.
 
     Examples:
         pa10cal columns examples/ur10-pose/tracker.txt --robot ur10
         pa10cal columns measured/export.csv --robot ur10 > measured/campaign.yaml
+        pa10cal columns measured/controller.csv measured/tracker.csv --robot ur10
     """
     import sys
 
     import yaml
 
     from pa10cal.campaign.csv_rows import sniff
-    from pa10cal.campaign.propose import follows_contract, label_of, propose
+    from pa10cal.campaign.propose import follows_contract, label_of, propose, propose_two_logs
+    from pa10cal.errors import SettingsError
     from pa10cal.files.arms import load_arm
 
+    if len(files) > 2 or len({file.absolute().parent for file in files}) > 1:
+        raise SettingsError(
+            "too many files" if len(files) > 2 else "the two logs are not in one folder",
+            where="columns",
+            value=", ".join(map(str, files)),
+            allowed="one file, or the joints' log and the readings' log in one folder",
+            remedy="give one or two files of the campaign's folder",
+        )
+    file = files[0]
     arm = None if robot is None else load_arm(robot, file.parent)
-    found = sniff(file)
     label = name or label_of(file.absolute().parent)
-    proposal = propose(found, file.name, label, robot or "my_arm", arm)
-    if follows_contract(found):
-        del proposal.content["columns"]
+    if len(files) == 2:
+        logs = sniff(files[0]), sniff(files[1])
+        proposal = propose_two_logs(logs, (files[0], files[1]), label, robot or "my_arm", arm)
+    else:
+        found = sniff(file)
+        proposal = propose(found, file.name, label, robot or "my_arm", arm)
+        if follows_contract(found):
+            del proposal.content["columns"]
     text = yaml.safe_dump(
         proposal.content, sort_keys=False, default_flow_style=None, width=90, allow_unicode=True
     )
-    told = [] if arm is None else _tried(file, text, arm)
+    told = [] if arm is None else _tried(files, text, arm)
     read_as = (f"# {line}" for line in proposal.read_as)
     print("\n".join((*told, *read_as, *(f"# check {each}" for each in proposal.checks))))
     print(text, end="")
@@ -55,7 +72,7 @@ def columns(file: Path, *, robot: str | None = None, name: str | None = None) ->
         print(f"  pa10cal run {file.parent}")
 
 
-def _tried(file: Path, text: str, arm: Arm) -> list[str]:
+def _tried(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
     """Read a campaign as it is proposed, and return what its reader is to know of that."""
     from tempfile import TemporaryDirectory
 
@@ -68,13 +85,15 @@ def _tried(file: Path, text: str, arm: Arm) -> list[str]:
         beside = Path(folder)
         (beside / DESCRIPTION_FILE).write_text(text, encoding="utf-8")
         (beside / f"{arm.name}.yaml").write_text(arm_text(arm), encoding="utf-8")
-        (beside / file.name).symlink_to(file.absolute())
+        for file in files:
+            (beside / file.name).symlink_to(file.absolute())
         try:
             found = read_campaign(beside)
         except Pa10calError as error:
             return [f"# check all of it: it is refused: {error}".replace(f"{folder}/", "")]
         rows = f"{len(found.observations)} rows can be used, {len(found.quarantined)} cannot"
-        return [f"# read so: {rows}", *(f"# check: {warning}" for warning in found.warnings)]
+        joined = [f"# {note}" for note in found.notes if " joined by " in note]
+        return [f"# read so: {rows}", *joined, *(f"# check: {each}" for each in found.warnings)]
 
 
 #: Rows left out that are shown one by one; all of them are in the campaign's left_out.csv.

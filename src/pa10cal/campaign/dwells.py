@@ -1,0 +1,205 @@
+"""Dwells of the arm in a log of its joints: where it stood still, what it read, how it arrived."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+
+from pa10cal.arrays import Array, Index
+from pa10cal.campaign.rows import Samples
+
+#: Speeds are taken over at least this time, so that noise of a fast log is no movement.
+SPEED_WINDOW_S = 0.3
+#: A standing arm may creep no further between two samples than at the still speed in this time.
+CREEP_S = 1.0
+#: An interval this many times the usual one is a pause of the log.
+PAUSE = 5.0
+#: Movements beyond so many noise sigmas, and beyond the still speed in so much time, are real.
+REAL_SIGMAS = 10.0
+REAL_S = 0.1
+#: Steps of the search for a clock offset, and the most there may be.
+OFFSET_STEP_S = 0.25
+OFFSET_BINS = 2**20
+
+
+@dataclass(frozen=True)
+class Dwells:
+    """Stretches of the log in which every joint stood still."""
+
+    start_s: Array  # (D,) time of the first sample
+    end_s: Array  # (D,) time of the last sample
+    first: Index  # (D,) index of the first sample
+    last: Index  # (D,) index of the last sample
+    of_sample: Index  # (N,) dwell of every sample, -1 while the arm moved
+    real_deg: Array  # (n,) movement of a joint that noise cannot feign
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def at(self, time_s: Array) -> Index:
+        """Return the dwell at each time, -1 where the arm moved or nothing was logged."""
+        if not len(self):
+            return np.full(len(time_s), -1)
+        before = np.searchsorted(self.start_s, time_s, side="right") - 1
+        inside = (before >= 0) & (time_s <= self.end_s[before])
+        return np.where(inside, before, -1)
+
+
+@dataclass(frozen=True)
+class DwellReadings:
+    """What the log contains of each of D dwells of an arm with n joints."""
+
+    samples: NDArray[np.int64]  # (D,) samples in the dwell
+    q_rad: Array  # (D, n) mean joint positions
+    q_u_rad: Array  # (D, n) standard uncertainty of that mean, from the scatter in the dwell
+    tau_Nm: Array  # (D, n) mean torques
+    tau_u_Nm: Array  # (D, n) standard uncertainty of that mean
+    temperature_C: Array  # (D,) mean temperature
+    # (D, n) sign of each joint's last real movement in the logged approach; 0 where it made none
+    arrival: Array
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """What to add to the touches' times to bring them into dwells."""
+
+    seconds: float  # the offset
+    inside: float  # part of the touches that would then lie in dwells
+
+
+def find_dwells(samples: Samples, still_speed_deg_s: float) -> Dwells:
+    """Find where all joints were slower than the still speed.
+
+    Args:
+        samples: the log, in order of time.
+        still_speed_deg_s: `ingest.still_speed_deg_s`.
+
+    Returns:
+        Dwells of at least two samples, in order of time.
+    """
+    time_s, q_deg = samples.time_s, samples.q_deg
+    steps_s = np.diff(time_s)
+    travel = np.abs(np.diff(q_deg, axis=0))
+    slow = _slow_intervals(time_s, q_deg, still_speed_deg_s)
+    noise = _noise(travel[slow])
+    real = np.maximum(REAL_SIGMAS * noise, REAL_S * still_speed_deg_s)
+    if len(steps_s):
+        pause = steps_s > PAUSE * np.median(steps_s)
+        slow &= ~pause | (travel <= real).all(axis=1)
+    edges = np.diff(np.concatenate([[False], slow, [False]]).astype(int))
+    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    of_sample = np.full(len(time_s), -1)
+    inside = np.zeros(len(time_s) + 1, dtype=int)
+    inside[first] += 1
+    inside[last + 1] -= 1
+    standing = np.cumsum(inside[:-1]) > 0
+    of_sample[standing] = np.searchsorted(first, np.flatnonzero(standing), side="right") - 1
+    return Dwells(time_s[first], time_s[last], first, last, of_sample, real)
+
+
+def dwell_readings(samples: Samples, dwells: Dwells) -> DwellReadings:
+    """Average the samples of every dwell and find how each joint arrived.
+
+    The direction of arrival is that of the last movement larger than noise: the sign of the dwell's
+    position minus that of the latest sample of the approach that differs from it by more than
+    `Dwells.real_deg`. The approach is what was logged since the dwell before.
+    """
+    standing = dwells.of_sample >= 0
+    dwell = dwells.of_sample[standing]
+    count = np.bincount(dwell, minlength=len(dwells))
+    q_deg, q_u_deg = _mean(samples.q_deg[standing], dwell, count)
+    tau_Nm, tau_u_Nm = _mean(samples.tau_Nm[standing], dwell, count)
+    temperature_C, _ = _mean(samples.temperature_C[standing, None], dwell, count)
+    return DwellReadings(
+        samples=count,
+        q_rad=np.radians(q_deg),
+        q_u_rad=np.radians(q_u_deg),
+        tau_Nm=tau_Nm,
+        tau_u_Nm=tau_u_Nm,
+        temperature_C=temperature_C[:, 0],
+        arrival=_arrival(samples.q_deg, dwells, q_deg),
+    )
+
+
+def best_clock_offset(time_s: Array, dwells: Dwells) -> ClockOffset:
+    """Find the offset of the touches' clock that brings most touches into dwells.
+
+    Args:
+        time_s: (N,) times of touches, N >= 1.
+        dwells: dwells on the other clock, at least one.
+
+    Returns:
+        The offset that brings in the most touches; where a range of them does, its middle, and of
+        several ranges that nearest to zero.
+    """
+    begin_dwells, begin_touches = dwells.start_s[0], time_s.min()
+    span = max(dwells.end_s[-1] - begin_dwells, float(np.ptp(time_s)))
+    step = max(OFFSET_STEP_S, span / OFFSET_BINS)
+    bins = int(span / step) + 2
+    edges = np.zeros(bins + 1)
+    np.add.at(edges, ((dwells.start_s - begin_dwells) / step).round().astype(int), 1.0)
+    np.add.at(edges, ((dwells.end_s - begin_dwells) / step).round().astype(int), -1.0)
+    standing = np.cumsum(edges[:-1])
+    touches = np.bincount(((time_s - begin_touches) / step).round().astype(int), minlength=bins)
+    score = _correlation(standing, touches.astype(float))
+    seconds = begin_dwells - begin_touches + (np.arange(len(score)) + 1 - bins) * step
+    best = np.flatnonzero(score >= score.max() - 0.5)
+    ranges = np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)
+    middles = np.array([np.median(seconds[found]) for found in ranges])
+    offset = float(middles[np.argmin(np.abs(middles))])
+    inside = float(np.mean(dwells.at(time_s + offset) >= 0))
+    return ClockOffset(offset, inside)
+
+
+def _correlation(standing: Array, touches: Array) -> Array:
+    """Return the touches in dwells at every lag from 1 - len to len - 1."""
+    size = next_fast_len(len(standing) + len(touches) - 1, real=True)
+    product = rfft(standing, size) * rfft(touches[::-1], size)
+    return np.asarray(irfft(product, size)[: len(standing) + len(touches) - 1])
+
+
+def _slow_intervals(time_s: Array, q_deg: Array, still_speed_deg_s: float) -> NDArray[np.bool_]:
+    """Return (N-1,) whether the arm stood still between neighbouring samples."""
+    count = len(time_s)
+    here = np.arange(count - 1)
+    there = np.searchsorted(time_s, time_s[:-1] + SPEED_WINDOW_S)
+    there = np.clip(there, here + 1, count - 1)
+    allowed = still_speed_deg_s * np.minimum(time_s[there] - time_s[here], CREEP_S)
+    moves = np.abs(q_deg[there] - q_deg[here]).max(axis=1, initial=0.0) > allowed
+    edges = np.zeros(count, dtype=int)
+    np.add.at(edges, here[moves], 1)
+    np.add.at(edges, there[moves], -1)
+    return np.asarray(np.cumsum(edges)[:-1] == 0)
+
+
+def _noise(travel: Array) -> Array:
+    """Return (n,) the deviation of one reading, from differences of neighbours at rest."""
+    if not len(travel):
+        return np.zeros(travel.shape[1])
+    return np.asarray(1.4826 * np.median(travel, axis=0) / np.sqrt(2.0))
+
+
+def _mean(values: Array, dwell: Index, count: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the mean over each dwell and its standard uncertainty, (D, m) each."""
+    mean = np.zeros((len(count), values.shape[1]))
+    np.add.at(mean, dwell, values)
+    mean /= count[:, None]
+    square = np.zeros_like(mean)
+    np.add.at(square, dwell, (values - mean[dwell]) ** 2)
+    return mean, np.sqrt(square / (count * (count - 1))[:, None])
+
+
+def _arrival(q_deg: Array, dwells: Dwells, mean_deg: Array) -> Array:
+    moving = np.flatnonzero(dwells.of_sample < 0)
+    following = np.searchsorted(dwells.first, moving)
+    moving, following = moving[following < len(dwells)], following[following < len(dwells)]
+    way = mean_deg[following] - q_deg[moving]
+    rows, joints = np.nonzero(np.abs(way) > dwells.real_deg)
+    latest = np.full(mean_deg.shape, -1)
+    np.maximum.at(latest, (following[rows], joints), rows)
+    signs = np.sign(way)
+    found = np.take_along_axis(signs, np.maximum(latest, 0), axis=0) if len(way) else latest
+    return np.where(latest >= 0, found, 0.0)

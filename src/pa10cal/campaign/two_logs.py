@@ -1,0 +1,556 @@
+"""A log of joints and a log of readings joined: by row, by label, or by time with two clocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array, Index
+from pa10cal.campaign.base_motion import base_target_names
+from pa10cal.campaign.description import CampaignDescription, Join
+from pa10cal.campaign.dwells import dwell_readings, find_dwells
+from pa10cal.campaign.raw_file import RawFile
+from pa10cal.campaign.raw_rows import NumberColumn, RawRows, finite, number_column
+from pa10cal.campaign.rows import Samples, in_radians, position_columns
+from pa10cal.campaign.screens import robust_misfit
+from pa10cal.errors import RawDataError
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.quantities import RawColumns, Stated
+
+#: Times beyond are counted from 1970, not from the first reading [s].
+SINCE_1970 = 1e8
+#: Columns that either log may have, and that are made where neither does.
+LABELS = ("time_s", "pose", "load_N", "repeat", "kind")
+
+#: A log with so many times the rows of the other holds the motion, not one row a pose.
+DENSE = 3.0
+#: A standing joint's read-back may scatter by so many times what most of its small steps are.
+SCATTER = 6.0
+#: Part of the rows at which the arm surely stands.
+STANDS = 0.2
+#: Clocks are tried that bring so large a part of the readings into steady phases as the best does.
+NEARLY = 0.85
+CANDIDATES = 12
+#: Readings by which clocks are compared, where there are more.
+COMPARED = 250
+#: Joints fit the nominal arm so many times better when shifted by a row, or it is not said.
+BETTER = 4.0
+#: Rows that are shifted, at the least.
+FEW = 3
+#: Where the nominal arm, however placed, is further off in the median, nothing is said [m].
+FITS_M = 0.03
+
+#: What the nominal arm leaves of readings (rows, at stations), base and target fitted to the first
+#: so many of them [m]; None where they do not determine it.
+Fit = Callable[[Index, Index, int], Array | None]
+
+
+@dataclass(frozen=True)
+class Stations:
+    """Where the arm stood, by the log of its joints: K places in order."""
+
+    start_s: Array  # (K,) when it came, on the clock of the joints
+    end_s: Array  # (K,) when it went on
+    first: Index  # (K,) row of the log at which each begins
+    q_deg: Array  # (K, n) joint positions [deg, mm]
+    q_u_deg: Array  # (K, n) their standard uncertainties, nan where one row is all there is
+    tau_Nm: Array  # (K, n) torques, nan where not logged
+    temperature_C: Array  # (K,) temperature, nan where not logged
+    arrival: Array  # (K, n) sign of each joint's last motion; 0 where it is not known
+
+    def __len__(self) -> int:
+        return len(self.start_s)
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Readings joined by time."""
+
+    station: Index  # (N,) where the arm stood at each reading; -1 where it moved
+    offset_s: float  # what to add to the time of a reading for that of the joints
+    u_s: float  # its standard uncertainty: readings stay in their steady phases within it
+    inside: int  # readings in steady phases
+
+
+@dataclass(frozen=True)
+class Shift:
+    """Readings that are a row away from the joints they were taken at."""
+
+    first: int  # reading from which on it is so, from 0
+    rows: int  # +1: they belong to the joints of the row after, -1: of the row before
+    as_joined_m: float  # median misfit of these rows as they are
+    as_shifted_m: float  # and shifted
+
+
+def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations:
+    """Return where the arm stood: the dwells of a log of motion, or every row of a list of poses.
+
+    Args:
+        samples: the log of the joints, in order of time; torques and temperature may be nan.
+        readings: how many readings there are.
+        still_deg_s: `ingest.still_speed_deg_s`; raised to what the joints' read-back scatters.
+    """
+    if len(samples) >= DENSE * readings:
+        dwells = find_dwells(samples, max(still_deg_s, _scatter_deg_s(samples)))
+        if len(dwells) >= 2:
+            read = dwell_readings(samples, dwells)
+            return Stations(
+                dwells.start_s,
+                dwells.end_s,
+                dwells.first,
+                np.degrees(read.q_rad),
+                np.degrees(read.q_u_rad),
+                read.tau_Nm,
+                read.temperature_C,
+                read.arrival,
+            )
+    half_s = 0.45 * np.diff(samples.time_s, prepend=np.nan, append=np.nan)
+    usual = float(np.nanmedian(half_s)) if len(samples) > 1 else 1.0
+    before, after = (np.where(np.isfinite(side), side, usual) for side in (half_s[:-1], half_s[1:]))
+    return Stations(
+        samples.time_s - np.minimum(before, usual),
+        samples.time_s + np.minimum(after, usual),
+        np.arange(len(samples)),
+        samples.q_deg,
+        np.full(samples.q_deg.shape, np.nan),
+        samples.tau_Nm,
+        samples.temperature_C,
+        np.zeros(samples.q_deg.shape),
+    )
+
+
+def _scatter_deg_s(samples: Samples) -> float:
+    """Return the speed that the scatter of standing joints feigns."""
+    step_s = np.diff(samples.time_s)
+    travel = np.abs(np.diff(samples.q_deg, axis=0)).max(axis=1, initial=0.0)
+    small = travel[travel <= np.quantile(travel, 2.0 * STANDS)]
+    return SCATTER * float(np.median(small)) / max(0.3, float(np.median(step_s)))
+
+
+def by_time(stations: Stations, time_s: Array, fit: Fit, offset_s: float | None = None) -> Clocks:
+    """Join readings to where the arm stood, whatever their clocks differ by.
+
+    Offsets that bring most readings into steady phases are compared by the nominal arm: a plan
+    whose poses take equally long fits as well a pose later, the positions do not.
+
+    Args:
+        stations: where the arm stood.
+        time_s: (N,) times of the readings, on their own clock.
+        fit: the nominal arm fitted to readings at stations.
+        offset_s: what to add to the readings' time; None to find it.
+    """
+    if offset_s is not None:
+        station = _at(stations, time_s + offset_s)
+        return Clocks(station, offset_s, 0.0, int((station >= 0).sum()))
+    some = np.unique(np.linspace(0, len(time_s) - 1, min(len(time_s), COMPARED)).astype(int))
+    tried = []
+    for low, high in _offsets(stations, time_s[some]):
+        middle = 0.5 * (low + high)
+        station = _at(stations, time_s + middle)
+        inside = np.flatnonzero(station >= 0)
+        left_m = fit(inside, station[inside], len(inside))
+        size = np.inf if left_m is None else float(np.median(left_m))
+        tried.append((size, -len(inside), middle, high - low, station))
+    best_m = min(each[0] for each in tried)
+    near = [each for each in tried if each[0] <= 1.5 * best_m or not np.isfinite(best_m)]
+    best = min(near, key=lambda each: (each[1], each[0]))
+    return Clocks(best[4], float(best[2]), float(best[3] / np.sqrt(12.0)), -best[1])
+
+
+def _at(stations: Stations, time_s: Array) -> Index:
+    """Return where the arm stood at each time, -1 where it moved."""
+    before = np.searchsorted(stations.start_s, time_s, side="right") - 1
+    inside = (before >= 0) & (time_s <= stations.end_s[np.maximum(before, 0)])
+    return np.where(inside, before, -1)
+
+
+def _offsets(stations: Stations, time_s: Array) -> list[tuple[float, float]]:
+    """Return ranges of offsets that bring nearly as many readings into steady phases as can be.
+
+    Every reading and phase allow a range of offsets; ranges that most readings share are sought
+    along their ends, in order.
+    """
+    low = (stations.start_s[:, None] - time_s).ravel()
+    high = (stations.end_s[:, None] - time_s).ravel()
+    ends = np.concatenate([low, high])
+    order = np.argsort(ends, kind="stable")
+    count = np.cumsum(np.where(order < len(low), 1, -1))
+    allowed = count[:-1] >= NEARLY * count.max()
+    # Each run of allowed offsets gives its best part.
+    starts = np.flatnonzero(allowed & ~np.concatenate([[False], allowed[:-1]]))
+    found = []
+    for start in starts:
+        stop = start + int(np.argmin(np.append(allowed[start:], False)))
+        run = count[start:stop]
+        best = start + np.flatnonzero(run == run.max())
+        parts = np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)
+        widest = max(parts, key=lambda part: ends[order[part[-1] + 1]] - ends[order[part[0]]])
+        bounds = ends[order[widest[0]]], ends[order[widest[-1] + 1]]
+        found.append((-int(run.max()), -(bounds[1] - bounds[0]), bounds))
+    return [bounds for _, _, bounds in sorted(found)[:CANDIDATES]]
+
+
+def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
+    """Return the row of the joints under each reading's label, -1 where there is none.
+
+    Of a label that both logs have several times, the k-th reading has the k-th joints; joints that
+    were logged once are those of all readings under their label.
+    """
+    rows: dict[str, list[int]] = {}
+    for k, label in enumerate(joints):
+        rows.setdefault(str(label), []).append(k)
+    seen: dict[str, int] = {}
+    found = np.full(len(readings), -1)
+    for i, label in enumerate(map(str, readings)):
+        listed = rows.get(label, [])
+        number = seen.get(label, 0)
+        seen[label] = number + 1
+        if len(listed) == 1:
+            found[i] = listed[0]
+        elif number < len(listed):
+            found[i] = listed[number]
+    return found
+
+
+def shifted(station: Index, stations: int, fit: Fit) -> Shift | None:
+    """Return whether readings fit the joints a row away, and from which reading on.
+
+    Args:
+        station: (N,) row of the joints of each reading, as joined; -1 for none.
+        stations: how many rows the joints have.
+        fit: the nominal arm fitted to readings at rows of the joints.
+    """
+    rows = np.flatnonzero(station >= 0)
+    count = len(rows)
+    if count < 4 * FEW:
+        return None
+    left = _misfits(rows, station[rows], stations, fit)
+    if left is None:
+        return None
+    typical = float(np.nanmedian(np.nanmin(left, axis=0)))
+    # Beyond some size it does not matter how far a row is off.
+    cost = np.minimum(np.where(np.isfinite(left), left, np.inf), 50.0 * max(typical, 1e-5))
+    sums = np.concatenate([np.zeros((3, 1)), np.cumsum(cost, axis=1)], axis=1)
+    before, after = sums, sums[:, -1:] - sums
+    total = before[:, None, :] + after[None, :, :]  # shift before, shift after, reading
+    one, two, first = map(int, np.unravel_index(int(np.argmin(total)), total.shape))
+    one, two = (two if first == 0 else one), (one if first == count else two)
+    if (one, two) == (1, 1):
+        return None
+    moved = np.zeros(count, dtype=bool)
+    if one != 1:
+        moved[:first] = True
+    if two != 1:
+        moved[first:] = True
+    shift = (one if one != 1 else two) - 1
+    if moved.sum() < FEW or (one != 1 and two != 1 and one != two):
+        return None
+    as_joined, as_shifted = (
+        float(np.median(left[each][moved & np.isfinite(left[each])])) for each in (1, shift + 1)
+    )
+    if as_shifted > FITS_M or as_joined < BETTER * max(as_shifted, typical):
+        return None
+    return Shift(int(rows[np.flatnonzero(moved)[0]]), int(shift), as_joined, as_shifted)
+
+
+def _misfits(rows: Index, station: Index, stations: int, fit: Fit) -> Array | None:
+    """Return the misfit (3, N) of readings at the row before, at the joined one and at the next.
+
+    Base and target are those of the part of the readings, as joined or shifted, that fits best.
+    """
+    count = len(rows)
+    third = max(count // 3, 2 * FEW)
+    parts = [np.arange(count), np.arange(third), np.arange(count - third, count)]
+    best: tuple[float, Array] | None = None
+    shifts = np.stack([station - 1, station, station + 1])
+    there = (shifts >= 0) & (shifts < stations)
+    for shift in (1, 0, 2):
+        for part in parts:
+            used = part[there[shift, part]]
+            if len(used) < 2 * FEW:
+                continue
+            # Fitted to this part, judged at all three.
+            known = [(k, np.flatnonzero(there[k])) for k in range(3)]
+            at = np.concatenate([shifts[shift, used], *(shifts[k, each] for k, each in known)])
+            of = np.concatenate([rows[used], *(rows[each] for _, each in known)])
+            left_m = fit(of, at, len(used))
+            if left_m is None:
+                continue
+            left, start = np.full((3, count), np.nan), len(used)
+            for k, each in known:
+                left[k, each] = left_m[start : start + len(each)]
+                start += len(each)
+            size = float(np.median(left_m[: len(used)]))
+            if best is None or size < 0.5 * best[0]:
+                best = size, left
+    return None if best is None or best[0] > FITS_M else best[1]
+
+
+# Two files read as one: rows of the readings, each with the joints it was taken at.
+
+#: Why a reading has no joint positions.
+MOVING = "the arm did not stand still then, by the log of its joints"
+NO_LABEL = "the log of the joints has no such label"
+NO_ROW = "the log of the joints has no such row"
+
+
+@dataclass
+class TwoLogs:
+    """The joints' log and the readings' log of a campaign, read as one file of poses."""
+
+    joints: RawFile
+    readings: RawFile
+    arm: Arm
+    instrument: type[Instrument]
+    stated: Stated
+    still_deg_s: float
+    join: Join
+    notes: list[str] = field(default_factory=list)  # how they were joined
+    totals: dict[str, int] = field(default_factory=dict)  # rows of the joints' log
+
+    @classmethod
+    def of(
+        cls, campaign: CampaignDescription, folder: Path, arm: Arm, still_deg_s: float
+    ) -> TwoLogs:
+        """Return the two logs that campaign.yaml names."""
+        joints, readings = (
+            RawFile.of(campaign, folder, key, arm.prismatic) for key in ("joints", "readings")
+        )
+        measured_by, join = campaign.instrument.type, campaign.join or Join()
+        return cls(joints, readings, arm, measured_by, campaign.stated, still_deg_s, join)
+
+    @property
+    def path(self) -> Path:
+        """Return the file of the readings, whose lines messages name."""
+        return self.readings.path
+
+    @property
+    def names(self) -> list[str]:
+        """Return the columns of the contract that the two have between them."""
+        return list(dict.fromkeys((*self.readings.names, *self.joints.names)))
+
+    @property
+    def measured(self) -> RawColumns:
+        """Return the columns that hold what was measured."""
+        names = [name for name in self.readings.names if base_target_names([name]) == ()]
+        return self.instrument.raw_columns(names)
+
+    def in_own_words(self, text: str) -> str:
+        """Return a text with the files' own names beside those of the contract."""
+        return self.joints.in_own_words(self.readings.in_own_words(text))
+
+    def read(
+        self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
+    ) -> RawRows:
+        """Read columns of the contract, joined; see `RawFile.read`.
+
+        Raises:
+            RawDataError: as `RawFile.read`; when the logs cannot be joined, or when readings are
+                a row away from their joints.
+        """
+        q = position_columns(self.arm.prismatic)
+        of_joints = {*q, *together, *(f"u_{name}" for name in (*q, *together))}
+        own = set(self.readings.names)
+        there = [name for name in required if name not in of_joints]
+        either = own | set(self.joints.names)
+        labels = [
+            name
+            for name in there
+            if name in LABELS and name not in own and (name != "kind" or name in either)
+        ]
+        read = self.readings.read(
+            [name for name in there if name not in labels],
+            [name for name in optional if name not in of_joints],
+        )
+        logged, samples = self._joints_logged(q, together)
+        station, stations = self._joined(read, logged, samples)
+        lost = station < 0
+        reason = {"time": MOVING, "label": NO_LABEL, "row": NO_ROW}[self._by(read, logged)]
+        self.totals = {logged.file: logged.total}
+        columns = dict(read.columns)
+        at = np.maximum(station, 0)
+        torques = dict(zip(together, stations.tau_Nm.T, strict=False))
+        for name, values in (dict(zip(q, stations.q_deg.T, strict=True)) | torques).items():
+            if name in q or np.isfinite(values).any():
+                columns[name] = number_column(values[at])
+        for name, values in zip(q, stations.q_u_deg.T, strict=True):
+            if f"u_{name}" in optional and np.isfinite(values).any():
+                columns[f"u_{name}"] = number_column(values[at])
+        wanted = "temperature_C" in optional and "temperature_C" not in columns
+        if wanted and np.isfinite(stations.temperature_C).all():
+            columns["temperature_C"] = number_column(stations.temperature_C[at])
+        for name in labels:
+            columns |= self._label(name, logged, stations.first[at])
+        columns = _from_the_first(columns)
+        for k, values in enumerate(stations.arrival.T, start=1):
+            columns[f"arrival{k}"] = number_column(values[at])
+        whole = replace(
+            read,
+            columns=columns,
+            unused=(*read.unused, *logged.unused),
+            quarantined=(*read.quarantined, *logged.quarantined),
+            own={**logged.own, **read.own},
+        )
+        return whole.take(~lost, reason, [""] * int(lost.sum()))
+
+    def _joints_logged(self, q: Sequence[str], together: Sequence[str]) -> tuple[RawRows, Samples]:
+        """Read the joints' log, in order of time where it has one."""
+        own = set(self.joints.names)
+        text = [name for name in ("time_s", "pose", "load_N", "repeat", "kind") if name in own]
+        raw = self.joints.read([*q, *text], ["temperature_C"], together)
+        logged = [*q, *(name for name in together if name in raw.columns)]
+        raw = finite(raw, [*logged, *(["time_s"] if "time_s" in text else [])])
+        count, unknown = len(raw.line), np.full(len(raw.line), np.nan)
+        if count == 0:
+            raise RawDataError(
+                "no row of the joints' log can be used",
+                where=str(self.joints.path),
+                value=raw.quarantined[0].reason if raw.quarantined else None,
+                allowed="rows of joint positions",
+                remedy="correct columns.joints",
+            )
+        time_s = raw.numbers_of("time_s").values if "time_s" in text else np.arange(float(count))
+        order = np.argsort(time_s, kind="stable")
+        raw = raw.reordered(order)
+        values = {
+            name: raw.numbers_of(name).values
+            for name in (*logged, "temperature_C")
+            if name in raw.columns
+        }
+        samples = Samples(
+            raw.line,
+            time_s[order],
+            np.column_stack([values[name] for name in q]),
+            np.column_stack([values.get(f"tau{k}_Nm", unknown) for k in range(1, len(q) + 1)]),
+            values.get("temperature_C", unknown),
+        )
+        return raw, samples
+
+    def _by(self, read: RawRows, logged: RawRows) -> str:
+        """Return what joins the two: what campaign.yaml says, else labels, times or rows."""
+        if self.join.by is not None:
+            return self.join.by
+        if "pose" in read.columns and "pose" in logged.columns:
+            return "label"
+        timed = "time_s" in self.joints.names and "time_s" in self.readings.names
+        return "time" if timed else "row"
+
+    def _joined(self, read: RawRows, logged: RawRows, samples: Samples) -> tuple[Index, Stations]:
+        """Return where the arm stood at each reading, and say how that was found."""
+        by, count = self._by(read, logged), len(read.line)
+        stations = stations_of(samples, count if by == "time" else len(samples), self.still_deg_s)
+        fit = self._fit(read, stations)
+        files = f"{self.joints.path.name} and {self.readings.path.name}"
+        if by == "time":
+            time_s = read.numbers_of("time_s").values
+            clocks = by_time(stations, time_s, fit, self.join.clock_offset_s)
+            self._refuse_apart(clocks.inside, count)
+            found = "" if self.join.clock_offset_s is not None else f" ± {2.0 * clocks.u_s:.2g} s"
+            self.notes.append(
+                f"{files} joined by time: the joints' clock is that of the readings "
+                f"{clocks.offset_s:+.2f} s{found}; {clocks.inside} of {count} readings lie in "
+                f"{len(stations)} steady phases"
+            )
+            return clocks.station, stations
+        if by == "label":
+            station = by_label(logged.text_of("pose"), read.text_of("pose"))
+        else:
+            station = np.where(np.arange(count) < len(stations), np.arange(count), -1)
+        self.notes.append(f"{files} joined by {by}")
+        self._refuse_shifted(shifted(station, len(stations), fit), read, by)
+        if by == "row" and count != len(stations):
+            raise RawDataError(
+                "the two logs have different numbers of rows, and nothing else joins them",
+                where=str(self.readings.path),
+                value=f"{count} readings and {len(stations)} rows of joints",
+                allowed="one row of joints for each reading, or labels or times in both",
+                remedy="exclude the rows that the other lacks, or map a time or a label",
+            )
+        return station, stations
+
+    def _fit(self, read: RawRows, stations: Stations) -> Fit:
+        """Return how far readings are from the nominal arm, base and target fitted."""
+        measured = self.measured
+        values = np.column_stack([read.numbers_of(name).values for name in measured.names])
+        unknown = np.full(values.shape, np.nan)
+        usable = np.ones(len(values), dtype=bool)
+        for found in self.instrument.unusable(measured, values):
+            usable &= ~found.rows
+        seen = self.instrument.from_raw(measured, values, unknown, self.stated)
+        T_base_ee = Chain.of(self.arm).forward(in_radians(stations.q_deg, self.arm.prismatic))
+
+        def fit(rows: Index, station: Index, fitted: int) -> Array | None:
+            keep = usable[rows]
+            fitted = int(keep[:fitted].sum())
+            here = seen.take(rows[keep])
+            if fitted < here.least_rows:
+                return None
+            T = T_base_ee[station[keep]]
+            found = robust_misfit(lambda used, weights: here.misfit(T, used, weights), fitted)
+            if found is None:
+                return None
+            left_m = np.full(len(rows), np.nan)
+            left_m[keep] = found.size_m
+            return left_m
+
+        return fit
+
+    def _label(
+        self, name: str, logged: RawRows, rows: Index
+    ) -> dict[str, NumberColumn | NDArray[np.object_]]:
+        """Return a label of the joints' log for each reading; what stands for it without one."""
+        column = logged.columns.get(name)
+        if column is not None:
+            return {name: column.at(rows) if isinstance(column, NumberColumn) else column[rows]}
+        count = np.arange(float(len(rows)))
+        made = {"load_N": 0.0 * count, "time_s": count}
+        # Poses and repeats are made of the joint positions.
+        return {name: number_column(made[name])} if name in made else {}
+
+    def _refuse_apart(self, inside: int, count: int) -> None:
+        if 2 * inside > count:
+            return
+        raise RawDataError(
+            "the two logs cannot be joined by time",
+            where=str(self.readings.path),
+            value=f"{inside} of {count} readings lie where the arm stood, at the best offset of "
+            "the clocks",
+            allowed="readings taken while the arm stands still",
+            remedy="check that both logs are of the same run, and the units and formats of "
+            "columns.joints.time and columns.readings.time",
+        )
+
+    def _refuse_shifted(self, shift: Shift | None, read: RawRows, by: str) -> None:
+        if shift is None:
+            return
+        line = int(read.line[shift.first])
+        place = "from the first row on" if shift.first == 0 else f"from line {line} on"
+        other = "after" if shift.rows > 0 else "before"
+        raise RawDataError(
+            f"{place} the readings fit the joints of the row {other} theirs",
+            where=f"{self.readings.path}:{line}",
+            value=f"the nominal arm is {1e3 * shift.as_joined_m:.0f} mm off as they are joined by "
+            f"{by}, and {1e3 * shift.as_shifted_m:.2g} mm one row {other}",
+            allowed="every reading in the row of its joints",
+            remedy="a row is missing or stands twice there: take it out, or put it in, in one of "
+            f"{self.readings.path.name} and {self.joints.path.name}",
+        )
+
+
+def _from_the_first(
+    columns: dict[str, NumberColumn | NDArray[np.object_]],
+) -> dict[str, NumberColumn | NDArray[np.object_]]:
+    """Return columns with times from the first reading on, where they are counted from 1970."""
+    time = columns.get("time_s")
+    if not isinstance(time, NumberColumn) or not len(time.values):
+        return columns
+    first_s = float(np.nanmin(time.values))
+    if first_s < SINCE_1970:
+        return columns
+    return {**columns, "time_s": replace(time, values=time.values - first_s)}
