@@ -375,3 +375,44 @@ def test_touches_and_resolver_log_under_other_names(raw_campaign):
     np.testing.assert_allclose(
         found.observations.measured.T_instr_target, expected.measured.T_instr_target, atol=1e-9
     )
+
+
+def refused(raw, table, columns, **how):
+    with pytest.raises(Pa10calError) as error:
+        read_campaign(written(raw, table, columns, **how))
+    return str(error.value)
+
+
+def test_a_column_that_is_mapped_twice_is_refused(tracked):
+    raw, table, _ = tracked
+    columns = {"joints": JOINTS, "position": POSITION | {"names": ["X", "Y", "Y"]}}
+    message = refused(raw, own_table(table), columns | {"kind": {"names": "kind"}})
+    assert "a column is mapped twice" in message
+    assert "Y: y_mm and z_mm" in message
+
+
+def test_angles_in_radians_that_are_said_to_be_degrees_are_refused(tracked):
+    raw, table, _ = tracked
+    own = own_table(table)
+    own[["A", "B", "C"]] = numbers_of(table, "euler_ZYX", degrees=False)
+    rotation = {"names": ["A", "B", "C"], "convention": "euler_ZYX", "unit": "deg"}
+    columns = {"joints": JOINTS, "position": POSITION, "rotation": rotation}
+    message = refused(raw, own, columns | {"kind": {"names": "kind"}})
+    assert "look like radians" in message
+    assert "A, B, C" in message
+    assert "rotation.unit: rad" in message
+
+
+def test_a_decimal_comma_that_is_not_stated_is_named(tracked):
+    raw, table, _ = tracked
+    columns = {
+        "separator": ";",
+        "kind": {"names": "kind"},
+        "joints": JOINTS,
+        "position": POSITION,
+        "rotation": {"names": QUATERNION, "convention": "quaternion_wxyz"},
+    }
+    own = own_table(table).join(table[QUATERNION])
+    message = refused(raw, own, columns, sep=";", decimal=",")
+    assert "a decimal comma" in message
+    assert "state decimal: ','" in message

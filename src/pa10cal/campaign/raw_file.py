@@ -105,6 +105,13 @@ class RawFile:
         """Return how it is read, one clause each."""
         return ()
 
+    @property
+    def in_degrees(self) -> Sequence[str]:
+        """Return the columns of angles of attitudes that are said to be in degrees."""
+        turned = None if self.columns is None else self.columns.rotation
+        angles = turned is not None and len(turned.names) == 3 and turned.unit == "deg"
+        return turned.names if turned is not None and angles else ()
+
     @classmethod
     def of(
         cls, campaign: CampaignDescription, folder: Path, key: str, prismatic: NDArray[np.bool_]
@@ -136,6 +143,7 @@ class RawFile:
         if self.columns is None:
             return {}
         self._check_counts(self.columns)
+        self._check_twice(self.columns)
         return dict(own_columns(self.columns, self.prismatic))
 
     def in_own_words(self, text: str) -> str:
@@ -280,6 +288,24 @@ class RawFile:
                         else f"{count}, as {columns.rotation and columns.rotation.convention} has",
                         remedy="name as many, in order",
                     )
+
+    def _check_twice(self, columns: FileColumns) -> None:
+        """Refuse a column that is mapped to two quantities."""
+        where = f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}"
+        uses: dict[str, set[str]] = {}
+        for ours, source in own_columns(columns, self.prismatic):
+            if not ours.startswith("u_"):  # one uncertainty may be that of several
+                for name in source.name.split(", "):
+                    uses.setdefault(name, set()).add("rotation" if ours in QUATERNION else ours)
+        twice = [name for name, of in uses.items() if len(of) > 1]
+        if twice:
+            raise RawDataError(
+                "a column is mapped twice",
+                where=where,
+                value=f"{twice[0]}: {' and '.join(sorted(uses[twice[0]]))}",
+                allowed="every column of the file for one quantity",
+                remedy="name the right column for each; pa10cal columns proposes them",
+            )
 
     def _unmapped(self, missing: Sequence[str]) -> RawDataError:
         keys = [key for name in missing for like, key in _KEYS.items() if re.fullmatch(like, name)]

@@ -126,6 +126,8 @@ def refuse_too_many(
         column, in_column = columns.most_common(1)[0]
         one = 2 * in_column > times and " = " in first.value
         look = f"look at column {column} first ({in_column} rows); " if one else ""
+        if first.value.endswith(COMMA):
+            look = "state decimal: ',' under columns in campaign.yaml; "
         raise RawDataError(
             f"{len(listed)} of {totals[name]} rows would be quarantined, "
             f"{times} of them because: {reason}",
@@ -337,6 +339,7 @@ def numbers(
     return raw, parsed
 
 
+COMMA = " (a decimal comma)"
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+")
 
 
@@ -347,7 +350,7 @@ def finite(raw: RawRows, names: Sequence[str], *, may_be_blank: bool = False) ->
     for name, column in zip(names, columns, strict=True):
         for row, text in zip(column.odd, column.text, strict=True):
             if text != "" or not may_be_blank:
-                comma = " (a decimal comma)" if _DECIMAL_COMMA.fullmatch(str(text)) else ""
+                comma = COMMA if _DECIMAL_COMMA.fullmatch(str(text)) else ""
                 wrong.setdefault(int(row), f"{raw.name_of(name)} = {text!r}{comma}")
     keep = np.ones(len(raw.line), dtype=bool)
     keep[list(wrong)] = False

@@ -6,7 +6,7 @@ the nominal model, and against the joints' own motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
@@ -52,6 +52,9 @@ MARGIN_MM = 50.0
 SAME_COMMAND_RAD = np.radians(0.5)
 SAME_COMMAND_M = 5e-3
 #: Attitudes that differ by less are one attitude, and a flange that turns by more has several.
+#: Three turns in radians, read as degrees, turn by no more; and by so much less than the flange.
+RADIANS_RAD = np.radians(3.0 * 2.0 * np.pi)
+LIKE_RADIANS = 8.0
 ONE_ATTITUDE_RAD = 1e-5
 TURNED_RAD = np.radians(5.0)
 #: Scales of lengths that differ from one by more than this are of another unit.
@@ -175,13 +178,16 @@ def off_first(
     return np.asarray((np.abs(q_rad - q_rad[first[configuration]]) > allowed).any(axis=1))
 
 
-def refuse_one_attitude(R: Array | None, T_base_ee: Array, where: object) -> None:
-    """Stop when all attitudes are the same though the arm turned its flange.
+def refuse_one_attitude(
+    R: Array | None, T_base_ee: Array, where: object, in_degrees: Sequence[str] = ()
+) -> None:
+    """Stop when all attitudes are the same, or nearly, though the arm turned its flange.
 
     Args:
         R: (N, 3, 3) measured attitudes; None where none are.
         T_base_ee: (N, 4, 4) nominal poses of the end-effector.
         where: file, for the message.
+        in_degrees: columns of angles that are said to be in degrees; none of quaternions.
 
     Raises:
         RawDataError: naming both spreads.
@@ -189,7 +195,18 @@ def refuse_one_attitude(R: Array | None, T_base_ee: Array, where: object) -> Non
     if R is None or len(R) < LEAST_REPEATS:
         return
     seen, turned = _spread_rad(R), _spread_rad(T_base_ee[:, :3, :3])
-    if seen > ONE_ATTITUDE_RAD or turned < TURNED_RAD:
+    if turned < TURNED_RAD:
+        return
+    if in_degrees and ONE_ATTITUDE_RAD < seen < min(RADIANS_RAD, turned / LIKE_RADIANS):
+        raise RawDataError(
+            "the angles of the attitudes look like radians",
+            where=f"{where}: {', '.join(in_degrees)}",
+            value=f"attitudes within {np.degrees(seen):.2g} deg as degrees, flange turned by "
+            f"{np.degrees(turned):.0f} deg",
+            allowed="angles in the unit that columns states: deg",
+            remedy="set rotation.unit: rad under columns in campaign.yaml",
+        )
+    if seen > ONE_ATTITUDE_RAD:
         return
     raise RawDataError(
         "every row has the same attitude, though the arm turned",

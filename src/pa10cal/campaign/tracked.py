@@ -221,8 +221,9 @@ class _Screen:
 
     def _refuse_units(self, rows: PoseRows) -> None:
         found = rows.observations
+        T_base_ee = Chain.of(self.arm).forward(found.states.q_rad)
         refuse_one_attitude(
-            found.measured.attitudes, Chain.of(self.arm).forward(found.states.q_rad), self.file.path
+            found.measured.attitudes, T_base_ee, self.file.path, self.file.in_degrees
         )
         places_m = found.measured.places_m
         seen = np.isfinite(places_m[..., 0])

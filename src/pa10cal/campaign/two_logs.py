@@ -341,6 +341,11 @@ class TwoLogs:
         names = [name for name in self.readings.names if base_target_names([name]) == ()]
         return self.instrument.raw_columns(names)
 
+    @property
+    def in_degrees(self) -> Sequence[str]:
+        """Return the columns of angles of attitudes that are said to be in degrees."""
+        return self.readings.in_degrees
+
     def in_own_words(self, text: str) -> str:
         """Return a text with the files' own names beside those of the contract."""
         return self.joints.in_own_words(self.readings.in_own_words(text))
