@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import permutations, product
 from typing import Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.hand_eye import hand_eye_from_points
+from pa10cal.frame.hand_eye import LEVER_M, hand_eye_from_points
 
 EulerSequence = Literal["xyz", "XYZ", "zyx", "ZYX", "zyz", "ZYZ"]
 
@@ -71,6 +71,70 @@ def better_convention(T_base_ee: Array, T_instr_target: Array) -> Convention | N
     if left > min(AGREES_RAD, as_read / NEARER):
         return None
     return Convention(name, remedy, as_read, left)
+
+
+@dataclass(frozen=True)
+class OtherAxes:
+    """Axes of the instrument that explain the positions better than those that were read."""
+
+    name: str  # what the columns x, y, z seem to hold
+    left_m: float  # median misfit of the nominal model as read
+    would_leave_m: float  # and with these axes
+
+
+def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | None:
+    """Return how x, y, z of an instrument are exchanged or turned, where that explains the rows.
+
+    The base is fitted, so positions alone tell a mirrored frame and not which axis it is; measured
+    attitudes tell which, and exchanged axes too. None where the axes fit as they are.
+
+    Args:
+        T_base_ee: (P, 4, 4) nominal end-effector [m].
+        p_m: (P, 3) positions of one target.
+        R: (P, 3, 3) its attitudes; None where none were measured.
+    """
+    some = np.linspace(0, len(p_m) - 1, min(len(p_m), MOST)).astype(int)
+    T_base_ee, p_m = T_base_ee[some], p_m[some]
+    as_read = _misfit_m(T_base_ee, p_m)
+    if len(p_m) < ENOUGH or as_read is None:
+        return None
+    tried = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            axes = np.diag(signs)[:, list(order)]
+            if R is None and np.linalg.det(axes) > 0.0:
+                continue
+            other_m = p_m @ axes.T
+            left = _misfit_m(T_base_ee, other_m)
+            R_ee = None if left is None or R is None else modelled_attitudes(T_base_ee, other_m)
+            turn = 0.0 if R_ee is None or R is None else attitude_scatter(R_ee, R[some])
+            if left is not None:
+                # The plainest of equals: fewest axes exchanged, fewest signs.
+                plain = (list(order) != [0, 1, 2], sum(sign < 0.0 for sign in signs))
+                tried.append((round(left + LEVER_M * turn, 3), plain, left, turn, order, signs))
+    if not tried:
+        return None
+    _, plain, left, turn, order, signs = min(tried)
+    if plain == (False, 0) or turn > AGREES_RAD or (as_read < NEARER * left and R is None):
+        return None
+    R_read = None if R is None else modelled_attitudes(T_base_ee, p_m)
+    turn_read = 0.0 if R is None or R_read is None else attitude_scatter(R_read, R[some])
+    if as_read + LEVER_M * turn_read < NEARER * (left + LEVER_M * turn):
+        return None
+    if R is None:
+        return OtherAxes("mirrored: a left-handed frame", as_read, left)
+    held = ", ".join(f"{'-' if signs[k] < 0.0 else ''}{'xyz'[k]}" for k in order)
+    return OtherAxes(f"{held} in place of x, y, z", as_read, left)
+
+
+def _misfit_m(T_base_ee: Array, p_m: Array) -> float | None:
+    """Return the median misfit of the nominal arm, base and target fitted; None without a fit."""
+    try:
+        found = hand_eye_from_points(T_base_ee, p_m[:, None])
+    except CalibrationError:
+        return None
+    off_m = p_m - found.targets(T_base_ee)[:, 0, :3, 3]
+    return float(np.median(np.linalg.norm(off_m, axis=1)))
 
 
 def modelled_attitudes(T_base_ee: Array, p_instr_m: Array) -> Array | None:

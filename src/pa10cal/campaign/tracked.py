@@ -14,6 +14,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.base_motion import base_target_names, refuse_base_targets, steadied
 from pa10cal.campaign.bounds import Bounds
+from pa10cal.campaign.conventions import other_axes
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.labels import (
@@ -171,6 +172,8 @@ class _Screen:
         warnings: tuple[str, ...] = ()
         if misfit is not None:
             warnings = _poor_fit(misfit)
+            if warnings:
+                self._refuse_other_axes(rows)
             off_m = off_model(misfit, rows.observations.kind == "holdout")
             rows, off = self._without(rows, off_m, OFF_MODEL)
             listed += off
@@ -268,6 +271,28 @@ class _Screen:
                 remedy=f"convert the columns to {right}, or state their unit under columns in "
                 "campaign.yaml",
             )
+
+    def _refuse_other_axes(self, rows: PoseRows) -> None:
+        """Stop when exchanged or mirrored axes of the instrument explain what is far off."""
+        measured = rows.observations.measured
+        if measured.places_m.shape[2] != 3:
+            return
+        seen = np.isfinite(measured.places_m[..., 0])
+        best = int(seen.sum(axis=0).argmax())
+        T_base_ee = Chain.of(self.arm).forward(rows.observations.states.q_rad)[seen[:, best]]
+        R = None if measured.attitudes is None else measured.attitudes[seen[:, best]]
+        found = other_axes(T_base_ee, measured.places_m[seen[:, best], best], R)
+        if found is None:
+            return
+        raise RawDataError(
+            f"the instrument's axes are {found.name}",
+            where=f"{self.file.path}: {self._target(best)}",
+            value=f"the nominal arm, base and target fitted, is {1e3 * found.left_m:.0f} mm off, "
+            f"and {1e3 * found.would_leave_m:.2g} mm with these axes",
+            allowed="positions in a right-handed frame, attitudes in the same",
+            remedy="exchange the columns, or turn the sign of one, in the instrument's software or "
+            "in the names that campaign.yaml maps",
+        )
 
     def _misfit(self, rows: PoseRows, q_rad: Array) -> Misfit | None:
         measured = rows.observations.measured
