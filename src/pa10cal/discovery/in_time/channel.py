@@ -12,12 +12,12 @@ from scipy.stats import rankdata
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.finding import Fault
-from pa10cal.discovery.in_time.find import find_in_time
 from pa10cal.discovery.in_time.wander import (
     STILL,
     InTime,
     Wander,
     by_base,
+    find_in_time,
     motions_along,
     sizes_of_six,
 )
