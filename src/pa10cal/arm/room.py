@@ -1,22 +1,31 @@
 """Where an arm and what it carries may go: constraints on postures, by the nominal chain.
 
+Candidates for poses to measure are drawn evenly over the joints' ranges, and kept within these.
 Links count as straight lines from joint to joint; how thick they are is not known here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
+from scipy.stats import qmc
 
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arrays import Array, Mask
 
 #: Directions shorter than this have none [m].
 _NOWHERE_M = 1e-12
+#: Joint positions are chosen as files have them [deg, mm].
+_DECIMALS = 3
+#: Postures drawn at once, a power of two as Sobol's sequence needs, and how often at most.
+_AT_ONCE = 2**14
+_MOST_DRAWS = 60
+#: After so many draws of which nothing is left, nothing will be.
+_HOPELESS = 6
 
 
 @dataclass(frozen=True)
@@ -50,6 +59,11 @@ class Postures:
     def p_base_tool(self) -> Array:
         """Return the end and its targets, (P, 1 + B, 3)."""
         return np.concatenate([self.p_base_end[:, None], self.p_base_targets], axis=1)
+
+    @property
+    def p_base_first(self) -> Array:
+        """Return the first target, or the end where there is none, (P, 3)."""
+        return self.p_base_tool[:, :2][:, -1]
 
     def take(self, rows: Mask) -> Postures:
         """Return some of the postures."""
@@ -105,7 +119,7 @@ class Within:
 
     def allows(self, at: Postures) -> Mask:
         """Return which postures have the target in the box."""
-        return self.box.holds(at.p_base_targets[:, 0])
+        return self.box.holds(at.p_base_first)
 
 
 @dataclass(frozen=True)
@@ -116,7 +130,7 @@ class Reach:
 
     def allows(self, at: Postures) -> Mask:
         """Return which postures have the target in the sphere."""
-        away = np.linalg.norm(at.p_base_targets[:, 0], axis=1)
+        away = np.linalg.norm(at.p_base_first, axis=1)
         return np.asarray(away <= self.radius_m, dtype=np.bool_)
 
 
@@ -225,6 +239,52 @@ def admissible(at: Postures, constraints: Sequence[Constraint]) -> tuple[Mask, l
         removed.append(int((~kept).sum()))
         allowed[np.flatnonzero(allowed)[~kept]] = False
     return allowed, removed
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Poses that could be measured."""
+
+    q: Array  # (N, n) joint positions [rad, or m of a prismatic joint]
+    drawn: int  # how many were drawn
+    # how many of these each constraint removed, by what states it
+    removed: dict[str, int]
+
+
+def draw_within(
+    chain: Chain,
+    targets_m: Array,
+    ranges: tuple[Array, Array],
+    constraints: Mapping[str, Constraint],
+    wanted: int,
+    random_seed: int,
+) -> Candidates:
+    """Draw poses by Sobol's sequence, and keep those within all constraints.
+
+    Args:
+        chain: the nominal chain.
+        targets_m: (B, 3) targets on the end.
+        ranges: least and largest joint positions, (n,) each [rad, m].
+        constraints: the quickest first, by what states them.
+        wanted: N at most; fewer where hardly any pose keeps to the constraints.
+        random_seed: of the sequence.
+    """
+    low, high = ranges
+    unit = np.where(chain.arm.prismatic, 1e-3, np.radians(1.0))
+    sobol = qmc.Sobol(chain.arm.n, rng=random_seed)
+    removed = np.zeros(len(constraints), dtype=np.int64)
+    kept: list[Array] = []
+    draws = 0
+    while draws < _MOST_DRAWS and sum(map(len, kept)) < wanted:
+        q = np.round((low + (high - low) * sobol.random(_AT_ONCE)) / unit, _DECIMALS) * unit
+        allowed, fewer = admissible(Postures.of(chain, q, targets_m), [*constraints.values()])
+        kept.append(q[allowed])
+        removed += fewer
+        draws += 1
+        if draws == _HOPELESS and not sum(map(len, kept)):
+            break
+    by_name = dict(zip(constraints, removed.tolist(), strict=True))
+    return Candidates(np.concatenate(kept)[:wanted], draws * _AT_ONCE, by_name)
 
 
 def distance_from_line(points: Array, start: Array, end: Array) -> Array:

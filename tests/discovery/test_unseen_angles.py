@@ -1,10 +1,13 @@
-"""Poses that take joints to angles not seen."""
+"""Poses to measure next of campaigns without repeats: angles not seen, and rivals."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from pa10cal.discovery.next_poses.separate import fill
+from pa10cal.discovery.next_poses import fill
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
+from pa10cal.terms.effects.effect import candidates
 
 TURN = 2.0 * np.pi
 
@@ -29,3 +32,21 @@ class TestFill:
     def test_there_are_none_where_all_was_seen(self, nothing_hidden, count):
         whole = AnglesSeen((np.array([[0.0, TURN]]),) * 6, (True,) * 6)
         assert fill(nothing_hidden.survey, whole, count) == ()
+
+
+def test_what_is_ambiguous_among_poses_without_repeats_comes_apart_too(eccentric):
+    verdict = eccentric.discovery
+    (finding,) = verdict.findings
+    (rival,) = (
+        each
+        for each in candidates(verdict.context)
+        if (each.id, each.of) == ("gear_ratio_error", finding.of)
+    )
+    ambiguous = replace(verdict, findings=(replace(finding, alternatives=(rival,)),))
+    found = ambiguous.next_poses(3)
+    (separation,) = found.separations
+    nats = [separation.before_nats, *(pose.separation_nats for pose in found.poses)]
+    assert len(nats) == 4
+    assert np.all(np.diff(nats) > 0.0)
+    assert separation.after_nats == nats[-1]
+    assert verdict.next_poses(3).separations is None

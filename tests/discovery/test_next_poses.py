@@ -1,6 +1,6 @@
 """What to measure next, put to the test: measure it in the virtual cell, and search again."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -19,8 +19,7 @@ from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
 from pa10cal.discovery.linear import residual
-from pa10cal.discovery.next_poses.room import Room, draw_admissible
-from pa10cal.discovery.next_poses.separate import LEAST_NATS, foresee, plan
+from pa10cal.discovery.next_poses import LEAST_NATS, draw_near, plan, predicted
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
@@ -221,9 +220,8 @@ def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, searched):
     assert plan(ratio.problem, searched.fit, [], 5).poses == ()
 
 
-def test_drawn_configurations_keep_within_the_room(ratio):
-    room = Room()
-    q_rad = draw_admissible(ratio.problem, 300, room, np.random.default_rng(0))
+def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio):
+    q_rad = draw_near(ratio.problem, 300, 0)
     low, high = ARM.limits_rad.T
     assert q_rad.shape == (300, 6)
     assert np.all((q_rad > low + 0.049 * (high - low)) & (q_rad < high - 0.049 * (high - low)))
@@ -232,28 +230,31 @@ def test_drawn_configurations_keep_within_the_room(ratio):
         "pij,bj->pbi", T[:, :3, :3], ratio.problem.setup.p_ee_targets_m
     )
     for p_base in (T[:, None, :3, 3], balls):
-        assert p_base[..., 2].min() > room.floor_m
-        assert np.hypot(p_base[..., 0], p_base[..., 1]).min() > room.column_m
-    T_instr_base = ratio.problem.baseline.T_instr_base
-    p_instr = T[:, :3, 3] @ T_instr_base[:3, :3].T + T_instr_base[:3, 3]
-    measured = ratio.problem.cells.measured.T_instr_target[:, :3, 3]
-    assert np.all(p_instr > measured.min(axis=0) - 0.3)
-    assert np.all(p_instr < measured.max(axis=0) + 0.3)
-    assert np.ptp(p_instr, axis=0) == pytest.approx(np.ptp(measured, axis=0) + 0.6, rel=0.1)
+        assert p_base[..., 2].min() > 0.15
+        assert np.hypot(p_base[..., 0], p_base[..., 1]).min() > 0.25
+    of_measured = Chain.of(ARM).forward(ratio.problem.cells.states.q_rad)
+    first = ratio.problem.setup.p_ee_targets_m[0]
+    measured = of_measured[:, :3, 3] + of_measured[:, :3, :3] @ first
+    low, high = measured.min(axis=0) - 0.3, measured.max(axis=0) + 0.3
+    assert np.all((balls[:, 0] > low) & (balls[:, 0] < high))
+    room = high - np.maximum(low, [-np.inf, -np.inf, 0.15])
+    assert np.ptp(balls[:, 0], axis=0) == pytest.approx(room, rel=0.1)
 
 
-def test_refuses_where_there_is_no_room(ratio):
+def test_refuses_where_there_is_no_room(ratio, monkeypatch):
+    monkeypatch.setattr("pa10cal.discovery.next_poses._CLEARANCE_M", 5.0)
     with pytest.raises(DiscoveryError, match="no configuration"):
-        draw_admissible(ratio.problem, 10, Room(floor_m=5.0), np.random.default_rng(0))
+        draw_near(ratio.problem, 10, 0)
 
 
-def test_what_is_foreseen_is_what_was_measured(ratio):
+def test_what_is_predicted_is_what_was_measured(ratio):
     """In configurations of the campaign itself."""
     readings, noise = ratio.problem.readings, ratio.problem.noise
     rows = np.arange(0, len(readings), 13)
     measured = readings.take(rows)
     states = measured.states
-    ahead = foresee(ratio.problem, ratio.start, states.q_rad, states.load_N, states.arrival)
+    nan = np.full(states.tau_Nm.shape, np.nan)
+    ahead = predicted(ratio.problem, ratio.start, replace(states, tau_Nm=nan, static_loads=None))
     poses = ahead.cells
     assert poses.measured.T_instr_target[:, :3, 3] == pytest.approx(
         measured.measured.T_instr_target[:, :3, 3], abs=5e-4
