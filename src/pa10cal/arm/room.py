@@ -60,11 +60,6 @@ class Postures:
         """Return the end and its targets, (P, 1 + B, 3)."""
         return np.concatenate([self.p_base_end[:, None], self.p_base_targets], axis=1)
 
-    @property
-    def p_base_first(self) -> Array:
-        """Return the first target, or the end where there is none, (P, 3)."""
-        return self.p_base_tool[:, :2][:, -1]
-
     def take(self, rows: Mask) -> Postures:
         """Return some of the postures."""
         return Postures(
@@ -113,13 +108,14 @@ class Box:
 
 @dataclass(frozen=True)
 class Within:
-    """The target, the first of them, stays in a box."""
+    """The target, the first of them, stays in a box; or the end."""
 
     box: Box
+    end: bool = False
 
     def allows(self, at: Postures) -> Mask:
-        """Return which postures have the target in the box."""
-        return self.box.holds(at.p_base_first)
+        """Return which postures have the target, or the end, in the box."""
+        return self.box.holds(at.p_base_end if self.end else at.p_base_targets[:, 0])
 
 
 @dataclass(frozen=True)
@@ -130,7 +126,7 @@ class Reach:
 
     def allows(self, at: Postures) -> Mask:
         """Return which postures have the target in the sphere."""
-        away = np.linalg.norm(at.p_base_first, axis=1)
+        away = np.linalg.norm(at.p_base_targets[:, 0], axis=1)
         return np.asarray(away <= self.radius_m, dtype=np.bool_)
 
 

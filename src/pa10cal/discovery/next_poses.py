@@ -67,7 +67,7 @@ _MOST_MEASURED = 1000
 
 #: Part of each joint's range kept clear at either end.
 _LIMIT_MARGIN = 0.05
-#: The target, or the end, keeps within the box of the measured places, widened to every side by
+#: The end keeps within the box of the measured places, widened to every side by
 #: half its size, and at least by so much [m].
 _LEAST_MARGIN_M = 0.3
 #: End and targets stay so far above the base's origin, and so far off its axis, unless poses were
@@ -111,13 +111,13 @@ def draw_near(measured: Problem | Survey, count: int, random_seed: int) -> Array
 
 def _near(measured: Postures) -> dict[str, Constraint]:
     """Return where arm and tool may go, by the postures that were measured."""
-    first, end = measured.p_base_first, measured.p_base_end
-    low, high = first.min(axis=0), first.max(axis=0)
+    end = measured.p_base_end
+    low, high = end.min(axis=0), end.max(axis=0)
     margin = np.maximum(0.5 * (high - low), _LEAST_MARGIN_M)
     off_axis = float(np.hypot(end[:, 0], end[:, 1]).min())
     return {
-        "near the measured poses": Within(Box(low - margin, high + margin)),
-        "above the floor": Above(min(_FLOOR_M, float(end[:, 2].min()))),
+        "near the measured poses": Within(Box(low - margin, high + margin), end=True),
+        "above the floor": Above(min(_FLOOR_M, float(low[2]))),
         "off the column": OffColumn(min(_COLUMN_M, off_axis)),
         "off the links": OffLinks(_CLEARANCE_M),
     }
@@ -164,7 +164,7 @@ def plan(
     if not rivals:
         return Plan((), ())
     pool = _pool(problem, random_seed)
-    pairs = separations(problem, found, rivals, predicted(problem, found, pool))
+    pairs = _separations(problem, found, rivals, predicted(problem, found, pool))
     before, count = [pair.value for pair in pairs], min(count, len(pool))
     for pair in pairs:
         one_by_one(pair, count)
@@ -256,93 +256,126 @@ def _suggested(
 # How far rivals are apart, by rows of what was measured and of what could be.
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Rows:
-    """Rows of C poses with b components each, by the noise of readings and of poses."""
+    """Rows of poses with b components each, of unit variance: C measured, then N candidates."""
 
-    # (C, b, k) of the model's own parameters and of the errors common to all poses, at the size
+    found: Fit
+    measured: int  # C
+    # (C + N, b, k) of the model's own parameters and of the errors common to all poses, at the size
     # expected of them
     own: Array
-    effects: dict[Effect, Array]  # (C, b, k') of each effect, a unit of each parameter
-    factors: dict[Effect, Array]  # (k', k') of each effect, for the size expected of it
+    sized: dict[Effect, Array]  # (C + N, b, k') of each effect, at the size that is granted to it
+    as_found: dict[Effect, Array]  # (C + N, b, 1) of each effect of the fit, in its own amount
+
+    def separation(self, truth: Effect, rival: Effect | None, poses: int) -> Separation:
+        """Return how far an effect is from its rival, if it is the truth, by some poses so far."""
+        effect = self._if_true(truth, rival)
+        rows = np.concatenate([self._adjustable(truth, rival), effect], axis=2)
+        _, b, k = rows.shape
+        known = np.concatenate([rows[: self.measured].reshape(-1, k), np.eye(k)])
+        return Separation(rows[self.measured :], known, effect.shape[2], poses * b)
+
+    def _adjustable(self, truth: Effect, rival: Effect | None) -> Array:
+        """Return rows of all that may be adjusted, the rival last."""
+        effects = [effect for effect in self.found.effects if effect not in (truth, rival)]
+        effects += [] if rival is None else [rival]
+        return np.concatenate([self.own, *(self.sized[effect] for effect in effects)], axis=2)
+
+    def _if_true(self, truth: Effect, rival: Effect | None) -> Array:
+        """Return the rows (C + N, b, m) of an effect taken for the truth.
+
+        In the amount found; else in that with which it passes for its rival that was found; else in
+        what is plausible of each parameter, on average over its shapes.
+        """
+        if truth in self.as_found:
+            return self.as_found[truth]
+        sized = self.sized[truth]
+        if rival is None or rival not in self.as_found:
+            return np.asarray(sized / (_ANY_SIZE * np.sqrt(len(truth.starts))))
+        columns = self._adjustable(rival, truth)[: self.measured]
+        k = columns.shape[2]
+        rows = np.concatenate([columns.reshape(-1, k), np.eye(k)])
+        target = np.append(self.as_found[rival][: self.measured], np.zeros(k))
+        passes = np.linalg.lstsq(rows, target, rcond=None)[0][-sized.shape[2] :]
+        return np.asarray(sized @ passes[:, None])
 
 
-def separations(
+def _separations(
     problem: Problem, found: Fit, rivals: Sequence[Pair], ahead: Problem
 ) -> list[Combined]:
     """Return, for every pair, the lesser separation of either effect from the other.
 
-    Args:
-        problem: the campaign.
-        found: a fit to it.
-        rivals: effects and what may stand in their place.
-        ahead: the same for poses that could be measured.
-
     Raises:
-        DiscoveryError: when an effect needs what is not known of these poses.
+        DiscoveryError: when an effect needs what is not known of the poses ahead.
     """
     members = (effect for pair in rivals for effect in pair if effect is not None)
     effects = tuple(dict.fromkeys([*found.effects, *members]))
-    now, then = _rows(problem, found, effects), _rows(ahead, found, effects)
+    factors, now = _by_parameters(problem, found, effects)
+    own, *each = map(
+        np.concatenate, zip(now, _by_parameters(ahead, found, effects)[1], strict=True)
+    )
+    sizes = {effect: SIZES[size] for effect, size in zip(found.effects, found.sizes, strict=True)}
+    by_effect = dict(zip(effects, each, strict=True))
+    rows = _Rows(
+        found=found,
+        measured=len(now[0]),
+        own=own,
+        sized={
+            effect: by_effect[effect] @ factor * sizes.get(effect, _ANY_SIZE)
+            for effect, factor in zip(effects, factors, strict=True)
+        },
+        as_found={
+            effect: by_effect[effect][..., : effect.linear]
+            @ found.of(effect)[: effect.linear, None]
+            for effect in found.effects
+        },
+    )
     poses = len(np.unique(problem.cells.pose))
-
-    def from_rival(truth: Effect, rival: Effect | None) -> Separation:
-        amount = _taken_for_true(found, now, truth, rival)
-        known, white = (
-            np.concatenate(
-                [_adjustable(found, rows, truth, rival), rows.effects[truth] @ amount], 2
-            )
-            for rows in (now, then)
-        )
-        _, b, k = white.shape
-        known = np.concatenate([known.reshape(-1, k), np.eye(k)])
-        return Separation(white, known, amount.shape[1], poses * b)
-
-    return [
-        Combined([from_rival(a, b), *([] if b is None else [from_rival(b, a)])]) for a, b in rivals
-    ]
+    pairs = []
+    for effect, rival in rivals:
+        ways = [rows.separation(effect, rival, poses)]
+        if rival is not None:
+            ways.append(rows.separation(rival, effect, poses))
+        pairs.append(Combined(ways))
+    return pairs
 
 
-def _rows(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> _Rows:
-    """Return the rows of a problem's poses.
+def _by_parameters(
+    problem: Problem, found: Fit, effects: tuple[Effect, ...]
+) -> tuple[list[Array], list[Array]]:
+    """Return what is expected of effects, and rows of a problem's poses.
+
+    Returns:
+        The factors (k', k') of each effect, and rows (C, b, k) of all that is common to the rivals,
+        at its size, then of a unit of the parameters of each effect.
 
     Raises:
-        DiscoveryError: when an effect needs what is not known of them.
+        DiscoveryError: when an effect needs what is not known of the poses.
     """
-    lin = linearise(problem, found, effects)
-    blocks = [block.pose for block in lin.blocks]
-    own = _scaled(problem.pose, found.pose_variance, np.hstack([lin.own, problem.pose.common]))
-    rows = [_scaled(problem.pose, found.pose_variance, block) for block in blocks]
+    lin, pose = linearise(problem, found, effects), problem.pose
+    rows = [np.hstack([lin.own, pose.common]), *(block.pose for block in lin.blocks)]
+    rows = [_scaled(pose, found.pose_variance, each) for each in rows]
     if problem.torque is not None and any(shows_torque(effect) for effect in effects):
+        torque = problem.torque
         # Nothing but effects is seen in poses and torques both.
-        torque, variance = problem.torque, found.torque_variance
-        common = _scaled(torque, variance, torque.common)
-        first, last = own.shape[2], common.shape[2]
-        own = np.concatenate(
-            [
-                np.pad(own, [(0, 0), (0, 0), (0, last)]),
-                np.pad(common, [(0, 0), (0, 0), (first, 0)]),
-            ],
-            axis=1,
-        )
+        first, last = rows[0].shape[2], torque.common.shape[1]
+        rows[0] = np.pad(rows[0], [(0, 0), (0, 0), (0, last)])
+        of_torques = [np.pad(torque.common, [(0, 0), (first, 0)])]
+        of_torques += [block.torque for block in lin.blocks]
         rows = [
-            np.concatenate([row, _scaled(torque, variance, block.torque)], axis=1)
-            for row, block in zip(rows, lin.blocks, strict=True)
+            np.concatenate([each, _scaled(torque, found.torque_variance, more)], axis=1)
+            for each, more in zip(rows, of_torques, strict=True)
         ]
-    for effect, row in zip(effects, rows, strict=True):
-        if not np.all(np.isfinite(row)):
+    for effect, each in zip(effects, rows[1:], strict=True):
+        if not np.all(np.isfinite(each)):
             raise DiscoveryError(
                 "the effect depends on a quantity that is unknown for future poses",
                 where=f"{effect.id} of {effect.of}",
                 allowed="effects of logged quantities",
                 remedy="omit the effect",
             )
-    factors = [block.factor for block in lin.blocks]
-    return _Rows(
-        own,
-        dict(zip(effects, rows, strict=True)),
-        dict(zip(effects, factors, strict=True)),
-    )
+    return [block.factor for block in lin.blocks], rows
 
 
 def _scaled(channel: NoiseModel, variance: float, rows: Array) -> Array:
@@ -352,43 +385,6 @@ def _scaled(channel: NoiseModel, variance: float, rows: Array) -> Array:
     """
     scaled = rows / np.sqrt(1.0 + variance * channel.shared_size)[:, None]
     return scaled.reshape(len(channel.whitener), -1, rows.shape[1])
-
-
-def _adjustable(found: Fit, rows: _Rows, truth: Effect, rival: Effect | None) -> Array:
-    """Return rows of all that may be adjusted, the rival last, (C, b, k)."""
-    sizes = {effect: SIZES[size] for effect, size in zip(found.effects, found.sizes, strict=True)}
-    effects = [effect for effect in found.effects if effect not in (truth, rival)]
-    columns = [
-        rows.effects[effect] @ rows.factors[effect] * sizes.get(effect, _ANY_SIZE)
-        for effect in (*effects, *([] if rival is None else [rival]))
-    ]
-    return np.concatenate([rows.own, *columns], axis=2)
-
-
-def _taken_for_true(found: Fit, now: _Rows, truth: Effect, rival: Effect | None) -> Array:
-    """Return parameters (k', m) of an effect taken for the truth.
-
-    Those found; else those with which it passes for its rival that was found; else what is
-    plausible of each, on average over its shapes.
-    """
-    if truth in found.effects:
-        return _amount(found, truth)[:, None]
-    factor = now.factors[truth]
-    if rival is None or rival not in found.effects:
-        return np.asarray(factor / np.sqrt(len(truth.starts)))
-    columns = _adjustable(found, now, rival, truth)
-    k = columns.shape[2]
-    rows = np.concatenate([columns.reshape(-1, k), np.eye(k)])
-    target = np.concatenate([(now.effects[rival] @ _amount(found, rival)).ravel(), np.zeros(k)])
-    passes = np.linalg.lstsq(rows, target, rcond=None)[0][-len(factor) :]
-    return np.asarray(_ANY_SIZE * factor @ passes)[:, None]
-
-
-def _amount(found: Fit, effect: Effect) -> Array:
-    """Return the parameters of an effect in the fit that it is proportional to, zero the others."""
-    x = found.of(effect).copy()
-    x[effect.linear :] = 0.0
-    return x
 
 
 def predicted(problem: Problem, found: Fit, states: PoseStates) -> Problem:
