@@ -256,45 +256,43 @@ def find_in_time(
     rows = _Rows(at, poses, whitener, (own, static, in_time), left)
     rows.choose_scale()
     times_s = rows.times_s
-    jumps: tuple[Jump, ...] = ()
-    walk, best = (0.0, 0.0), rows.evidence((), 0.0, 0.0)
+    found = Wander(times_s, ())
+    best = rows.evidence(found)
     needed_jump = float(np.log(len(times_s) * len(_JUMPS_M) * len(_TURNS) / _FALSE_RATE))
     needed_walk = float(np.log(len(_WALKS_M) * len(_TURNS) / _FALSE_RATE))
-    while len(jumps) < _MOST_JUMPS:
-        tried: list[tuple[float, tuple[Jump, ...], tuple[float, float], float]] = []
-        if walks and not walk[0]:
-            value, found = rows.best_walk(jumps)
-            tried.append((value, jumps, found, value - best - needed_walk))
-        value, more = rows.best_jump(jumps, walk)
-        if more is not None:
-            tried.append((value, (*jumps, more), walk, value - best - needed_jump))
-        tried = [each for each in tried if each[3] > 0.0]
-        if not tried:
+    while len(found.jumps) < _MOST_JUMPS:
+        tried: list[tuple[float, Wander, float]] = []
+        if walks and not found.walk_m:
+            value, more = rows.best_walk(found)
+            tried.append((value, more, value - best - needed_walk))
+        value, more = rows.best_jump(found)
+        tried.append((value, more, value - best - needed_jump))
+        value, more, beyond = max(tried, key=lambda each: each[2])
+        if beyond <= 0.0:
             break
-        best, jumps, walk, _ = max(tried, key=lambda each: each[3])
-    for jump in jumps:  # a first jump may have stood for a walk
-        less = tuple(each for each in jumps if each != jump)
-        value, without = rows.best_walk(less) if walks else (-np.inf, walk)
+        best, found = value, more
+    for jump in found.jumps if walks else ():  # a first jump may have stood for a walk
+        less = replace(found, jumps=tuple(each for each in found.jumps if each != jump))
+        value, less = rows.best_walk(less)
         if best - value < needed_jump - needed_walk:
-            best, jumps, walk = value, less, without
-    drifts = rows.loses(jumps, walk) > _DRIFTS if in_time.shape[2] else False
-    if not jumps and not walk[0]:
+            best, found = value, less
+    drifts = rows.loses(found) > _DRIFTS if in_time.shape[2] else False
+    if not found.jumps and not found.walk_m:
         return InTime(None, drifts)
-    wander = Wander(times_s, jumps, *walk)
-    amounts = rows.amounts(wander, drifts=drifts)
-    along = motions_along(rows.motions, wander.courses(poses.states.time_s))
-    shift = along * (wander.sizes * amounts)
-    of_walk = shift[:, :, 6 * len(jumps) :].sum(axis=2)
+    amounts = rows.amounts(found, drifts=drifts)
+    along = motions_along(rows.motions, found.courses(poses.states.time_s))
+    shift = along * (found.sizes * amounts)
+    of_walk = shift[:, :, 6 * len(found.jumps) :].sum(axis=2)
     rms = [
         float(np.sqrt(np.mean(error_mm(poses.measured, part) ** 2)))
         for part in (shift.sum(axis=2), of_walk)
     ]
     cov = np.asarray(np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener), dtype=np.float64)
     position = np.trace(position_noise(poses.measured, cov), axis1=1, axis2=2)
-    noise_mm = 1e3 * float(np.sqrt(np.median(position))) * rows.scale(wander)
+    noise_mm = 1e3 * float(np.sqrt(np.median(position))) * rows.scale(found)
     if rms[0] < _LEAST_PART * noise_mm:
         return InTime(None, drifts)
-    return InTime(Wander(times_s, jumps, *walk, amounts, (rms[0], rms[1])), drifts)
+    return InTime(replace(found, amounts=amounts, rms_mm=(rms[0], rms[1])), drifts)
 
 
 class _Rows:
@@ -328,34 +326,34 @@ class _Rows:
 
     def choose_scale(self) -> None:
         """Choose the size of effects, in their plausible one, by the evidence."""
-        found = []
+        found, still = [], Wander(self.times_s, ())
         for scale in _SCALES:
             self._scale = scale
-            found.append(max(self.evidence((), 0.0, 0.0), self.best_walk(())[0]))
+            found.append(max(self.evidence(still), self.best_walk(still)[0]))
         self._scale = _SCALES[int(np.argmax(found))]
 
-    def evidence(self, jumps: tuple[Jump, ...], walk_m: float, turn: float) -> float:
+    def evidence(self, wander: Wander) -> float:
         """Return the log evidence of jumps and a walk, the shared error chosen."""
-        return self._evidence(self._reduced(jumps), jumps, walk_m, turn)[0]
+        return self._evidence(wander, self._reduced(wander.jumps))[0]
 
-    def best_walk(self, jumps: tuple[Jump, ...]) -> tuple[float, tuple[float, float]]:
-        """Return the greatest log evidence with a walk, and its size and turn."""
-        reduced = self._reduced(jumps)
-        return max(
-            (self._evidence(reduced, jumps, float(size), turn)[0], (float(size), turn))
+    def best_walk(self, wander: Wander) -> tuple[float, Wander]:
+        """Return the greatest log evidence with another walk, and jumps and walk."""
+        reduced = self._reduced(wander.jumps)
+        tried = [
+            replace(wander, walk_m=float(size), walk_turn=turn)
             for size in _WALKS_M
             for turn in _TURNS
-        )
+        ]
+        values = [self._evidence(each, reduced)[0] for each in tried]
+        return max(values), tried[int(np.argmax(values))]
 
-    def best_jump(
-        self, jumps: tuple[Jump, ...], walk: tuple[float, float]
-    ) -> tuple[float, Jump | None]:
-        """Return the greatest log evidence with one more jump, and that jump."""
+    def best_jump(self, wander: Wander) -> tuple[float, Wander]:
+        """Return the greatest log evidence with one more jump, and jumps and walk."""
         times_s = self.times_s
         apart = np.flatnonzero(np.diff(times_s) > 0.0)
         apart = apart[(apart >= _LEAST_SIDE - 1) & (apart < len(times_s) - _LEAST_SIDE)]
-        taken = {jump.time_s for jump in jumps}
-        best: tuple[float, Jump | None] = (-np.inf, None)
+        taken = {jump.time_s for jump in wander.jumps}
+        best = (-np.inf, wander)
         places = np.unique(np.linspace(0, len(apart) - 1, _COARSE).round().astype(int))
         for _ in range(2):
             tried = [
@@ -366,19 +364,17 @@ class _Rows:
             tried = [jump for jump in tried if jump.time_s not in taken]
             if not tried:
                 break
-            values, sizes = self._scan(tried, jumps, walk)
+            values, sizes = self._scan(tried, wander)
             k = int(np.argmax(values))
             close = [tried[each] for each in np.flatnonzero(values >= values[k] - _AS_GOOD)]
-            best = (
-                float(values[k]),
-                replace(
-                    tried[k],
-                    before_s=close[0].before_s,
-                    after_s=close[-1].after_s,
-                    size_m=sizes[k][0],
-                    turn=sizes[k][1],
-                ),
+            more = replace(
+                tried[k],
+                before_s=close[0].before_s,
+                after_s=close[-1].after_s,
+                size_m=sizes[k][0],
+                turn=sizes[k][1],
             )
+            best = float(values[k]), replace(wander, jumps=(*wander.jumps, more))
             middle = int(np.searchsorted(times_s[apart], tried[k].before_s))
             wide = -(-len(apart) // _COARSE)
             places = np.arange(max(middle - wide, 0), min(middle + wide + 1, len(apart)))
@@ -386,15 +382,13 @@ class _Rows:
 
     def scale(self, wander: Wander) -> float:
         """Return the noise that is left, in the noise by which rows are whitened."""
-        reduced = self._reduced(wander.jumps)
-        return self._evidence(reduced, wander.jumps, wander.walk_m, wander.walk_turn)[2]
+        return self._evidence(wander, self._reduced(wander.jumps))[2]
 
-    def loses(self, jumps: tuple[Jump, ...], walk: tuple[float, float]) -> float:
+    def loses(self, wander: Wander) -> float:
         """Return the log evidence that is lost without the effects of time."""
-        self._with_time = True
-        whole = self.evidence(jumps, *walk)
+        whole = self.evidence(wander)
         self._with_time = False
-        without = self.evidence(jumps, *walk)
+        without = self.evidence(wander)
         self._with_time = True
         return whole - without
 
@@ -404,24 +398,21 @@ class _Rows:
         Where no effect of time shows, what goes with time is theirs.
         """
         self._with_time = drifts
-        reduced = self._reduced(wander.jumps)
-        _, products, _ = self._evidence(reduced, wander.jumps, wander.walk_m, wander.walk_turn)
+        _, products, _ = self._evidence(wander, self._reduced(wander.jumps))
         self._with_time = True
-        sizes, at = self._columns(wander.jumps, wander.walk_m, wander.walk_turn)
+        sizes, at = wander.sizes, self._places(wander)
         gram = products[np.ix_(at, at)] * np.outer(sizes, sizes)
         found: Array = np.linalg.solve(np.eye(len(at)) + gram, products[at, -1] * sizes)
         return found
 
-    def _scan(
-        self, tried: list[Jump], jumps: tuple[Jump, ...], walk: tuple[float, float]
-    ) -> tuple[Array, list[tuple[float, float]]]:
+    def _scan(self, tried: list[Jump], wander: Wander) -> tuple[Array, list[tuple[float, float]]]:
         """Return the greatest log evidence of each as one more jump, with its size and turn."""
-        reduced = self._reduced((*jumps, *tried), keep=False)
-        sizes, at = self._columns(jumps, *walk, more=len(tried))
-        first, values = 6 * len(jumps), np.full(len(tried), -np.inf)
+        reduced = self._reduced((*wander.jumps, *tried), keep=False)
+        at = self._places(wander, more=len(tried))
+        first, values = 6 * len(wander.jumps), np.full(len(tried), -np.inf)
         chosen = [(0.0, 0.0)] * len(tried)
         for products, constant in reduced:
-            taken, determinant = _without(products, at, sizes)
+            taken, determinant = _without(products, at, wander.sizes)
             for k in range(len(tried)):
                 own = np.arange(first + 6 * k, first + 6 * k + 6)
                 inner, across = taken[np.ix_(own, own)], taken[own, -1]
@@ -438,17 +429,13 @@ class _Rows:
         return values, chosen
 
     def _evidence(
-        self,
-        reduced: list[tuple[Array, float]],
-        jumps: tuple[Jump, ...],
-        walk_m: float,
-        turn: float,
+        self, wander: Wander, reduced: list[tuple[Array, float]]
     ) -> tuple[float, Array, float]:
         """Return the log evidence at the best shared error, its products and scale of noise."""
-        sizes, at = self._columns(jumps, walk_m, turn)
+        at = self._places(wander)
         best: tuple[float, Array, float] = (-np.inf, np.zeros((0, 0)), 1.0)
         for products, constant in reduced:
-            taken, determinant = _without(products, at, sizes)
+            taken, determinant = _without(products, at, wander.sizes)
             value = self._log(taken[-1, -1], determinant + constant)
             if value > best[0]:
                 noise = float(np.sqrt(taken[-1, -1] / self._seen))
@@ -460,17 +447,11 @@ class _Rows:
         logarithm = self._seen * np.log(variance) + squares / variance
         return float(-0.5 * logarithm - 0.5 * determinant)
 
-    def _columns(
-        self, jumps: tuple[Jump, ...], walk_m: float, turn: float, more: int = 0
-    ) -> tuple[Array, Index]:
-        """Return sizes and places of the columns of jumps and walk among the products."""
-        parts = [sizes_of_six(jump.size_m, jump.turn) for jump in jumps]
-        at = np.arange(6 * len(jumps))
-        if walk_m:
-            parts += [sizes_of_six(size, turn) for size in wave_sizes(walk_m)]
-            first = 6 * (len(jumps) + more)
-            at = np.concatenate([at, np.arange(first, first + 6 * WAVES)])
-        return np.concatenate([np.zeros(0), *parts]), at
+    def _places(self, wander: Wander, more: int = 0) -> Index:
+        """Return the places of jumps and walk among the products, with so many jumps between."""
+        of_jumps, first = np.arange(6 * len(wander.jumps)), 6 * (len(wander.jumps) + more)
+        of_walk = np.arange(first, first + 6 * WAVES) if wander.walk_m else of_jumps[:0]
+        return np.concatenate([of_jumps, of_walk])
 
     def _reduced(self, jumps: tuple[Jump, ...], *, keep: bool = True) -> list[tuple[Array, float]]:
         """Return products of jumps, walk and data, all held integrated out, at each shared error.
