@@ -19,7 +19,7 @@ from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
 from pa10cal.discovery.linear import residual
-from pa10cal.discovery.next_poses import LEAST_NATS, draw_near, plan, predicted
+from pa10cal.discovery.next_poses import LEAST_NATS, draw_near, predicted, separating_poses
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
@@ -141,7 +141,7 @@ def test_an_effect_and_its_double_come_apart_where_suggested(measure, ratio, sea
     effect, rival = ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2])
     assert names(searched) == [RATIO[:2]]
     assert behind(searched, rival) < APART_NATS  # ambiguous so far
-    found = plan(ratio.problem, searched.fit, [(effect, rival)], 4)
+    found = separating_poses(ratio.problem, searched.fit, [(effect, rival)], 4)
     (separation,) = found.separations
     assert separation.before_nats < 2.0
     assert separation.can_be_split
@@ -160,7 +160,7 @@ def test_a_wrong_name_among_doubles_is_put_right(measure):
     truth, double = (first.effect(id_, "joint 2") for id_ in (ECCENTRIC[0], "encoder_ellipticity"))
     assert found.fit.effects == (double,)  # with these poses, the likelier of the two
     assert behind(found, truth) < APART_NATS
-    further = plan(first.problem, found.fit, [(double, truth)], 4).poses
+    further = separating_poses(first.problem, found.fit, [(double, truth)], 4).poses
     again = measure(*ECCENTRIC, further=further).search()
     assert names(again) == [ECCENTRIC[:2]]
     assert behind(again, double) > APART_NATS
@@ -172,7 +172,7 @@ def test_what_was_not_testable_shows_where_suggested(measure):
     effect = first.effect(*WINDUP[:2])
     assert effect in first.refused
     assert gain(first, effect) < LEAST_NATS
-    found = plan(first.problem, first.start, [(effect, None)], 4)
+    found = separating_poses(first.problem, first.start, [(effect, None)], 4)
     assert found.separations[0].before_nats < LEAST_NATS
     assert found.separations[0].can_be_split
     again = measure(*WINDUP, further=found.poses)
@@ -190,7 +190,7 @@ def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
     )
     for effect, rival in (pair, pair[::-1]):
         there = fit(first.problem, (effect,), (1,), (0.0, 0.0))
-        found = plan(first.problem, there, [(effect, rival)])
+        found = separating_poses(first.problem, there, [(effect, rival)])
         assert found.poses == ()
         assert not found.separations[0].can_be_split
         assert found.separations[0].possible_nats < LEAST_NATS
@@ -199,8 +199,8 @@ def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
 def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, searched):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
     hopeless = (ratio.effect("thermal_growth", "arm"), None)
-    alone = plan(ratio.problem, searched.fit, [pair], 3)
-    both = plan(ratio.problem, searched.fit, [pair, hopeless], 3)
+    alone = separating_poses(ratio.problem, searched.fit, [pair], 3)
+    both = separating_poses(ratio.problem, searched.fit, [pair, hopeless], 3)
     assert [separation.can_be_split for separation in both.separations] == [True, False]
     for one, other in zip(alone.poses, both.poses, strict=True):
         assert np.array_equal(one.q_rad, other.q_rad)
@@ -209,7 +209,9 @@ def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, searched):
 
 def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, searched):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
-    first, again = (plan(ratio.problem, searched.fit, [pair], 5, 3).poses for _ in range(2))
+    first, again = (
+        separating_poses(ratio.problem, searched.fit, [pair], 5, 3).poses for _ in range(2)
+    )
     nats = [suggestion.separation_nats for suggestion in first]
     assert np.all(np.diff(nats) > 0)
     assert [s.q_rad.tolist() for s in first] == [s.q_rad.tolist() for s in again]
@@ -217,7 +219,7 @@ def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, searched):
     for suggestion in first:
         assert set(suggestion.arrive_from) <= {-1.0, 1.0}
         assert suggestion.load_N in (0.0, 44.0)
-    assert plan(ratio.problem, searched.fit, [], 5).poses == ()
+    assert separating_poses(ratio.problem, searched.fit, [], 5).poses == ()
 
 
 def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.next_poses import fill
+from pa10cal.discovery.next_poses import poses_at_unseen_angles
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.terms.effects.effect import candidates
 
@@ -16,7 +16,7 @@ class TestFill:
     def test_suggested_poses_take_joints_to_angles_not_seen(self, nothing_hidden):
         survey = nothing_hidden.survey
         seen = angles_seen(survey.poses.states.q_rad, np.ones(6, dtype=bool))
-        found = fill(survey, seen, 5)
+        found = poses_at_unseen_angles(survey, seen, 5)
         assert len(found) == 5
         for pose in found:
             new = ~seen.each(pose.q_rad[None])[0]
@@ -31,7 +31,7 @@ class TestFill:
     @pytest.mark.parametrize("count", [0, 3])
     def test_there_are_none_where_all_was_seen(self, nothing_hidden, count):
         whole = AnglesSeen((np.array([[0.0, TURN]]),) * 6, (True,) * 6)
-        assert fill(nothing_hidden.survey, whole, count) == ()
+        assert poses_at_unseen_angles(nothing_hidden.survey, whole, count) == ()
 
 
 def test_what_is_ambiguous_among_poses_without_repeats_comes_apart_too(eccentric):

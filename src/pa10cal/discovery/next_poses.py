@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arm.room import (
-    Above,
     Box,
     Constraint,
-    OffColumn,
-    OffLinks,
     Postures,
-    Within,
+    above,
     draw_within,
+    end_within,
+    off_column,
+    off_links,
 )
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
@@ -114,12 +114,12 @@ def _near(measured: Postures) -> dict[str, Constraint]:
     end = measured.p_base_end
     low, high = end.min(axis=0), end.max(axis=0)
     margin = np.maximum(0.5 * (high - low), _LEAST_MARGIN_M)
-    off_axis = float(np.hypot(end[:, 0], end[:, 1]).min())
+    off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
     return {
-        "near the measured poses": Within(Box(low - margin, high + margin), end=True),
-        "above the floor": Above(min(_FLOOR_M, float(low[2]))),
-        "off the column": OffColumn(min(_COLUMN_M, off_axis)),
-        "off the links": OffLinks(_CLEARANCE_M),
+        "near the measured poses": end_within(Box(low - margin, high + margin)),
+        "above the floor": above(min(_FLOOR_M, float(low[2]))),
+        "off the column": off_column(min(_COLUMN_M, off_axis_m)),
+        "off the links": off_links(_CLEARANCE_M),
     }
 
 
@@ -142,7 +142,7 @@ def unresolved(
     return (*rivals, *alone)[:_MOST_PAIRS]
 
 
-def plan(
+def separating_poses(
     problem: Problem, found: Fit, rivals: Sequence[Pair], count: int = 10, random_seed: int = 0
 ) -> Plan:
     """Choose the poses that best separate pairs of effects.
@@ -527,7 +527,7 @@ _DRAWN = 2000
 _TURN = 2.0 * np.pi
 
 
-def fill(
+def poses_at_unseen_angles(
     measured: Problem | Survey, seen: AnglesSeen, count: int, random_seed: int = 0
 ) -> tuple[SuggestedPose, ...]:
     """Choose poses that take joints to angles not seen, the most of them first.

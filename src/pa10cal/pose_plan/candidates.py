@@ -14,18 +14,18 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.room import (
-    Above,
     Box,
     Candidates,
     Constraint,
-    Facing,
-    InSight,
-    KeepOut,
-    OffColumn,
-    OffLinks,
-    Reach,
-    Within,
+    above,
     draw_within,
+    facing,
+    in_sight,
+    keep_out,
+    off_column,
+    off_links,
+    reach,
+    within,
 )
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
@@ -98,25 +98,25 @@ def constraints_of(arm: Arm, options: PlanOptions) -> dict[str, Constraint]:
     found: dict[str, Constraint] = {}
     if options.workspace_mm is not None:
         corners = _MM * np.array(options.workspace_mm)
-        found["workspace_mm"] = Within(Box(corners.min(axis=0), corners.max(axis=0)))
+        found["workspace_mm"] = within(Box(corners.min(axis=0), corners.max(axis=0)))
     if options.reach_mm is not None:
-        found["reach_mm"] = Reach(_MM * options.reach_mm)
+        found["reach_mm"] = reach(_MM * options.reach_mm)
     if options.floor_mm is not None:
-        found["floor_mm"] = Above(_MM * options.floor_mm)
-    found["the tool off the base's axis"] = OffColumn(_COLUMN_SHARE * arm.reach_m)
-    found["the tool off the links"] = OffLinks(_CLEARANCE_SHARE * arm.reach_m)
+        found["floor_mm"] = above(_MM * options.floor_mm)
+    found["the tool off the base's axis"] = off_column(_COLUMN_SHARE * arm.reach_m)
+    found["the tool off the links"] = off_links(_CLEARANCE_SHARE * arm.reach_m)
     boxes = [
         Box(_MM * np.array(box.min_mm), _MM * np.array(box.max_mm)) for box in options.keep_out
     ]
     for number, (box, given) in enumerate(zip(boxes, options.keep_out, strict=True), start=1):
-        found[f"keep-out {number} ({given.name})"] = KeepOut(box)
+        found[f"keep-out {number} ({given.name})"] = keep_out(box)
     if options.instrument_at_mm is not None:
         at = _MM * np.array(options.instrument_at_mm)
         if options.facing_deg is not None:
-            facing = float(np.radians(options.facing_deg))
-            found["facing_deg"] = Facing(at, np.array([0.0, 0.0, 1.0]), facing)
+            most_rad = float(np.radians(options.facing_deg))
+            found["facing_deg"] = facing(at, np.array([0.0, 0.0, 1.0]), most_rad)
         if boxes:
-            found["line of sight"] = InSight(at, tuple(boxes))
+            found["line of sight"] = in_sight(at, boxes)
     return found
 
 

@@ -35,7 +35,12 @@ from pa10cal.discovery.in_time.wander import InTime
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import by_targets, by_terms, mean_error_of_noise_mm, possible_sizes
 from pa10cal.discovery.motor_ripple import JointCause, agreement, joint_series, witnesses
-from pa10cal.discovery.next_poses import fill, plan, unresolved, without_repeats
+from pa10cal.discovery.next_poses import (
+    poses_at_unseen_angles,
+    separating_poses,
+    unresolved,
+    without_repeats,
+)
 from pa10cal.discovery.noise import Noise, noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
 from pa10cal.discovery.short_forms import Arena, Contest
@@ -209,13 +214,13 @@ class VerdictByBlocks(Verdict[Prediction]):
         if rivals and not self.survey.poses.measured.campaigns:
             problem, found = without_repeats(self.survey, self.extended, self.noise)
             try:
-                told = plan(problem, found, rivals, count, random_seed)
+                told = separating_poses(problem, found, rivals, count, random_seed)
             except DiscoveryError:  # the verdict stands without it
                 told = Plan(())
             if told.poses:
                 return told
             separations = told.separations
-        unseen = fill(self.survey, _every_seen(self.survey), count, random_seed)
+        unseen = poses_at_unseen_angles(self.survey, _every_seen(self.survey), count, random_seed)
         return Plan(unseen, separations)
 
     @override

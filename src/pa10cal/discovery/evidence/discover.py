@@ -45,7 +45,7 @@ from pa10cal.discovery.lack_of_fit import (
     pure_error_test,
 )
 from pa10cal.discovery.linear import by_every_joint, possible_sizes, residual
-from pa10cal.discovery.next_poses import plan, unresolved
+from pa10cal.discovery.next_poses import separating_poses, unresolved
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import (
     Prepared,
@@ -104,7 +104,7 @@ class VerdictByRepeats(Verdict[Confirmation]):
             return Plan((), ())
         found = self.judgement.found.fit
         try:
-            return plan(
+            return separating_poses(
                 self.problem, found, unresolved(self.effects, self.not_testable), count, random_seed
             )
         except DiscoveryError:  # the verdict stands without it
