@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.room import Box, Facing, InSight, KeepOut, Postures, Within, admissible
+from pa10cal.arm.room import Box, Postures, admissible, facing, in_sight, keep_out, within
 from pa10cal.files.arms import load_arm
 
 BOX = Box(np.array([-1.0, -0.5, 0.0]), np.array([1.0, 0.5, 2.0]))
@@ -47,8 +47,8 @@ def test_an_arm_keeps_out_of_boxes_and_in_sight():
     at = Postures.of(Chain.of(arm), q, np.array([[0.0, 0.0, 0.1], [0.05, 0.0, 0.1]]))
     wall = Box(np.array([0.4, -2.0, -2.0]), np.array([0.5, 2.0, 0.3]))
     instrument = np.array([3.0, 0.0, 0.2])
-    facing = Facing(instrument, np.array([0.0, 0.0, 1.0]), np.radians(60.0))
-    constraints = [KeepOut(wall), InSight(instrument, (wall,)), facing]
+    looking = facing(instrument, np.array([0.0, 0.0, 1.0]), np.radians(60.0))
+    constraints = [keep_out(wall), in_sight(instrument, (wall,)), looking]
     allowed, removed = admissible(at, constraints)
     assert allowed.sum() + sum(removed) == len(q)
     assert 0 < allowed.sum() < len(q)
@@ -69,6 +69,6 @@ def test_the_first_target_is_what_stays_in_the_workspace():
     flange = Postures.of(Chain.of(arm), q, np.zeros((1, 3)))
     ahead = Postures.of(Chain.of(arm), q, np.array([[0.0, 0.0, 0.2]]))
     p = flange.p_base_end[0]
-    about = Within(Box(p - 0.05, p + 0.05))
-    assert about.allows(flange).all()
-    assert not about.allows(ahead).any()
+    about = within(Box(p - 0.05, p + 0.05))
+    assert about(flange).all()
+    assert not about(ahead).any()

@@ -1,22 +1,30 @@
 """Where an arm and what it carries may go: constraints on postures, by the nominal chain.
 
+Candidates for poses to measure are drawn evenly over the joints' ranges, and kept within these.
 Links count as straight lines from joint to joint; how thick they are is not known here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
+from scipy.stats import qmc
 
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arrays import Array, Mask
 
 #: Directions shorter than this have none [m].
 _NOWHERE_M = 1e-12
+#: Joint positions are chosen as files have them [deg, mm].
+_DECIMALS = 3
+#: Postures drawn at once, a power of two as Sobol's sequence needs, and how often at most.
+_AT_ONCE = 2**14
+_MOST_DRAWS = 60
+#: After so many draws of which nothing is left, nothing will be.
+_HOPELESS = 6
 
 
 @dataclass(frozen=True)
@@ -61,11 +69,8 @@ class Postures:
         return len(self.T_base_ee)
 
 
-class Constraint(Protocol):
-    """Where postures may be."""
-
-    def allows(self, at: Postures) -> Mask:
-        """Return which postures keep to it, (P,)."""
+#: Where postures may be: says which of P postures keep to it, (P,).
+Constraint = Callable[[Postures], Mask]
 
 
 @dataclass(frozen=True)
@@ -97,117 +102,87 @@ class Box:
         return np.asarray((first <= last) & (last >= 0.0) & (first <= 1.0), dtype=np.bool_)
 
 
-@dataclass(frozen=True)
-class Within:
+def within(box: Box) -> Constraint:
     """The target, the first of them, stays in a box."""
-
-    box: Box
-
-    def allows(self, at: Postures) -> Mask:
-        """Return which postures have the target in the box."""
-        return self.box.holds(at.p_base_targets[:, 0])
+    return lambda at: box.holds(at.p_base_targets[:, 0])
 
 
-@dataclass(frozen=True)
-class Reach:
+def end_within(box: Box) -> Constraint:
+    """The end stays in a box."""
+    return lambda at: box.holds(at.p_base_end)
+
+
+def reach(radius_m: float) -> Constraint:
     """The target, the first of them, stays in a sphere about the base's origin."""
-
-    radius_m: float
-
-    def allows(self, at: Postures) -> Mask:
-        """Return which postures have the target in the sphere."""
-        away = np.linalg.norm(at.p_base_targets[:, 0], axis=1)
-        return np.asarray(away <= self.radius_m, dtype=np.bool_)
+    return lambda at: np.linalg.norm(at.p_base_targets[:, 0], axis=1) <= radius_m
 
 
-@dataclass(frozen=True)
-class KeepOut:
+def above(floor_m: float) -> Constraint:
+    """End and targets stay above a height over the base's origin, along the base's z axis."""
+    return lambda at: at.p_base_tool[..., 2].min(axis=1) > floor_m
+
+
+def off_column(column_m: float) -> Constraint:
+    """End and targets stay so far off the base's axis."""
+    return lambda at: np.hypot(*at.p_base_tool[..., :2].T).min(axis=0) > column_m
+
+
+def keep_out(box: Box) -> Constraint:
     """End, targets, and the lines from joint to joint and on to these stay out of a box.
 
     The first joint moves nowhere, so what it stands on may lie in the box.
     """
 
-    box: Box
-
-    def allows(self, at: Postures) -> Mask:
-        """Return which postures keep out."""
-        clear = ~self.box.holds(at.p_base_tool).any(axis=1)
-        links = [*at.p_base_joints[1:], at.p_base_end]
-        for start, end in pairwise(links):
-            clear &= ~self.box.meets(start, end)
-        clear &= ~self.box.meets(at.p_base_end[:, None], at.p_base_targets).any(axis=1)
+    def allows(at: Postures) -> Mask:
+        clear = ~box.holds(at.p_base_tool).any(axis=1)
+        for start, end in pairwise([*at.p_base_joints[1:], at.p_base_end]):
+            clear &= ~box.meets(start, end)
+        clear &= ~box.meets(at.p_base_end[:, None], at.p_base_targets).any(axis=1)
         return np.asarray(clear, dtype=np.bool_)
 
-
-@dataclass(frozen=True)
-class Above:
-    """End and targets stay above a height over the base's origin, along the base's z axis."""
-
-    floor_m: float
-
-    def allows(self, at: Postures) -> Mask:
-        """Return which postures stay above it."""
-        return np.asarray(at.p_base_tool[..., 2].min(axis=1) > self.floor_m, dtype=np.bool_)
+    return allows
 
 
-@dataclass(frozen=True)
-class OffColumn:
-    """End and targets stay off the base's axis."""
+def off_links(clearance_m: float) -> Constraint:
+    """Targets stay so far off the lines from joint to joint."""
 
-    column_m: float
-
-    def allows(self, at: Postures) -> Mask:
-        """Return which postures stay off it."""
-        tool = at.p_base_tool
-        off = np.hypot(tool[..., 0], tool[..., 1]).min(axis=1)
-        return np.asarray(off > self.column_m, dtype=np.bool_)
-
-
-@dataclass(frozen=True)
-class OffLinks:
-    """Targets stay off the lines from joint to joint."""
-
-    clearance_m: float
-
-    def allows(self, at: Postures) -> Mask:
-        """Return which postures keep targets off the links."""
+    def allows(at: Postures) -> Mask:
         clear = np.ones(len(at), dtype=np.bool_)
         for start, end in pairwise(at.p_base_joints):
             away = distance_from_line(at.p_base_targets, start[:, None], end[:, None])
-            clear &= away.min(axis=1, initial=np.inf) > self.clearance_m
+            clear &= away.min(axis=1, initial=np.inf) > clearance_m
         return clear
 
-
-@dataclass(frozen=True)
-class InSight:
-    """The straight lines from the instrument to the targets pass through no box."""
-
-    p_base_instrument: Array  # (3,) where the instrument is
-    boxes: tuple[Box, ...]  # that hide what is behind them
-
-    def allows(self, at: Postures) -> Mask:
-        """Return which postures have all targets in sight."""
-        clear = np.ones(len(at), dtype=np.bool_)
-        for box in self.boxes:
-            clear &= ~box.meets(self.p_base_instrument, at.p_base_targets).any(axis=1)
-        return clear
+    return allows
 
 
-@dataclass(frozen=True)
-class Facing:
-    """An axis of the end points to the instrument, within an angle."""
+def in_sight(p_base_instrument: Array, boxes: Sequence[Box]) -> Constraint:
+    """The straight lines from the instrument (3,) to the targets pass through no box."""
 
-    p_base_instrument: Array  # (3,) where the instrument is
-    axis_ee: Array  # (3,) direction in which the targets look, along the end's axes
-    most_rad: float  # largest angle between that and the way to the instrument
+    def allows(at: Postures) -> Mask:
+        hidden = [box.meets(p_base_instrument, at.p_base_targets).any(axis=1) for box in boxes]
+        return np.asarray(~np.any(hidden, axis=0), dtype=np.bool_)
 
-    def allows(self, at: Postures) -> Mask:
-        """Return which postures face the instrument with every target."""
-        looks = at.T_base_ee[:, :3, :3] @ (self.axis_ee / np.linalg.norm(self.axis_ee))
-        way = self.p_base_instrument - at.p_base_targets
+    return allows
+
+
+def facing(p_base_instrument: Array, axis_ee: Array, most_rad: float) -> Constraint:
+    """An axis of the end points to the instrument, within an angle, seen from every target.
+
+    Args:
+        p_base_instrument: (3,) where the instrument is.
+        axis_ee: (3,) direction in which the targets look, along the end's axes.
+        most_rad: largest angle between that and the way to the instrument.
+    """
+
+    def allows(at: Postures) -> Mask:
+        looks = at.T_base_ee[:, :3, :3] @ (axis_ee / np.linalg.norm(axis_ee))
+        way = p_base_instrument - at.p_base_targets
         away = np.maximum(np.linalg.norm(way, axis=-1), _NOWHERE_M)
         cosine = np.einsum("pbi,pi->pb", way, looks) / away
-        return np.asarray(cosine.min(axis=1) >= np.cos(self.most_rad), dtype=np.bool_)
+        return np.asarray(cosine.min(axis=1) >= np.cos(most_rad), dtype=np.bool_)
+
+    return allows
 
 
 def admissible(at: Postures, constraints: Sequence[Constraint]) -> tuple[Mask, list[int]]:
@@ -221,10 +196,56 @@ def admissible(at: Postures, constraints: Sequence[Constraint]) -> tuple[Mask, l
     removed = []
     for constraint in constraints:
         left = at.take(allowed)
-        kept = constraint.allows(left)
+        kept = constraint(left)
         removed.append(int((~kept).sum()))
         allowed[np.flatnonzero(allowed)[~kept]] = False
     return allowed, removed
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Poses that could be measured."""
+
+    q: Array  # (N, n) joint positions [rad, or m of a prismatic joint]
+    drawn: int  # how many were drawn
+    # how many of these each constraint removed, by what states it
+    removed: dict[str, int]
+
+
+def draw_within(
+    chain: Chain,
+    targets_m: Array,
+    ranges: tuple[Array, Array],
+    constraints: Mapping[str, Constraint],
+    wanted: int,
+    random_seed: int,
+) -> Candidates:
+    """Draw poses by Sobol's sequence, and keep those within all constraints.
+
+    Args:
+        chain: the nominal chain.
+        targets_m: (B, 3) targets on the end.
+        ranges: least and largest joint positions, (n,) each [rad, m].
+        constraints: the quickest first, by what states them.
+        wanted: N at most; fewer where hardly any pose keeps to the constraints.
+        random_seed: of the sequence.
+    """
+    low, high = ranges
+    unit = np.where(chain.arm.prismatic, 1e-3, np.radians(1.0))
+    sobol = qmc.Sobol(chain.arm.n, rng=random_seed)
+    removed = np.zeros(len(constraints), dtype=np.int64)
+    kept: list[Array] = []
+    draws = 0
+    while draws < _MOST_DRAWS and sum(map(len, kept)) < wanted:
+        q = np.round((low + (high - low) * sobol.random(_AT_ONCE)) / unit, _DECIMALS) * unit
+        allowed, fewer = admissible(Postures.of(chain, q, targets_m), [*constraints.values()])
+        kept.append(q[allowed])
+        removed += fewer
+        draws += 1
+        if draws == _HOPELESS and not sum(map(len, kept)):
+            break
+    by_name = dict(zip(constraints, removed.tolist(), strict=True))
+    return Candidates(np.concatenate(kept)[:wanted], draws * _AT_ONCE, by_name)
 
 
 def distance_from_line(points: Array, start: Array, end: Array) -> Array:

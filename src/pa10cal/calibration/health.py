@@ -19,7 +19,7 @@ from pa10cal.calibration.uncertainty import summarise
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import observability, unidentified_directions
 from pa10cal.fit.model_file import model_to_plain
-from pa10cal.numerics.exchange import Criterion, Share, one_by_one
+from pa10cal.numerics.exchange import Information, one_by_one
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.calibration import CalibratedParameter, Covariance
@@ -218,8 +218,8 @@ def poses_needed(ended: FitSummary, u_needed_mm: float) -> PosesNeeded:
     count, scales = len(white), np.outer(scale, scale)
     pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
     information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
-    criterion = Criterion(white[pool] * scale * _POSSIBLE_SCALES, [Share(1.0, len(scale))])
-    order = pool[one_by_one(criterion, min(len(pool), _MOST))]
+    candidates = Information(white[pool] * scale * _POSSIBLE_SCALES)
+    order = pool[one_by_one(candidates, min(len(pool), _MOST))]
     spread = _gram(ended.position) * scales / count
     enough = -(-ended.identifiability.rank // white.shape[1])
 

@@ -62,7 +62,7 @@ def plan(
           --keep-out box.yaml --instrument-at-mm 2500 0 1200 --facing-deg 60
     """
     from pa10cal.errors import SettingsError
-    from pa10cal.pose_plan.plan import plan_poses, read_keep_out, save_plan
+    from pa10cal.pose_plan.plan import plan_poses, read_keep_out
     from pa10cal.settings_reading import parse_section
 
     given: dict[str, Any] = {
@@ -91,7 +91,7 @@ def plan(
     found = plan_poses(
         _arm(robot), instrument, poses, parse_section(PlanOptions, stated, where="plan")
     )
-    save_plan(found, out)
+    found.save(out)
     print("\n".join(_lines(found, out)))
 
 

@@ -440,9 +440,7 @@ class _System:
     @property
     def covariance(self) -> Array:
         """Return the covariance of all unknowns, zero for those that are not free."""
-        full = np.zeros((len(self.sizes),) * 2)
-        full[np.ix_(self.free, self.free)] = self.inverse
-        return full * np.outer(self.sizes, self.sizes)
+        return self._of_all(self.inverse)
 
     def by_stretches(self, stretch: NDArray[np.intp]) -> Array:
         """Return the covariance of all unknowns from how stretches of rows (N,) differ."""
@@ -451,8 +449,12 @@ class _System:
         scores = np.zeros((count, self.columns.shape[1]))
         np.add.at(scores, stretch, self.columns * left[:, None])
         half = self.inverse @ scores.T
+        return self._of_all(half @ half.T * count / max(count - 1, 1))
+
+    def _of_all(self, covariance: Array) -> Array:
+        """Return the covariance of all unknowns from that of the free ones, in sizes."""
         full = np.zeros((len(self.sizes),) * 2)
-        full[np.ix_(self.free, self.free)] = half @ half.T * count / max(count - 1, 1)
+        full[np.ix_(self.free, self.free)] = covariance
         return full * np.outer(self.sizes, self.sizes)
 
     def solved(self) -> tuple[Array, float]:

@@ -14,9 +14,10 @@ there, which bounds the rate of false lines.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import combinations
 from math import factorial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +25,9 @@ from scipy.special import bdtrc
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.linear import by_every_joint
-from pa10cal.discovery.sensor_or_gear import Agreement, Witness
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
+from pa10cal.results import maps
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 #: Probability allowed of one false line in a whole search.
@@ -65,6 +66,86 @@ _CHI2_95_HALF = 1.92
 _TINY = 1e-300
 
 
+# Whose error a joint's error by its angle is: its sensor's, or its gear's. Both turn the joint by
+# the same periodic function of its angle, so poses alone cannot say.
+
+Cause = Literal["sensor", "gear"]
+
+#: Share of the error that the motor must surely follow, or surely not, for a cause to be named: an
+#: interval that ends here still holds "all of it" or "nothing of it", within the error of the map.
+_NEARLY_ALL = 0.7
+_HARDLY_ANY = 0.3
+#: Log-likelihood by which the motor's ripple must prefer one cause over the other, in nats.
+LEAST_NATS = 4.0
+#: Correlation of campaigns or turns from which they agree, and how many arcs it takes.
+LEAST_CORRELATION = 0.8
+LEAST_ARCS = 15
+
+
+class Witness(maps.MotorRipple):
+    """What the motor's ripple of one joint says.
+
+    The residual of the joint has lines a cos(N n p) + b sin(N n p) in p = q + alpha e(q) +
+    beta tau, with e the joint's error (true less commanded angle).
+    """
+
+    @property
+    def excludes_gear(self) -> bool:
+        """Whether the motor surely followed the error."""
+        return self.interval95[0] > 0.0 and self.gain_nats > LEAST_NATS
+
+    @property
+    def excludes_sensor(self) -> bool:
+        """Whether the motor surely did not follow the whole error."""
+        return self.interval95[1] < 1.0 and self.gain_over_one_nats > LEAST_NATS
+
+    @property
+    def likely(self) -> Cause | None:
+        """Return whose error most of it is; None where the ripple does not decide.
+
+        Where the motor followed a part of the error, both err, and the ripple has decided that.
+        """
+        if self.excludes_gear and self.excludes_sensor:
+            return "sensor" if self.alpha > 0.5 else "gear"
+        return self.cause
+
+    @property
+    def cause(self) -> Cause | None:
+        """Return whose error it is; None where the ripple does not decide, or where both err."""
+        low, high = self.interval95
+        if self.excludes_gear and not self.excludes_sensor and high > _NEARLY_ALL:
+            return "sensor"
+        if self.excludes_sensor and not self.excludes_gear and low < _HARDLY_ANY:
+            return "gear"
+        return None
+
+
+class Agreement(maps.Agreement):
+    """How well campaigns, or turns of a joint, agree on its error where both were."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether the error is the joint's own, and not that of a campaign or of a turn."""
+        return self.arcs >= LEAST_ARCS and self.correlation >= LEAST_CORRELATION
+
+
+@dataclass(frozen=True)
+class JointCause:
+    """Whose error a joint's error by its angle is, and what says so."""
+
+    joint: int  # which, from 1
+    witness: Witness | None  # the motor's ripple; None where it shows none
+    # of campaigns or turns; None where no angle was seen in two of them
+    agreement: Agreement | None
+
+    @property
+    def cause(self) -> Cause | None:
+        """Return whose error it is; None where it cannot be said."""
+        if self.witness is None or self.agreement is None or not self.agreement.holds:
+            return None
+        return self.witness.cause
+
+
 @dataclass(frozen=True, eq=False)
 class JointSeries:
     """One joint in P configurations of a campaign."""
@@ -81,14 +162,7 @@ class JointSeries:
 
     def where(self, rows: NDArray[np.bool_]) -> JointSeries:
         """Return some of its configurations."""
-        return JointSeries(
-            self.q_rad[rows],
-            self.left_rad[rows],
-            self.weight[rows],
-            self.error_rad[rows],
-            self.torque_Nm[rows],
-            self.moved[rows],
-        )
+        return JointSeries(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def motor_rad(self, share: float) -> Array:
         """Return the angle at which the motor stands if it followed some of the error."""

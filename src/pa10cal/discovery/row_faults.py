@@ -158,27 +158,22 @@ def _of_readings(
     orders = _orders(readings.take(rows), model)
     whole = float(np.sum(gross.times**2)) + len(readings)
     for row, order in zip(rows.tolist(), orders, strict=True):
-        gain = float(gross.times[row] ** 2 / whole)
+        kind: FaultKind = "outlier"
+        what = f"{gross.off_mm[row]:.3g} mm off, {gross.times[row]:.3g} times the usual scatter"
+        remedy = _LOOK
         if order is not None:
             names = readings.measured.target_names
             moved = " and ".join(names[b] for b, other in enumerate(order) if other != b)
-            yield Fault(
-                kind="label",
-                where=f"{which}{place_of(readings, row)}",
-                what=f"the labels of targets {moved} seem exchanged",
-                remedy="correct the labels of this configuration",
-                gain=gain,
-            )
-        else:
-            yield Fault(
-                kind="outlier",
-                where=f"{which}{place_of(readings, row)}",
-                what=f"{gross.off_mm[row]:.3g} mm off, {gross.times[row]:.3g} times the usual "
-                "scatter",
-                remedy=_LOOK,
-                gain=gain,
-                decides=False,
-            )
+            kind, what = "label", f"the labels of targets {moved} seem exchanged"
+            remedy = "correct the labels of this configuration"
+        yield Fault(
+            kind=kind,
+            where=f"{which}{place_of(readings, row)}",
+            what=what,
+            remedy=remedy,
+            gain=float(gross.times[row] ** 2 / whole),
+            decides=kind == "label",
+        )
 
 
 def _orders(readings: Observations, model: FittedModel) -> list[tuple[int, ...] | None]:
@@ -277,7 +272,8 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
         out, scale = nobody.copy(), np.ones(left.shape[1])
 
         def from_others(without: Mask) -> Array:
-            apart = _from_others(left, group, seen, without)
+            apart, others = _less_others(left, group, seen, without)
+            apart /= np.sqrt(1.0 + 1.0 / np.maximum(others, 1.0))  # in their own scatter
             return np.asarray((whitener @ apart[:, :, None])[:, :, 0] / scale)
 
         first, own = from_others(without), scale.copy()
@@ -307,7 +303,8 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
     stated = readings.measured.stated_covariance
     found = judged(np.linalg.inv(np.linalg.cholesky(stated)), nobody, LEAST_STATED)
     try:
-        plain = _with_means_of_others(left, group, seen, found.excluded)
+        apart, _ = _less_others(left, group, seen, found.excluded)
+        plain = np.where(found.excluded[:, None], left - apart, left)
         noise = noise_of_repeats(readings, -plain, by_every_joint(model, readings))
         cov = noise.cov + LEAST_STATED**2 * stated
         whitener = np.linalg.inv(np.linalg.cholesky(cov))
@@ -402,16 +399,11 @@ def _beyond_tails(
     return beyond
 
 
-def _from_others(values: Array, group: Index, seen: Mask, out: Mask) -> Array:
-    """Return values (P, b) less the mean of the others of their group, in their own scatter.
+def _less_others(values: Array, group: Index, seen: Mask, out: Mask) -> tuple[Array, Array]:
+    """Return values (P, b) less the mean of the others of their group, and how many these are.
 
     Zero where nothing else was seen. What is out counts in no mean.
     """
-    apart, others = _less_others(values, group, seen, out)
-    return np.asarray(apart / np.sqrt(1.0 + 1.0 / np.maximum(others, 1.0)))
-
-
-def _less_others(values: Array, group: Index, seen: Mask, out: Mask) -> tuple[Array, Array]:
     counts = seen & ~out[:, None]
     shape = (int(group.max()) + 1, values.shape[1])
     total, times = np.zeros(shape), np.zeros(shape)
@@ -420,11 +412,6 @@ def _less_others(values: Array, group: Index, seen: Mask, out: Mask) -> tuple[Ar
     others = times[group] - counts
     mean = (total[group] - np.where(counts, values, 0.0)) / np.maximum(others, 1.0)
     return np.where(seen & (others > 0), values - mean, 0.0), others
-
-
-def _with_means_of_others(values: Array, group: Index, seen: Mask, out: Mask) -> Array:
-    apart, _ = _less_others(values, group, seen, out)
-    return np.where(out[:, None], values - apart, values)
 
 
 def _in_time(off: Mask, time_s: Array) -> Mask:

@@ -37,24 +37,16 @@ class Contest:
         return [np.flatnonzero(self.block == b) for b in range(int(self.block.max()) + 1)]
 
     @cached_property
-    def _own_grams(self) -> Array:
-        return np.stack([self.own[at].T @ self.own[at] for at in self.blocks])
-
-    @cached_property
-    def _own_projections(self) -> Array:
-        return np.stack([self.own[at].T @ self.data[at] for at in self.blocks])
-
-    @cached_property
     def _elsewhere(self) -> list[tuple[tuple[Array, bool], Array]]:
         """Return, with each block left out, own products factored and what own columns leave it."""
         found = []
-        grams, projections = self._own_grams, self._own_projections
+        grams = np.stack([self.own[at].T @ self.own[at] for at in self.blocks])
+        projections = np.stack([self.own[at].T @ self.data[at] for at in self.blocks])
         for own_gram, own_projection in zip(grams, projections, strict=True):
             gram = grams.sum(axis=0) - own_gram + np.eye(self.own.shape[1])
             projection = projections.sum(axis=0) - own_projection
             factor = cho_factor(gram)
-            bare = cho_solve(factor, projection)
-            found.append((factor, bare))
+            found.append((factor, cho_solve(factor, projection)))
         return found
 
     def squares(self, candidates: Sequence[Array]) -> Array:

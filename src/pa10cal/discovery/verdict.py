@@ -60,7 +60,7 @@ class Plan:
     # the configurations, in the order of choice; none where poses cannot help
     poses: tuple[SuggestedPose, ...]
     # one for each pair of effects that the data cannot separate; None where effects are judged by
-    # blocks
+    # blocks and none is ambiguous
     separations: tuple[Separation, ...] | None = None
 
 

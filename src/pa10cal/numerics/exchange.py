@@ -1,4 +1,4 @@
-"""Sets of poses with the largest determinant of information: one by one, then by exchange.
+"""Sets of poses, chosen by what they say of unknowns: one by one, then by exchange.
 
 A pose with rows R adds R^T R to the information M of the unknowns, whatever is read there. By the
 matrix determinant lemma log det M grows by log det (I + R M^-1 R^T), a matrix as small as the rows
@@ -6,8 +6,10 @@ of one pose; M^-1 follows by Woodbury's formula. So one pose against all others 
 their rows, and nothing as large as M is ever factored anew (Fedorov, 1972; the exchange of one pose
 after the other is that of Cook and Nachtsheim, 1980).
 
-Criteria are weighted sums of log determinants, each of some of the unknowns: of all, or of some
-with the others projected out (Ds-optimality), whose determinant is a quotient of two.
+Two criteria. For a model's parameters, a weighted sum of log determinants, each of some of the
+unknowns: of all, or of some with the others projected out (Ds-optimality), whose determinant is a
+quotient of two. For rivals, how far one of them is from what all else can follow (T-optimality,
+Atkinson and Fedorov, 1975).
 """
 
 from __future__ import annotations
@@ -16,19 +18,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
 
 #: An exchange must gain this much of the criterion, relative to one: less is rounding.
 _LEAST_GAIN = 1e-6
-
-
-@dataclass(frozen=True)
-class Share:
-    """One log determinant of a criterion."""
-
-    weight: float  # with which it counts; may be negative
-    columns: int  # the unknowns it is of, from the first
 
 
 @dataclass(frozen=True)
@@ -39,112 +34,183 @@ class Exchanged:
     values: tuple[float, ...]  # the criterion at the start and after every exchange, never falling
 
 
-class Information:
-    """What a set of poses says of k unknowns, and what each candidate would add to it.
+def covariance_root(rows: Array) -> Array:
+    """Return R (k, k), R R^T the covariance that rows (r, k) of unit variance leave of unknowns."""
+    root: Array = np.linalg.inv(np.linalg.qr(rows, mode="r"))
+    return root
 
-    Unknowns are in the size expected of them, so that before any pose their information is one.
+
+class Information:
+    """What a set of poses says of k unknowns, and what each of N candidates would add to it.
+
+    As a criterion of sets it is log det M: D-optimality.
     """
 
-    def __init__(self, white: Array) -> None:
+    def __init__(self, white: Array, known: Array | None = None) -> None:
         """Start without poses.
 
         Args:
             white: (N, b, k) rows of the candidates, of unit variance.
+            known: (r, k) rows of all that is known without them; None for unknowns in the size
+                expected of them, whose information is one.
         """
-        self._white = white
+        _, b, k = white.shape
+        self._white, self._unit = white, np.eye(b)
+        self._known = np.eye(k) if known is None else np.linalg.qr(known, mode="r")
         self.restart()
 
-    def restart(self, chosen: Sequence[int] | Index = ()) -> None:
-        """Work everything out anew for some poses: updates gather rounding errors."""
-        b, k = self._white.shape[1:]
-        rows = self._white[list(chosen)].reshape(-1, k)
-        triangle = np.linalg.qr(np.concatenate([rows, np.eye(k)]), mode="r")
-        inverse = np.linalg.inv(triangle)
-        self.covariance: Array = inverse @ inverse.T
-        self.log_det = 2.0 * float(np.log(np.abs(np.diag(triangle))).sum())
-        self._spread: Array = self._white @ inverse
-        self._spread = self._spread @ self._spread.transpose(0, 2, 1)
-        self._unit = np.eye(b)
+    @property
+    def candidates(self) -> int:
+        """Return how many candidates there are."""
+        return len(self._white)
+
+    @property
+    def value(self) -> float:
+        """Return the criterion of the poses added."""
+        return self.log_det
 
     def gains(self) -> Array:
-        """Return by how much each candidate would make the log determinant larger, (N,)."""
+        """Return by how much each candidate would make the criterion larger, (N,)."""
         gains: Array = np.linalg.slogdet(self._unit + self._spread)[1]
         return gains
 
+    def restart(self, chosen: Sequence[int] | Index = ()) -> None:
+        """Work everything out anew for some poses: updates gather rounding errors."""
+        rows = self._white[list(chosen)].reshape(-1, self._white.shape[2])
+        root = covariance_root(np.concatenate([rows, self._known]))
+        self.poses = len(chosen)
+        self.covariance: Array = root @ root.T
+        self.log_det = -2.0 * float(np.log(np.abs(np.diag(root))).sum())
+        self._spread: Array = self._white @ root
+        self._spread = self._spread @ self._spread.transpose(0, 2, 1)
+
     def add(self, pose: int) -> None:
         """Add a candidate."""
-        self._update(pose, 1.0)
+        self._update(pose, 1)
 
     def remove(self, pose: int) -> None:
         """Take a candidate away that was added."""
-        self._update(pose, -1.0)
+        self._update(pose, -1)
 
-    def _update(self, pose: int, sign: float) -> None:
+    def _update(self, pose: int, sign: int) -> None:
         """Add a candidate's information, or take it away."""
         innovation = self._unit + sign * self._spread[pose]
         root = np.linalg.cholesky(innovation)
         learned = np.linalg.solve(root, self._white[pose] @ self.covariance)
         elsewhere = self._white @ learned.T
+        self.poses += sign
         self.covariance = self.covariance - sign * (learned.T @ learned)
         self._spread = self._spread - sign * (elsewhere @ elsewhere.transpose(0, 2, 1))
         self.log_det += 2.0 * float(np.log(np.diag(root)).sum())
 
 
-class Criterion:
-    """A weighted sum of log determinants, of a set of poses."""
+class Separation(Information):
+    """Log evidence expected for an effect against all that may be adjusted in its place.
 
-    def __init__(self, white: Array, shares: Sequence[Share]) -> None:
-        """Start without poses.
+    What cannot be followed of an effect has a sum of squares S: the inverse of the variance that
+    poses leave of its amount, less one for what is expected of that. S costs a model without the
+    effect S / 2 in log evidence where it is small. Where it is large, the model may lay it to an
+    error of unknown cause at every pose: with the variance of that error chosen to suit, D
+    components of all poses cost D / 2 log(1 + S / D).
+
+    Of an effect of unknown shape, several equally likely contributions add up in squares.
+    """
+
+    def __init__(self, white: Array, known: Array, contributions: int, components: int) -> None:
+        """Start with what was measured.
 
         Args:
-            white: (N, b, k) rows of the candidates, of unit variance, each unknown in the size
-                expected of it.
-            shares: of the criterion.
+            white: (N, b, k + m) rows of the candidates, of unit variance: of what may be adjusted,
+                in the size expected of it, and of the m contributions of the effect.
+            known: (r, k + m) rows of what was measured, and of the sizes expected.
+            contributions: m.
+            components: D of what was measured.
         """
-        self.candidates = len(white)
-        self._parts = [
-            (share.weight, Information(np.ascontiguousarray(white[..., : share.columns])))
-            for share in shares
-            if share.weight and share.columns
-        ]
+        self._of_effect, self._measured = contributions, components
+        super().__init__(white, known)
+
+    @property
+    @override
+    def value(self) -> float:
+        m = self._of_effect
+        return float(self._nats(self.covariance[-m:, -m:], self.poses))
+
+    @override
+    def gains(self) -> Array:
+        m = self._of_effect
+        crossed = self._white @ self.covariance[:, -m:]
+        learned = np.linalg.solve(self._unit + self._spread, crossed)
+        covariances = self.covariance[-m:, -m:] - crossed.transpose(0, 2, 1) @ learned
+        return self._nats(covariances, self.poses + 1) - self.value
+
+    def _nats(self, covariances: Array, poses: int) -> Array:
+        """Return the criterion for covariances (..., m, m) of the effect after some poses."""
+        components = self._measured + poses * len(self._unit)
+        squares = np.trace(np.linalg.inv(covariances), axis1=-2, axis2=-1) - self._of_effect
+        return np.asarray(0.5 * components * np.log1p(squares / components))
+
+
+class Combined:
+    """A criterion of several of the same candidates: their least, or a weighted sum of them."""
+
+    def __init__(self, parts: Sequence[Criterion], weights: Sequence[float] | None = None) -> None:
+        """Combine criteria; their least counts where no weights are given."""
+        self.candidates: int = parts[0].candidates
+        self._parts, self._weights = parts, weights
 
     @property
     def value(self) -> float:
         """Return the criterion of the poses added."""
-        return sum(weight * each.log_det for weight, each in self._parts)
+        return float(self._combined(np.array([each.value for each in self._parts])))
 
     def gains(self) -> Array:
         """Return by how much each candidate would make the criterion larger, (N,)."""
-        return np.asarray(sum(weight * each.gains() for weight, each in self._parts))
+        after = [each.value + each.gains() for each in self._parts]
+        return self._combined(np.array(after)) - self.value
 
     def restart(self, chosen: Sequence[int] | Index = ()) -> None:
         """Work everything out anew for some poses."""
-        for _, each in self._parts:
+        for each in self._parts:
             each.restart(chosen)
 
     def add(self, pose: int) -> None:
         """Add a candidate."""
-        for _, each in self._parts:
+        for each in self._parts:
             each.add(pose)
 
     def remove(self, pose: int) -> None:
         """Take a candidate away that was added."""
-        for _, each in self._parts:
+        for each in self._parts:
             each.remove(pose)
 
+    def _combined(self, values: Array) -> Array:
+        """Return the criterion (...) for values (parts, ...)."""
+        if self._weights is None:
+            return np.asarray(values.min(axis=0))
+        return np.asarray(np.asarray(self._weights) @ values)
 
-def one_by_one(criterion: Criterion, most: int) -> Index:
-    """Add candidates to a criterion without poses, each time the one that it gains most by.
+
+#: What sets of poses are judged by: the larger the better.
+Criterion = Information | Combined
+
+
+def one_by_one(
+    criterion: Criterion, most: int, among: Sequence[int] | Index | None = None
+) -> Index:
+    """Add candidates to a criterion, each time the one that it gains most by.
 
     Args:
-        criterion: without poses; with these afterwards.
+        criterion: of the candidates; with these poses afterwards, and no others.
         most: how many are wanted.
+        among: candidates to choose from; None for all.
 
     Returns:
         (most,) candidates in the order in which they were added.
     """
-    left = np.ones(criterion.candidates, dtype=bool)
+    every = np.arange(criterion.candidates)
+    left = np.isin(every, every if among is None else among)
     order = np.empty(most, dtype=np.intp)
+    criterion.restart()
     for n in range(most):
         best = int(np.argmax(np.where(left, criterion.gains(), -np.inf)))
         order[n], left[best] = best, False

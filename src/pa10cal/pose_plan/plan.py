@@ -11,16 +11,24 @@ from scipy.spatial.distance import cdist
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.arm.room import Candidates
 from pa10cal.arrays import Array, Index
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.rows import position_columns
 from pa10cal.errors import CalibrationError, SettingsError
 from pa10cal.files.output import whole_files
-from pa10cal.numerics.exchange import Criterion, Share, exchange, one_by_one
+from pa10cal.numerics.exchange import (
+    Combined,
+    Criterion,
+    Information,
+    covariance_root,
+    exchange,
+    one_by_one,
+)
 from pa10cal.observe.instrument import Instrument
-from pa10cal.pose_plan.candidates import Candidates, draw_candidates
-from pa10cal.pose_plan.expected import (
+from pa10cal.pose_plan.candidates import (
     Expected,
+    draw_candidates,
     expect,
     instrument_named,
     instrument_place_m,
@@ -29,7 +37,6 @@ from pa10cal.pose_plan.expected import (
 from pa10cal.pose_plan.options import KeepOut, KeepOutBox, PlanOptions
 from pa10cal.results import plan as records
 from pa10cal.settings_reading import parse_section
-from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import Parameter
 from pa10cal.yaml_file import read_yaml
 
@@ -39,15 +46,6 @@ _RANDOM_SETS = 20
 _MOST_SWEEPS, _POSE_SWEEPS = 20, 600
 #: A parameter is identified where its uncertainty falls below this part of what is possible.
 _IDENTIFIED = 0.3
-
-
-@dataclass(frozen=True)
-class ExpectedEffect:
-    """How well poses would show a missing effect."""
-
-    effect: Effect  # which, and where
-    u_alone: float  # its standard uncertainty in its plausible size, the model's parameters unknown
-    u_among_all: float  # the same, all other effects unknown too
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +63,7 @@ class PosePlan:
     parameters: tuple[Parameter, ...]  # the k unknowns of the model
     u_parameters: Array  # (k,) their expected standard uncertainties
     not_identified: tuple[str, ...]  # unknowns that these poses hardly determine
-    effects: tuple[ExpectedEffect, ...]  # how well missing effects would show
+    effects: tuple[records.ExpectedEffect, ...]  # how well missing effects would show
     springs: tuple[int, ...]  # joints to which the model gives a spring
     # the criterion at the start of the exchange, and after each; never falling
     log_dets: tuple[float, ...]
@@ -91,8 +89,11 @@ class PosePlan:
         Raises:
             OutputError: when they cannot be written there.
         """
-
-        save_plan(self, Path(path))
+        path = Path(path)
+        expected = plan_record(self).model_dump_json(indent=1) + "\n"
+        with whole_files(path, path.with_suffix(".json")) as (poses, beside):
+            poses.write_text(plan_text(self), encoding="utf-8", newline="\n")
+            beside.write_text(expected, encoding="utf-8", newline="\n")
 
 
 def plan_poses(
@@ -121,7 +122,7 @@ def plan_poses(
     candidates = draw_candidates(arm, targets_m, options, least=poses)
     rows = expect(arm, kind, candidates.q, options, calibration)
     _refuse_too_few(poses, rows)
-    found, values = _choose(rows, poses, options)
+    found, values = _choose(rows, poses, options.effects)
     found = found[short_path(candidates.q[found])]
     return _planned(arm, kind, options, candidates, rows, found, values)
 
@@ -140,26 +141,23 @@ def _refuse_too_few(poses: int, rows: Expected) -> None:
     )
 
 
-def criterion_of(rows: Expected, effects: float) -> Criterion:
-    """Return what a set of poses is judged by.
+def _choose(rows: Expected, poses: int, effects: float) -> tuple[Index, tuple[float, ...]]:
+    """Return the poses chosen, and the criterion from the start of their exchange on.
 
-    The log determinant of the information about the model's parameters, and that about the effects
-    once the model is projected out, each a parameter on average.
+    The criterion is the log determinant of the information about the model's parameters, and that
+    about the effects once the model is projected out, each a parameter on average.
 
     Args:
         rows: of the candidates.
+        poses: how many.
         effects: part that the effects count, 0 to 1.
     """
     k, every = rows.unknowns, rows.white.shape[2]
-    if every == k:
-        return Criterion(rows.white, [Share(1.0, k)])
-    of_effects = effects * k / (every - k)
-    return Criterion(rows.white, [Share(1.0 - effects - of_effects, k), Share(of_effects, every)])
-
-
-def _choose(rows: Expected, poses: int, options: PlanOptions) -> tuple[Index, tuple[float, ...]]:
-    """Return the poses chosen, and the criterion from the start of their exchange on."""
-    criterion = criterion_of(rows, options.effects)
+    criterion: Criterion = Information(np.ascontiguousarray(rows.white[..., :k]))
+    if every > k:
+        of_effects = effects * k / (every - k)
+        of_model = 1.0 - effects - of_effects
+        criterion = Combined([criterion, Information(rows.white)], [of_model, of_effects])
     sweeps = int(np.clip(_POSE_SWEEPS // poses, 1, _MOST_SWEEPS))
     found = exchange(criterion, one_by_one(criterion, poses), most_sweeps=sweeps)
     return found.chosen, found.values
@@ -211,9 +209,8 @@ def _planned(
 def covariance_of(white: Array) -> Array:
     """Return the covariance (k, k) of unknowns in the sizes expected of them."""
     k = white.shape[2]
-    triangle = np.linalg.qr(np.concatenate([white.reshape(-1, k), np.eye(k)]), mode="r")
-    inverse = np.linalg.inv(triangle)
-    covariance: Array = inverse @ inverse.T
+    root = covariance_root(np.concatenate([white.reshape(-1, k), np.eye(k)]))
+    covariance: Array = root @ root.T
     return covariance
 
 
@@ -228,7 +225,7 @@ def rms_mm(tool: Array, covariance: Array) -> float:
     return float(np.sqrt(np.mean(_u_mm(tool, covariance) ** 2)))
 
 
-def _effects(rows: Expected, chosen: Index) -> tuple[ExpectedEffect, ...]:
+def _effects(rows: Expected, chosen: Index) -> tuple[records.ExpectedEffect, ...]:
     """Return how well each effect would show, alone and among all others."""
     if not rows.effects:
         return ()
@@ -239,8 +236,11 @@ def _effects(rows: Expected, chosen: Index) -> tuple[ExpectedEffect, ...]:
         own = np.concatenate([white[..., :k], white[..., columns]], axis=2)
         alone = np.diag(covariance_of(own))[k:]
         found.append(
-            ExpectedEffect(
-                effect, float(np.sqrt(alone.mean())), float(np.sqrt(among[columns].mean()))
+            records.ExpectedEffect(
+                id=effect.id,
+                of=effect.of,
+                u_alone=float(np.sqrt(alone.mean())),
+                u_among_all=float(np.sqrt(among[columns].mean())),
             )
         )
     return tuple(found)
@@ -329,18 +329,6 @@ def read_keep_out(path: Path) -> tuple[KeepOutBox, ...]:
     return parse_section(KeepOut, {"boxes": content}, where=str(path)).boxes
 
 
-def save_plan(plan: PosePlan, path: Path) -> None:
-    """Write the poses as CSV, and what to expect of them as JSON beside it, both or none.
-
-    Raises:
-        OutputError: when they cannot be written there.
-    """
-    expected = plan_record(plan).model_dump_json(indent=1) + "\n"
-    with whole_files(path, path.with_suffix(".json")) as (poses, beside):
-        poses.write_text(plan_text(plan), encoding="utf-8", newline="\n")
-        beside.write_text(expected, encoding="utf-8", newline="\n")
-
-
 def plan_text(plan: PosePlan) -> str:
     """Return the poses as `id,q1_deg,…,x_mm,y_mm,z_mm,u_tool_mm`."""
     places_mm, u_mm = 1e3 * plan.p_base_target_m, plan.u_tool_mm
@@ -375,15 +363,7 @@ def plan_record(plan: PosePlan) -> records.PlanRecord:
         },
         not_identified=plan.not_identified,
         springs=plan.springs,
-        effects=tuple(
-            records.ExpectedEffect(
-                id=each.effect.id,
-                of=each.effect.of,
-                u_alone=each.u_alone,
-                u_among_all=each.u_among_all,
-            )
-            for each in plan.effects
-        ),
+        effects=plan.effects,
         criterion=plan.log_dets,
         candidates=len(plan.candidates.q),
         drawn=plan.candidates.drawn,

@@ -27,8 +27,7 @@ from pa10cal.fit.forward import pose_difference
 from pa10cal.interface import calibrate
 from pa10cal.observe.kinds import TrackerKind, instruments
 from pa10cal.options import DiscoveryOptions
-from pa10cal.pose_plan.candidates import draw_candidates
-from pa10cal.pose_plan.expected import expect, instrument_named
+from pa10cal.pose_plan.candidates import draw_candidates, expect, instrument_named
 from pa10cal.pose_plan.options import PlanOptions
 from pa10cal.pose_plan.plan import covariance_of, plan_poses, rms_mm
 from pa10cal.studies.simulated import as_read

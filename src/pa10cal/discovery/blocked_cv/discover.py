@@ -34,14 +34,19 @@ from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_wi
 from pa10cal.discovery.in_time.wander import InTime
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import by_targets, by_terms, mean_error_of_noise_mm, possible_sizes
-from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
-from pa10cal.discovery.next_poses.separate import fill
+from pa10cal.discovery.motor_ripple import JointCause, agreement, joint_series, witnesses
+from pa10cal.discovery.next_poses import (
+    poses_at_unseen_angles,
+    separating_poses,
+    unresolved,
+    without_repeats,
+)
 from pa10cal.discovery.noise import Noise, noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
-from pa10cal.discovery.sensor_or_gear import JointCause
 from pa10cal.discovery.short_forms import Arena, Contest
 from pa10cal.discovery.verdict import Plan, Verdict, reported
 from pa10cal.discovery.weights import AS_FOUND, Scatter, scatter_of, share_inside
+from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit, SearchStep
@@ -204,7 +209,19 @@ class VerdictByBlocks(Verdict[Prediction]):
 
     @override
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
-        return Plan(fill(self.survey, _every_seen(self.survey), count, random_seed))
+        # What is ambiguous comes first; else joints go to angles not seen.
+        rivals, separations = unresolved(self.effects), None
+        if rivals and not self.survey.poses.measured.campaigns:
+            problem, found = without_repeats(self.survey, self.extended, self.noise)
+            try:
+                told = separating_poses(problem, found, rivals, count, random_seed)
+            except DiscoveryError:  # the verdict stands without it
+                told = Plan(())
+            if told.poses:
+                return told
+            separations = told.separations
+        unseen = poses_at_unseen_angles(self.survey, _every_seen(self.survey), count, random_seed)
+        return Plan(unseen, separations)
 
     @override
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:

@@ -45,8 +45,7 @@ from pa10cal.discovery.lack_of_fit import (
     pure_error_test,
 )
 from pa10cal.discovery.linear import by_every_joint, possible_sizes, residual
-from pa10cal.discovery.next_poses.contest import Pair
-from pa10cal.discovery.next_poses.separate import plan
+from pa10cal.discovery.next_poses import separating_poses, unresolved
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import (
     Prepared,
@@ -67,8 +66,6 @@ from pa10cal.results.discovery import SearchByRepeats, SharedError, Unexplained
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
 
-#: Pairs for which configurations are chosen, the found ones first.
-_MOST_PAIRS = 8
 _ROUNDS_OF_TIME = 2
 #: Standard uncertainty that readings have at least, in what is stated, where they are compared.
 _OF_STATED = 0.1
@@ -107,7 +104,9 @@ class VerdictByRepeats(Verdict[Confirmation]):
             return Plan((), ())
         found = self.judgement.found.fit
         try:
-            return plan(self.problem, found, self.unresolved(), count, random_seed)
+            return separating_poses(
+                self.problem, found, unresolved(self.effects, self.not_testable), count, random_seed
+            )
         except DiscoveryError:  # the verdict stands without it
             return Plan((), ())
 
@@ -207,21 +206,6 @@ class VerdictByRepeats(Verdict[Confirmation]):
             train=gap_on(average_repeats(self.prepared.trusted)),
             holdout=None if held_out is None else gap_on(held_out),
         )
-
-    def unresolved(self) -> tuple[Pair, ...]:
-        """Return what other poses might settle: each finding against its alternatives.
-
-        An effect that is not testable has no rival but the model's own parameters.
-        """
-        rivals = [
-            (finding.effect, other) for finding in self.effects for other in finding.alternatives
-        ]
-        alone: list[Pair] = [
-            (entry.effect, None)
-            for entry in self.not_testable
-            if entry.by_these_poses and not entry.effect.generic
-        ]
-        return (*rivals, *alone)[:_MOST_PAIRS]
 
 
 def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepeats:

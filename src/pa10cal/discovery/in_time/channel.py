@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,12 @@ from scipy.stats import rankdata
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.finding import Fault
-from pa10cal.discovery.in_time.find import find_in_time
 from pa10cal.discovery.in_time.wander import (
     STILL,
     InTime,
     Wander,
     by_base,
+    find_in_time,
     motions_along,
     sizes_of_six,
 )
@@ -114,27 +114,30 @@ def in_time_of(
     of_time = np.concatenate([none, *in_time], axis=2)
 
     def find(rivals: Rivals) -> InTime:
-        own = np.concatenate([*held, *rivals.columns(at, poses)], axis=2)
-        walks = not rivals.walks
+        own = np.concatenate([*held, _motions_by(rivals, at, poses)], axis=2)
+        walks = not any(isinstance(each, Driver) for each in rivals)
         return find_in_time(at, poses, whitener, own, static_columns, of_time, walks=walks)
 
-    shows = find(Rivals())
+    shows = find(())
     if measured_again(poses):
         return shows
-    rivals, first_mm = Rivals(), shows.rms_mm
-    prismatic = at.model.chain.arm.prismatic
+    rivals: Rivals = ()
+    first_mm, prismatic = shows.rms_mm, at.model.chain.arm.prismatic
     for _ in range(_MOST_RIVALS):
         more = rivals_of(shows, poses.states, prismatic)
-        if more == Rivals():
+        if not more:
             break
-        if more <= rivals:  # beside them as well: what is left of them still goes with the order
+        if set(more) <= set(rivals):  # what is left beside them still goes with the order
             shows = STILL
             break
-        rivals = rivals + more
+        rivals = _each_once(*rivals, *more)
         shows = find(rivals)
     else:
         shows = STILL
-    return shows if rivals == Rivals() else replace(shows, rivals=rivals.said, rivals_mm=first_mm)
+    if not rivals:
+        return shows
+    said = tuple(dict.fromkeys(str(_driver(each)) for each in rivals))
+    return replace(shows, rivals=said, rivals_mm=first_mm)
 
 
 def steps_in_time(wander: Wander, at: FittedModel, readings: Observations) -> tuple[Fault, ...]:
@@ -164,59 +167,48 @@ def steps_in_time(wander: Wander, at: FittedModel, readings: Observations) -> tu
     return tuple(found)
 
 
-@dataclass(frozen=True)
-class Rivals:
-    """Errors that go with joints or the load, where these go with the order: rivals of time."""
-
-    # places of joints and loads that part the rows as a jump does
-    partings: tuple[Parting, ...] = ()
-    # joints that move slowly, where a walk was found: it is one of theirs as well
-    walks: tuple[Driver, ...] = ()
-
-    def __add__(self, other: Rivals) -> Rivals:
-        """Return both, each once."""
-        return Rivals(
-            tuple(dict.fromkeys((*self.partings, *other.partings))),
-            tuple(dict.fromkeys((*self.walks, *other.walks))),
-        )
-
-    def __le__(self, other: Rivals) -> bool:
-        """Return whether all of these are among others."""
-        return set(self.partings) <= set(other.partings) and set(self.walks) <= set(other.walks)
-
-    def columns(self, at: FittedModel, poses: Observations) -> Iterator[Array]:
-        """Yield how the base's motion by them moves the components of poses, (P, b, c)."""
-        courses: list[Array] = [
-            (each.driver.of(poses.states) > each.at).astype(np.float64)[:, None]
-            for each in self.partings
-        ]
-        parting = (each.driver for each in self.partings)
-        for driver in dict.fromkeys((*parting, *self.walks)):
-            rank = rankdata(driver.of(poses.states)) / len(poses)
-            waves = np.arange(1, _RIVAL_WAVES + 1)
-            courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
-        if courses:
-            together = np.column_stack(courses) - np.mean(np.column_stack(courses), axis=0)
-            six = np.tile(sizes_of_six(_RIVAL_M, 1.0), together.shape[1])
-            yield motions_along(by_base(at, poses), together) * six
-
-    @property
-    def said(self) -> tuple[str, ...]:
-        """Return the joints and the load, in words, each once."""
-        named = (str(each.driver) for each in self.partings)
-        return tuple(dict.fromkeys([*named, *map(str, self.walks)]))
+#: Errors that go with joints or the load, where these go with the order: rivals of time. They are
+#: places of joints and loads that part the rows as a jump does, then joints that move slowly, where
+#: a walk was found: it is one of theirs as well.
+Rivals = tuple[Parting | Driver, ...]
 
 
 def rivals_of(found: InTime, states: PoseStates, prismatic: NDArray[np.bool_]) -> Rivals:
     """Return the errors by joints and the load that explain as well what was found of time."""
     if found.wander is None:
-        return Rivals()
+        return ()
     parted = [
         each for jump in found.wander.jumps for each in partings(states, jump.time_s, prismatic)
     ]
     slow = slow_joints(states)
     walks = [each for each in drivers(states, prismatic) if each.joint and slow[each.joint - 1]]
-    return Rivals(tuple(dict.fromkeys(parted)), tuple(walks) if found.wander.walk_m else ())
+    return _each_once(*parted, *(walks if found.wander.walk_m else ()))
+
+
+def _each_once(*rivals: Parting | Driver) -> Rivals:
+    return tuple(sorted(dict.fromkeys(rivals), key=lambda each: isinstance(each, Driver)))
+
+
+def _driver(rival: Parting | Driver) -> Driver:
+    return rival if isinstance(rival, Driver) else rival.driver
+
+
+def _motions_by(rivals: Rivals, at: FittedModel, poses: Observations) -> Array:
+    """Return how the base's motion by rivals moves the components of poses, (P, b, c)."""
+    states = poses.states
+    courses = [np.zeros((len(poses), 0))]
+    courses += [
+        (each.driver.of(states) > each.at).astype(np.float64)[:, None]
+        for each in rivals
+        if isinstance(each, Parting)
+    ]
+    waves = np.arange(1, _RIVAL_WAVES + 1)
+    for driver in dict.fromkeys(map(_driver, rivals)):
+        rank = rankdata(driver.of(states)) / len(poses)
+        courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
+    together = np.column_stack(courses)
+    six = np.tile(sizes_of_six(_RIVAL_M, 1.0), together.shape[1])
+    return motions_along(by_base(at, poses), together - np.mean(together, axis=0)) * six
 
 
 def told_with_rivals(found: InTime, floor_mm: float) -> tuple[Unexplained, ...]:

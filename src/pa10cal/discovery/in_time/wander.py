@@ -1,20 +1,20 @@
 """Motion of the instrument or the base in the course of time: jumps, and a slow wander.
 
 A jump is six motions of the base times a unit step. A wander is a random walk of the base in its
-first waves (Karhunen and Loève). Gaussian sizes are expected of both.
+first waves (Karhunen and Loève), of a size chosen. Gaussian sizes are expected of both.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.linear import by_terms
-from pa10cal.discovery.noise import MEDIAN_TO_SIGMA
+from pa10cal.discovery.linear import by_terms, error_mm, position_noise, residual
+from pa10cal.discovery.noise import MEDIAN_TO_SIGMA, same_circumstances
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.term import base_frame
@@ -195,3 +195,332 @@ def _less_medians(left: Array, group: Index) -> Array:
     for rows in parts:
         apart[rows] = left[rows] - np.median(left[rows], axis=0)
     return apart
+
+
+# How the base moves is found by evidence.
+#
+# Readings of one pose at different times differ by noise and by what moved in between, whatever the
+# model of the arm lacks. All single readings are compared: Gaussian parameters are integrated out,
+# among them the model's own, every effect of the vocabulary, and an error that the readings of a
+# pose share. The time of a jump is scanned. Where the data prefer neither jump nor walk, nothing of
+# the search changes.
+
+#: Root mean square of the walk, and standard deviation of a jump, that are tried [m].
+_WALKS_M = np.geomspace(3e-6, 3e-3, 9)
+_JUMPS_M = (3e-5, 3e-4, 3e-3)
+#: Turns expected with a shift, or none [rad/m].
+_TURNS = (0.0, 1.0)
+#: Sizes of effects that are tried, in their plausible size.
+_SCALES = (0.1, 1.0, 3.0)
+#: Variances of the error that readings of a pose share, in those of one reading.
+_SHARED = (0.0, *np.geomspace(0.1, 1e4, 7))
+#: Probability allowed of seeing a motion where there is none.
+_FALSE_RATE = 1e-3
+#: Jumps that may be found, readings that there must be on either side, and times first scanned.
+_MOST_JUMPS = 4
+_LEAST_SIDE = 4
+_COARSE = 40
+#: A motion counts from this part of the noise of one reading on, root mean squares.
+_LEAST_PART = 0.5
+#: Noise is no less than this part of that by which rows are whitened: more columns than rows could
+#: else explain it all.
+_LEAST_NOISE = 0.3
+#: Log evidence by which another time of a jump may be worse.
+_AS_GOOD = 3.0
+#: Log evidence from which a drift shows between the readings of a pose.
+_DRIFTS = 5.0
+
+
+def find_in_time(
+    at: FittedModel,
+    poses: Observations,
+    whitener: Array,
+    own: Array,
+    static: Array,
+    in_time: Array,
+    *,
+    walks: bool = True,
+) -> InTime:
+    """Find how the base moves in the course of time.
+
+    Args:
+        at: the model, with a term of its own for the base.
+        poses: P single readings, complete.
+        whitener: (P, b, b) makes the noise of a reading independent and of unit size.
+        own: (P, b, k) columns of the model's own parameters, at their possible size.
+        static: (P, b, s) columns of effects that do not go with time, at their plausible size.
+        in_time: (P, b, t) columns of effects of time, at their possible size.
+        walks: whether a walk is sought; else jumps alone.
+    """
+    left = -residual(at, poses)
+    rows = _Rows(at, poses, whitener, (own, static, in_time), left)
+    rows.choose_scale()
+    times_s = rows.times_s
+    found = Wander(times_s, ())
+    best = rows.evidence(found)
+    needed_jump = float(np.log(len(times_s) * len(_JUMPS_M) * len(_TURNS) / _FALSE_RATE))
+    needed_walk = float(np.log(len(_WALKS_M) * len(_TURNS) / _FALSE_RATE))
+    while len(found.jumps) < _MOST_JUMPS:
+        tried: list[tuple[float, Wander, float]] = []
+        if walks and not found.walk_m:
+            value, more = rows.best_walk(found)
+            tried.append((value, more, value - best - needed_walk))
+        value, more = rows.best_jump(found)
+        tried.append((value, more, value - best - needed_jump))
+        value, more, beyond = max(tried, key=lambda each: each[2])
+        if beyond <= 0.0:
+            break
+        best, found = value, more
+    for jump in found.jumps if walks else ():  # a first jump may have stood for a walk
+        less = replace(found, jumps=tuple(each for each in found.jumps if each != jump))
+        value, less = rows.best_walk(less)
+        if best - value < needed_jump - needed_walk:
+            best, found = value, less
+    drifts = rows.loses(found) > _DRIFTS if in_time.shape[2] else False
+    if not found.jumps and not found.walk_m:
+        return InTime(None, drifts)
+    amounts = rows.amounts(found, drifts=drifts)
+    along = motions_along(rows.motions, found.courses(poses.states.time_s))
+    shift = along * (found.sizes * amounts)
+    of_walk = shift[:, :, 6 * len(found.jumps) :].sum(axis=2)
+    rms = [
+        float(np.sqrt(np.mean(error_mm(poses.measured, part) ** 2)))
+        for part in (shift.sum(axis=2), of_walk)
+    ]
+    cov = np.asarray(np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener), dtype=np.float64)
+    position = np.trace(position_noise(poses.measured, cov), axis1=1, axis2=2)
+    noise_mm = 1e3 * float(np.sqrt(np.median(position))) * rows.scale(found)
+    if rms[0] < _LEAST_PART * noise_mm:
+        return InTime(None, drifts)
+    return InTime(replace(found, amounts=amounts, rms_mm=(rms[0], rms[1])), drifts)
+
+
+class _Rows:
+    """Whitened rows of single readings, and the evidence of motions in time."""
+
+    def __init__(
+        self,
+        at: FittedModel,
+        poses: Observations,
+        whitener: Array,
+        held: tuple[Array, Array, Array],
+        left: Array,
+    ) -> None:
+        self.time_s = poses.states.time_s
+        self.times_s = np.sort(self.time_s)
+        self.motions = by_base(at, poses)
+        self._white = whitener @ self.motions
+        seen = poses.measured.components_seen
+        self._seen = int(seen.sum())
+        group = same_circumstances(poses)
+        count = np.bincount(group)
+        self._group, self._count = group, count
+        self._shared = _SHARED if count.max() > 1 else (0.0,)
+        self._components = self._seen / len(seen)
+        self._held = whitener @ np.concatenate(held, axis=2)
+        self._widths = tuple(columns.shape[2] for columns in held)
+        self._data = whitener @ left[:, :, None]
+        self._scale, self._with_time = 1.0, True
+        self._walk = self._at(courses_at(self.times_s, self.time_s, [], walk=True))
+        self._products: dict[tuple[float, ...], list[tuple[Array, float]]] = {}
+
+    def choose_scale(self) -> None:
+        """Choose the size of effects, in their plausible one, by the evidence."""
+        found, still = [], Wander(self.times_s, ())
+        for scale in _SCALES:
+            self._scale = scale
+            found.append(max(self.evidence(still), self.best_walk(still)[0]))
+        self._scale = _SCALES[int(np.argmax(found))]
+
+    def evidence(self, wander: Wander) -> float:
+        """Return the log evidence of jumps and a walk, the shared error chosen."""
+        return self._evidence(wander, self._reduced(wander.jumps))[0]
+
+    def best_walk(self, wander: Wander) -> tuple[float, Wander]:
+        """Return the greatest log evidence with another walk, and jumps and walk."""
+        reduced = self._reduced(wander.jumps)
+        tried = [
+            replace(wander, walk_m=float(size), walk_turn=turn)
+            for size in _WALKS_M
+            for turn in _TURNS
+        ]
+        values = [self._evidence(each, reduced)[0] for each in tried]
+        return max(values), tried[int(np.argmax(values))]
+
+    def best_jump(self, wander: Wander) -> tuple[float, Wander]:
+        """Return the greatest log evidence with one more jump, and jumps and walk."""
+        times_s = self.times_s
+        apart = np.flatnonzero(np.diff(times_s) > 0.0)
+        apart = apart[(apart >= _LEAST_SIDE - 1) & (apart < len(times_s) - _LEAST_SIDE)]
+        taken = {jump.time_s for jump in wander.jumps}
+        best = (-np.inf, wander)
+        places = np.unique(np.linspace(0, len(apart) - 1, _COARSE).round().astype(int))
+        for _ in range(2):
+            tried = [
+                Jump.between(float(times_s[apart[k]]), float(times_s[apart[k] + 1]))
+                for k in places
+                if len(apart)
+            ]
+            tried = [jump for jump in tried if jump.time_s not in taken]
+            if not tried:
+                break
+            values, sizes = self._scan(tried, wander)
+            k = int(np.argmax(values))
+            close = [tried[each] for each in np.flatnonzero(values >= values[k] - _AS_GOOD)]
+            more = replace(
+                tried[k],
+                before_s=close[0].before_s,
+                after_s=close[-1].after_s,
+                size_m=sizes[k][0],
+                turn=sizes[k][1],
+            )
+            best = float(values[k]), replace(wander, jumps=(*wander.jumps, more))
+            middle = int(np.searchsorted(times_s[apart], tried[k].before_s))
+            wide = -(-len(apart) // _COARSE)
+            places = np.arange(max(middle - wide, 0), min(middle + wide + 1, len(apart)))
+        return best
+
+    def scale(self, wander: Wander) -> float:
+        """Return the noise that is left, in the noise by which rows are whitened."""
+        return self._evidence(wander, self._reduced(wander.jumps))[2]
+
+    def loses(self, wander: Wander) -> float:
+        """Return the log evidence that is lost without the effects of time."""
+        whole = self.evidence(wander)
+        self._with_time = False
+        without = self.evidence(wander)
+        self._with_time = True
+        return whole - without
+
+    def amounts(self, wander: Wander, *, drifts: bool) -> Array:
+        """Return the most likely amounts of all courses, in their sizes.
+
+        Where no effect of time shows, what goes with time is theirs.
+        """
+        self._with_time = drifts
+        _, products, _ = self._evidence(wander, self._reduced(wander.jumps))
+        self._with_time = True
+        sizes, at = wander.sizes, self._places(wander)
+        gram = products[np.ix_(at, at)] * np.outer(sizes, sizes)
+        found: Array = np.linalg.solve(np.eye(len(at)) + gram, products[at, -1] * sizes)
+        return found
+
+    def _scan(self, tried: list[Jump], wander: Wander) -> tuple[Array, list[tuple[float, float]]]:
+        """Return the greatest log evidence of each as one more jump, with its size and turn."""
+        reduced = self._reduced((*wander.jumps, *tried), keep=False)
+        at = self._places(wander, more=len(tried))
+        first, values = 6 * len(wander.jumps), np.full(len(tried), -np.inf)
+        chosen = [(0.0, 0.0)] * len(tried)
+        for products, constant in reduced:
+            taken, determinant = _without(products, at, wander.sizes)
+            for k in range(len(tried)):
+                own = np.arange(first + 6 * k, first + 6 * k + 6)
+                inner, across = taken[np.ix_(own, own)], taken[own, -1]
+                for size in _JUMPS_M:
+                    for turn in _TURNS:
+                        six = sizes_of_six(size, turn)
+                        factor = np.linalg.cholesky(np.eye(6) + inner * np.outer(six, six))
+                        explained = np.linalg.solve(factor, across * six)
+                        squares = taken[-1, -1] - explained @ explained
+                        more = determinant + 2.0 * float(np.log(np.diag(factor)).sum())
+                        value = self._log(squares, more + constant)
+                        if value > values[k]:
+                            values[k], chosen[k] = value, (size, turn)
+        return values, chosen
+
+    def _evidence(
+        self, wander: Wander, reduced: list[tuple[Array, float]]
+    ) -> tuple[float, Array, float]:
+        """Return the log evidence at the best shared error, its products and scale of noise."""
+        at = self._places(wander)
+        best: tuple[float, Array, float] = (-np.inf, np.zeros((0, 0)), 1.0)
+        for products, constant in reduced:
+            taken, determinant = _without(products, at, wander.sizes)
+            value = self._log(taken[-1, -1], determinant + constant)
+            if value > best[0]:
+                noise = float(np.sqrt(taken[-1, -1] / self._seen))
+                best = value, products, max(noise, _LEAST_NOISE)
+        return best
+
+    def _log(self, squares: float, determinant: float) -> float:
+        variance = max(squares / self._seen, _LEAST_NOISE**2)
+        logarithm = self._seen * np.log(variance) + squares / variance
+        return float(-0.5 * logarithm - 0.5 * determinant)
+
+    def _places(self, wander: Wander, more: int = 0) -> Index:
+        """Return the places of jumps and walk among the products, with so many jumps between."""
+        of_jumps, first = np.arange(6 * len(wander.jumps)), 6 * (len(wander.jumps) + more)
+        of_walk = np.arange(first, first + 6 * WAVES) if wander.walk_m else of_jumps[:0]
+        return np.concatenate([of_jumps, of_walk])
+
+    def _reduced(self, jumps: tuple[Jump, ...], *, keep: bool = True) -> list[tuple[Array, float]]:
+        """Return products of jumps, walk and data, all held integrated out, at each shared error.
+
+        With each, the logarithm of the determinant of what was integrated out and of the noise.
+        """
+        key = tuple(jump.time_s for jump in jumps)
+        every = self._products.get(key) or self._multiplied(jumps)
+        if keep:
+            self._products[key] = every
+        own, static, in_time = self._widths
+        held, size = own + static + in_time, np.ones(len(every[0][0]))
+        size[own : own + static] = self._scale
+        size[own + static : held] = float(self._with_time)
+        found = []
+        for products, determinant in every:
+            reduced, more = _integrated_out(products * np.outer(size, size), held)
+            found.append((reduced, determinant + more))
+        return found
+
+    def _multiplied(self, jumps: tuple[Jump, ...]) -> list[tuple[Array, float]]:
+        """Return products of all columns and the data at each shared error.
+
+        With each, the logarithm of the determinant of the noise.
+        """
+        steps = self._at(
+            courses_at(self.times_s, self.time_s, [jump.time_s for jump in jumps], walk=False)
+        )
+        rows = np.concatenate([self._held, steps, self._walk, self._data], axis=2)
+        flat = rows.reshape(-1, rows.shape[2])
+        total = flat.T @ flat
+        sums = np.zeros((len(self._count), *rows.shape[1:]))
+        np.add.at(sums, self._group, rows)
+        means: dict[int, Array] = {}
+        for m in np.unique(self._count):
+            if m > 1:
+                part = sums[self._count == m].reshape(-1, rows.shape[2]) / np.sqrt(m)
+                means[int(m)] = part.T @ part
+        alone = self._count[self._group] == 1
+        own = rows[alone].reshape(-1, rows.shape[2])
+        once = own.T @ own
+        found = []
+        for variance in self._shared:
+            products, determinant = total, 0.0
+            for m, between in means.items():
+                products = products - (1.0 - 1.0 / (1.0 + m * variance)) * between
+                many = int(np.sum(self._count == m))
+                determinant += self._components * many * float(np.log1p(m * variance))
+            if variance:  # of poses read once
+                products = products - (1.0 - 1.0 / (1.0 + variance)) * once
+                determinant += self._components * int(alone.sum()) * float(np.log1p(variance))
+            found.append((products, determinant))
+        return found
+
+    def _at(self, courses: Array) -> Array:
+        return motions_along(self._white, courses)
+
+
+def _integrated_out(products: Array, held: int) -> tuple[Array, float]:
+    """Return the products of the columns past the first `held`, those integrated out."""
+    factor = np.linalg.cholesky(products[:held, :held] + np.eye(held))
+    across = np.linalg.solve(factor, products[:held, held:])
+    left: Array = products[held:, held:] - across.T @ across
+    return left, 2.0 * float(np.log(np.diag(factor)).sum())
+
+
+def _without(products: Array, at: Index, sizes: Array) -> tuple[Array, float]:
+    """Return the products with some columns of given sizes integrated out, all in place."""
+    factor = np.linalg.cholesky(np.eye(len(at)) + products[np.ix_(at, at)] * np.outer(sizes, sizes))
+    across = np.linalg.solve(factor, products[at] * sizes[:, None])
+    left: Array = products - across.T @ across
+    return left, 2.0 * float(np.log(np.diag(factor)).sum())

@@ -203,7 +203,7 @@ def _spline_of_knots(knots: int) -> CubicSpline[np.float64]:
 # A broad band of waves in a joint's angle: made by its sensor, or by its gear.
 #
 # Both have the same form, and poses alone cannot tell them apart: which name is given is decided
-# by a witness outside the map (`discovery/sensor_or_gear.py`). Neither is sought beside the map
+# by a witness outside the map (`discovery/motor_ripple.py`). Neither is sought beside the map
 # whose place it takes.
 
 #: Knots a turn that follow every order in which such errors were ever found.

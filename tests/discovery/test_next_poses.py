@@ -1,6 +1,6 @@
 """What to measure next, put to the test: measure it in the virtual cell, and search again."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -19,8 +19,7 @@ from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
 from pa10cal.discovery.linear import residual
-from pa10cal.discovery.next_poses.room import Room, draw_admissible
-from pa10cal.discovery.next_poses.separate import LEAST_NATS, foresee, plan
+from pa10cal.discovery.next_poses import LEAST_NATS, draw_near, predicted, separating_poses
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
@@ -142,7 +141,7 @@ def test_an_effect_and_its_double_come_apart_where_suggested(measure, ratio, sea
     effect, rival = ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2])
     assert names(searched) == [RATIO[:2]]
     assert behind(searched, rival) < APART_NATS  # ambiguous so far
-    found = plan(ratio.problem, searched.fit, [(effect, rival)], 4)
+    found = separating_poses(ratio.problem, searched.fit, [(effect, rival)], 4)
     (separation,) = found.separations
     assert separation.before_nats < 2.0
     assert separation.can_be_split
@@ -161,7 +160,7 @@ def test_a_wrong_name_among_doubles_is_put_right(measure):
     truth, double = (first.effect(id_, "joint 2") for id_ in (ECCENTRIC[0], "encoder_ellipticity"))
     assert found.fit.effects == (double,)  # with these poses, the likelier of the two
     assert behind(found, truth) < APART_NATS
-    further = plan(first.problem, found.fit, [(double, truth)], 4).poses
+    further = separating_poses(first.problem, found.fit, [(double, truth)], 4).poses
     again = measure(*ECCENTRIC, further=further).search()
     assert names(again) == [ECCENTRIC[:2]]
     assert behind(again, double) > APART_NATS
@@ -173,7 +172,7 @@ def test_what_was_not_testable_shows_where_suggested(measure):
     effect = first.effect(*WINDUP[:2])
     assert effect in first.refused
     assert gain(first, effect) < LEAST_NATS
-    found = plan(first.problem, first.start, [(effect, None)], 4)
+    found = separating_poses(first.problem, first.start, [(effect, None)], 4)
     assert found.separations[0].before_nats < LEAST_NATS
     assert found.separations[0].can_be_split
     again = measure(*WINDUP, further=found.poses)
@@ -191,7 +190,7 @@ def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
     )
     for effect, rival in (pair, pair[::-1]):
         there = fit(first.problem, (effect,), (1,), (0.0, 0.0))
-        found = plan(first.problem, there, [(effect, rival)])
+        found = separating_poses(first.problem, there, [(effect, rival)])
         assert found.poses == ()
         assert not found.separations[0].can_be_split
         assert found.separations[0].possible_nats < LEAST_NATS
@@ -200,8 +199,8 @@ def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
 def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, searched):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
     hopeless = (ratio.effect("thermal_growth", "arm"), None)
-    alone = plan(ratio.problem, searched.fit, [pair], 3)
-    both = plan(ratio.problem, searched.fit, [pair, hopeless], 3)
+    alone = separating_poses(ratio.problem, searched.fit, [pair], 3)
+    both = separating_poses(ratio.problem, searched.fit, [pair, hopeless], 3)
     assert [separation.can_be_split for separation in both.separations] == [True, False]
     for one, other in zip(alone.poses, both.poses, strict=True):
         assert np.array_equal(one.q_rad, other.q_rad)
@@ -210,7 +209,9 @@ def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, searched):
 
 def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, searched):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
-    first, again = (plan(ratio.problem, searched.fit, [pair], 5, 3).poses for _ in range(2))
+    first, again = (
+        separating_poses(ratio.problem, searched.fit, [pair], 5, 3).poses for _ in range(2)
+    )
     nats = [suggestion.separation_nats for suggestion in first]
     assert np.all(np.diff(nats) > 0)
     assert [s.q_rad.tolist() for s in first] == [s.q_rad.tolist() for s in again]
@@ -218,12 +219,11 @@ def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, searched):
     for suggestion in first:
         assert set(suggestion.arrive_from) <= {-1.0, 1.0}
         assert suggestion.load_N in (0.0, 44.0)
-    assert plan(ratio.problem, searched.fit, [], 5).poses == ()
+    assert separating_poses(ratio.problem, searched.fit, [], 5).poses == ()
 
 
-def test_drawn_configurations_keep_within_the_room(ratio):
-    room = Room()
-    q_rad = draw_admissible(ratio.problem, 300, room, np.random.default_rng(0))
+def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio):
+    q_rad = draw_near(ratio.problem, 300, 0)
     low, high = ARM.limits_rad.T
     assert q_rad.shape == (300, 6)
     assert np.all((q_rad > low + 0.049 * (high - low)) & (q_rad < high - 0.049 * (high - low)))
@@ -232,28 +232,30 @@ def test_drawn_configurations_keep_within_the_room(ratio):
         "pij,bj->pbi", T[:, :3, :3], ratio.problem.setup.p_ee_targets_m
     )
     for p_base in (T[:, None, :3, 3], balls):
-        assert p_base[..., 2].min() > room.floor_m
-        assert np.hypot(p_base[..., 0], p_base[..., 1]).min() > room.column_m
-    T_instr_base = ratio.problem.baseline.T_instr_base
-    p_instr = T[:, :3, 3] @ T_instr_base[:3, :3].T + T_instr_base[:3, 3]
-    measured = ratio.problem.cells.measured.T_instr_target[:, :3, 3]
-    assert np.all(p_instr > measured.min(axis=0) - 0.3)
-    assert np.all(p_instr < measured.max(axis=0) + 0.3)
-    assert np.ptp(p_instr, axis=0) == pytest.approx(np.ptp(measured, axis=0) + 0.6, rel=0.1)
+        assert p_base[..., 2].min() > 0.15
+        assert np.hypot(p_base[..., 0], p_base[..., 1]).min() > 0.25
+    of_measured = Chain.of(ARM).forward(ratio.problem.cells.states.q_rad)
+    measured = of_measured[:, :3, 3]
+    assert np.all(T[:, :3, 3] > measured.min(axis=0) - 0.3)
+    assert np.all(T[:, :3, 3] < measured.max(axis=0) + 0.3)
+    room = np.ptp(measured, axis=0) + 0.6
+    assert np.ptp(T[:, :3, 3], axis=0) == pytest.approx(room, rel=0.1)
 
 
-def test_refuses_where_there_is_no_room(ratio):
+def test_refuses_where_there_is_no_room(ratio, monkeypatch):
+    monkeypatch.setattr("pa10cal.discovery.next_poses._CLEARANCE_M", 5.0)
     with pytest.raises(DiscoveryError, match="no configuration"):
-        draw_admissible(ratio.problem, 10, Room(floor_m=5.0), np.random.default_rng(0))
+        draw_near(ratio.problem, 10, 0)
 
 
-def test_what_is_foreseen_is_what_was_measured(ratio):
+def test_what_is_predicted_is_what_was_measured(ratio):
     """In configurations of the campaign itself."""
     readings, noise = ratio.problem.readings, ratio.problem.noise
     rows = np.arange(0, len(readings), 13)
     measured = readings.take(rows)
     states = measured.states
-    ahead = foresee(ratio.problem, ratio.start, states.q_rad, states.load_N, states.arrival)
+    nan = np.full(states.tau_Nm.shape, np.nan)
+    ahead = predicted(ratio.problem, ratio.start, replace(states, tau_Nm=nan, static_loads=None))
     poses = ahead.cells
     assert poses.measured.T_instr_target[:, :3, 3] == pytest.approx(
         measured.measured.T_instr_target[:, :3, 3], abs=5e-4

@@ -1,0 +1,572 @@
+"""What to measure next: poses that tell rivals apart, or take joints to angles not seen.
+
+An effect and its rival are far apart where one, in the size found, leaves rows that the model's own
+parameters and the other together cannot follow; what these cost the other is the difference in log
+evidence to be expected. Either of the two may be the truth, so the lesser of both ways counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pa10cal.arm.room import (
+    Box,
+    Constraint,
+    Postures,
+    above,
+    draw_within,
+    end_within,
+    off_column,
+    off_links,
+)
+from pa10cal.arm.statics import PoseStates
+from pa10cal.arrays import Array, Index
+from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.evidence.candidates import linearise
+from pa10cal.discovery.evidence.fit import Fit
+from pa10cal.discovery.evidence.likelihood import SIZES
+from pa10cal.discovery.evidence.problem import NoiseModel, Problem, noise_models
+from pa10cal.discovery.finding import Finding, NotTestable
+from pa10cal.discovery.in_time.wander import InTime
+from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
+from pa10cal.discovery.noise import Noise, same_circumstances
+from pa10cal.discovery.preparation import complete, targets_m
+from pa10cal.discovery.verdict import Plan, label_of
+from pa10cal.errors import DiscoveryError
+from pa10cal.fit.angles_seen import WITHIN_RAD, AnglesSeen
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.loads import with_torques
+from pa10cal.numerics.exchange import Combined, Separation, exchange, one_by_one
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.observations import Observations
+from pa10cal.results.discovery import Separation as ExpectedSeparation
+from pa10cal.results.discovery import SuggestedPose
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.term import shows_torque
+
+#: An effect and what may stand in its place: another, or the model's own parameters alone.
+Pair = tuple[Effect, Effect | None]
+
+#: A pair that the best poses bring apart by less (odds of 20 to 1) counts as one that poses cannot
+#: distinguish.
+LEAST_NATS = 3.0
+#: Any size is granted to an effect that is not in the fit.
+_ANY_SIZE = SIZES[-1]
+_POOL, _MOST_PAIRS = 1024, 8
+_MOST_SWEEPS = 2
+#: Of more poses that were measured, these stand for all.
+_MOST_MEASURED = 1000
+
+
+# Poses that could be measured.
+
+
+#: Part of each joint's range kept clear at either end.
+_LIMIT_MARGIN = 0.05
+#: The end keeps within the box of the measured places, widened to every side by
+#: half its size, and at least by so much [m].
+_LEAST_MARGIN_M = 0.3
+#: End and targets stay so far above the base's origin, and so far off its axis, unless poses were
+#: measured nearer; targets so far off the line from joint to joint [m].
+_FLOOR_M, _COLUMN_M, _CLEARANCE_M = 0.15, 0.25, 0.15
+
+
+def draw_near(measured: Problem | Survey, count: int, random_seed: int) -> Array:
+    """Draw joint positions where arm and tool may go, near the measured poses.
+
+    Whether links, rods and instrument collide otherwise is not looked at.
+
+    Args:
+        measured: gives arm, tool and measured places.
+        count: N, how many are wanted.
+        random_seed: draws them.
+
+    Returns:
+        (N, n) joint positions [rad, or m of a prismatic joint].
+
+    Raises:
+        DiscoveryError: when none is found.
+    """
+    chain = measured.baseline.model.chain
+    targets = targets_m(measured.baseline, measured.setup).reshape(-1, 3)
+    low, high = chain.arm.limits_rad.T
+    margin = _LIMIT_MARGIN * (high - low)
+    constraints = _near(Postures.of(chain, measured.cells.states.q_rad, targets))
+    ranges = low + margin, high - margin
+    found = draw_within(chain, targets, ranges, constraints, count, random_seed)
+    if not len(found.q):
+        raise DiscoveryError(
+            "no configuration keeps clear of floor, column and limits near the measured positions",
+            where="configurations to measure next",
+            value=f"none of {found.drawn}",
+            allowed="at least one",
+            remedy="allow more room",
+        )
+    return found.q
+
+
+def _near(measured: Postures) -> dict[str, Constraint]:
+    """Return where arm and tool may go, by the postures that were measured."""
+    end = measured.p_base_end
+    low, high = end.min(axis=0), end.max(axis=0)
+    margin = np.maximum(0.5 * (high - low), _LEAST_MARGIN_M)
+    off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
+    return {
+        "near the measured poses": end_within(Box(low - margin, high + margin)),
+        "above the floor": above(min(_FLOOR_M, float(low[2]))),
+        "off the column": off_column(min(_COLUMN_M, off_axis_m)),
+        "off the links": off_links(_CLEARANCE_M),
+    }
+
+
+# Poses that tell rivals apart.
+
+
+def unresolved(
+    effects: Sequence[Finding[object]], not_testable: Sequence[NotTestable] = ()
+) -> tuple[Pair, ...]:
+    """Return what other poses might settle: effects found against their alternatives, first.
+
+    An effect that is not testable has no rival but the model's own parameters.
+    """
+    rivals: list[Pair] = [(each.effect, other) for each in effects for other in each.alternatives]
+    alone: list[Pair] = [
+        (each.effect, None)
+        for each in not_testable
+        if each.by_these_poses and not each.effect.generic
+    ]
+    return (*rivals, *alone)[:_MOST_PAIRS]
+
+
+def separating_poses(
+    problem: Problem, found: Fit, rivals: Sequence[Pair], count: int = 10, random_seed: int = 0
+) -> Plan:
+    """Choose the poses that best separate pairs of effects.
+
+    Out of a pool drawn at random, the set with which the closest pair comes furthest apart, in the
+    order in which each pose brings most. Pairs that no such choice would split are omitted.
+
+    Args:
+        problem: the campaign.
+        found: the model with what was found, fitted.
+        rivals: pairs of an effect (of the fit, or not testable) and what explains the data as well
+            in its place: another effect, or None for the model's own parameters alone.
+        count: poses wanted.
+        random_seed: draws the pool.
+
+    Raises:
+        DiscoveryError: when nothing can be predicted, or an effect needs what is not known.
+    """
+    if not rivals:
+        return Plan((), ())
+    pool = _pool(problem, random_seed)
+    pairs = _separations(problem, found, rivals, predicted(problem, found, pool))
+    before, count = [pair.value for pair in pairs], min(count, len(pool))
+    for pair in pairs:
+        one_by_one(pair, count)
+    possible = [pair.value for pair in pairs]
+    sought = [k for k in range(len(pairs)) if possible[k] - before[k] >= LEAST_NATS]
+    order = _best_for_all([pairs[k] for k in sought], count)
+    nats = _nats_by_pose(pairs, order)
+    return Plan(
+        _suggested(pool, order, nats, rivals, sought),
+        tuple(
+            ExpectedSeparation(
+                pair=label_of(*pair),
+                before_nats=before[k],
+                after_nats=float(nats[-1, k]),
+                possible_nats=max(possible[k], float(nats[-1, k])),
+                can_be_split=k in sought,
+            )
+            for k, pair in enumerate(rivals)
+        ),
+    )
+
+
+def _pool(problem: Problem, random_seed: int) -> PoseStates:
+    """Draw poses that could be measured, with the least load or the largest, from either side.
+
+    A spring that is soft near zero torque shows without load, all else that yields shows with it.
+    All are read at the end of the campaign.
+    """
+    q_rad = draw_near(problem, _POOL, random_seed)
+    rng, measured = np.random.default_rng(random_seed), problem.readings.states
+    count, last = len(q_rad), int(np.argmax(measured.time_s))
+    loads_N = np.array([measured.load_N.min(), measured.load_N.max()])
+    return PoseStates(
+        q_rad=q_rad,
+        tau_Nm=np.full(q_rad.shape, np.nan),
+        arrival=rng.choice(np.array([-1.0, 1.0]), q_rad.shape),
+        load_N=rng.choice(loads_N, count),
+        temperature_C=np.full(count, measured.temperature_C[last]),
+        time_s=np.full(count, measured.time_s[last]),
+    )
+
+
+def _best_for_all(pairs: Sequence[Combined], count: int) -> Index:
+    """Return the poses that bring the closest pair furthest apart, each the best in its turn."""
+    if not pairs:
+        return np.zeros(0, dtype=np.intp)
+    closest = Combined(pairs)
+    chosen = exchange(closest, one_by_one(closest, count), most_sweeps=_MOST_SWEEPS).chosen
+    return one_by_one(closest, count, among=chosen)
+
+
+def _nats_by_pose(pairs: Sequence[Combined], order: Index) -> Array:
+    """Return the separation of all pairs before any pose and after each, (count + 1, pairs)."""
+    for pair in pairs:
+        pair.restart()
+    nats = [[pair.value for pair in pairs]]
+    for pose in order.tolist():
+        for pair in pairs:
+            pair.add(pose)
+        nats.append([pair.value for pair in pairs])
+    return np.array(nats)
+
+
+def _suggested(
+    pool: PoseStates, order: Index, nats: Array, rivals: Sequence[Pair], sought: list[int]
+) -> tuple[SuggestedPose, ...]:
+    """Return the poses chosen, with the pairs that each is for."""
+    suggestions = []
+    for step, k in enumerate(order.tolist()):
+        gained, even_share = nats[step + 1] - nats[step], (nats[-1] - nats[0]) / len(order)
+        closest = min(sought, key=lambda pair: nats[step, pair])
+        suggestions.append(
+            SuggestedPose(
+                q_deg=np.degrees(pool.q_rad[k]),
+                q_rad=pool.q_rad[k],
+                load_N=float(pool.load_N[k]),
+                arrive_from=-pool.arrival[k],
+                separation_nats=float(nats[step + 1, sought].min()),
+                for_=tuple(
+                    label_of(*rivals[pair])
+                    for pair in sought
+                    if pair == closest or gained[pair] >= even_share[pair]
+                ),
+            )
+        )
+    return tuple(suggestions)
+
+
+# How far rivals are apart, by rows of what was measured and of what could be.
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows of poses with b components each, of unit variance: C measured, then N candidates."""
+
+    found: Fit
+    measured: int  # C
+    # (C + N, b, k) of the model's own parameters and of the errors common to all poses, at the size
+    # expected of them
+    own: Array
+    sized: dict[Effect, Array]  # (C + N, b, k') of each effect, at the size that is granted to it
+    as_found: dict[Effect, Array]  # (C + N, b, 1) of each effect of the fit, in its own amount
+
+    def separation(self, truth: Effect, rival: Effect | None, poses: int) -> Separation:
+        """Return how far an effect is from its rival, if it is the truth, by some poses so far."""
+        effect = self._if_true(truth, rival)
+        rows = np.concatenate([self._adjustable(truth, rival), effect], axis=2)
+        _, b, k = rows.shape
+        known = np.concatenate([rows[: self.measured].reshape(-1, k), np.eye(k)])
+        return Separation(rows[self.measured :], known, effect.shape[2], poses * b)
+
+    def _adjustable(self, truth: Effect, rival: Effect | None) -> Array:
+        """Return rows of all that may be adjusted, the rival last."""
+        effects = [effect for effect in self.found.effects if effect not in (truth, rival)]
+        effects += [] if rival is None else [rival]
+        return np.concatenate([self.own, *(self.sized[effect] for effect in effects)], axis=2)
+
+    def _if_true(self, truth: Effect, rival: Effect | None) -> Array:
+        """Return the rows (C + N, b, m) of an effect taken for the truth.
+
+        In the amount found; else in that with which it passes for its rival that was found; else in
+        what is plausible of each parameter, on average over its shapes.
+        """
+        if truth in self.as_found:
+            return self.as_found[truth]
+        sized = self.sized[truth]
+        if rival is None or rival not in self.as_found:
+            return np.asarray(sized / (_ANY_SIZE * np.sqrt(len(truth.starts))))
+        columns = self._adjustable(rival, truth)[: self.measured]
+        k = columns.shape[2]
+        rows = np.concatenate([columns.reshape(-1, k), np.eye(k)])
+        target = np.append(self.as_found[rival][: self.measured], np.zeros(k))
+        passes = np.linalg.lstsq(rows, target, rcond=None)[0][-sized.shape[2] :]
+        return np.asarray(sized @ passes[:, None])
+
+
+def _separations(
+    problem: Problem, found: Fit, rivals: Sequence[Pair], ahead: Problem
+) -> list[Combined]:
+    """Return, for every pair, the lesser separation of either effect from the other.
+
+    Raises:
+        DiscoveryError: when an effect needs what is not known of the poses ahead.
+    """
+    members = (effect for pair in rivals for effect in pair if effect is not None)
+    effects = tuple(dict.fromkeys([*found.effects, *members]))
+    factors, now = _by_parameters(problem, found, effects)
+    own, *each = map(
+        np.concatenate, zip(now, _by_parameters(ahead, found, effects)[1], strict=True)
+    )
+    sizes = {effect: SIZES[size] for effect, size in zip(found.effects, found.sizes, strict=True)}
+    by_effect = dict(zip(effects, each, strict=True))
+    rows = _Rows(
+        found=found,
+        measured=len(now[0]),
+        own=own,
+        sized={
+            effect: by_effect[effect] @ factor * sizes.get(effect, _ANY_SIZE)
+            for effect, factor in zip(effects, factors, strict=True)
+        },
+        as_found={
+            effect: by_effect[effect][..., : effect.linear]
+            @ found.of(effect)[: effect.linear, None]
+            for effect in found.effects
+        },
+    )
+    poses = len(np.unique(problem.cells.pose))
+    pairs = []
+    for effect, rival in rivals:
+        ways = [rows.separation(effect, rival, poses)]
+        if rival is not None:
+            ways.append(rows.separation(rival, effect, poses))
+        pairs.append(Combined(ways))
+    return pairs
+
+
+def _by_parameters(
+    problem: Problem, found: Fit, effects: tuple[Effect, ...]
+) -> tuple[list[Array], list[Array]]:
+    """Return what is expected of effects, and rows of a problem's poses.
+
+    Returns:
+        The factors (k', k') of each effect, and rows (C, b, k) of all that is common to the rivals,
+        at its size, then of a unit of the parameters of each effect.
+
+    Raises:
+        DiscoveryError: when an effect needs what is not known of the poses.
+    """
+    lin, pose = linearise(problem, found, effects), problem.pose
+    rows = [np.hstack([lin.own, pose.common]), *(block.pose for block in lin.blocks)]
+    rows = [_scaled(pose, found.pose_variance, each) for each in rows]
+    if problem.torque is not None and any(shows_torque(effect) for effect in effects):
+        torque = problem.torque
+        # Nothing but effects is seen in poses and torques both.
+        first, last = rows[0].shape[2], torque.common.shape[1]
+        rows[0] = np.pad(rows[0], [(0, 0), (0, 0), (0, last)])
+        of_torques = [np.pad(torque.common, [(0, 0), (first, 0)])]
+        of_torques += [block.torque for block in lin.blocks]
+        rows = [
+            np.concatenate([each, _scaled(torque, found.torque_variance, more)], axis=1)
+            for each, more in zip(rows, of_torques, strict=True)
+        ]
+    for effect, each in zip(effects, rows[1:], strict=True):
+        if not np.all(np.isfinite(each)):
+            raise DiscoveryError(
+                "the effect depends on a quantity that is unknown for future poses",
+                where=f"{effect.id} of {effect.of}",
+                allowed="effects of logged quantities",
+                remedy="omit the effect",
+            )
+    return [block.factor for block in lin.blocks], rows
+
+
+def _scaled(channel: NoiseModel, variance: float, rows: Array) -> Array:
+    """Return rows (C b, k) scaled to unit variance, as (C, b, k).
+
+    Errors common to all poses have columns of their own: future poses share them.
+    """
+    scaled = rows / np.sqrt(1.0 + variance * channel.shared_size)[:, None]
+    return scaled.reshape(len(channel.whitener), -1, rows.shape[1])
+
+
+def predicted(problem: Problem, found: Fit, states: PoseStates) -> Problem:
+    """Return the problem as it would be of other poses, read as often as the campaign's were.
+
+    Args:
+        problem: the campaign.
+        found: a fit to it, which predicts them.
+        states: of N poses, torques nan.
+
+    Raises:
+        DiscoveryError: when torques were logged but the weights that make them are not known.
+    """
+    baseline, setup, readings = problem.baseline, problem.setup, problem.readings
+    if setup.payload is None and np.all(np.isfinite(readings.states.tau_Nm)):
+        raise DiscoveryError(
+            "torques cannot be predicted in configurations that were not measured",
+            where=baseline.model.chain.arm.name,
+            allowed="an arm and a tool whose masses are known",
+            remedy="complete the descriptions of arm and tool",
+        )
+    count = len(states)
+    repeats = round(len(readings) / (1 + int(same_circumstances(readings).max())))
+    states, _ = with_torques(baseline.model, baseline.x, states, setup.payload)
+    poses = Observations(
+        pose=np.array([f"next {k}" for k in range(count)]),
+        states=states,
+        measured=_as_seen(problem, baseline, states),
+        kind=np.full(count, "grid"),
+        repeat=np.ones(count, dtype=np.int64),
+        readings=np.full(count, repeats),
+    )
+    states = complete(poses, baseline, setup).states
+    if problem.torques_logged and states.static_loads is not None:
+        tau_Nm = states.static_loads.joint_Nm + found.model.torque_Nm(states, found.at.x)
+        states = replace(states, tau_Nm=tau_Nm)
+    poses = replace(poses, states=states, measured=_as_seen(problem, found.at, states))
+    cov = _reading_cov(problem, poses) / repeats
+    torque_u_Nm = None if problem.torque is None else problem.noise.torque_Nm
+    load_N = problem.cells.states.load_N
+    pose, torque, _ = noise_models(
+        poses, cov, baseline, setup, torque_u_Nm, load_N, problem.in_time
+    )
+    return replace(
+        problem,
+        readings=poses,
+        cells=poses,
+        cell_cov=cov,
+        pose=pose,
+        torque=torque,
+        torque_left_Nm=np.zeros_like(poses.states.tau_Nm),
+    )
+
+
+def _as_seen(problem: Problem, at: FittedModel, states: PoseStates) -> Instrument:
+    """Return what the instrument would see of a model.
+
+    What places of stated targets do to it is about the same along the end's own axes: the mean.
+    """
+    measured = problem.readings.measured
+    T_instr_ee = at.T_instr_base @ at.model.predict(states, at.x)
+    ideal = measured.ideal(T_instr_ee, at.targets_m)
+    if not measured.by_stated_targets.shape[2]:
+        return ideal
+    before = _axes_of_end(at, problem.readings).transpose(0, 2, 1)
+    own = np.mean(before @ measured.by_stated_targets, axis=0)
+    stated: dict[str, Any] = {"by_apparatus": ideal.axes_of_end(T_instr_ee) @ own}
+    return replace(ideal, **stated)
+
+
+def _reading_cov(problem: Problem, poses: Observations) -> Array:
+    """Return the covariance of one reading of poses, (P, b, b), from its sources."""
+    readings, noise, at = problem.readings, problem.noise, problem.baseline
+    measured = readings.measured
+    of_joints, ahead_of_joints = (
+        (by_joint * noise.joint_rad**2) @ by_joint.transpose(0, 2, 1)
+        for by_joint in (by_every_joint(at, readings), by_every_joint(at, poses))
+    )
+    stated = noise.instrument**2 * measured.stated_covariance
+    # Noise of neither joints nor instrument is equal in all poses and directions.
+    rest = np.mean(np.diagonal(noise.cov - of_joints - stated, axis1=1, axis2=2), axis=0)
+    for _, columns in measured.component_kinds:
+        rest[columns] = np.maximum(rest[columns].mean(), 0.0)
+    before, turn = _axes_of_end(at, readings), _axes_of_end(at, poses)
+    own = np.mean(before.transpose(0, 2, 1) @ stated @ before, axis=0)
+    total: Array = ahead_of_joints + turn @ own @ turn.transpose(0, 2, 1) + np.diag(rest)
+    return total
+
+
+def _axes_of_end(at: FittedModel, poses: Observations) -> Array:
+    """Return the end's axes in the components of poses, (P, b, b), where a model has the end."""
+    T_instr_ee = at.T_instr_base @ at.model.predict(poses.states, at.x)
+    return poses.measured.axes_of_end(T_instr_ee)
+
+
+def without_repeats(survey: Survey, found: ModelWithEffects, noise: Noise) -> tuple[Problem, Fit]:
+    """Return a campaign of many different poses as one with repeats is weighed, and a fit to it.
+
+    What scatters beyond the noise of readings is the error that every pose may have. Of very many
+    poses some stand for all.
+
+    Args:
+        survey: the campaign.
+        found: the model with what was found, fitted.
+        noise: of single readings.
+    """
+    count = len(survey.poses)
+    rows = np.linspace(0, count - 1, min(count, _MOST_MEASURED)).round().astype(np.intp)
+    survey = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
+    poses = survey.poses
+    joint_rad = noise.joint_rad if len(noise.joint_rad) else np.zeros(poses.states.n)
+    noise = replace(noise, cov=noise.cov[rows], joint_rad=joint_rad)
+    white = np.linalg.inv(np.linalg.cholesky(noise.cov)) @ survey.left_by(found.at)[:, :, None]
+    scatter = float(np.sum(white**2) / poses.measured.components_seen.sum())
+    in_time = InTime(survey.wander, drifts=False)
+    cov = noise.cov * len(rows) / count
+    setup, load_N = survey.setup, poses.states.load_N
+    pose, _, _ = noise_models(poses, cov, survey.baseline, setup, None, load_N, in_time)
+    problem = Problem(
+        survey.baseline,
+        setup,
+        poses,
+        poses,
+        cov,
+        noise,
+        pose,
+        torque=None,
+        torque_left_Nm=np.zeros_like(poses.states.tau_Nm),
+        context=survey.context,
+        torques_logged=survey.torques_logged,
+        in_time=in_time,
+    )
+    sizes, variance = (SIZES.index(1.0),) * len(found.effects), max(scatter - 1.0, 0.0)
+    return problem, Fit(found.effects, found.at, found.converged, sizes, variance, 0.0)
+
+
+# Poses that show joint angles which no pose of the fit has seen.
+
+_DRAWN = 2000
+_TURN = 2.0 * np.pi
+
+
+def poses_at_unseen_angles(
+    measured: Problem | Survey, seen: AnglesSeen, count: int, random_seed: int = 0
+) -> tuple[SuggestedPose, ...]:
+    """Choose poses that take joints to angles not seen, the most of them first.
+
+    Out of a pool drawn at random, within limits and near the measured places. An angle once chosen
+    counts as seen, so that each pose after the first goes elsewhere.
+
+    Args:
+        measured: the campaign.
+        seen: angles that its poses have seen.
+        count: poses wanted at most.
+        random_seed: draws the pool.
+
+    Returns:
+        The poses; none where all angles within reach were seen, or none is admissible.
+    """
+    if not count or all(_everywhere(seen, joint) for joint in range(len(seen.turns))):
+        return ()
+    try:
+        q_rad = draw_near(measured, _DRAWN, random_seed)
+    except DiscoveryError:
+        return ()
+    new = ~seen.each(q_rad) & np.array(seen.turns)
+    place = np.floor(np.mod(q_rad, _TURN) / (2.0 * WITHIN_RAD)).astype(np.intp)
+    load_N = float(measured.cells.states.load_N.min())
+    chosen: list[SuggestedPose] = []
+    while len(chosen) < count and new.any():
+        best = int(np.argmax(new.sum(axis=1)))
+        joints = np.flatnonzero(new[best])
+        purposes = tuple(f"angle of joint {joint + 1} not seen" for joint in joints)
+        q_deg = np.degrees(q_rad[best])
+        chosen.append(SuggestedPose(q_deg=q_deg, q_rad=q_rad[best], load_N=load_N, for_=purposes))
+        new[:, joints] &= place[:, joints] != place[best, joints]
+    return tuple(chosen)
+
+
+def _everywhere(seen: AnglesSeen, joint: int) -> bool:
+    """Return whether a revolute joint has seen its whole turn; prismatic ones do not count."""
+    if not seen.turns[joint]:
+        return True
+    stretches = seen.intervals[joint]
+    return len(stretches) == 1 and bool(np.ptp(stretches[0]) >= _TURN)

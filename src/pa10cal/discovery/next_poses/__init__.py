@@ -1,1 +1,0 @@
-"""Which configurations to measure next, and what they are expected to bring."""
