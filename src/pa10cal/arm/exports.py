@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import reduce
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames, placed, roll_pitch_yaw
 from pa10cal.arm.urdf_reading import (
@@ -73,7 +73,7 @@ def urdf_text(
                 velocity="1.0",
             )
             constant, parent = np.eye(4), child
-        constant = constant @ _elementary(motion.axis, motion.turns, value)
+        constant = constant @ motion.moved(value)
     _joint(robot, "to_flange", "fixed", parent, "flange", constant)
     for link, T in (frames or {}).items():
         _joint(robot, f"to_{link}", "fixed", "flange", link, T)
@@ -91,15 +91,6 @@ def _joint(
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "child", link=child)
     return joint
-
-
-def _elementary(axis: int, turns: bool, value: float) -> Array:
-    T = np.eye(4)
-    if turns:
-        T[:3, :3] = Rotation.from_euler("xyz"[axis], value).as_matrix()
-    else:
-        T[axis, 3] = value
-    return T
 
 
 # A user's own URDF with the origins of a calibrated arm; all else in it stays.
@@ -170,14 +161,8 @@ def patched_urdf(
 
 def _links_at_zero(tree: UrdfTree) -> dict[str, Array]:
     """Return the poses of all links in the root, (4, 4) each, with all joints at zero."""
-    found, open_ = {tree.root: np.eye(4)}, [tree.root]
-    while open_:
-        parent = open_.pop()
-        for joint in tree.joints:
-            if joint.parent == parent:
-                found[joint.child] = found[parent] @ _origin(joint)
-                open_.append(joint.child)
-    return found
+    names = [link.name for link in tree.links]
+    return {name: reduce(np.matmul, map(_origin, tree.above(name)), np.eye(4)) for name in names}
 
 
 def _origin(joint: UrdfJoint) -> Array:

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD, Arm, with_hayati_rows
@@ -287,17 +288,10 @@ def rows_through(p_base_m: Array, axes: Array, T_base_ee: Array) -> Rows:
         frames.append(T)
     parameters.append(_last_row(np.linalg.inv(T) @ T_base_ee))
     T = T @ _motion(*parameters[-1])
+    T_row_n_ee = _tidy(np.linalg.inv(T) @ T_base_ee)
     theta, d, a, alpha, beta = np.array(parameters).T
-    return Rows(
-        theta_rad=theta,
-        d_m=d,
-        a_m=a,
-        alpha_rad=alpha,
-        beta_rad=beta,
-        T_base_row1=T_base_row1,
-        T_row_n_ee=_tidy(np.linalg.inv(T) @ T_base_ee),
-        T_base_rows=np.array([*frames, T]),
-    )
+    T_base_rows = np.array([*frames, T])
+    return Rows(theta, d, a, alpha, beta, T_base_row1, T_row_n_ee, T_base_rows)
 
 
 def _first_frame(p_m: Array, axis: Array) -> Array:
@@ -374,10 +368,7 @@ def _tidy(T: Array) -> Array:
 
 def _motion(theta: float, d: float, a: float, alpha: float, beta: float) -> Array:
     """Return Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)."""
-    turn, twist, tilt = np.eye(4), np.eye(4), np.eye(4)
-    turn[:2, :2] = [[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]]
-    twist[1:3, 1:3] = [[np.cos(alpha), -np.sin(alpha)], [np.sin(alpha), np.cos(alpha)]]
-    tilt[:3:2, :3:2] = [[np.cos(beta), np.sin(beta)], [-np.sin(beta), np.cos(beta)]]
-    turn[2, 3], twist[0, 3] = d, a
-    T: Array = turn @ twist @ tilt
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("ZXY", [theta, alpha, beta]).as_matrix()
+    T[:3, 3] = a * np.cos(theta), a * np.sin(theta), d
     return T
