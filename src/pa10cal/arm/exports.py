@@ -262,7 +262,9 @@ def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | Non
     along_m = float((np.linalg.inv(moved[-1]) @ T_base_flange)[2, 3])
     moved[-1, :3, 3] += along_m * moved[-1, :3, 2]
     # The driver counts from the frame that the first joint stands on, turned with its own base.
-    before = np.concatenate([_turned_base(T_base_frames)[None], moved[:-1]])
+    T_base_first = np.eye(4)
+    T_base_first[:3, :3] = T_base_frames[0, :3, :3]
+    before = np.concatenate([T_base_first[None], moved[:-1]])
     lines = [f"# {line}".rstrip() for line in comments] + ["kinematics:"]
     for name, T in zip(LINKS, np.linalg.inv(before) @ moved, strict=True):
         lines.append(f"  {name}:")
@@ -285,13 +287,6 @@ def flange_off_m(chain: Chain, coordinates: Array) -> float:
         carried, T_base_flange = carried_frames(chain, at)
         ends.append(np.linalg.inv(carried[-1]) @ T_base_flange)
     return float(np.linalg.norm(ends[1][:2, 3] - ends[0][:2, 3]))
-
-
-def _turned_base(T_base_frames: Array) -> Array:
-    """Return the base that the first joint stands on, about z in line with its frame."""
-    T = np.eye(4)
-    T[:3, :3] = T_base_frames[0, :3, :3]
-    return T
 
 
 def _frames_as_designed(chain: Chain) -> Array | None:

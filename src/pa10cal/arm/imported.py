@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD, Arm, with_hayati_rows
-from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, UrdfTree, read_tree
+from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, UrdfTree, read_tree, words
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
 
@@ -160,19 +160,19 @@ def _kinematics_text(tree: UrdfTree) -> str:
         element = ElementTree.SubElement(robot, "link", name=link.name)
         if link.mass_kg:
             inertial = ElementTree.SubElement(element, "inertial")
-            ElementTree.SubElement(inertial, "origin", xyz=_words(link.com_m))
+            ElementTree.SubElement(inertial, "origin", xyz=words(link.com_m))
             ElementTree.SubElement(inertial, "mass", value=repr(link.mass_kg))
-            moments = dict.fromkeys(("ixx", "iyy", "izz"), "1") | dict.fromkeys(
-                ("ixy", "ixz", "iyz"), "0"
-            )
+            moments = {
+                f"i{k}{j}": str(int(k == j)) for k, j in ("xx", "xy", "xz", "yy", "yz", "zz")
+            }
             ElementTree.SubElement(inertial, "inertia", moments)
     for joint in tree.joints:
         name = _joint_name(joint.name)
         element = ElementTree.SubElement(robot, "joint", name=name, type=joint.kind)
-        ElementTree.SubElement(element, "origin", xyz=_words(joint.xyz), rpy=_words(joint.rpy))
+        ElementTree.SubElement(element, "origin", xyz=words(joint.xyz), rpy=words(joint.rpy))
         ElementTree.SubElement(element, "parent", link=joint.parent)
         ElementTree.SubElement(element, "child", link=joint.child)
-        ElementTree.SubElement(element, "axis", xyz=_words(joint.axis))
+        ElementTree.SubElement(element, "axis", xyz=words(joint.axis))
         form = dict.fromkeys(("effort", "velocity", "upper"), "1") | {"lower": "-1"}
         ElementTree.SubElement(element, "limit", form)
     return ElementTree.tostring(robot, encoding="unicode")
@@ -184,10 +184,6 @@ def _joint_name(name: str) -> str:
     Pinocchio looks for both among its frames.
     """
     return f"joint {name}"
-
-
-def _words(values: tuple[float, ...]) -> str:
-    return " ".join(map(repr, values))
 
 
 def _limits(joints: list[UrdfJoint], where: str) -> tuple[Array, list[str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import takewhile
 from xml.etree import ElementTree
@@ -73,7 +74,7 @@ def origin_of(T: Array) -> dict[str, str]:
     return {"xyz": words(T[:3, 3]), "rpy": words(roll_pitch_yaw(T[:3, :3]))}
 
 
-def words(values: Array) -> str:
+def words(values: Iterable[float]) -> str:
     """Return numbers as text, to the last digit."""
     return " ".join(repr(float(value)) for value in values)
 

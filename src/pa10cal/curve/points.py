@@ -170,7 +170,6 @@ def _lay(curve: Curve, link_m: float, wanted: int) -> Points:
 def _with_ending(
     curve: Curve, link_m: float, t: Array, p_m: Array, touches: NDArray[np.bool_], wanted: int
 ) -> Points:
-    """Return points with how they end."""
     last, end = float(t[-1]), curve.bounds.end
     gap_m = float(np.linalg.norm(curve.at(np.array([end]))[0] - p_m[-1]))
     left_m = arc_length_m(curve, last, end) if last < end else 0.0

@@ -44,12 +44,10 @@ def instrument_of(words: str) -> type[Instrument] | None:
 
 
 def _kind(word: str) -> str:
-    """Refuse a word that is no kind of instrument."""
     return _one_of(list(instruments()), word)
 
 
 def _tracker(word: str) -> str:
-    """Refuse a word that is no kind of instrument without touches."""
     return _one_of([kind for kind, found in instruments().items() if not found.from_touches], word)
 
 

@@ -177,11 +177,9 @@ class Offsets:
     coordinates: tuple[str, ...]  # the k coordinates they shift
     of: str = "links"  # `links`, `base` or `tool`
     id: ClassVar[str] = "offsets"
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return "each parameter is added to the coordinate of the chain at its place in the list"
+    formula: ClassVar[str] = (
+        "each parameter is added to the coordinate of the chain at its place in the list"
+    )
 
     def only(self, names: Collection[str]) -> Offsets:
         """Return the parameters that are named, with their coordinates, in the order here."""

@@ -206,11 +206,6 @@ def turning_joints(context: CandidateContext) -> tuple[int, ...]:
     return tuple(int(joint) for joint in np.flatnonzero(~context.arm.prismatic) + 1)
 
 
-def loaded_joints(context: CandidateContext) -> tuple[int, ...]:
-    """Return the joints, from 1, that turn and carried torque worth the name."""
-    return tuple(joint for joint in turning_joints(context) if context.carried_at(joint))
-
-
 def joint_of(place: str) -> int:
     """Return the number of the joint, from 1, that a place names."""
     return int(place.removeprefix("joint "))

@@ -19,7 +19,6 @@ from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import (
     CandidateContext,
     joint_of,
-    loaded_joints,
     static_loads_in,
     turning_joints,
 )
@@ -68,35 +67,32 @@ def _of_joint(place: str, context: CandidateContext, states: PoseStates) -> Iter
     q_rad, tau_Nm = states.q_rad[:, joint - 1], np.abs(states.tau_Nm[:, joint - 1])
     poses = len(np.unique(np.round(q_rad, 4)))
     orders = range(1, int(np.clip(poses, _FEWEST_CYCLES, _MOST_CYCLES)) + 1)
+    few = [(float(order),) for order in _FEW_CYCLES]
     thresholds = _levels(q_rad)
-    loaded = loaded_joints(context)
+    loaded = context.carried_at(joint) > 0.0
     yield from (AngleForm(place, "harmonic", (float(order),)) for order in orders)
     yield from (AngleForm(place, "step", (at,)) for at in thresholds)
-    if joint in loaded:
+    if loaded:
         for form in ("torque_squared", "torque_abs_torque", "torque_cubed", "sign_of_torque"):
             yield AngleForm(place, form)
         yield from (AngleForm(place, "torque_beyond", (at,)) for at in _levels(tau_Nm))
-        for order in _FEW_CYCLES:
-            yield AngleForm(place, "torque_by_angle", (float(order),))
+        yield from (AngleForm(place, "torque_by_angle", order) for order in few)
     if np.any(states.arrival[:, joint - 1]):
-        if joint in loaded:
+        if loaded:
             yield AngleForm(place, "arrival_by_torque")
             yield AngleForm(place, "arrival_by_torque_squared")
-        for order in _FEW_CYCLES:
-            yield AngleForm(place, "arrival_by_angle", (float(order),))
+        yield from (AngleForm(place, "arrival_by_angle", order) for order in few)
     for other in turning_joints(context):
         if other == joint:
             continue
-        for order in _FEW_CYCLES:
-            yield AngleForm(place, "other_angle", (float(other), float(order)))
+        yield from (AngleForm(place, "other_angle", (float(other), *order)) for order in few)
         yield AngleForm(place, "product_of_angles", (float(other),))
         yield AngleForm(place, "product_of_sines", (float(other),))
-        if other in loaded:
+        if context.carried_at(other):
             yield AngleForm(place, "other_torque", (float(other),))
     yield from (AngleForm(place, "settling", each) for each in _times(context))
     yield PullForm(place, "pull")
-    for order in _FEW_CYCLES:
-        yield PullForm(place, "pull_harmonic", (float(order),))
+    yield from (PullForm(place, "pull_harmonic", order) for order in few)
     for at in thresholds:
         yield PullForm(place, "pull_beyond", (at,))
         yield PullForm(place, "pull_below", (at,))
