@@ -315,25 +315,19 @@ def serpenoid(length_m: float, waves: float, amplitude_rad: float, phase_rad: fl
 
 
 def _positive(name: str, value: float) -> float:
-    if not (np.isfinite(value) and value > 0.0):
-        raise _not_a_measure("positive", name, value, "a finite number above 0")
+    return _finite(name, value, above_zero=True)
+
+
+def _finite(name: str, value: float, *, above_zero: bool = False) -> float:
+    if not np.isfinite(value) or (above_zero and value <= 0.0):
+        raise CurveError(
+            f"a measure of the shape is not {'positive' if above_zero else 'finite'}",
+            where=name,
+            value=value,
+            allowed=f"a finite number{' above 0' if above_zero else ''}",
+            remedy="correct it",
+        )
     return value
-
-
-def _finite(name: str, value: float) -> float:
-    if not np.isfinite(value):
-        raise _not_a_measure("finite", name, value, "a finite number")
-    return value
-
-
-def _not_a_measure(what: str, name: str, value: float, allowed: str) -> CurveError:
-    return CurveError(
-        f"a measure of the shape is not {what}",
-        where=name,
-        value=value,
-        allowed=allowed,
-        remedy="correct it",
-    )
 
 
 def _refusal(what: str, value: object, allowed: str) -> CurveError:
