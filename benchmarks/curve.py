@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from pa10cal.curve.angles import JointAngles, chain_points, first_axes, joint_angles
-from pa10cal.curve.curve import Array, Curve, PiecewisePolynomial, spline_through
+from pa10cal.curve.curve import Array, Curve, spline_through
 from pa10cal.curve.points import Points, first_crossing, lay_points
 from pa10cal.curve.roll import RollMap, smallest_angle
 
@@ -38,13 +38,13 @@ class Counting:
         return self._curve.with_velocity(t)
 
 
-def bent_spline(seed: int = 1, points: int = 30) -> PiecewisePolynomial:
+def bent_spline(seed: int = 1, points: int = 30) -> Curve:
     """Return a spline through a random walk: about 50 m long, bends down to centimetres."""
     steps = np.random.default_rng(seed).normal(size=(points, 3))
     return spline_through(np.cumsum(steps, axis=0))
 
 
-def waved_spline() -> PiecewisePolynomial:
+def waved_spline() -> Curve:
     """Return a spline about a metre long that ten links can follow as well."""
     t = np.linspace(0.0, 1.0, 12)
     return spline_through(np.stack([t, 0.1 * np.sin(5 * t), 0.1 * np.cos(4 * t)], axis=1))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pa10cal.curve.curve import PiecewisePolynomial, spline_through
+from pa10cal.curve.curve import Curve, spline_through
 
 
-def tight_spline(random: np.random.Generator) -> PiecewisePolynomial:
+def tight_spline(random: np.random.Generator) -> Curve:
     """Return a spline through points scattered at random: loops, near cusps, bends of any kind."""
     points_m = random.normal(size=(random.integers(4, 9), 3))
     if random.uniform() < 0.5:
@@ -15,7 +15,7 @@ def tight_spline(random: np.random.Generator) -> PiecewisePolynomial:
     return spline_through(points_m)
 
 
-def gentle_spline(random: np.random.Generator, points: int = 9) -> PiecewisePolynomial:
+def gentle_spline(random: np.random.Generator, points: int = 9) -> Curve:
     """Return a spline about a metre long without tight bends."""
     t = np.linspace(0.0, 1.0, points)
     a, b, c, d = random.uniform(-0.12, 0.12, 4)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
@@ -12,6 +12,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.errors import ALLOWED, fits_a_folder
+from pa10cal.evaluation import options
 from pa10cal.evaluation.options import (
     BlindTrialsOptions,
     CoverageOptions,
@@ -65,26 +66,13 @@ class Settings(Section):
     )
     raw_dir: str = Field("data/raw", description="campaigns, only read")
     results_dir: str = Field("results", description="one folder a campaign is written here")
-    kcub_reading: Literal["text_e7", "table_e8"] = Field(
-        "text_e7",
-        description="exponent of the paper's cubic stiffness: text_e7, or table_e8 (its Table I)",
-    )
-    ingest: IngestOptions = Field(IngestOptions(), description="raw logs to a table of poses")
-    base_frame: BaseFrameOptions = Field(
-        BaseFrameOptions(), description="from the straight-line moves, equations (5)-(7)"
-    )
-    calibration: CalibrationOptions = Field(
-        CalibrationOptions(), description="two levels, equations (1)-(4), and the general model"
-    )
-    montecarlo: MonteCarloOptions = Field(
-        MonteCarloOptions(), description="position error from resolver uncertainty"
-    )
-    evaluation: EvaluationOptions = Field(
-        EvaluationOptions(), description="held-out points and loads"
-    )
-    discovery: DiscoveryOptions = Field(
-        DiscoveryOptions(), description="the search for missing effects; standard uncertainties"
-    )
+    kcub_reading: options.KcubReading = "text_e7"
+    ingest: options.Ingest = IngestOptions()
+    base_frame: options.BaseFrame = BaseFrameOptions()
+    calibration: options.Calibration = CalibrationOptions()
+    montecarlo: options.MonteCarlo = MonteCarloOptions()
+    evaluation: options.Evaluation = EvaluationOptions()
+    discovery: options.Discovery = DiscoveryOptions()
     blind_trials: BlindTrialsOptions = Field(
         BlindTrialsOptions(),
         description="campaigns of the virtual cell judged without their truth, and scored apart",
@@ -98,7 +86,7 @@ class Settings(Section):
         description="calibration of a chain of links on two-axis joints, posed along curves, in "
         "the virtual cell",
     )
-    figures: FigureOptions = Field(FigureOptions(), description="looks shared by all figures")
+    figures: options.Figures = FigureOptions()
     dataset_sources: dict[str, str] = Field(
         default_factory=dict,
         description="folder or address of a public data set by name, e.g. {ipa-robot-accuracy: "

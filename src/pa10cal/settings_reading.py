@@ -75,7 +75,7 @@ def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> Se
     location = (*(part for part in within if "[" not in part), *last)
     key = ".".join(location) or "the whole"
     if unknown:
-        known = _known_keys(section, location[:-1])
+        known = list(_section_at(section, location[:-1]).model_fields)
         return SettingsError(
             f"unknown key {key}",
             where=where,
@@ -112,11 +112,6 @@ def _meaning(section: type[BaseModel], path: tuple[str, ...]) -> str:
         if field is not None:
             return field.description or ""
     return ""
-
-
-def _known_keys(section: type[BaseModel], path: tuple[str, ...]) -> list[str]:
-    """Return the field names of the (sub)section at `path`."""
-    return list(_section_at(section, path).model_fields)
 
 
 def _section_at(section: type[BaseModel], path: tuple[str, ...]) -> type[BaseModel]:

@@ -7,6 +7,7 @@ grow without end, and of two keys of one name the first is dropped without a wor
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -74,16 +75,14 @@ def parse_yaml(text: str) -> Any:
         raise ValueError(f"a tagged value that cannot be converted: {error}") from None
 
 
+@dataclass(slots=True)
 class _Collection:
-    """A list or mapping that is being read: its name, its keys so far, the values it stands for."""
+    """A list or mapping that is being read."""
 
-    __slots__ = ("anchor", "expects_key", "keys", "nodes")
-
-    def __init__(self, anchor: str | None, *, mapping: bool) -> None:
-        self.anchor = anchor
-        self.keys: set[str] | None = set() if mapping else None
-        self.expects_key = mapping
-        self.nodes = 1
+    anchor: str | None
+    keys: set[str] | None  # of a mapping, so far; None of a list
+    expects_key: bool
+    nodes: int = 1  # values that it stands for
 
 
 def _check_structure(text: str) -> None:
@@ -107,7 +106,8 @@ def _check_structure(text: str) -> None:
                 raise ValueError(f"{_line(event)}: *{event.anchor} refers to what it stands in")
             nodes = nodes_of[event.anchor]
         elif kind is yaml.MappingStartEvent or kind is yaml.SequenceStartEvent:
-            open_ones.append(_Collection(event.anchor, mapping=kind is yaml.MappingStartEvent))
+            mapping = kind is yaml.MappingStartEvent
+            open_ones.append(_Collection(event.anchor, set() if mapping else None, mapping))
             if len(open_ones) > MAX_DEPTH:
                 raise ValueError(f"{_line(event)}: nested deeper than {MAX_DEPTH} levels")
             continue

@@ -69,7 +69,7 @@ def _with_spherical_wrist(axes: _Axes, T_base_ee: Array) -> Array:
     centre = _turned(R, p[3]) + moved[..., :3, 3]
     q1 = -_onto_plane(h[0], centre - p[0], h[1], h[1] @ (p[3] - p[0]))
     v = _about(h[0], -q1, centre - p[0]) + p[0]
-    q3 = _at_distance(h[2], p[3] - p[2], p[2] - p[1], _norm(v - p[1]))
+    q3 = _at_distance(h[2], p[3] - p[2], p[2] - p[1], np.linalg.norm(v - p[1], axis=-1))
     q1, v, q3 = _pairs(q1, q3), _pairs(v, q3), q3.reshape(len(q3), -1)
     q2 = _between(h[1], _about(h[2], q3, p[3] - p[2]) + p[2] - p[1], v - p[1])
     R_123 = _rotation(h[0], q1) @ _rotation(h[1], q2) @ _rotation(h[2], q3)
@@ -104,7 +104,7 @@ def _with_three_parallel(axes: _Axes, T_base_ee: Array) -> Array:
     # Where joints 5 and 6, turned back, leave the fourth axis.
     fourth = centre + _turned(R @ np.swapaxes(R_56, -1, -2), p[3] - p[4])
     v = _about(h[0], -q1, fourth - p[0]) + p[0]
-    q3 = _at_distance(h[2], p[3] - p[2], p[2] - p[1], _norm(v - p[1]))
+    q3 = _at_distance(h[2], p[3] - p[2], p[2] - p[1], np.linalg.norm(v - p[1], axis=-1))
     q1, q5, q6, v, sum_234 = (_pairs(each, q3) for each in (q1, q5, q6, v, sum_234))
     q3 = q3.reshape(len(q3), -1)
     q2 = _between(h[1], _about(h[2], q3, p[3] - p[2]) + p[2] - p[1], v - p[1])
@@ -167,10 +167,6 @@ def _about(k: Array, angle: Array, p: Array) -> Array:
 def _turned(R: Array, p: Array) -> Array:
     turned: Array = (R @ np.asarray(p)[..., None])[..., 0]
     return turned
-
-
-def _norm(p: Array) -> Array:
-    return np.asarray(np.linalg.norm(p, axis=-1))
 
 
 def _across(k: Array) -> Array:

@@ -63,6 +63,15 @@ class Motion:
     axis: Axis  # 0, 1, 2 for x, y, z of the moving frame
     turns: bool  # whether it rotates (else it translates)
 
+    def moved(self, value: float) -> Array:
+        """Return the frame (4, 4) so far along or about its axis [m, rad]."""
+        T = np.eye(4)
+        if self.turns:
+            T[:3, :3] = Rotation.from_euler("xyz"[self.axis], value).as_matrix()
+        else:
+            T[self.axis, 3] = value
+        return T
+
 
 @dataclass(frozen=True)
 class EndPose:
@@ -130,12 +139,9 @@ class Chain:
         motions += _free_frame(TOOL)
         columns = {motion.coordinate: k for k, motion in enumerate(motions)}
         nominal = np.zeros(len(motions))
-        for row in range(arm.n):
-            nominal[columns[f"theta_{row + 1}"]] = arm.theta_rad[row]
-            nominal[columns[f"d_{row + 1}"]] = arm.d_m[row]
-            nominal[columns[f"a_{row + 1}"]] = arm.a_m[row]
-            nominal[columns[f"alpha_{row + 1}"]] = arm.alpha_rad[row]
-            nominal[columns[f"beta_{row + 1}"]] = arm.beta_rad[row]
+        for name in ("theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad"):
+            for row, value in enumerate(getattr(arm, name), start=1):
+                nominal[columns[f"{name.rpartition('_')[0]}_{row}"]] = value
         joints = np.array([columns[drive] for drive in drives])
         placed = {len(BASE): arm.T_base_row1, len(motions) - len(TOOL): arm.T_row_n_ee}
         constants = {column: T for column, T in placed.items() if (np.eye(4) != T).any()}
@@ -356,12 +362,7 @@ def carried_frames(chain: Chain, coordinates: Array) -> tuple[Array, Array]:
     found = frames(chain, at[None])
     carried = found.T_base_joints[:, 0].copy()
     for joint, column in enumerate(chain.joint_columns):
-        own = np.eye(4)
-        if chain.motions[column].turns:
-            own[:3, :3] = Rotation.from_euler("z", at[column]).as_matrix()
-        else:
-            own[2, 3] = at[column]
-        carried[joint] = carried[joint] @ own
+        carried[joint] = carried[joint] @ chain.motions[column].moved(at[column])
     return carried, found.T_base_ee[0]
 
 

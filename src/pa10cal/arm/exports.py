@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import reduce
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames, placed, roll_pitch_yaw
 from pa10cal.arm.urdf_reading import (
@@ -73,7 +73,7 @@ def urdf_text(
                 velocity="1.0",
             )
             constant, parent = np.eye(4), child
-        constant = constant @ _elementary(motion.axis, motion.turns, value)
+        constant = constant @ motion.moved(value)
     _joint(robot, "to_flange", "fixed", parent, "flange", constant)
     for link, T in (frames or {}).items():
         _joint(robot, f"to_{link}", "fixed", "flange", link, T)
@@ -91,15 +91,6 @@ def _joint(
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "child", link=child)
     return joint
-
-
-def _elementary(axis: int, turns: bool, value: float) -> Array:
-    T = np.eye(4)
-    if turns:
-        T[:3, :3] = Rotation.from_euler("xyz"[axis], value).as_matrix()
-    else:
-        T[axis, 3] = value
-    return T
 
 
 # A user's own URDF with the origins of a calibrated arm; all else in it stays.
@@ -170,14 +161,8 @@ def patched_urdf(
 
 def _links_at_zero(tree: UrdfTree) -> dict[str, Array]:
     """Return the poses of all links in the root, (4, 4) each, with all joints at zero."""
-    found, open_ = {tree.root: np.eye(4)}, [tree.root]
-    while open_:
-        parent = open_.pop()
-        for joint in tree.joints:
-            if joint.parent == parent:
-                found[joint.child] = found[parent] @ _origin(joint)
-                open_.append(joint.child)
-    return found
+    names = [link.name for link in tree.links]
+    return {name: reduce(np.matmul, map(_origin, tree.above(name)), np.eye(4)) for name in names}
 
 
 def _origin(joint: UrdfJoint) -> Array:
@@ -277,7 +262,9 @@ def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | Non
     along_m = float((np.linalg.inv(moved[-1]) @ T_base_flange)[2, 3])
     moved[-1, :3, 3] += along_m * moved[-1, :3, 2]
     # The driver counts from the frame that the first joint stands on, turned with its own base.
-    before = np.concatenate([_turned_base(T_base_frames)[None], moved[:-1]])
+    T_base_first = np.eye(4)
+    T_base_first[:3, :3] = T_base_frames[0, :3, :3]
+    before = np.concatenate([T_base_first[None], moved[:-1]])
     lines = [f"# {line}".rstrip() for line in comments] + ["kinematics:"]
     for name, T in zip(LINKS, np.linalg.inv(before) @ moved, strict=True):
         lines.append(f"  {name}:")
@@ -300,13 +287,6 @@ def flange_off_m(chain: Chain, coordinates: Array) -> float:
         carried, T_base_flange = carried_frames(chain, at)
         ends.append(np.linalg.inv(carried[-1]) @ T_base_flange)
     return float(np.linalg.norm(ends[1][:2, 3] - ends[0][:2, 3]))
-
-
-def _turned_base(T_base_frames: Array) -> Array:
-    """Return the base that the first joint stands on, about z in line with its frame."""
-    T = np.eye(4)
-    T[:3, :3] = T_base_frames[0, :3, :3]
-    return T
 
 
 def _frames_as_designed(chain: Chain) -> Array | None:

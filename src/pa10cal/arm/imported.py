@@ -11,10 +11,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD, Arm, with_hayati_rows
-from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, UrdfTree, read_tree
+from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, UrdfTree, read_tree, words
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
 
@@ -159,19 +160,19 @@ def _kinematics_text(tree: UrdfTree) -> str:
         element = ElementTree.SubElement(robot, "link", name=link.name)
         if link.mass_kg:
             inertial = ElementTree.SubElement(element, "inertial")
-            ElementTree.SubElement(inertial, "origin", xyz=_words(link.com_m))
+            ElementTree.SubElement(inertial, "origin", xyz=words(link.com_m))
             ElementTree.SubElement(inertial, "mass", value=repr(link.mass_kg))
-            moments = dict.fromkeys(("ixx", "iyy", "izz"), "1") | dict.fromkeys(
-                ("ixy", "ixz", "iyz"), "0"
-            )
+            moments = {
+                f"i{k}{j}": str(int(k == j)) for k, j in ("xx", "xy", "xz", "yy", "yz", "zz")
+            }
             ElementTree.SubElement(inertial, "inertia", moments)
     for joint in tree.joints:
         name = _joint_name(joint.name)
         element = ElementTree.SubElement(robot, "joint", name=name, type=joint.kind)
-        ElementTree.SubElement(element, "origin", xyz=_words(joint.xyz), rpy=_words(joint.rpy))
+        ElementTree.SubElement(element, "origin", xyz=words(joint.xyz), rpy=words(joint.rpy))
         ElementTree.SubElement(element, "parent", link=joint.parent)
         ElementTree.SubElement(element, "child", link=joint.child)
-        ElementTree.SubElement(element, "axis", xyz=_words(joint.axis))
+        ElementTree.SubElement(element, "axis", xyz=words(joint.axis))
         form = dict.fromkeys(("effort", "velocity", "upper"), "1") | {"lower": "-1"}
         ElementTree.SubElement(element, "limit", form)
     return ElementTree.tostring(robot, encoding="unicode")
@@ -183,10 +184,6 @@ def _joint_name(name: str) -> str:
     Pinocchio looks for both among its frames.
     """
     return f"joint {name}"
-
-
-def _words(values: tuple[float, ...]) -> str:
-    return " ".join(map(repr, values))
 
 
 def _limits(joints: list[UrdfJoint], where: str) -> tuple[Array, list[str]]:
@@ -287,17 +284,10 @@ def rows_through(p_base_m: Array, axes: Array, T_base_ee: Array) -> Rows:
         frames.append(T)
     parameters.append(_last_row(np.linalg.inv(T) @ T_base_ee))
     T = T @ _motion(*parameters[-1])
+    T_row_n_ee = _tidy(np.linalg.inv(T) @ T_base_ee)
     theta, d, a, alpha, beta = np.array(parameters).T
-    return Rows(
-        theta_rad=theta,
-        d_m=d,
-        a_m=a,
-        alpha_rad=alpha,
-        beta_rad=beta,
-        T_base_row1=T_base_row1,
-        T_row_n_ee=_tidy(np.linalg.inv(T) @ T_base_ee),
-        T_base_rows=np.array([*frames, T]),
-    )
+    T_base_rows = np.array([*frames, T])
+    return Rows(theta, d, a, alpha, beta, T_base_row1, T_row_n_ee, T_base_rows)
 
 
 def _first_frame(p_m: Array, axis: Array) -> Array:
@@ -374,10 +364,7 @@ def _tidy(T: Array) -> Array:
 
 def _motion(theta: float, d: float, a: float, alpha: float, beta: float) -> Array:
     """Return Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)."""
-    turn, twist, tilt = np.eye(4), np.eye(4), np.eye(4)
-    turn[:2, :2] = [[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]]
-    twist[1:3, 1:3] = [[np.cos(alpha), -np.sin(alpha)], [np.sin(alpha), np.cos(alpha)]]
-    tilt[:3:2, :3:2] = [[np.cos(beta), np.sin(beta)], [-np.sin(beta), np.cos(beta)]]
-    turn[2, 3], twist[0, 3] = d, a
-    T: Array = turn @ twist @ tilt
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("ZXY", [theta, alpha, beta]).as_matrix()
+    T[:3, 3] = a * np.cos(theta), a * np.sin(theta), d
     return T

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import takewhile
 from xml.etree import ElementTree
 from xml.parsers import expat
 
@@ -42,7 +44,6 @@ def parse_urdf(text: str, *, comments: bool = False) -> UrdfText:
     before: list[str] = []
     depth = [0]
     parser = expat.ParserCreate()
-    parser.ordered_attributes = False
     parser.buffer_text = True
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -73,7 +74,7 @@ def origin_of(T: Array) -> dict[str, str]:
     return {"xyz": words(T[:3, 3]), "rpy": words(roll_pitch_yaw(T[:3, :3]))}
 
 
-def words(values: Array) -> str:
+def words(values: Iterable[float]) -> str:
     """Return numbers as text, to the last digit."""
     return " ".join(repr(float(value)) for value in values)
 
@@ -138,29 +139,32 @@ class UrdfTree:
             ArmError: for unknown links, several tips, or joints that no chain can follow.
         """
         base = self.root if base is None else self._known(base, "--base")
-        carriers = {joint.child: joint for joint in self.joints}
         # What a fixed joint carries moves with what it is fixed to: the base may be a side branch.
-        with_base = [base]
-        while with_base[-1] in carriers and carriers[with_base[-1]].kind == "fixed":
-            with_base.append(carriers[with_base[-1]].parent)
+        fixed = takewhile(lambda joint: joint.kind == "fixed", reversed(self.above(base)))
+        with_base = [base, *(joint.parent for joint in fixed)]
         tip = self._only_tip(with_base[-1]) if tip is None else self._known(tip, "--tip")
-        joints: list[UrdfJoint] = []
-        link = tip
-        while link not in with_base:
-            if link not in carriers:
-                beyond = self._beyond(with_base[-1])
-                raise ArmError(
-                    "the tip is not beyond the base",
-                    where=self.where,
-                    value=tip,
-                    allowed=f"a link beyond {base}: {', '.join(beyond) or 'none'}",
-                    remedy="name another base or tip",
-                )
-            joints.append(carriers[link])
-            link = carriers[link].parent
-        joints.reverse()
+        up = takewhile(lambda joint: joint.child not in with_base, reversed(self.above(tip)))
+        joints = list(up)[::-1]
+        if tip not in with_base and (not joints or joints[0].parent not in with_base):
+            beyond = self._beyond(with_base[-1])
+            raise ArmError(
+                "the tip is not beyond the base",
+                where=self.where,
+                value=tip,
+                allowed=f"a link beyond {base}: {', '.join(beyond) or 'none'}",
+                remedy="name another base or tip",
+            )
         self._check(joints, base, tip)
         return base, tip, tuple(joints)
+
+    def above(self, link: str) -> tuple[UrdfJoint, ...]:
+        """Return the joints that carry a link, from the root on."""
+        carriers = {joint.child: joint for joint in self.joints}
+        found: list[UrdfJoint] = []
+        while link in carriers:
+            found.append(carriers[link])
+            link = carriers[link].parent
+        return tuple(reversed(found))
 
     def _known(self, name: str, option: str) -> str:
         names = [link.name for link in self.links]
@@ -176,24 +180,18 @@ class UrdfTree:
 
     def _beyond(self, base: str) -> list[str]:
         """Return the links beyond a link, in the order of the file."""
-        found, open_ = [], [base]
-        while open_:
-            link = open_.pop()
-            children = [joint.child for joint in self.joints if joint.parent == link]
-            found += children
-            open_ += children
-        return [link.name for link in self.links if link.name in found]
+        names = [link.name for link in self.links]
+        return [name for name in names if any(j.parent == base for j in self.above(name))]
 
     def _only_tip(self, base: str) -> str:
-        beyond = self._beyond(base)
         parents = {joint.parent for joint in self.joints}
-        moving = {
+        before = len(self.above(base))
+        tips = [
             link
-            for joint in self.joints
-            if joint.kind != "fixed" and joint.child in beyond
-            for link in (joint.child, *self._beyond(joint.child))
-        }
-        tips = [link for link in beyond if link not in parents and link in moving]
+            for link in self._beyond(base)
+            if link not in parents
+            and any(joint.kind != "fixed" for joint in self.above(link)[before:])
+        ]
         if len(tips) > 1:
             raise ArmError(
                 "the robot branches, and no tip is named",
@@ -323,12 +321,9 @@ def _root(links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...], where: str
             "exactly one link without a parent joint",
             "join the parts, or open the loop",
         )
-    reached, open_ = {roots[0]}, [roots[0]]
-    while open_:
-        parent = open_.pop()
-        beyond = [joint.child for joint in joints if joint.parent == parent]
-        reached.update(beyond)
-        open_ += beyond
+    reached = {roots[0]}
+    for _ in joints:
+        reached |= {joint.child for joint in joints if joint.parent in reached}
     apart = [name for name in names if name not in reached]
     if apart:
         raise _refusal(

@@ -23,8 +23,7 @@ from pa10cal.observe.observations import (
     Observations,
     average_repeats,
     reading_groups,
-    repeat_scatter,
-    with_scatter,
+    with_repeat_scatter,
 )
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
@@ -147,8 +146,7 @@ def with_own_scatter(
     explained = readings.with_measured(
         T_instr_target=readings.measured.T_instr_target @ np.linalg.inv(expected) @ at_average
     )
-    scatter = repeat_scatter(explained)
-    return with_scatter(observations, scatter) if scatter.is_known else observations
+    return with_repeat_scatter(observations, explained)
 
 
 def propagate(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
@@ -53,7 +54,7 @@ def write_pose_table(
     if findings:
         metadata["findings"] = json.dumps([finding.model_dump() for finding in findings])
     if every.base is not None and every.base.found is not None:
-        metadata["base_motion"] = json.dumps(every.base.found.plain())
+        metadata["base_motion"] = json.dumps(asdict(every.base.found))
     table = table.replace_schema_metadata(metadata)
     pq.write_table(table, path, compression="zstd")
 
@@ -123,7 +124,7 @@ def _own_columns(
 def read_base_motion(path: Path) -> MotionFound | None:
     """Read how the motion of targets on the base was found; None where there are none."""
     text = (pq.read_schema(path).metadata or {}).get(b"base_motion")
-    return None if text is None else MotionFound.of(json.loads(text))
+    return None if text is None else TypeAdapter(MotionFound).validate_json(text)
 
 
 def read_findings(path: Path) -> tuple[InputFinding, ...]:

@@ -126,7 +126,6 @@ def _join_the_run() -> None:
 
 
 def _run(words: list[str]) -> int:
-    """Run the command that these words name and return its exit code."""
     if words in (["-h"], ["--help"]):
         print(_usage())
         return 0
@@ -198,7 +197,8 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
     except Exception as error:
         if isinstance(error, BrokenPipeError) and _nobody_reads():
             return _closed()
-        _print_traceback(debug)
+        if debug:
+            traceback.print_exc()
         refusal = error if isinstance(error, Pa10calError) else missing_package(error)
         if refusal is not None:
             print(f"pa10cal {name}: {refusal}", file=sys.stderr)
@@ -244,11 +244,6 @@ def _closed() -> int:
     return CLOSED
 
 
-def _print_traceback(debug: bool) -> None:
-    if debug:
-        traceback.print_exc()
-
-
 def _usage() -> str:
     """Return how to call the program, with a line for every command."""
     width = max(map(len, COMMANDS))
@@ -278,7 +273,6 @@ def _summary(name: str) -> str:
 
 
 def _parser(name: str, command: Command, types: Mapping[str, Any]) -> argparse.ArgumentParser:
-    """Return the parser of a command's arguments."""
     text, meanings, examples = _documented(inspect.getdoc(command) or "")
     parser = _Parser(
         prog=f"pa10cal {name}",
@@ -320,7 +314,6 @@ def _documented(docstring: str) -> tuple[str, dict[str, str], str]:
 def _add(
     parser: argparse.ArgumentParser, parameter: inspect.Parameter, hint: Any, meaning: str
 ) -> None:
-    """Add one parameter of a command to its parser."""
     kind = _without_none(hint)
     required = parameter.default is parameter.empty
     if _is_section(kind):

@@ -96,7 +96,6 @@ def plan(
 
 
 def _arm(robot: str) -> Arm:
-    """Return the arm of a name, or of a file."""
     from pa10cal.files.arms import load_arm, read_arm
 
     path = Path(robot)
@@ -104,7 +103,6 @@ def _arm(robot: str) -> Arm:
 
 
 def _lines(found: PosePlan, out: Path) -> Iterator[str]:
-    """Yield what a reader is shown."""
     expected = out.with_suffix(".json")
     yield f"{out}: {len(found)} poses of {found.arm.name}, in an order of short moves"
     yield f"{expected}: what to expect of them"

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
+
+#: Options of Snakemake: its progress goes to the display.
+_QUIET = ("--quiet", "all", "--logger", "pa10cal")
 
 
 def run(
@@ -55,15 +59,13 @@ def run(
             allowed="a folder that neither is nor lies in the folder of raw files",
             remedy="give another one",
         )
-    display = RunDisplay(lines=False)
     config = {"campaigns": f'["{name}"]', "raw_dir": str(raw), "results_dir": str(out)}
     if prior is not None:
         refuse_unsound(load_model(prior))
         config["calibration"] = f'{{"prior": "{file_of(prior).absolute()}"}}'
-    quiet = ("--quiet", "all", "--logger", "pa10cal")
     targets = ("campaigns",)
-    workflow = Workflow("workflow/run.smk", config, out, out, cores, targets, settings, quiet)
-    with alone(out):
+    workflow = Workflow("workflow/run.smk", config, out, out, cores, targets, settings, _QUIET)
+    with alone(out), closing(RunDisplay(lines=False)) as display:
         with writing_into(out, "the results", "give another one with --out"):
             raw.mkdir(parents=True, exist_ok=True)
             if link.is_symlink():
@@ -76,8 +78,6 @@ def run(
             ended = write_what_there_is(out / name, folder, used.evaluation.calibration)
             told = told if ended is None else f"{told}; report so far: {ended}"
             raise StageError(told) from None
-        finally:
-            display.close()
     print(table([summarise(out / name, used.evaluation.calibration)]))
     print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")
 
@@ -115,24 +115,20 @@ def reproduce(
     files = [workflow_folder() / "config.yaml", *([] if settings is None else [settings])]
     used = settings_of(files, {}, str(files[-1]))
     results, here = Path(used.results_dir), Path.cwd()
-    display = RunDisplay(lines=True)
     print(
         f"{', '.join(used.campaigns)}: raw files in {used.raw_dir}, results in {results}. It takes "
         "some minutes; what is up to date is not made again.",
         file=sys.stderr,
     )
-    try:
-        quiet = ("--quiet", "all", "--logger", "pa10cal")
-        targets = ("figures",) if figures else ()
+    targets = ("figures",) if figures else ()
+    with closing(RunDisplay(lines=True)) as display:
         whole = Workflow(
-            "Snakefile", {}, here, here / results, cores, targets, settings, quiet, profile
+            "Snakefile", {}, here, here / results, cores, targets, settings, _QUIET, profile
         )
         run_workflow(whole, display)
         if not figures:
             more = ("--quiet", "all", "--report", str(results / "report.html"))
             run_workflow(replace(whole, more=more, profile=None), display)
-    finally:
-        display.close()
     if figures:
         for name in used.campaigns:
             print(f"{results / name / 'figures'}, {results / name / 'tables'}")
@@ -234,17 +230,12 @@ def fleet(
     settings_of(own, {"campaigns": names}, f"{settings or 'campaigns'}")
     texts = {"campaigns": asked, "raw_dir": str(raw_dir), "results_dir": str(out)}
     config = {name: json.dumps(text) for name, text in texts.items()}
-    display = RunDisplay(lines=False)
-    quiet = ("--quiet", "all", "--logger", "pa10cal")
     targets = ("fleet",)
     workflow = Workflow(
-        "workflow/run.smk", config, out, out, cores, targets, settings, quiet, profile
+        "workflow/run.smk", config, out, out, cores, targets, settings, _QUIET, profile
     )
-    with alone(out):
-        try:
-            run_workflow(workflow, display)
-        finally:
-            display.close()
+    with alone(out), closing(RunDisplay(lines=False)) as display:
+        run_workflow(workflow, display)
     found = read(FleetRecord, out / FleetRecord.FILE)
     for each in found.arms:
         if each.attention != "none":

@@ -102,7 +102,6 @@ def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
 
 
 def _blind(trial: JudgedTrial) -> dict[str, object]:
-    """Return a row of a blind trial."""
     hidden = (
         f"{effect.id} of {effect.of} x{effect.size:.3g}"
         + ("" if effect.ratio is None else f", {effect.ratio:.3g} floors")
@@ -126,7 +125,6 @@ def _table(header: Iterable[str], rows: Iterable[dict[str, object]]) -> str:
 
 
 def _said(bar: Bar) -> str:
-    """Return a bar in one line."""
     limit = f"{'at least' if bar.at_least else 'at most'} {_figure(bar.limit, bar.share)}"
     if bar.reached is None:
         return f"{bar.what}: no trial counts ({limit})"

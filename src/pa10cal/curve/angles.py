@@ -16,6 +16,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
@@ -55,14 +56,7 @@ def first_axes(directions: Array, roll_rad: float, z_at_zero: Array | None = Non
     Raises:
         CurveError: when there is no link.
     """
-    if not len(directions):
-        raise CurveError(
-            "there is no link to turn",
-            where="links",
-            value=0,
-            allowed="one or more",
-            remedy="take shorter links",
-        )
+    refuse_no_link(len(directions), "there is no link to turn", "take shorter links")
     x = directions[0]
     z = _square_to(x, _normal_of_first_bend(directions) if z_at_zero is None else z_at_zero)
     y = np.cross(z, x)
@@ -104,9 +98,8 @@ def chain_points(
         p_first_m: (3,) where it begins [m].
         link_m: length of a link.
     """
-    turns = _about(2, a_rad) @ _about(1, b_rad)
-    if order == "yz":
-        turns = _about(1, b_rad) @ _about(2, a_rad)
+    in_order = [a_rad, b_rad] if order == "zy" else [b_rad, a_rad]
+    turns = Rotation.from_euler(order.upper(), np.stack(in_order, axis=1)).as_matrix()
     axes = axes_first
     directions = [axes[:, 0]]
     for turn in turns:
@@ -163,15 +156,16 @@ def _square_to(x: Array, direction: Array) -> Array:
     return np.asarray(off / np.linalg.norm(off))
 
 
-def _about(axis: int, angle_rad: Array) -> Array:
-    """Return turns about y (1) or z (2), (k, 3, 3)."""
-    turns = np.zeros((len(angle_rad), 3, 3))
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    turns[:, axis, axis] = 1.0
-    turns[:, first, first] = turns[:, second, second] = np.cos(angle_rad)
-    turns[:, second, first] = np.sin(angle_rad)
-    turns[:, first, second] = -np.sin(angle_rad)
-    return turns
+def refuse_no_link(
+    links: int, what: str = "there is no link", remedy: str = "request more links"
+) -> None:
+    """Refuse a chain without links.
+
+    Raises:
+        CurveError: saying what is refused and what to do.
+    """
+    if links < 1:
+        raise CurveError(what, where="links", value=links, allowed="one or more", remedy=remedy)
 
 
 # The chain of links as a serial arm of this project: two joints a link, and how they stand.
@@ -196,14 +190,7 @@ def chain_arm(name: str, links: int, link_m: float, limit_rad: float) -> Arm:
         CurveError: when there is no link.
         ArmError: when a link is longer than an arm's may be.
     """
-    if links < 1:
-        raise CurveError(
-            "there is no link",
-            where="links",
-            value=links,
-            allowed="one or more",
-            remedy="request more links",
-        )
+    refuse_no_link(links)
     joints = 2 * links
     unknown = np.full(joints, np.nan)
     return Arm(

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,21 +29,21 @@ _SAME_LENGTH = 5e-13
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
 
 
-class Curve(Protocol):
-    """A finite curve in space."""
+@dataclass(frozen=True)
+class Curve:
+    """A finite curve in space; build it with `parametric`, through points, or by name."""
 
-    @property
-    def bounds(self) -> Bounds:
-        """What holds everywhere on it, cell by cell; its edges begin and end the curve."""
-        ...
+    place: Callable[[Array], Array]  # places (N, 3) at parameters (N,) [m]
+    velocity: Callable[[Array], Array]  # derivative (N, 3) of the place by the parameter
+    bounds: Bounds  # what holds on it, cell by cell; its edges begin and end the curve
 
     def at(self, t: Array) -> Array:
         """Return the places (N, 3) at parameters (N,) [m]."""
-        ...
+        return np.asarray(self.place(t))
 
     def with_velocity(self, t: Array) -> tuple[Array, Array]:
         """Return places and their derivatives by t, both (N, 3); at a kink, of what follows."""
-        ...
+        return self.at(t), np.asarray(self.velocity(t))
 
 
 @dataclass(frozen=True)
@@ -199,23 +198,6 @@ _ROUNDED = 1e-9
 _ORDERS_BEYOND = 30
 
 
-@dataclass(frozen=True)
-class Parametric:
-    """A curve given by a callable; build it with `parametric` or by name."""
-
-    place: Callable[[Array], Array]  # places (N, 3) at parameters (N,) [m]
-    velocity: Callable[[Array], Array]  # derivative (N, 3) of the place by the parameter
-    bounds: Bounds  # what holds on it
-
-    def at(self, t: Array) -> Array:
-        """Return the places (N, 3) at parameters (N,) [m]."""
-        return self.place(t)
-
-    def with_velocity(self, t: Array) -> tuple[Array, Array]:
-        """Return places and their derivatives by t, both (N, 3)."""
-        return self.place(t), self.velocity(t)
-
-
 def parametric(
     place: Callable[[Array], Array],
     velocity: Callable[[Array], Array],
@@ -223,7 +205,7 @@ def parametric(
     fastest: float,
     slowest: float = 0.0,
     acceleration: float = np.inf,
-) -> Parametric:
+) -> Curve:
     """Return a curve given by a callable of any parameter, without kinks.
 
     The first point at a distance is found with `fastest` alone; the others make it quicker.
@@ -260,20 +242,20 @@ def parametric(
             speeds[off][0],
             f"{slowest:g} to {fastest:g}, as stated",
         )
-    return Parametric(place, velocity, uniform_bounds(*span, slowest, fastest, acceleration))
+    return Curve(place, velocity, uniform_bounds(*span, slowest, fastest, acceleration))
 
 
-def line(length_m: float) -> PiecewisePolynomial:
+def line(length_m: float) -> Curve:
     """Return a straight line along x."""
     return polyline(np.array([[0.0, 0.0, 0.0], [_positive("length_m", length_m), 0.0, 0.0]]))
 
 
-def circle(radius_m: float, angle_rad: float = 2.0 * np.pi) -> Parametric:
+def circle(radius_m: float, angle_rad: float = 2.0 * np.pi) -> Curve:
     """Return an arc in the xy plane about the origin, from the x axis on; t is the angle."""
     return helix(radius_m, 0.0, angle_rad / (2.0 * np.pi))
 
 
-def helix(radius_m: float, pitch_m: float, turns: float, phase_rad: float = 0.0) -> Parametric:
+def helix(radius_m: float, pitch_m: float, turns: float, phase_rad: float = 0.0) -> Curve:
     """Return a helix about z, rising by the pitch each turn; t is the angle, from 0.
 
     Args:
@@ -295,14 +277,10 @@ def helix(radius_m: float, pitch_m: float, turns: float, phase_rad: float = 0.0)
         x, y = -radius_m * np.sin(t + phase_rad), radius_m * np.cos(t + phase_rad)
         return np.stack([x, y, np.full_like(t, rise)], axis=1)
 
-    return Parametric(
-        place, velocity, uniform_bounds(0.0, 2.0 * np.pi * turns, speed, speed, radius_m)
-    )
+    return Curve(place, velocity, uniform_bounds(0.0, 2.0 * np.pi * turns, speed, speed, radius_m))
 
 
-def serpenoid(
-    length_m: float, waves: float, amplitude_rad: float, phase_rad: float = 0.0
-) -> Parametric:
+def serpenoid(length_m: float, waves: float, amplitude_rad: float, phase_rad: float = 0.0) -> Curve:
     """Return Hirose's serpenoid curve in the xy plane; t is arc length [m].
 
     Its heading is amplitude cos(2 pi waves t / length + phase). Cosine and sine of a cosine are
@@ -333,30 +311,20 @@ def serpenoid(
         heading = amplitude_rad * np.cos(rate * t + phase_rad)
         return np.stack([np.cos(heading), np.sin(heading), np.zeros_like(t)], axis=1)
 
-    return Parametric(
-        place, velocity, uniform_bounds(0.0, length_m, 1.0, 1.0, amplitude_rad * rate)
-    )
+    return Curve(place, velocity, uniform_bounds(0.0, length_m, 1.0, 1.0, amplitude_rad * rate))
 
 
 def _positive(name: str, value: float) -> float:
-    if not (np.isfinite(value) and value > 0.0):
-        raise CurveError(
-            "a measure of the shape is not positive",
-            where=name,
-            value=value,
-            allowed="a finite number above 0",
-            remedy="correct it",
-        )
-    return value
+    return _finite(name, value, above_zero=True)
 
 
-def _finite(name: str, value: float) -> float:
-    if not np.isfinite(value):
+def _finite(name: str, value: float, *, above_zero: bool = False) -> float:
+    if not np.isfinite(value) or (above_zero and value <= 0.0):
         raise CurveError(
-            "a measure of the shape is not finite",
+            f"a measure of the shape is not {'positive' if above_zero else 'finite'}",
             where=name,
             value=value,
-            allowed="a finite number",
+            allowed=f"a finite number{' above 0' if above_zero else ''}",
             remedy="correct it",
         )
     return value
@@ -382,28 +350,13 @@ _TIGHT, _TIMES_CUT = 0.2, 5
 _CROSS = ((1, 2), (2, 0), (0, 1))
 
 
-@dataclass(frozen=True)
-class PiecewisePolynomial:
-    """A curve given by a polynomial in each piece of its parameter."""
-
-    place: PPoly  # scipy's piecewise polynomial, of three components [m]
-    bounds: Bounds = field(init=False)  # what holds on it
-    _velocity: PPoly = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_velocity", self.place.derivative())
-        object.__setattr__(self, "bounds", _bounds(self.place))
-
-    def at(self, t: Array) -> Array:
-        """Return the places (N, 3) at parameters (N,) [m]."""
-        return np.asarray(self.place(t))
-
-    def with_velocity(self, t: Array) -> tuple[Array, Array]:
-        """Return places and their derivatives by t, both (N, 3)."""
-        return np.asarray(self.place(t)), np.asarray(self._velocity(t))
+def _piecewise(coefficients: Array, breaks: Array) -> Curve:
+    """Return the curve of a polynomial in each piece of its parameter; see `PPoly` [m]."""
+    place = PPoly(coefficients, breaks)
+    return Curve(place, place.derivative(), _bounds(place))
 
 
-def spline_through(points_m: Array, closed: bool = False) -> PiecewisePolynomial:
+def spline_through(points_m: Array, closed: bool = False) -> Curve:
     """Return the cubic spline through points, its parameter the sum of the distances between them.
 
     Args:
@@ -418,10 +371,10 @@ def spline_through(points_m: Array, closed: bool = False) -> PiecewisePolynomial
         points_m = np.vstack([points_m, points_m[:1]])
     t = _along(points_m)
     spline = CubicSpline(t, points_m, bc_type="periodic" if closed else "not-a-knot")
-    return PiecewisePolynomial(PPoly(spline.c, spline.x))
+    return _piecewise(spline.c, spline.x)
 
 
-def polyline(points_m: Array) -> PiecewisePolynomial:
+def polyline(points_m: Array) -> Curve:
     """Return the straight lines between points; their parameter is arc length [m].
 
     Args:
@@ -433,7 +386,7 @@ def polyline(points_m: Array) -> PiecewisePolynomial:
     points_m = checked_points(points_m)
     t = _along(points_m)
     slopes = np.diff(points_m, axis=0) / np.diff(t)[:, None]
-    return PiecewisePolynomial(PPoly(np.stack([slopes, points_m[:-1]]), t))
+    return _piecewise(np.stack([slopes, points_m[:-1]]), t)
 
 
 def checked_points(points_m: Array) -> Array:

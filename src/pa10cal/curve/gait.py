@@ -165,7 +165,6 @@ def travelling(shape: Callable[[float], Curve], time_s: Array, period_s: float) 
 
 
 def _fitting(curve: Curve, link_m: float, links: int) -> Points:
-    """Lay so many links along a curve."""
     points = lay_points(curve, link_m, links)
     if points.n < links:
         raise CurveError(
@@ -225,7 +224,6 @@ def _still(curve: Curve, options: CurveOptions) -> Gait:
 
 
 def _roll(chain: RollMap, options: CurveOptions) -> float:
-    """Choose the roll of a shape [rad]."""
     limits = limits_of(options, chain.n - 1)
     if options.roll == "smallest_angle":
         return smallest_angle(chain, limits).roll_rad
@@ -238,7 +236,6 @@ def _roll(chain: RollMap, options: CurveOptions) -> float:
 
 
 def _moving(curve: Curve, options: CurveOptions) -> Gait:
-    """Follow a shape that moves."""
     moves, shape = options.gait, options.curve
     assert moves is not None  # with what else moving takes, the options see to it
     assert options.link_m is not None

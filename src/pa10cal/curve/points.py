@@ -12,6 +12,7 @@ from scipy.linalg import solve_banded
 from scipy.optimize import brentq
 
 from pa10cal.arrays import Array
+from pa10cal.curve.angles import refuse_no_link
 from pa10cal.curve.curve import Bounds, Curve
 from pa10cal.errors import CurveError
 
@@ -97,14 +98,7 @@ def equal_links(curve: Curve, n: int) -> Points:
     Raises:
         CurveError: when no length is found.
     """
-    if n < 1:
-        raise CurveError(
-            "there is no link",
-            where="links",
-            value=n,
-            allowed="one or more",
-            remedy="request more links",
-        )
+    refuse_no_link(n)
     bounds = curve.bounds
     longest_m = arc_length_m(curve, bounds.start, bounds.end) / n
 
@@ -148,58 +142,45 @@ def arc_length_m(curve: Curve, low: float, high: float) -> float:
     return float((half * speed * _WEIGHTS).sum())
 
 
-@dataclass(frozen=True)
-class _Laid:
-    """Some points in a row: t (k,), p_m (k, 3), touches."""
-
-    t: Array
-    p_m: Array
-    touches: NDArray[np.bool_]
-
-    @classmethod
-    def joined(cls, parts: list[_Laid]) -> _Laid:
-        return cls(
-            np.concatenate([part.t for part in parts]),
-            np.concatenate([part.p_m for part in parts]),
-            np.concatenate([part.touches for part in parts]),
-        )
-
-
 def _lay(curve: Curve, link_m: float, wanted: int) -> Points:
     """Lay points, many at once where they can be proved, else one by one."""
     begun = np.array([curve.bounds.start])
-    laid = [_Laid(begun, curve.at(begun), np.zeros(0, dtype=bool))]
+    laid, touches = [Ahead(begun, curve.at(begun))], [np.zeros(0, dtype=bool)]
     count, block = 0, _FIRST_BLOCK
     while count < wanted:
         t, p_m = float(laid[-1].t[-1]), laid[-1].p_m[-1]
         ahead = points_ahead(curve, t, p_m, link_m, min(block, wanted - count))
         if len(ahead):
-            laid.append(_Laid(ahead.t, ahead.p_m, np.zeros(len(ahead), dtype=bool)))
+            touches.append(np.zeros(len(ahead), dtype=bool))
             block = min(_LARGEST_BLOCK, max(_FIRST_BLOCK, _GROWTH * len(ahead)))
         else:
             block = _FIRST_BLOCK
             crossing = first_crossing(curve, t, p_m, link_m)
             if crossing is None:
                 break
-            touches = np.array([crossing.touches])
-            laid.append(_Laid(np.array([crossing.t]), crossing.p_m[None], touches))
-        count += len(laid[-1].touches)
-    return _fit_summary(curve, link_m, _Laid.joined(laid), wanted)
+            ahead = Ahead(np.array([crossing.t]), crossing.p_m[None])
+            touches.append(np.array([crossing.touches]))
+        laid.append(ahead)
+        count += len(ahead)
+    t_all = np.concatenate([each.t for each in laid])
+    p_all_m = np.concatenate([each.p_m for each in laid])
+    return _with_ending(curve, link_m, t_all, p_all_m, np.concatenate(touches), wanted)
 
 
-def _fit_summary(curve: Curve, link_m: float, laid: _Laid, wanted: int) -> Points:
-    """Return how points end."""
-    t, end = float(laid.t[-1]), curve.bounds.end
-    gap_m = float(np.linalg.norm(curve.at(np.array([end]))[0] - laid.p_m[-1]))
-    left_m = arc_length_m(curve, t, end) if t < end else 0.0
-    same_m = float(curve.bounds.same_length_m(laid.t[-1], laid.p_m[-1], link_m))
-    if max(left_m, gap_m) <= len(laid.t) * same_m:
+def _with_ending(
+    curve: Curve, link_m: float, t: Array, p_m: Array, touches: NDArray[np.bool_], wanted: int
+) -> Points:
+    last, end = float(t[-1]), curve.bounds.end
+    gap_m = float(np.linalg.norm(curve.at(np.array([end]))[0] - p_m[-1]))
+    left_m = arc_length_m(curve, last, end) if last < end else 0.0
+    same_m = float(curve.bounds.same_length_m(t[-1], p_m[-1], link_m))
+    if max(left_m, gap_m) <= len(t) * same_m:
         ending = Ending.EXACT
-    elif len(laid.touches) == wanted:
+    elif len(touches) == wanted:
         ending = Ending.COMPLETE
     else:
         ending = Ending.USED_UP if left_m < link_m else Ending.INSIDE
-    return Points(link_m, laid.t, laid.p_m, laid.touches, ending, left_m, gap_m)
+    return Points(link_m, t, p_m, touches, ending, left_m, gap_m)
 
 
 def _refuse_length(curve: Curve, link_m: float, most: int | None) -> None:

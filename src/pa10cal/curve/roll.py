@@ -187,8 +187,8 @@ class JointLimits:
         limits = np.tile([least_rad, most_rad], (joints, 1))
         return cls(limits, limits)
 
-    def widened(self, joints: int, by_rad: float) -> tuple[Array, Array]:
-        """Return the limits (2, n - 1) of a and b, each so much farther out.
+    def widened(self, joints: int, by_rad: float = 0.0) -> Array:
+        """Return the least and the most of a and of b, (2, 2, n - 1), each so much farther out.
 
         Raises:
             CurveError: when they are not of so many joints.
@@ -202,7 +202,7 @@ class JointLimits:
                 remedy="give limits for every joint",
             )
         aside = np.array([[-by_rad], [by_rad]])
-        return self.a_rad.T + aside, self.b_rad.T + aside
+        return np.asarray(np.stack([self.a_rad.T, self.b_rad.T]) + aside)
 
 
 def feasible_rolls(chain: RollMap, limits: JointLimits) -> Array:
@@ -213,14 +213,15 @@ def feasible_rolls(chain: RollMap, limits: JointLimits) -> Array:
     Raises:
         CurveError: when the limits are of another number of joints.
     """
-    return free_rolls(chain, *limits.widened(chain.n - 1, 0.0))
+    return _free_rolls(chain, limits.widened(chain.n - 1))
 
 
-def free_rolls(chain: RollMap, a_rad: Array, b_rad: Array) -> Array:
-    """Return the intervals of roll (k, 2) at which a and b are within (2, n - 1) limits [rad].
+def _free_rolls(chain: RollMap, limits: Array) -> Array:
+    """Return the intervals of roll (k, 2) within limits; see `JointLimits.widened` [rad].
 
     A lower limit above an upper one is kept at no roll.
     """
+    a_rad, b_rad = limits
     turned, lifted = (a_rad, b_rad) if chain.order == "zy" else (-b_rad[::-1], a_rad)
     centre, half = _broken_arcs(chain.bend_rad, turned, lifted)
     joint, which = np.nonzero(half > 0.0)
@@ -309,8 +310,8 @@ def _left_free(start: Array, width: Array) -> Array:
     return intervals
 
 
-#: Limits (2, n - 1) of a and of b at a level; wider at a higher one.
-_Family = Callable[[float], tuple[Array, Array]]
+#: Limits (2, 2, n - 1) at a level, as `JointLimits.widened` gives them; wider at a higher one.
+_Family = Callable[[float], Array]
 
 #: Levels are found to so much [rad].
 _LEVEL_RAD = 1e-12
@@ -358,8 +359,8 @@ def smallest_move(
     Raises:
         CurveError: as `smallest_angle`.
     """
-    kept = _kept(chain, limits)
-    return _tightest(chain, lambda level: _both(kept, _around(a_rad, b_rad, level)))
+    kept, middle = _kept(chain, limits), np.stack([a_rad, b_rad])
+    return _tightest(chain, lambda level: _within(kept, middle, level))
 
 
 def smallest_angle_near(
@@ -376,11 +377,11 @@ def smallest_angle_near(
     Raises:
         CurveError: as `smallest_angle`.
     """
-    near = _both(_kept(chain, limits), _around(a_rad, b_rad, move_rad))
-    if not len(free_rolls(chain, *near)):
+    near = _within(_kept(chain, limits), np.stack([a_rad, b_rad]), move_rad)
+    if not len(_free_rolls(chain, near)):
         return smallest_move(chain, a_rad, b_rad, limits)
-    zeros = np.zeros(chain.n - 1)
-    return _tightest(chain, lambda level: _both(near, _around(zeros, zeros, level)))
+    zeros = np.zeros((2, chain.n - 1))
+    return _tightest(chain, lambda level: _within(near, zeros, level))
 
 
 def most_room(chain: RollMap, limits: JointLimits) -> Roll:
@@ -401,9 +402,9 @@ def room_at(chain: RollMap, roll_rad: float, limits: JointLimits) -> Roll:
     Raises:
         CurveError: when it does not keep them, naming the joint and by how much.
     """
-    a_rad, b_rad = chain.angles(np.array([roll_rad]))
-    (a_least, a_most), (b_least, b_most) = limits.widened(chain.n - 1, 0.0)
-    room = np.stack([a_rad - a_least, a_most - a_rad, b_rad - b_least, b_most - b_rad])
+    at = np.concatenate(chain.angles(np.array([roll_rad])))
+    kept = limits.widened(chain.n - 1)
+    room = np.stack([at - kept[:, 0], kept[:, 1] - at])
     found = Roll(roll_rad % (2.0 * np.pi), float(room.min(initial=_ALL_ROOM)))
     if found.level_rad < -_KEPT_RAD:
         raise _exceeded("this roll does not keep", chain, limits, found)
@@ -443,10 +444,10 @@ def _tightest(chain: RollMap, family: _Family, least: float = 0.0) -> Roll:
     Some roll must keep those at the level of a whole turn.
     """
     low, high = least, 2.0 * np.pi
-    free = free_rolls(chain, *family(high))
+    free = _free_rolls(chain, family(high))
     while high - low > _LEVEL_RAD:
         middle = (low + high) / 2.0
-        found = free_rolls(chain, *family(middle))
+        found = _free_rolls(chain, family(middle))
         if len(found):
             free, high = found, middle
         else:
@@ -457,15 +458,14 @@ def _tightest(chain: RollMap, family: _Family, least: float = 0.0) -> Roll:
 
 def _widest(chain: RollMap, limits: JointLimits) -> Roll:
     """Return the roll with the most room within limits; less than none where they are exceeded."""
-    (a_least, a_most), (b_least, b_most) = limits.widened(chain.n - 1, 0.0)
-    widths = np.concatenate([a_most - a_least, b_most - b_least])
+    widths = np.diff(limits.widened(chain.n - 1), axis=1)
     least = -float(widths.min(initial=2.0 * _ALL_ROOM)) / 2.0
     best = _tightest(chain, lambda level: limits.widened(chain.n - 1, level), least)
     return Roll(best.roll_rad, -best.level_rad)
 
 
-def _kept(chain: RollMap, limits: JointLimits | None) -> tuple[Array, Array]:
-    """Return limits that some roll keeps: those given, or none.
+def _kept(chain: RollMap, limits: JointLimits | None) -> Array:
+    """Return limits (2, 2, n - 1) that some roll keeps: those given, or none.
 
     Limits that are kept at single rolls only are widened by what rounding may exceed them by.
 
@@ -473,10 +473,9 @@ def _kept(chain: RollMap, limits: JointLimits | None) -> tuple[Array, Array]:
         CurveError: when no roll keeps them.
     """
     if limits is None:
-        whole = np.tile([[-_WHOLE], [_WHOLE]], chain.n - 1)
-        return whole, whole
+        return np.tile([[-_WHOLE], [_WHOLE]], (2, 1, chain.n - 1))
     if len(feasible_rolls(chain, limits)):
-        return limits.widened(chain.n - 1, 0.0)
+        return limits.widened(chain.n - 1)
     best = _widest(chain, limits)
     if best.level_rad < -_KEPT_RAD:
         raise _exceeded("no roll keeps", chain, limits, best)
@@ -485,33 +484,22 @@ def _kept(chain: RollMap, limits: JointLimits | None) -> tuple[Array, Array]:
 
 def _exceeded(who: str, chain: RollMap, limits: JointLimits, roll: Roll) -> CurveError:
     """Describe which joint exceeds its limits most at a roll, and by how much."""
-    a_rad, b_rad = (angles[0] for angles in chain.angles(np.array([roll.roll_rad])))
-    over = {
-        name: np.maximum(angle - limit[:, 1], limit[:, 0] - angle)
-        for name, angle, limit in (("a", a_rad, limits.a_rad), ("b", b_rad, limits.b_rad))
-    }
-    name = max(over, key=lambda each: float(over[each].max()))
-    joint = int(np.argmax(over[name]))
-    limit = (limits.a_rad if name == "a" else limits.b_rad)[joint]
+    at = np.concatenate(chain.angles(np.array([roll.roll_rad])))
+    kept = limits.widened(chain.n - 1)
+    over = np.maximum(at - kept[:, 1], kept[:, 0] - at)
+    which, joint = np.unravel_index(np.argmax(over), over.shape)
+    least_deg, most_deg = np.degrees(kept[which, :, joint])
     return CurveError(
-        f"{who} the joints within their limits: {name} is {np.degrees(-roll.level_rad):.3g} "
-        "degrees beyond",
+        f"{who} the joints within their limits: {'ab'[which]} is "
+        f"{np.degrees(-roll.level_rad):.3g} degrees beyond",
         where=f"joint {joint + 1}",
-        value=f"{np.degrees((a_rad if name == 'a' else b_rad)[joint]):.4g} degrees",
-        allowed=f"{np.degrees(limit[0]):g} to {np.degrees(limit[1]):g} degrees",
+        value=f"{np.degrees(at[which, joint]):.4g} degrees",
+        allowed=f"{least_deg:g} to {most_deg:g} degrees",
         remedy="widen the limits, take shorter links or a curve that bends less",
     )
 
 
-def _around(a_rad: Array, b_rad: Array, level: float) -> tuple[Array, Array]:
-    """Return limits (2, n - 1) at a distance from angles."""
-    return np.stack([a_rad - level, a_rad + level]), np.stack([b_rad - level, b_rad + level])
-
-
-def _both(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the limits within two."""
-    a, b = (
-        np.stack([np.maximum(one[0], other[0]), np.minimum(one[1], other[1])])
-        for one, other in zip(first, second, strict=True)
-    )
-    return a, b
+def _within(limits: Array, angles: Array, level: float) -> Array:
+    """Return limits (2, 2, n - 1) that keep angles (2, n - 1), of a and b, to a distance too."""
+    least = np.maximum(limits[:, 0], angles - level)
+    return np.stack([least, np.minimum(limits[:, 1], angles + level)], axis=1)

@@ -194,34 +194,47 @@ class FigureOptions(Section):
     )
 
 
+# Sections that several settings hold, each with its description.
+
+KcubReading = Annotated[
+    Literal["text_e7", "table_e8"],
+    Field(
+        description="exponent of the paper's cubic stiffness: text_e7, or table_e8 (its Table I)"
+    ),
+]
+Ingest = Annotated[IngestOptions, Field(description="raw logs to a table of poses")]
+BaseFrame = Annotated[
+    BaseFrameOptions, Field(description="from the straight-line moves, equations (5)-(7)")
+]
+Calibration = Annotated[
+    CalibrationOptions,
+    Field(description="two levels, equations (1)-(4), and the general model"),
+]
+MonteCarlo = Annotated[
+    MonteCarloOptions, Field(description="position error from resolver uncertainty")
+]
+Evaluation = Annotated[EvaluationOptions, Field(description="held-out points and loads")]
+Discovery = Annotated[
+    DiscoveryOptions,
+    Field(description="the search for missing effects; standard uncertainties"),
+]
+Figures = Annotated[FigureOptions, Field(description="looks shared by all figures")]
+
+
 class PictureOptions(Section):
     """The settings that pictures of a campaign read."""
 
-    figures: FigureOptions = Field(FigureOptions(), description="looks shared by all figures")
-    kcub_reading: Literal["text_e7", "table_e8"] = Field(
-        "text_e7", description="exponent of the paper's cubic stiffness"
-    )
-    montecarlo: MonteCarloOptions = Field(
-        MonteCarloOptions(), description="position error from resolver uncertainty"
-    )
-    evaluation: EvaluationOptions = Field(
-        EvaluationOptions(), description="held-out points and loads"
-    )
+    figures: Figures = FigureOptions()
+    kcub_reading: KcubReading = "text_e7"
+    montecarlo: MonteCarlo = MonteCarloOptions()
+    evaluation: Evaluation = EvaluationOptions()
 
 
 class ChainOptions(Section):
     """The settings of every stage from raw files to a model."""
 
-    ingest: IngestOptions = Field(IngestOptions(), description="raw logs to a table of poses")
-    base_frame: BaseFrameOptions = Field(
-        BaseFrameOptions(), description="from the straight-line moves"
-    )
-    calibration: CalibrationOptions = Field(
-        CalibrationOptions(), description="two levels, and the general model"
-    )
-    evaluation: EvaluationOptions = Field(
-        EvaluationOptions(), description="held-out points and loads"
-    )
-    discovery: DiscoveryOptions = Field(
-        DiscoveryOptions(), description="the search for missing effects"
-    )
+    ingest: Ingest = IngestOptions()
+    base_frame: BaseFrame = BaseFrameOptions()
+    calibration: Calibration = CalibrationOptions()
+    evaluation: Evaluation = EvaluationOptions()
+    discovery: Discovery = DiscoveryOptions()

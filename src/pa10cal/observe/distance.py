@@ -52,6 +52,7 @@ class Distance(Instrument):
     # (3,) the fixed point: the frame's origin, unless it was moved
     p_instr_point_m: Array = field(default_factory=lambda: np.zeros(3))
 
+    component_kinds: ClassVar[tuple[tuple[str, slice], ...]] = (("distance", slice(0, 1)),)
     directional: ClassVar[bool] = False
     least_rows: ClassVar[int] = 24
     _of_all: ClassVar[tuple[str, ...]] = ("name", "p_ee_stated_m", "p_instr_point_m")
@@ -103,15 +104,19 @@ class Distance(Instrument):
     @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
         p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
+        off_m, along = self._off_along(p_instr_m)
         by_end, by_targets = by_end_and_targets(T_instr_ee, arms)
-        away_m = p_instr_m[:, 0] - self.p_instr_point_m
-        distance = np.linalg.norm(away_m, axis=1)
-        along = away_m / distance[:, None]
         return Comparison(
-            (distance - self.d_m)[:, None],
+            off_m[:, None],
             np.einsum("pi,pij->pj", along, by_end[:, 0])[:, None],
             np.einsum("pi,pij->pj", along, by_targets[:, 0])[:, None],
         )
+
+    def _off_along(self, p_instr_m: Array) -> tuple[Array, Array]:
+        """Return predicted (P, 1, 3) minus measured distances (P,), and lines of sight (P, 3)."""
+        away_m = p_instr_m[:, 0] - self.p_instr_point_m
+        distance_m = np.linalg.norm(away_m, axis=1)
+        return distance_m - self.d_m, away_m / distance_m[:, None]
 
     @property
     @override
@@ -122,11 +127,6 @@ class Distance(Instrument):
     @override
     def stated_covariance(self) -> Array:
         return (self.u_m**2)[:, None, None]
-
-    @property
-    @override
-    def component_kinds(self) -> tuple[tuple[str, slice], ...]:
-        return (("distance", slice(0, 1)),)
 
     @property
     @override
@@ -163,11 +163,7 @@ class Distance(Instrument):
 
     @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
-        T_instr_ee = T_instr_base @ T_base_ee
-        p_instr_m, _ = carried_targets(T_instr_ee, targets_m)
-        away_m = p_instr_m[:, 0] - self.p_instr_point_m
-        distance = np.linalg.norm(away_m, axis=1)
-        off_m, along = distance - self.d_m, away_m / distance[:, None]
+        off_m, along = self._off_along(carried_targets(T_instr_base @ T_base_ee, targets_m)[0])
         position_mm = 1e3 * (off_m[:, None] * along) @ T_instr_base[:3, :3]
         return Deviations(1e3 * np.abs(off_m), position_mm, None)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -22,6 +22,7 @@ from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index
 from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.observe.quantities import (
+    AXES,
     Comparison,
     Deviations,
     Located,
@@ -371,11 +372,10 @@ def group_means(values: Array, code: Index) -> Array:
 # They stand still, so that what moves them together is the instrument, or the base with them. The
 # motion is taken out of the readings before anything else is done with them.
 
-_AXES = "xyz"
-_MM = 1e-3
-#: Names of the components of a motion, and what one unit of each column is.
+#: What makes of position [mm] and rotation [rad], as in the table, position [m] and rotation.
+POSE_SCALE = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
+#: Names of the components of a motion.
 _MOTION = tuple(f"motion_{name}" for name in ("x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"))
-_SCALE = np.array([_MM, _MM, _MM, 1.0, 1.0, 1.0])
 _COV = "motion_cov"
 _UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))
 
@@ -425,21 +425,6 @@ class MotionFound:
     misread: tuple[Misread, ...]  # targets with wrong readings, which are not used
     without: int  # configurations without a reading that could be used
 
-    def plain(self) -> dict[str, Any]:
-        """Return it in plain data."""
-        return asdict(self)
-
-    @classmethod
-    def of(cls, plain: Mapping[str, Any]) -> MotionFound:
-        """Read what `plain` gave."""
-        knocked = tuple(
-            Knocked(tuple(each["targets"]), each["pose"], each["time_s"], each["shift_mm"])
-            for each in plain["knocked"]
-        )
-        misread = tuple(Misread(**each) for each in plain["misread"])
-        x, y, z = plain["about_mm"]
-        return cls(**{**plain, "about_mm": (x, y, z), "knocked": knocked, "misread": misread})
-
 
 @dataclass(frozen=True)
 class BaseTargets:
@@ -480,7 +465,7 @@ class BaseTargets:
     @property
     def about_m(self) -> Array:
         """Return the point (3,) about which they turn."""
-        return _MM * np.array(self.found.about_mm if self.found else (0.0, 0.0, 0.0))
+        return MM * np.array(self.found.about_mm if self.found else (0.0, 0.0, 0.0))
 
     @property
     def cov_at_origin(self) -> Array:
@@ -494,10 +479,10 @@ class BaseTargets:
         """Return columns (P,) of the table of poses."""
         columns: dict[str, NDArray[Any]] = {}
         for k, name in enumerate(self.names):
-            for i, axis in enumerate(_AXES):
-                columns[f"{name}_{axis}_mm"] = self.p_instr_m[:, k, i] / _MM
-                columns[f"{name}_u_{axis}_mm"] = self.u_m[:, k, i] / _MM
-        columns |= dict(zip(_MOTION, (self.motion / _SCALE).T, strict=True))
+            for i, axis in enumerate(AXES):
+                columns[f"{name}_{axis}_mm"] = self.p_instr_m[:, k, i] / MM
+                columns[f"{name}_u_{axis}_mm"] = self.u_m[:, k, i] / MM
+        columns |= dict(zip(_MOTION, (self.motion / POSE_SCALE).T, strict=True))
         return columns | columns_of_covariance(self.motion_cov, _COV)
 
     @classmethod
@@ -514,9 +499,9 @@ class BaseTargets:
         )
 
         def places_m(inner: str) -> Array:
-            return _MM * np.stack(
+            return MM * np.stack(
                 [
-                    np.column_stack([columns[f"{name}_{inner}{axis}_mm"] for axis in _AXES])
+                    np.column_stack([columns[f"{name}_{inner}{axis}_mm"] for axis in AXES])
                     for name in names
                 ],
                 axis=1,
@@ -528,7 +513,7 @@ class BaseTargets:
             names,
             places_m(""),
             places_m("u_"),
-            _SCALE * np.column_stack([columns[name] for name in _MOTION]),
+            POSE_SCALE * np.column_stack([columns[name] for name in _MOTION]),
             cov,
             found,
         )
@@ -536,7 +521,7 @@ class BaseTargets:
 
 def columns_of_covariance(cov: Array, name: str) -> dict[str, NDArray[Any]]:
     """Return covariances (P, 6, 6) of small motions [m, rad] as columns of a table of poses."""
-    in_table = cov / np.outer(_SCALE, _SCALE)
+    in_table = cov / np.outer(POSE_SCALE, POSE_SCALE)
     return {f"{name}_{i}{j}": in_table[:, i, j] for i, j in _UPPER}
 
 
@@ -547,4 +532,4 @@ def covariance_of(columns: Mapping[str, NDArray[Any]], name: str) -> Array | Non
     cov = np.zeros((len(columns[f"{name}_00"]), 6, 6))
     for i, j in _UPPER:
         cov[:, i, j] = cov[:, j, i] = columns[f"{name}_{i}{j}"]
-    return np.asarray(cov * np.outer(_SCALE, _SCALE))
+    return np.asarray(cov * np.outer(POSE_SCALE, POSE_SCALE))

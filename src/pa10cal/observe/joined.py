@@ -132,6 +132,26 @@ class Joined(OneByOne):
     def _with(self, parts: Sequence[Instrument]) -> Self:
         return replace(self, parts=tuple(parts))
 
+    def _scattered(
+        self,
+        of: Callable[[_Place], Array],
+        *shape: int,
+        at: Callable[[_Place], tuple[Any, ...]] = lambda p: (p.rows,),
+        fill: float = 0.0,
+    ) -> Array:
+        """Return an array (P, *shape) with what each campaign has in its own place, else `fill`.
+
+        Args:
+            of: gives what a campaign has.
+            shape: of the array, after the poses.
+            at: gives the place of a campaign; its poses by default.
+            fill: what stands elsewhere.
+        """
+        whole = np.full((len(self), *shape), fill)
+        for p in self._shown:
+            whole[at(p)] = of(p)
+        return whole
+
     @property
     @override
     def campaigns(self) -> tuple[tuple[str, Instrument], ...]:
@@ -180,11 +200,12 @@ class Joined(OneByOne):
     @override
     def places_m(self) -> Array:
         most = max(part.places_m.shape[1] for part in self.parts)
-        places = np.full((len(self), most, 3), np.nan)
-        for p in self._shown:
-            own = p.part.places_m
-            places[p.rows, : own.shape[1], : own.shape[2]] = own
-        return places
+
+        def at(p: _Place) -> tuple[Any, ...]:
+            _, targets, axes = p.part.places_m.shape
+            return p.rows, slice(targets), slice(axes)
+
+        return self._scattered(lambda p: p.part.places_m, most, 3, at=at, fill=np.nan)
 
     @property
     @override
@@ -209,9 +230,9 @@ class Joined(OneByOne):
 
     @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
-        count, components = self.components_seen.shape
-        residual, by_end = np.zeros((count, components)), np.zeros((count, components, 6))
-        by_targets = np.zeros((count, components, self._places[-1].targets.stop))
+        components = self.components_seen.shape[1]
+        residual, by_end = np.zeros((len(self), components)), np.zeros((len(self), components, 6))
+        by_targets = np.zeros((len(self), components, self._places[-1].targets.stop))
         for p in self._shown:
             found = p.part.compare(T_instr_ee[p.rows], targets_m[p.targets])
             residual[p.rows, p.columns] = found.residual
@@ -221,10 +242,7 @@ class Joined(OneByOne):
 
     @override
     def end_poses(self, T_instr_ee: Array) -> Array:
-        T = T_instr_ee.copy()
-        for p in self._shown:
-            T[p.rows] = p.part.end_poses(T_instr_ee[p.rows])
-        return T
+        return self._scattered(lambda p: p.part.end_poses(T_instr_ee[p.rows]), 4, 4)
 
     @override
     def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
@@ -246,10 +264,12 @@ class Joined(OneByOne):
     @property
     @override
     def by_stated_targets(self) -> Array:
-        by_stated = np.zeros((*self.components_seen.shape, self._places[-1].stated.stop))
-        for p in self._shown:
-            by_stated[p.rows, p.columns, p.stated] = p.part.by_stated_targets
-        return by_stated
+        return self._scattered(
+            lambda p: p.part.by_stated_targets,
+            self.components_seen.shape[1],
+            self._places[-1].stated.stop,
+            at=lambda p: (p.rows, p.columns, p.stated),
+        )
 
     @cached_property
     def components_seen(self) -> NDArray[np.bool_]:
@@ -342,20 +362,15 @@ class Joined(OneByOne):
     @property
     @override
     def attitudes(self) -> Array | None:
-        attitudes = np.zeros((len(self), 3, 3))
-        for p in self._places:
-            own = p.part.attitudes
-            if own is None:
-                return None
-            attitudes[p.rows] = own
-        return attitudes
+        if any(part.attitudes is None for part in self.parts):
+            return None
+        return self._scattered(lambda p: np.asarray(p.part.attitudes), 3, 3)
 
     @override
     def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:
-        T = T_base_ee.copy()
-        for p in self._shown:
-            T[p.rows] = p.part.as_read(T[p.rows], T_instr_base, targets_off_m[p.stated])
-        return T
+        return self._scattered(
+            lambda p: p.part.as_read(T_base_ee[p.rows], T_instr_base, targets_off_m[p.stated]), 4, 4
+        )
 
     @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
@@ -441,15 +456,12 @@ def joined(each: Sequence[Observations], names: tuple[str, ...]) -> Observations
         names: of the campaigns.
     """
     campaign = np.repeat(np.arange(len(each)), [len(every) for every in each])
-    return Observations(
-        pose=np.concatenate([every.pose for every in each]),
-        states=_states([every.states for every in each], campaign),
-        measured=Joined(names, tuple(every.measured for every in each), campaign),
-        kind=np.concatenate([every.kind for every in each]),
-        repeat=np.concatenate([every.repeat for every in each]),
-        readings=np.concatenate([every.readings for every in each]),
-        log=_log([every.log for every in each]),
-    )
+    columns = ((every.pose, every.kind, every.repeat, every.readings) for every in each)
+    pose, kind, repeat, readings = map(np.concatenate, zip(*columns, strict=True))
+    states = _states([every.states for every in each], campaign)
+    measured = Joined(names, tuple(every.measured for every in each), campaign)
+    log = _log([every.log for every in each])
+    return Observations(pose, states, measured, kind, repeat, readings, log)
 
 
 def to_first(own: Start, first: Start) -> Array:
@@ -477,16 +489,11 @@ def _one_after_the_other(times_s: Sequence[Array]) -> list[Array]:
 
 
 def _states(each: Sequence[PoseStates], campaign: Index) -> PoseStates:
-    return PoseStates(
-        q_rad=np.concatenate([states.q_rad for states in each]),
-        tau_Nm=np.concatenate([states.tau_Nm for states in each]),
-        arrival=np.concatenate([states.arrival for states in each]),
-        load_N=np.concatenate([states.load_N for states in each]),
-        temperature_C=np.concatenate([states.temperature_C for states in each]),
-        time_s=np.concatenate([states.time_s for states in each]),
-        campaign=campaign,
-        timed=_timed(each),
-    )
+    names = ("q_rad", "tau_Nm", "arrival", "load_N", "temperature_C", "time_s")
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(states, name) for states in each]) for name in names
+    }
+    return PoseStates(**arrays, campaign=campaign, timed=_timed(each))
 
 
 def _timed(each: Sequence[PoseStates]) -> NDArray[np.bool_] | None:
@@ -502,8 +509,5 @@ def _log(logs: Sequence[JointLog | None]) -> JointLog | None:
     known = [log for log in logs if log is not None]
     if len(known) < len(logs):
         return None
-    return JointLog(
-        np.concatenate([log.q_u for log in known]),
-        np.concatenate([log.tau_u for log in known]),
-        np.concatenate([log.samples for log in known]),
-    )
+    every = ((log.q_u, log.tau_u, log.samples) for log in known)
+    return JointLog(*map(np.concatenate, zip(*every, strict=True)))

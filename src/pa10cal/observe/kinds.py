@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import inspect
 import pkgutil
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from pydantic import GetCoreSchemaHandler
-from pydantic_core import CoreSchema, core_schema
+from pydantic import AfterValidator
 
 if TYPE_CHECKING:
     from pa10cal.observe.instrument import Instrument
@@ -46,30 +43,18 @@ def instrument_of(words: str) -> type[Instrument] | None:
     return instruments()[words] if len(kinds) == 1 else Joined
 
 
-@dataclass(frozen=True)
-class _OneOf:
-    """A word of a list that is made when a value is checked, and not before."""
-
-    words: Callable[[], list[str]]  # makes the list
-
-    def _check(self, word: str) -> str:
-        words = self.words()
-        if word not in words:
-            raise ValueError(f"should be one of {', '.join(words)}")
-        return word
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_after_validator_function(self._check, handler(source))
+def _kind(word: str) -> str:
+    return _one_of(list(instruments()), word)
 
 
-def _kinds() -> list[str]:
-    return list(instruments())
+def _tracker(word: str) -> str:
+    return _one_of([kind for kind, found in instruments().items() if not found.from_touches], word)
 
 
-def _trackers() -> list[str]:
-    return [kind for kind, found in instruments().items() if not found.from_touches]
+def _one_of(words: list[str], word: str) -> str:
+    if word not in words:
+        raise ValueError(f"should be one of {', '.join(words)}")
+    return word
 
 
 def sees_several(kind: str) -> bool:
@@ -78,5 +63,5 @@ def sees_several(kind: str) -> bool:
 
 
 #: A kind of instrument, and one that gives its measurements in `files.poses`.
-InstrumentKind = Annotated[str, _OneOf(_kinds)]
-TrackerKind = Annotated[str, _OneOf(_trackers)]
+InstrumentKind = Annotated[str, AfterValidator(_kind)]
+TrackerKind = Annotated[str, AfterValidator(_tracker)]

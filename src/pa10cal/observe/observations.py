@@ -118,21 +118,6 @@ class Observations(Generic[M_co]):
 LEAST_DOF = 12
 
 
-@dataclass(frozen=True)
-class RepeatScatter:
-    """Scatter of single readings of a pose about their mean, pooled over poses and loads."""
-
-    # (6, 6) covariance of one reading: position [m] and small rotation [rad], both along the
-    # end-effector's own axes
-    cov_ee: Array
-    dof: int  # readings less averaged poses; 0 where nothing was repeated
-
-    @property
-    def is_known(self) -> bool:
-        """Whether there were enough repeats."""
-        return self.dof >= LEAST_DOF
-
-
 def average_repeats(single: Observations[M], cuts_s: Sequence[float] = ()) -> Observations[M]:
     """Average the readings of the same pose and load.
 
@@ -159,20 +144,8 @@ def average_groups(single: Observations[M], code: Index) -> Observations[M]:
         One row a group, in the order of their numbers; see `average_repeats`.
     """
     _, first, count = np.unique(code, return_index=True, return_counts=True)
-    return Observations(
-        pose=single.pose[first],
-        states=average_states(single.states, code),
-        measured=single.measured.averaged(code),
-        kind=single.kind[first],
-        repeat=single.repeat[first],
-        readings=count,
-    )
-
-
-def average_states(states: PoseStates, code: Index) -> PoseStates:
-    """Average the states of each group of readings; see `average_repeats` and `average_groups`."""
-    first = np.unique(code, return_index=True)[1]
-    return PoseStates(
+    states = single.states
+    averaged = PoseStates(
         q_rad=group_means(states.q_rad, code),
         tau_Nm=group_means(states.tau_Nm, code),
         arrival=group_means(states.arrival, code),
@@ -182,6 +155,14 @@ def average_states(states: PoseStates, code: Index) -> PoseStates:
         campaign=None if states.campaign is None else states.campaign[first],
         moved=None if states.moved is None else group_means(states.moved, code),
         timed=None if states.timed is None else states.timed[first],
+    )
+    return Observations(
+        pose=single.pose[first],
+        states=averaged,
+        measured=single.measured.averaged(code),
+        kind=single.kind[first],
+        repeat=single.repeat[first],
+        readings=count,
     )
 
 
@@ -211,10 +192,7 @@ def poses_of(
     """
     single = measured_as_poses(every).of_kind(kind)
     poses = average_repeats(single) if average else single
-    if covariance == "instrument":
-        return poses
-    scatter = repeat_scatter(single)
-    return with_scatter(poses, scatter) if scatter.is_known else poses
+    return poses if covariance == "instrument" else with_repeat_scatter(poses, single)
 
 
 def measured_as_poses(observations: Observations) -> Observations[Pose]:
@@ -233,29 +211,33 @@ def measured_as_poses(observations: Observations) -> Observations[Pose]:
     return cast("Observations[Pose]", observations)
 
 
-def repeat_scatter(single: Observations[Pose]) -> RepeatScatter:
-    """Pool the scatter of readings about the mean of their pose and load.
+def with_repeat_scatter(
+    poses: Observations[Pose], single: Observations[Pose]
+) -> Observations[Pose]:
+    """Give averaged poses the covariance that the scatter of single readings implies.
 
-    Deviations are taken along the end-effector's axes, in which the noise of balls, tool and wrist
-    is the same in every pose.
+    It is pooled over poses and loads along the end-effector's axes, in which the noise of balls,
+    tool and wrist is the same in every pose. Where too little is repeated, poses stay as they are.
+
+    Args:
+        poses: single readings or their averages.
+        single: readings whose scatter about the mean of their pose and load is taken.
     """
     code = reading_groups(single)
+    dof = len(single) - len(np.unique(code))
+    if dof < LEAST_DOF:
+        return poses
     T = single.measured.T_instr_target
     mean = average_repeats(single).measured.T_instr_target[code]
     R_ee_instr = np.swapaxes(mean[:, :3, :3], 1, 2)
     shift = R_ee_instr @ (T[:, :3, 3] - mean[:, :3, 3])[..., None]
     turn = Rotation.from_matrix(R_ee_instr @ T[:, :3, :3]).as_rotvec()
     deviation = np.hstack([shift[..., 0], turn])
-    dof = len(single) - len(np.unique(code))
-    return RepeatScatter(deviation.T @ deviation / max(dof, 1), dof)
-
-
-def with_scatter(poses: Observations[Pose], scatter: RepeatScatter) -> Observations[Pose]:
-    """Give averaged poses the covariance that the scatter of single readings implies."""
+    cov_ee = deviation.T @ deviation / dof
     R = poses.measured.T_instr_target[:, :3, :3]
-    turn = np.zeros((len(poses), 6, 6))
-    turn[:, :3, :3] = turn[:, 3:, 3:] = R
-    covariance = turn @ scatter.cov_ee @ np.swapaxes(turn, 1, 2)
+    along = np.zeros((len(poses), 6, 6))
+    along[:, :3, :3] = along[:, 3:, 3:] = R
+    covariance = along @ cov_ee @ np.swapaxes(along, 1, 2)
     return poses.with_measured(cov=covariance / poses.readings[:, None, None])
 
 

@@ -16,7 +16,15 @@ from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
 from pa10cal.frame.rigid_fit import cross_matrix, pose_error, scale_of_points
-from pa10cal.observe.instrument import MM, BaseTargets, Instrument, LocatingMethod, group_means
+from pa10cal.observe.instrument import (
+    MM,
+    BaseTargets,
+    Instrument,
+    LocatingMethod,
+    columns_of_covariance,
+    covariance_of,
+    group_means,
+)
 from pa10cal.observe.quantities import (
     Comparison,
     Deviations,
@@ -37,9 +45,7 @@ _LENGTH_TOLERANCE = 0.01
 
 _PLACE = ("ee_x_mm", "ee_y_mm", "ee_z_mm")
 _QUATERNION = ("ee_qw", "ee_qx", "ee_qy", "ee_qz")
-#: What makes of position [mm] and rotation [rad] position [m] and rotation.
-POSE_SCALE = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
-_COVARIANCE = tuple(f"ee_cov_{i}{j}" for i in range(6) for j in range(i, 6))
+_COVARIANCE = "ee_cov"
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,10 @@ class Pose(Instrument):
         "position error",
         "Errors are distances of the target, predicted from measured.",
         "Arrows: of the target.",
+    )
+    component_kinds: ClassVar[tuple[tuple[str, slice], ...]] = (
+        ("position", slice(0, 3)),
+        ("attitude", slice(3, 6)),
     )
     measures_pose: ClassVar[bool] = True
     sees_base: ClassVar[bool] = True
@@ -172,11 +182,6 @@ class Pose(Instrument):
 
     @property
     @override
-    def component_kinds(self) -> tuple[tuple[str, slice], ...]:
-        return (("position", slice(0, 3)), ("attitude", slice(3, 6)))
-
-    @property
-    @override
     def places_m(self) -> Array:
         return self.T_instr_target[:, None, :3, 3]
 
@@ -272,10 +277,9 @@ class Pose(Instrument):
         quaternion = Rotation.from_matrix(self.T_instr_target[:, :3, :3]).as_quat(
             canonical=True, scalar_first=True
         )
-        cov = (self.cov / np.outer(POSE_SCALE, POSE_SCALE))[:, *np.triu_indices(6)]
         columns = dict(zip(_PLACE, self.T_instr_target[:, :3, 3].T / MM, strict=True))
         columns |= dict(zip(_QUATERNION, quaternion.T, strict=True))
-        return columns | dict(zip(_COVARIANCE, cov.T, strict=True))
+        return columns | columns_of_covariance(self.cov, _COVARIANCE)
 
     @classmethod
     @override
@@ -333,8 +337,6 @@ def pose_of_columns(columns: Mapping[str, Array]) -> tuple[Array, Array]:
     T[:, :3, 3] = MM * np.column_stack([columns[name] for name in _PLACE])
     quaternion = np.column_stack([columns[name] for name in _QUATERNION])
     T[:, :3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    upper = np.triu_indices(6)
-    cov = np.zeros((count, 6, 6))
-    stacked = np.column_stack([columns[name] for name in _COVARIANCE])
-    cov[:, upper[0], upper[1]] = cov[:, upper[1], upper[0]] = stacked
-    return T, cov * np.outer(POSE_SCALE, POSE_SCALE)
+    cov = covariance_of(columns, _COVARIANCE)
+    assert cov is not None
+    return T, cov

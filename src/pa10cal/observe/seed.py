@@ -100,7 +100,6 @@ def summary(record: BaseFrameRecord) -> str:
 def _line_record(
     seed: LineSeed, T_ee_target: Array | None, campaign: str, provenance: str
 ) -> BaseFrameRecord:
-    """Return the record of a frame from straight moves."""
     return BaseFrameRecord(
         campaign=campaign,
         provenance=provenance,

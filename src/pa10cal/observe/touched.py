@@ -14,8 +14,8 @@ from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source, seed_from_nominal
-from pa10cal.observe.instrument import MM, LocatingMethod, group_means
-from pa10cal.observe.pose import POSE_SCALE, Pose, pose_of_columns
+from pa10cal.observe.instrument import MM, POSE_SCALE, LocatingMethod, group_means
+from pa10cal.observe.pose import Pose, pose_of_columns
 from pa10cal.observe.quantities import (
     Located,
     Stated,

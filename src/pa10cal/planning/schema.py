@@ -111,7 +111,6 @@ def _setting(name: str, value: Any, field: FieldInfo) -> Iterator[str]:
 
 
 def _section(section: BaseModel) -> Iterator[str]:
-    """Yield the lines of a section."""
     for name, field in type(section).model_fields.items():
         yield from _setting(name, getattr(section, name), field)
 

@@ -215,7 +215,6 @@ def _is_part(annotation: Any) -> bool:
 
 
 def _holds(annotation: Any, shared: list[type[Part]], *, in_table: bool) -> str:
-    """Return in words what an entry holds."""
     bare, shape = _bare(annotation)
     if shape is not None:
         return _array_words(bare, shape, in_table)
@@ -241,7 +240,6 @@ def _array_words(array: Any, shape: Shape, in_table: bool) -> str:
 
 
 def _title(part: type[BaseModel]) -> str:
-    """Return the name of a part in words."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", part.__name__).lower()
 
 

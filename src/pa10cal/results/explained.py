@@ -67,63 +67,48 @@ _NOUNS: Mapping[str, tuple[str, str]] = {
     "sensor_error": ("sensor", "sensors"),
     "tool_stated": ("tool as stated", "tools as stated"),
 }
-#: What effects do, of one place and of several.
-_CLAUSES: Mapping[str, tuple[str, str]] = {
-    "arrival_error": (
-        "{at} stops in another place for each direction that it comes from",
-        "{at} stop in other places for each direction that they come from",
-    ),
-    "backlash": ("{at} has lost motion", "{at} have lost motion"),
-    "base_compliance": ("the base tilts under the arm's weight", ""),
-    "base_drift": ("the base moved while the campaign lasted", ""),
-    "cmm_scale": ("the instrument's scale is off", ""),
-    "cmm_squareness": ("the instrument's axes are not square", ""),
-    "encoder_eccentricity": (
-        "the position sensor of {at} is off centre",
-        "the position sensors of {at} are off centre",
-    ),
-    "encoder_ellipticity": (
-        "the position sensor of {at} errs twice a turn",
-        "the position sensors of {at} err twice a turn",
-    ),
-    "friction_torque": (
-        "the logged torque of {at} holds friction",
-        "the logged torques of {at} hold friction",
-    ),
-    "gear_error": ("the gear of {at} is uneven", "the gears of {at} are uneven"),
-    "gear_ratio_error": ("the gear ratio of {at} is off", "the gear ratios of {at} are off"),
-    "joint_compliance": (
-        "{at} gives way under the arm's weight",
-        "{at} give way under the arm's weight",
-    ),
-    "joint_error_map": (
-        "{at} turns wrongly by an amount that depends on its angle",
-        "{at} turn wrongly by amounts that depend on their angles",
-    ),
-    "link_bending": ("{at} bends under load", ""),
-    "link_torsion": ("{at} twists under load", ""),
-    "load_stated": ("a load is not what is stated", ""),
-    "periodic_error": (
-        "{at} turns wrongly in even waves of its angle",
-        "{at} turn wrongly in even waves of their angles",
-    ),
-    "sensor_error": (
-        "the position sensor of {at} errs with its angle",
-        "the position sensors of {at} err with their angles",
-    ),
-    "soft_windup": ("{at} is softer near zero torque", "{at} are softer near zero torque"),
-    "thermal_growth": ("the links grow with temperature", ""),
-    "tool_sag": ("the tool sags under its weight", ""),
-    "tool_stated": ("the tool is not what is stated", ""),
-    "torque_gain": (
-        "the logged torque of {at} is off by a factor",
-        "the logged torques of {at} are off by factors",
-    ),
-    "transmission_error": (
-        "the gear of {at} errs twice a turn of its motor",
-        "the gears of {at} err twice a turn of their motors",
-    ),
-    "wrist_coupling": ("joint 5 turns joint 6 along", ""),
+#: What effects do at a place or at several, with `_WORDS`.
+_CLAUSES: Mapping[str, str] = {
+    "arrival_error": "{at} stop{v} in {another} place{s} for each direction that {it} come{v} from",
+    "backlash": "{at} {has} lost motion",
+    "encoder_eccentricity": "the position sensor{s} of {at} {is_} off centre",
+    "encoder_ellipticity": "the position sensor{s} of {at} err{v} twice a turn",
+    "friction_torque": "the logged torque{s} of {at} hold{v} friction",
+    "gear_error": "the gear{s} of {at} {is_} uneven",
+    "gear_ratio_error": "the gear ratio{s} of {at} {is_} off",
+    "joint_compliance": "{at} give{v} way under the arm's weight",
+    "joint_error_map": "{at} turn{v} wrongly by {an}amount{s} that depend{v} on {its} angle{s}",
+    "periodic_error": "{at} turn{v} wrongly in even waves of {its} angle{s}",
+    "sensor_error": "the position sensor{s} of {at} err{v} with {its} angle{s}",
+    "soft_windup": "{at} {is_} softer near zero torque",
+    "torque_gain": "the logged torque{s} of {at} {is_} off by {a}factor{s}",
+    "transmission_error": "the gear{s} of {at} err{v} twice a turn of {its} motor{s}",
+}
+#: Words of those clauses, of one place and of several.
+_WORDS: Mapping[str, tuple[str, str]] = {
+    "s": ("", "s"),
+    "v": ("s", ""),
+    "is_": ("is", "are"),
+    "has": ("has", "have"),
+    "it": ("it", "they"),
+    "its": ("its", "their"),
+    "a": ("a ", ""),
+    "an": ("an ", ""),
+    "another": ("another", "other"),
+}
+#: What effects do that sit at one place.
+_CLAUSES_OF_ONE: Mapping[str, str] = {
+    "base_compliance": "the base tilts under the arm's weight",
+    "base_drift": "the base moved while the campaign lasted",
+    "cmm_scale": "the instrument's scale is off",
+    "cmm_squareness": "the instrument's axes are not square",
+    "link_bending": "{at} bends under load",
+    "link_torsion": "{at} twists under load",
+    "load_stated": "a load is not what is stated",
+    "thermal_growth": "the links grow with temperature",
+    "tool_sag": "the tool sags under its weight",
+    "tool_stated": "the tool is not what is stated",
+    "wrist_coupling": "joint 5 turns joint 6 along",
 }
 _JOINT = "joint "
 #: With more alternatives at other places a sentence says how many.
@@ -274,9 +259,11 @@ def _clauses(group: list[ExplainedEffect]) -> Iterator[str]:
 
 
 def _clause(effect: str, at: str, *, many: bool = False) -> str:
-    one, several = _CLAUSES.get(effect, ("", ""))
-    form = several if many else one
-    return form.format(at=at) if form else f"there is {effect.replace('_', ' ')} of {at}"
+    if effect in _CLAUSES:
+        return _CLAUSES[effect].format(at=at, **{key: of[many] for key, of in _WORDS.items()})
+    if effect in _CLAUSES_OF_ONE and not many:
+        return _CLAUSES_OF_ONE[effect].format(at=at)
+    return f"there is {effect.replace('_', ' ')} of {at}"
 
 
 def _at(group: list[ExplainedEffect]) -> str:

@@ -283,7 +283,6 @@ def _equal(one: Any, other: Any) -> bool:
 
 
 def _given(table: BaseModel) -> dict[str, Sized]:
-    """Return the columns that a table has."""
     return {name: column for name, column in table.__dict__.items() if column is not None}
 
 

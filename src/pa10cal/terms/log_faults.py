@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 from abc import abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
 from typing import ClassVar, Self
 
 import numpy as np
@@ -71,7 +69,6 @@ class WeightStated(TorqueOnly, LogFault):
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         """Return its derivative by the parameters, (P, n, k)."""
-        del x
         held = self.per_unit(states)
         return -held if self.of_calculated else held
 
@@ -92,15 +89,10 @@ class LoadStated(WeightStated):
         calculated = context.torques == "masses"
         return tuple(cls(f"load {load:g} N", calculated, load) for load in context.loads_N if load)
 
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return f"true load = (1 + part) {self.load_N:g} N"
-
-    @property
-    def reported(self) -> tuple[Parameter, ...]:
-        """Return the part by which the load is larger."""
-        return (Parameter("part", "1", 1e-2, plausible=_LOAD_PART),)
+    words: ClassVar[str] = "true load = (1 + part) {0.load_N:g} N"
+    reported: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("part", "1", 1e-2, plausible=_LOAD_PART),
+    )
 
     def per_unit(self, states: PoseStates) -> Array:
         """Return what the load makes the joints hold, (P, n, 1)."""
@@ -133,10 +125,7 @@ class ToolStated(WeightStated):
             return ()
         return (cls("tool", False, context.arm.n, context.tool_kg),)
 
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return "true mass = stated + mass, true first moment = stated + moment"
+    words: ClassVar[str] = "true mass = stated + mass, true first moment = stated + moment"
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -163,19 +152,10 @@ class ToolStated(WeightStated):
         )
 
 
-@cache
-def every_fault() -> tuple[type[LogFault], ...]:
-    """Return every class of fault, ordered by id."""
-    found = {
-        each
-        for each in globals().values()
-        if inspect.isclass(each) and issubclass(each, LogFault) and "id" in vars(each)
-    }
-    return tuple(
-        sorted((each for each in found if not inspect.isabstract(each)), key=lambda each: each.id)
-    )
+#: Every class of fault.
+FAULTS: tuple[type[LogFault], ...] = (LoadStated, ToolStated)
 
 
 def fault_candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:
     """Return every fault wherever a log may have it, but those that a model has."""
-    return everywhere_but(every_fault(), context, held)
+    return everywhere_but(FAULTS, context, held)

@@ -200,13 +200,11 @@ class Model:
 
     @cached_property
     def _moved_columns(self) -> list[int]:
-        """Return the coordinates that the terms move."""
         names = {name for term in self.terms for name in term.coordinates}
         return sorted(self.chain.columns(tuple(names)).tolist())
 
     @cached_property
     def _yielding(self) -> list[tuple[Yielding, slice]]:
-        """Return the terms that turn a joint under its torque."""
         return [(term, columns) for term, columns in self._slices if yields(term)]
 
     @cached_property
@@ -302,5 +300,4 @@ class Kept:
 
 
 def _proportional(term: Term) -> bool:
-    """Return whether a term is proportional to all its parameters."""
     return getattr(term, "linear", None) == len(term.parameters)

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from pa10cal.errors import TermError, remedy_for
 from pa10cal.terms.effects.effect import every_effect
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.log_faults import every_fault
+from pa10cal.terms.log_faults import FAULTS
 from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.term import OPTIONAL, Offsets, Term
 from pa10cal.terms.weights import Weights
@@ -100,7 +100,7 @@ def _term_of_campaign(form: Mapping[str, Any], where: str) -> OfCampaign:
 @cache
 def term_kinds() -> dict[str, Any]:
     """Return every class of term by its id: departures, springs, weights, effects, faults."""
-    kinds: tuple[Any, ...] = (Offsets, JointSpring, Weights, *every_effect(), *every_fault())
+    kinds: tuple[Any, ...] = (Offsets, JointSpring, Weights, *every_effect(), *FAULTS)
     return {kind.id: kind for kind in kinds}
 
 

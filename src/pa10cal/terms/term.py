@@ -130,10 +130,15 @@ def report_as_solved(parameters: tuple[Parameter, ...], x: Array) -> Report:
 class TorqueOnly:
     """A term that adds to no coordinate of the chain, and to torques in proportion to x."""
 
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return none: it moves the arm by way of the springs alone."""
-        return ()
+    coordinates: ClassVar[tuple[str, ...]] = ()
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        """Return nothing, (P, 0)."""
+        return np.zeros((len(states), 0))
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return nothing, (P, 0, k)."""
+        return np.zeros((len(states), 0, len(x)))
 
     @abstractmethod
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
@@ -143,6 +148,22 @@ class TorqueOnly:
         """Return what the log shows beyond the weights, or what calculated torques lack, (P, n)."""
         torque: Array = self.torque_derivative(states, x) @ x
         return torque
+
+
+class JointTorqueOnly(TorqueOnly):
+    """A term that adds to the torque of one joint alone."""
+
+    joint: int  # 1 … n
+
+    @abstractmethod
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return the torque a unit of each parameter, (P, k), or (P,) of a single one [N m]."""
+
+    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the derivative of `torque_Nm` by x, (P, n, k)."""
+        derivative = np.zeros((*states.tau_Nm.shape, len(x)))
+        derivative[:, self.joint - 1] = self.per_unit(states).reshape(len(states), -1)
+        return derivative
 
 
 # Constant departures of chain coordinates: link parameters and the base frame.
@@ -156,11 +177,9 @@ class Offsets:
     coordinates: tuple[str, ...]  # the k coordinates they shift
     of: str = "links"  # `links`, `base` or `tool`
     id: ClassVar[str] = "offsets"
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return "each parameter is added to the coordinate of the chain at its place in the list"
+    formula: ClassVar[str] = (
+        "each parameter is added to the coordinate of the chain at its place in the list"
+    )
 
     def only(self, names: Collection[str]) -> Offsets:
         """Return the parameters that are named, with their coordinates, in the order here."""
@@ -173,12 +192,10 @@ class Offsets:
 
     def shift(self, states: PoseStates, x: Array) -> Array:
         """Return the parameters themselves, (1, k)."""
-        del states
         return x[None, :]
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the identity, (1, k, k)."""
-        del states
         return identity(len(x))[None]
 
     def report(self, x: Array) -> Report:
@@ -237,6 +254,7 @@ class Fixed:
 
     term: Term  # the term, whose effect on chain coordinates is kept
     x_term: Array  # (k,) its parameters
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
 
     @property
     def id(self) -> str:
@@ -254,23 +272,16 @@ class Fixed:
         return self.term.formula
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Return none."""
-        return ()
-
-    @property
     def coordinates(self) -> tuple[str, ...]:
         """Return the chain coordinates it adds to."""
         return self.term.coordinates
 
     def shift(self, states: PoseStates, x: Array) -> Array:
         """Return what the term adds, (P, m) or (1, m)."""
-        del x
         return self.term.shift(states, self.x_term)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return no column, (1, m, 0)."""
-        del states, x
         return np.zeros((1, len(self.coordinates), 0))
 
     def report(self, x: Array) -> Report:
@@ -291,12 +302,10 @@ class FixedTorque(Fixed):
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
         """Return what the term adds to the torques, (P, n)."""
-        del x
         return self.term.torque_Nm(states, self.x_term)
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         """Return no column, (P, n, 0)."""
-        del x
         return np.zeros((*states.tau_Nm.shape, 0))
 
 

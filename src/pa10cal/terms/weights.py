@@ -57,6 +57,7 @@ class Weights(TorqueOnly):
     by_held: tuple[float, ...] = field(default=(), metadata={OPTIONAL: True})
     id: ClassVar[str] = "weights"
     of: ClassVar[str] = "arm"
+    carried: ClassVar[bool] = False  # calculated torques do not have it
     #: Whether calculated torques alone are off by it: it plays a part wherever they are predicted.
     of_calculated: ClassVar[bool] = True
 
@@ -121,27 +122,12 @@ class Weights(TorqueOnly):
             for column, size in zip(self.columns, self.sizes, strict=True)
         )
 
-    @property
-    def carried(self) -> bool:
-        """Return that the calculated torques do not have it."""
-        return False
-
-    def shift(self, states: PoseStates, x: Array) -> Array:
-        """Return nothing, (P, 0)."""
-        del x
-        return np.zeros((len(states), 0))
-
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return nothing, (P, 0, k)."""
-        return np.zeros((len(states), 0, len(x)))
-
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         """Return its derivative by the parameters, (P, n, k).
 
         Raises:
             CalibrationError: when what weights do was not computed for these poses.
         """
-        del x
         if states.static_loads is None:
             raise CalibrationError(
                 "the torques of the weights were not computed for these poses",

@@ -1,4 +1,4 @@
 """The vocabulary of effects that a model may lack, one small class a file.
 
-A new effect is one more file here: its classes are found by `family.every_effect`.
+A new effect is one more file here: its classes are found by `effect.every_effect`.
 """

@@ -21,6 +21,11 @@ from pa10cal.errors import CalibrationError
 from pa10cal.terms import effects
 from pa10cal.terms.term import Parameter, Report, Term, report_as_solved
 
+#: A joint that never carried this share of its rated torque cannot show how it winds up.
+_LOADED_SHARE = 0.01
+#: A joint that turned less shows no shape.
+_LEAST_SPAN_RAD = 1e-3
+
 
 @dataclass(frozen=True)
 class CandidateContext:
@@ -50,6 +55,20 @@ class CandidateContext:
         rated_Nm = self.arm.rated_Nm(self.tau_span_Nm)
         return np.where(rated_Nm == 0.0, 1.0, rated_Nm)
 
+    def rated_at(self, joint: int) -> float:
+        """Return the rated torque of a joint, from 1 [N m]; see `rated_Nm`."""
+        return float(self.rated_Nm[joint - 1])
+
+    def carried_at(self, joint: int) -> float:
+        """Return the largest torque that a joint, from 1, carried [N m]; 0 where hardly any."""
+        carried_Nm = float(self.tau_span_Nm[joint - 1])
+        return carried_Nm if carried_Nm > _LOADED_SHARE * self.rated_at(joint) else 0.0
+
+    def span_at(self, joint: int) -> tuple[float, float] | None:
+        """Return the lowest and highest angle of a joint, from 1; None where it was not moved."""
+        low, high = self.q_span_rad[joint - 1].tolist()
+        return (low, high) if high - low > _LEAST_SPAN_RAD else None
+
 
 @dataclass(frozen=True)
 class Effect(ABC):
@@ -60,6 +79,8 @@ class Effect(ABC):
 
     of: str  # where it sits: `joint 2`, `forearm`, `base`, ..
     id: ClassVar[str]
+    #: The form in words a reader can type, by the parameters it reports; the effect itself is {0}.
+    words: ClassVar[str]
     #: Whether it only gives the place of a missing effect, not its cause: no name.
     generic: ClassVar[bool] = False
     #: What a reader should do who finds it without a name, one clause.
@@ -83,9 +104,9 @@ class Effect(ABC):
         """Return its k parameters, each with its plausible size."""
 
     @property
-    @abstractmethod
     def formula(self) -> str:
         """Return the form in words a reader can type, by the parameters it reports."""
+        return self.words.format(self)
 
     @property
     def linear(self) -> int:
@@ -102,9 +123,9 @@ class Effect(ABC):
         shift: Array = self.derivative(states, x) @ x
         return shift
 
+    @abstractmethod
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the derivative of `shift` by x, (P, m, k)."""
-        return np.zeros((len(states), 0, len(x)))
 
     def report(self, x: Array) -> Report:
         """Return the parameters in the form of the vocabulary."""
@@ -150,13 +171,19 @@ class NamedEffect(Effect):
 
 
 @dataclass(frozen=True)
-class JointEffect(NamedEffect):
+class AtJoint(Effect):
     """An effect that may sit at every joint that turns, and turns it further."""
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint that turns."""
-        return tuple(cls(f"joint {joint}") for joint in turning_joints(context))
+        """Return it at every joint where it may sit."""
+        found = [(joint, cls.fields_at(context, joint)) for joint in turning_joints(context)]
+        return tuple(cls(f"joint {joint}", *rest) for joint, rest in found if rest is not None)
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return its fields, but for the place, at a joint that turns; None where it cannot sit."""
+        return ()
 
     @property
     def joint(self) -> int:
@@ -169,10 +196,14 @@ class JointEffect(NamedEffect):
         return (f"theta_{self.joint}",)
 
 
+@dataclass(frozen=True)
+class JointEffect(NamedEffect, AtJoint):
+    """An effect at a joint that is reported by a few named parameters."""
+
+
 def turning_joints(context: CandidateContext) -> tuple[int, ...]:
     """Return the joints, from 1, that turn."""
-    slides = context.arm.prismatic
-    return tuple(joint for joint, it in enumerate(slides, start=1) if not it)
+    return tuple(int(joint) for joint in np.flatnonzero(~context.arm.prismatic) + 1)
 
 
 def joint_of(place: str) -> int:
@@ -187,11 +218,11 @@ def static_loads_in(states: PoseStates, effect: Effect) -> StaticLoads:
         CalibrationError: when that was not computed for these poses.
     """
     if states.static_loads is None:
-        raise CalibrationError(
+        raise _lacking(
+            effect,
             "the effect needs the moments of the weights on the structure",
-            where=f"{effect.id} of {effect.of}",
-            allowed="poses of an arm and a tool whose masses are known",
-            remedy="describe the masses, or omit the effect",
+            "poses of an arm and a tool whose masses are known",
+            "describe the masses, or omit the effect",
         )
     return states.static_loads
 
@@ -203,11 +234,11 @@ def time_in(states: PoseStates, effect: Effect) -> Array:
         CalibrationError: when they give an order alone.
     """
     if not states.tells_time:
-        raise CalibrationError(
+        raise _lacking(
+            effect,
             "time was not recorded, or the order of the poses goes with a joint or a load",
-            where=f"{effect.id} of {effect.of}",
-            allowed="poses in another order than that of a joint or load, with their times",
-            remedy="omit the effect, or measure in random order and log time_s",
+            "poses in another order than that of a joint or load, with their times",
+            "omit the effect, or measure in random order and log time_s",
         )
     return states.time_s
 
@@ -219,13 +250,18 @@ def seen_in(states: PoseStates, effect: Effect) -> ObservedTargets:
         CalibrationError: when the poses were not read from targets.
     """
     if states.seen is None:
-        raise CalibrationError(
+        raise _lacking(
+            effect,
             "the effect needs the positions of the instrument's targets",
-            where=f"{effect.id} of {effect.of}",
-            allowed="poses read from targets",
-            remedy="omit the effect for this instrument",
+            "poses read from targets",
+            "omit the effect for this instrument",
         )
     return states.seen
+
+
+def _lacking(effect: Effect, what: str, allowed: str, remedy: str) -> CalibrationError:
+    where = f"{effect.id} of {effect.of}"
+    return CalibrationError(what, where=where, allowed=allowed, remedy=remedy)
 
 
 # All effects of the vocabulary, found by looking through this package.

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from pa10cal.arm.chain import TOOL, Chain, long_links
+from pa10cal.arm.chain import BASE, TOOL, Chain, long_links
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, seen_in, time_in
@@ -32,6 +32,7 @@ class BaseDrift(NamedEffect):
     end_s: float | None = None  # time of the last one; None of a constant rate, which goes on
     waves: int = 0  # cosines along each axis, of half a cycle more each; 0 of a constant rate
     id: ClassVar[str] = "base_drift"
+    coordinates: ClassVar[tuple[str, ...]] = BASE[:3]
     goes_with_time: ClassVar[bool] = True
 
     @property
@@ -61,14 +62,8 @@ class BaseDrift(NamedEffect):
         ]
         return (*rates, *waves)
 
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return the base's shifts."""
-        return ("base.x", "base.y", "base.z")
-
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return hours since the first reading, then waves, each axis for itself, (P, 3, k)."""
-        del x
         last_s = np.inf if self.end_s is None else self.end_s
         first_s = -np.inf if self.end_s is None else self.start_s
         since_s = np.clip(time_in(states, self), first_s, last_s) - self.start_s
@@ -90,6 +85,7 @@ class ThermalGrowth(NamedEffect):
     id: ClassVar[str] = "thermal_growth"
     positive: ClassVar[bool] = True
     goes_with_time: ClassVar[bool] = True
+    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("alpha", "1/K", 5e-7, plausible=2e-5),)
 
     @property
     def formula(self) -> str:
@@ -122,18 +118,12 @@ class ThermalGrowth(NamedEffect):
         )
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
-        """Return the coefficient of expansion."""
-        return (Parameter("alpha", "1/K", 5e-7, plausible=2e-5),)
-
-    @property
     def coordinates(self) -> tuple[str, ...]:
         """Return the lengths that grow."""
         return self.lengths
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return warming times length, (P, m, 1)."""
-        del x
         warming_K = states.temperature_C - self.reference_temperature_C
         return np.outer(warming_K, self.lengths_m)[:, :, None]
 
@@ -148,16 +138,12 @@ class FalseReading(NamedEffect):
     The model predicts what is read: the end moves by what the field makes of the fitted pose.
     """
 
+    coordinates: ClassVar[tuple[str, ...]] = TOOL
+
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the instrument."""
-        del context
         return (cls("instrument"),)
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return the small motion at the end."""
-        return TOOL
 
     @abstractmethod
     def field(self, p_instr_m: Array) -> Array:
@@ -177,16 +163,10 @@ class CmmScale(FalseReading):
     """Axis k of the instrument reads (1 + s_k) times the length, s without unit."""
 
     id: ClassVar[str] = "cmm_scale"
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"
-
-    @property
-    def reported(self) -> tuple[Parameter, ...]:
-        """Return the error of each axis."""
-        return tuple(Parameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz")
+    words: ClassVar[str] = "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"
+    reported: ClassVar[tuple[Parameter, ...]] = tuple(
+        Parameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz"
+    )
 
     def field(self, p_instr_m: Array) -> Array:
         """Return each coordinate along its own axis, (P, B, 3, 3)."""
@@ -198,16 +178,8 @@ class CmmSquareness(FalseReading):
     """The instrument's x axis is not square to y: x reads x + xy y, xy in rad."""
 
     id: ClassVar[str] = "cmm_squareness"
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return "reading of x = x + xy y"
-
-    @property
-    def reported(self) -> tuple[Parameter, ...]:
-        """Return the angle."""
-        return (Parameter("xy", "rad", 3e-6, plausible=1e-4),)
+    words: ClassVar[str] = "reading of x = x + xy y"
+    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("xy", "rad", 3e-6, plausible=1e-4),)
 
     def field(self, p_instr_m: Array) -> Array:
         """Return the y coordinate along x, (P, B, 3, 1)."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -12,11 +11,10 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects.effect import (
+    AtJoint,
     CandidateContext,
-    Effect,
     JointEffect,
     NamedEffect,
-    joint_of,
     turning_joints,
 )
 from pa10cal.terms.of_campaign import of_campaign
@@ -28,20 +26,11 @@ class GearRatioError(JointEffect):
     """A gear ratio off its nominal value: eps q_j [rad], eps without unit."""
 
     id: ClassVar[str] = "gear_ratio_error"
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return f"theta_{self.joint} += eps q_{self.joint}"
-
-    @property
-    def reported(self) -> tuple[Parameter, ...]:
-        """Return the relative error."""
-        return (Parameter("eps", "1", 1e-5, plausible=3e-4),)
+    words: ClassVar[str] = "theta_{0.joint} += eps q_{0.joint}"
+    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("eps", "1", 1e-5, plausible=3e-4),)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return q_j, (P, 1, 1)."""
-        del x
         return states.q_rad[:, self.joint - 1, None, None]
 
 
@@ -51,20 +40,11 @@ class Backlash(JointEffect):
 
     id: ClassVar[str] = "backlash"
     positive: ClassVar[bool] = True
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return f"theta_{self.joint} += b s_{self.joint}"
-
-    @property
-    def reported(self) -> tuple[Parameter, ...]:
-        """Return half the lost motion."""
-        return (Parameter("b", "rad", 1e-5, plausible=3e-4),)
+    words: ClassVar[str] = "theta_{0.joint} += b s_{0.joint}"
+    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("b", "rad", 1e-5, plausible=3e-4),)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return s_j, (P, 1, 1)."""
-        del x
         return states.arrival[:, self.joint - 1, None, None]
 
 
@@ -80,19 +60,14 @@ class ArrivalError(JointEffect):
     # names of the campaigns of a group, each with an amount of its own; none of one
     campaigns: tuple[str, ...] = ()
     id: ClassVar[str] = "arrival_error"
+    words: ClassVar[str] = (
+        "theta_{0.joint} += c, the sign that of the move to here, 0 of a joint that stayed"
+    )
 
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint that turns, where positions are those commanded."""
-        joints = turning_joints(context) if context.commanded else ()
-        return tuple(cls(f"joint {joint}", context.campaigns) for joint in joints)
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return (
-            f"theta_{self.joint} += c, the sign that of the move to here, 0 of a joint that stayed"
-        )
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return the campaigns of a group, where positions are those commanded."""
+        return (context.campaigns,) if context.commanded else None
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -114,11 +89,8 @@ class WristCoupling(NamedEffect):
 
     last: int  # the last joint, n
     id: ClassVar[str] = "wrist_coupling"
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return f"theta_{self.last} += c q_{self.last - 1}"
+    words: ClassVar[str] = "theta_{0.last} += c q_{0.before}"
+    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("c", "1", 3e-5, plausible=1e-3),)
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -127,9 +99,9 @@ class WristCoupling(NamedEffect):
         return (cls("wrist", last),) if {last - 1, last} <= {*turning_joints(context)} else ()
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
-        """Return the coupling."""
-        return (Parameter("c", "1", 3e-5, plausible=1e-3),)
+    def before(self) -> int:
+        """Return the joint before the last."""
+        return self.last - 1
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -138,56 +110,37 @@ class WristCoupling(NamedEffect):
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the angle of the joint before the last, (P, 1, 1)."""
-        del x
-        return states.q_rad[:, self.last - 2, None, None]
+        return states.q_rad[:, self.before - 1, None, None]
 
 
 # Periodic errors of a joint's angle: encoder disks and harmonic drives.
 
 
 @dataclass(frozen=True)
-class JointHarmonic(Effect):
+class JointHarmonic(AtJoint):
     """A sin(order q_j + phi), solved in its parts A cos phi (sine) and A sin phi (cosine)."""
 
     order: float  # cycles a turn of the joint
+    words: ClassVar[str] = "theta_{0.joint} += A sin({0.order:g} q_{0.joint} + phi)"
+    order_stated: ClassVar[float]  # of those of one order
     plausible_rad: ClassVar[float] = 3e-4
 
     @classmethod
-    @abstractmethod
-    def order_of(cls, context: CandidateContext, joint: int) -> float:
-        """Return the cycles a turn at a joint, from 1."""
-
-    @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint that turns."""
-        return tuple(
-            cls(f"joint {joint}", cls.order_of(context, joint)) for joint in turning_joints(context)
-        )
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return the cycles a turn."""
+        return (cls.order_stated,)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the sine and the cosine part."""
-        joint = joint_of(self.of)
         return tuple(
-            Parameter(f"{self.id}_{joint}_{part}", "rad", 1e-5, plausible=self.plausible_rad)
+            Parameter(f"{self.id}_{self.joint}_{part}", "rad", 1e-5, plausible=self.plausible_rad)
             for part in ("sin", "cos")
         )
 
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        joint = joint_of(self.of)
-        return f"theta_{joint} += A sin({self.order:g} q_{joint} + phi)"
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return the joint's angle."""
-        return (f"theta_{joint_of(self.of)}",)
-
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return sine and cosine of order q_j, (P, 1, 2)."""
-        del x
-        phase = self.order * states.q_rad[:, joint_of(self.of) - 1]
+        phase = self.order * states.q_rad[:, self.joint - 1]
         return np.stack([np.sin(phase), np.cos(phase)], axis=-1)[:, None, :]
 
     def report(self, x: Array) -> Report:
@@ -214,9 +167,9 @@ class TransmissionError(JointHarmonic):
     id: ClassVar[str] = "transmission_error"
 
     @classmethod
-    def order_of(cls, context: CandidateContext, joint: int) -> float:
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return twice the gear ratio; nan where that is not known."""
-        return 2.0 * float(context.arm.gear_ratio[joint - 1])
+        return (2.0 * float(context.arm.gear_ratio[joint - 1]),)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return sine and cosine of order q_j, (P, 1, 2).
@@ -239,12 +192,7 @@ class EncoderEccentricity(JointHarmonic):
     """An encoder disk off its centre: one cycle a turn of the joint."""
 
     id: ClassVar[str] = "encoder_eccentricity"
-
-    @classmethod
-    def order_of(cls, context: CandidateContext, joint: int) -> float:
-        """Return one."""
-        del context, joint
-        return 1.0
+    order_stated: ClassVar[float] = 1.0
 
 
 @dataclass(frozen=True)
@@ -252,12 +200,7 @@ class EncoderEllipticity(JointHarmonic):
     """An encoder disk out of round: two cycles a turn of the joint."""
 
     id: ClassVar[str] = "encoder_ellipticity"
-
-    @classmethod
-    def order_of(cls, context: CandidateContext, joint: int) -> float:
-        """Return two."""
-        del context, joint
-        return 2.0
+    order_stated: ClassVar[float] = 2.0
 
 
 # An error of a whole number of cycles a turn of a joint, which the data have found.
@@ -271,15 +214,10 @@ class PeriodicError(JointHarmonic):
     (`discovery/formulas`). One and two cycles, and those of the gear, have names of their own.
     """
 
-    order: float = 3.0  # k
+    order: float = 3.0  # k, at first the lowest without a name of its own
     id: ClassVar[str] = "periodic_error"
+    order_stated: ClassVar[float] = 3.0
     sought: ClassVar[bool] = False
-
-    @classmethod
-    def order_of(cls, context: CandidateContext, joint: int) -> float:
-        """Return the first order without a name of its own."""
-        del context, joint
-        return cls.order
 
     def report(self, x: Array) -> Report:
         """Return amplitude and phase, and the order."""

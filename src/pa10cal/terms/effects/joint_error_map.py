@@ -96,14 +96,10 @@ class JointErrorMap(JointEffect):
     # together as exp(-2 sin²(d/2) / l²), l = 0.7 rad: what 12 knots can follow and little more.
     spectrum: Spectrum | None = None
     id: ClassVar[str] = "joint_error_map"
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return (
-            f"theta_{self.joint} += periodic cubic spline of q_{self.joint} through the knots, "
-            f"knot k at 2 pi k / {self.knots}"
-        )
+    words: ClassVar[str] = (
+        "theta_{0.joint} += periodic cubic spline of q_{0.joint} through the knots, "
+        "knot k at 2 pi k / {0.knots}"
+    )
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -124,7 +120,6 @@ class JointErrorMap(JointEffect):
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return what each knot contributes at q_j, (P, 1, K)."""
-        del x
         contributions = _spline_of_knots(self.knots)(states.q_rad[:, self.joint - 1])
         return np.asarray(contributions, dtype=np.float64)[:, None, :]
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,29 +13,15 @@ from pa10cal.terms.effects.effect import (
     CandidateContext,
     JointEffect,
     static_loads_in,
-    turning_joints,
 )
-from pa10cal.terms.term import Parameter, Report, TorqueOnly
+from pa10cal.terms.term import JointTorqueOnly, Parameter, Report
 
 
 @dataclass(frozen=True)
-class FalseTorque(TorqueOnly, JointEffect):
+class FalseTorque(JointTorqueOnly, JointEffect):
     """A single parameter by which the logged torque of one joint is off; no joint carries it."""
 
-    @property
-    def carried(self) -> bool:
-        """Return that only the log shows it."""
-        return False
-
-    @abstractmethod
-    def per_unit(self, states: PoseStates) -> Array:
-        """Return how much too much the log shows a unit of the parameter, (P,) [N m]."""
-
-    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return its derivative by the parameter, (P, n, 1)."""
-        derivative = np.zeros((*states.tau_Nm.shape, len(x)))
-        derivative[:, self.joint - 1, 0] = self.per_unit(states)
-        return derivative
+    carried: ClassVar[bool] = False
 
 
 @dataclass(frozen=True)
@@ -45,20 +30,13 @@ class FrictionTorque(FalseTorque):
 
     rated_Nm: float  # rated torque of the joint
     id: ClassVar[str] = "friction_torque"
+    words: ClassVar[str] = "logged tau_{0.joint} = tau_{0.joint} + tau_c s_{0.joint}"
     positive: ClassVar[bool] = True
 
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return f"logged tau_{self.joint} = tau_{self.joint} + tau_c s_{self.joint}"
-
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint that turns."""
-        rated_Nm = context.rated_Nm
-        return tuple(
-            cls(f"joint {joint}", float(rated_Nm[joint - 1])) for joint in turning_joints(context)
-        )
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return the joint's rated torque."""
+        return (context.rated_at(joint),)
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -78,16 +56,8 @@ class TorqueGain(FalseTorque):
     """
 
     id: ClassVar[str] = "torque_gain"
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return f"logged tau_{self.joint} = (1 + g) tau_{self.joint}"
-
-    @property
-    def reported(self) -> tuple[Parameter, ...]:
-        """Return the gain."""
-        return (Parameter("g", "1", 1e-3, plausible=0.05),)
+    words: ClassVar[str] = "logged tau_{0.joint} = (1 + g) tau_{0.joint}"
+    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("g", "1", 1e-3, plausible=0.05),)
 
     def per_unit(self, states: PoseStates) -> Array:
         """Return the torque of the weights, (P,)."""
@@ -98,8 +68,6 @@ class TorqueGain(FalseTorque):
 
 #: A joint so stiff counts as rigid: its reported stiffness stays finite [rad/(N m)].
 _RIGID = 1e-12
-#: A joint that never carried this share of its rated torque cannot show how it winds up.
-_LOADED_SHARE = 0.01
 
 
 @dataclass(frozen=True)
@@ -111,22 +79,13 @@ class JointCompliance(JointEffect):
 
     rated_Nm: float  # rated torque of the joint
     id: ClassVar[str] = "joint_compliance"
+    words: ClassVar[str] = "theta_{0.joint} -= tau_{0.joint} / K"
     positive: ClassVar[bool] = True
 
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return f"theta_{self.joint} -= tau_{self.joint} / K"
-
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint that turns and has no spring."""
-        rated_Nm = context.rated_Nm
-        return tuple(
-            cls(f"joint {joint}", float(rated_Nm[joint - 1]))
-            for joint in turning_joints(context)
-            if joint not in context.flexible_joints
-        )
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return the rated torque of a joint without a spring."""
+        return None if joint in context.flexible_joints else (context.rated_at(joint),)
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -137,19 +96,12 @@ class JointCompliance(JointEffect):
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the compliance."""
         plausible = 1.0 / (100.0 * self.rated_Nm)
-        return (
-            Parameter(
-                f"{self.id}_{self.joint}_compliance",
-                "rad/(N m)",
-                0.01 * plausible,
-                lower=0.0,
-                plausible=plausible,
-            ),
-        )
+        name = f"{self.id}_{self.joint}_compliance"
+        scale = 0.01 * plausible
+        return (Parameter(name, "rad/(N m)", scale, lower=0.0, plausible=plausible),)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return minus the torque, (P, 1, 1)."""
-        del x
         return -states.tau_Nm[:, self.joint - 1, None, None]
 
     def by_torque(self, states: PoseStates, x: Array) -> Array:
@@ -172,21 +124,15 @@ class SoftWindup(JointEffect):
     rated_Nm: float  # rated torque of the joint
     span_Nm: float  # largest torque that the joint carried
     id: ClassVar[str] = "soft_windup"
+    words: ClassVar[str] = "theta_{0.joint} -= A tanh(tau_{0.joint} / tau0)"
     positive: ClassVar[bool] = True
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return f"theta_{self.joint} -= A tanh(tau_{self.joint} / tau0)"
+    linear: ClassVar[int] = 1  # proportional to A; tau0 shapes it
 
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint that turns and carried torque."""
-        rated_Nm, span_Nm = context.rated_Nm, context.tau_span_Nm
-        return tuple(
-            cls(f"joint {joint}", float(rated_Nm[joint - 1]), float(span_Nm[joint - 1]))
-            for joint in loaded_joints(context)
-        )
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return the torques, rated and carried, of a joint that carried any."""
+        carried_Nm = context.carried_at(joint)
+        return (context.rated_at(joint), carried_Nm) if carried_Nm else None
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -196,11 +142,6 @@ class SoftWindup(JointEffect):
             Parameter("A", "rad", 1e-5, plausible=3e-4),
             Parameter("tau0", "N m", 0.1 * span_Nm, lower=1e-3 * span_Nm, upper=3.0 * span_Nm),
         )
-
-    @property
-    def linear(self) -> int:
-        """Return one: it is proportional to A, and tau0 shapes it."""
-        return 1
 
     def shift(self, states: PoseStates, x: Array) -> Array:
         """Return minus the extra deflection, (P, 1)."""
@@ -227,9 +168,3 @@ class SoftWindup(JointEffect):
 
     def _tau_Nm(self, states: PoseStates) -> Array:
         return states.tau_Nm[:, self.joint - 1]
-
-
-def loaded_joints(context: CandidateContext) -> tuple[int, ...]:
-    """Return the joints, from 1, that turn and carried torque worth the name."""
-    loaded = context.tau_span_Nm > _LOADED_SHARE * context.rated_Nm
-    return tuple(joint for joint in turning_joints(context) if loaded[joint - 1])

@@ -46,6 +46,8 @@ class LinkEffect(NamedEffect):
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     #: Names of the links at which it may sit.
     places: ClassVar[tuple[str, ...]] = _LONG_LINKS
+    #: Scale and plausible size of its compliance [rad/(N m)].
+    scale_and_size: ClassVar[tuple[float, float]]
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -63,6 +65,11 @@ class LinkEffect(NamedEffect):
     def coordinates(self) -> tuple[str, ...]:
         """Return the small motion of the link's end."""
         return bend_coordinates(self.row)
+
+    @property
+    def reported(self) -> tuple[Parameter, ...]:
+        """Return the compliance."""
+        return (_compliance("c", *self.scale_and_size, self.moment_of_arm_Nm),)
 
     @property
     def axis(self) -> Array:
@@ -83,24 +90,15 @@ class LinkBending(LinkEffect):
     """
 
     id: ClassVar[str] = "link_bending"
+    scale_and_size: ClassVar[tuple[float, float]] = (1e-7, 5e-6)
+    words: ClassVar[str] = (
+        "the end of link {0.row} turns by c M and shifts by 2/3 L (c M) x axis, "
+        "M the moment it carries across its axis"
+    )
     positive: ClassVar[bool] = True
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return (
-            f"the end of link {self.row} turns by c M and shifts by 2/3 L (c M) x axis, "
-            "M the moment it carries across its axis"
-        )
-
-    @property
-    def reported(self) -> tuple[Parameter, ...]:
-        """Return the compliance."""
-        return (_compliance("c", 1e-7, 5e-6, self.moment_of_arm_Nm),)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return shift over turn of the link's end a unit of c, (P, 6, 1)."""
-        del x
         moment_Nm, axis = self.moment_Nm(states), self.axis
         across_Nm = moment_Nm - np.outer(moment_Nm @ axis, axis)
         shift = 2.0 / 3.0 * np.cross(across_Nm, np.array(self.span_m))
@@ -112,18 +110,12 @@ class LinkTorsion(LinkEffect):
     """A link twists by c times the moment along its axis at its end, c in rad/(N m)."""
 
     id: ClassVar[str] = "link_torsion"
+    scale_and_size: ClassVar[tuple[float, float]] = (5e-7, 2e-5)
+    words: ClassVar[str] = (
+        "the end of link {0.row} turns about its axis by c times the moment about it"
+    )
     positive: ClassVar[bool] = True
     places: ClassVar[tuple[str, ...]] = ("forearm",)
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return f"the end of link {self.row} turns about its axis by c times the moment about it"
-
-    @property
-    def reported(self) -> tuple[Parameter, ...]:
-        """Return the compliance."""
-        return (_compliance("c", 5e-7, 2e-5, self.moment_of_arm_Nm),)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -132,7 +124,6 @@ class LinkTorsion(LinkEffect):
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the twist of the link's end a unit of c, (P, 3, 1)."""
-        del x
         axis = self.axis
         return np.outer(self.moment_Nm(states) @ axis, axis)[:, :, None]
 
@@ -148,12 +139,9 @@ class BaseCompliance(NamedEffect):
     # stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     id: ClassVar[str] = "base_compliance"
+    words: ClassVar[str] = "base.rx += cx M_x, base.ry += cy M_y, M the overturning moment"
+    coordinates: ClassVar[tuple[str, ...]] = ("base.rx", "base.ry")
     positive: ClassVar[bool] = True
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return "base.rx += cx M_x, base.ry += cy M_y, M the overturning moment"
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -166,14 +154,8 @@ class BaseCompliance(NamedEffect):
         of_arm_Nm = self.moment_of_arm_Nm
         return tuple(_compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("cx", "cy"))
 
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return the base's tilts."""
-        return ("base.rx", "base.ry")
-
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the overturning moments, each for its own tilt, (P, 2, 2)."""
-        del x
         return static_loads_in(states, self).base_Nm[:, :2, None] * np.eye(2)
 
 
@@ -182,30 +164,18 @@ class ToolSag(NamedEffect):
     """The tooling gives way by c [m] times the part of gravity's direction across its axis."""
 
     id: ClassVar[str] = "tool_sag"
+    words: ClassVar[str] = (
+        "tool.x, tool.y += c times the part of the unit vector of gravity along them"
+    )
+    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("c", "m", 3e-6, plausible=1e-4),)
+    coordinates: ClassVar[tuple[str, ...]] = ("tool.x", "tool.y")
     positive: ClassVar[bool] = True
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return "tool.x, tool.y += c times the part of the unit vector of gravity along them"
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the tool."""
-        del context
         return (cls("tool"),)
-
-    @property
-    def reported(self) -> tuple[Parameter, ...]:
-        """Return the sag with the tooling level."""
-        return (Parameter("c", "m", 3e-6, plausible=1e-4),)
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return the shifts of the end across the tool's axis."""
-        return ("tool.x", "tool.y")
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the direction of gravity across the tool's axis, (P, 2, 1)."""
-        del x
         return static_loads_in(states, self).down_ee[:, :2, None]

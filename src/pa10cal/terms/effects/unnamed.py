@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.polynomial.legendre import legder, legval, legvander
@@ -18,13 +18,11 @@ from pa10cal.terms.effects.effect import (
     JointEffect,
     NamedEffect,
     time_in,
-    turning_joints,
 )
 from pa10cal.terms.effects.in_time import FalseReading
-from pa10cal.terms.effects.joint_torque import loaded_joints
-from pa10cal.terms.term import Parameter, TorqueOnly
+from pa10cal.terms.term import JointTorqueOnly, Parameter
 
-#: A joint that turned less, or a campaign that was shorter, shows no shape [rad; s].
+#: A campaign that was shorter shows no shape [s].
 _LEAST_SPAN = 1e-3
 
 
@@ -39,20 +37,16 @@ class PlaceMap(FalseReading):
     # where the coordinates are counted from, in the instrument's frame
     middle_instr_m: tuple[float, float, float]
     id: ClassVar[str] = "place_map"
+    words: ClassVar[str] = "reading of each axis += polynomial of degree 3 in the place"
     generic: ClassVar[bool] = True
     unit_m: ClassVar[float] = 0.3
     plausible_m: ClassVar[dict[int, float]] = {1: 3e-5, 2: 1e-4, 3: 3e-5}
 
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return "reading of each axis += polynomial of degree 3 in the place"
-
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the instrument."""
-        x, y, z = context.p_instr_middle_m
-        return (cls("instrument", (float(x), float(y), float(z))),)
+        x, y, z = context.p_instr_middle_m.tolist()
+        return (cls("instrument", (x, y, z)),)
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -83,7 +77,7 @@ def _monomials() -> Iterator[tuple[int, ...]]:
 
 
 @dataclass(frozen=True)
-class TorqueMap(TorqueOnly, JointEffect):
+class TorqueMap(JointTorqueOnly, JointEffect):
     """The joint carries, beyond the weights, a torque that is a smooth function of its angle.
 
     Legendre polynomials of degree 1 to 4 over the measured span of the angle [N m].
@@ -92,24 +86,16 @@ class TorqueMap(TorqueOnly, JointEffect):
     span_rad: tuple[float, float]  # lowest and highest measured angle
     rated_Nm: float  # rated torque of the joint
     id: ClassVar[str] = "torque_map"
+    words: ClassVar[str] = "tau_{0.joint} += Legendre polynomials 1 to {0.degrees} of q_{0.joint}"
+    carried: ClassVar[bool] = True
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 4
 
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return f"tau_{self.joint} += Legendre polynomials 1 to {self.degrees} of q_{self.joint}"
-
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint that turns and was moved."""
-        spans_rad, rated_Nm = context.q_span_rad, context.rated_Nm
-        return tuple(
-            cls(f"joint {joint}", (float(low), float(high)), float(rated_Nm[joint - 1]))
-            for joint in turning_joints(context)
-            for low, high in (spans_rad[joint - 1],)
-            if high - low > _LEAST_SPAN
-        )
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return the span of the angle and the rated torque of a joint that was moved."""
+        span_rad = context.span_at(joint)
+        return (span_rad, context.rated_at(joint)) if span_rad else None
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -120,17 +106,9 @@ class TorqueMap(TorqueOnly, JointEffect):
             for k in range(1, self.degrees + 1)
         )
 
-    @property
-    def carried(self) -> bool:
-        """Return that the joint carries it."""
-        return True
-
-    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the polynomials at q_j, (P, n, 4)."""
-        derivative = np.zeros((*states.tau_Nm.shape, len(x)))
-        q_rad = states.q_rad[:, self.joint - 1]
-        derivative[:, self.joint - 1] = _degrees(q_rad, self.span_rad, self.degrees)
-        return derivative
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return the polynomials at q_j, (P, 4)."""
+        return _degrees(states.q_rad[:, self.joint - 1], self.span_rad, self.degrees)
 
 
 @dataclass(frozen=True)
@@ -142,21 +120,17 @@ class WindupMap(JointEffect):
 
     span_Nm: float  # largest torque that the joint carried
     id: ClassVar[str] = "windup_map"
+    words: ClassVar[str] = (
+        "theta_{0.joint} -= Legendre polynomials 1 to {0.degrees} of tau_{0.joint}"
+    )
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 5
 
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return f"theta_{self.joint} -= Legendre polynomials 1 to {self.degrees} of tau_{self.joint}"
-
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint that turns and carried torque."""
-        return tuple(
-            cls(f"joint {joint}", float(context.tau_span_Nm[joint - 1]))
-            for joint in loaded_joints(context)
-        )
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return the largest torque of a joint that carried any."""
+        carried_Nm = context.carried_at(joint)
+        return (carried_Nm,) if carried_Nm else None
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -168,7 +142,6 @@ class WindupMap(JointEffect):
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return minus the polynomials at tau_j, (P, 1, 5)."""
-        del x
         tau_Nm = states.tau_Nm[:, self.joint - 1]
         return -_degrees(tau_Nm, (-self.span_Nm, self.span_Nm), self.degrees)[:, None, :]
 
@@ -190,29 +163,16 @@ class DirectionMap(JointEffect):
     span_Nm: float  # largest torque that the joint carried, 0 where it carried none
     span_rad: tuple[float, float]  # lowest and highest angle
     id: ClassVar[str] = "direction_map"
+    words: ClassVar[str] = (
+        "theta_{0.joint} += s_{0.joint} times Legendre polynomials of torque and angle"
+    )
     generic: ClassVar[bool] = True
 
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return (
-            f"theta_{self.joint} += s_{self.joint} times Legendre polynomials of torque and angle"
-        )
-
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint that turned."""
-        loaded = loaded_joints(context)
-        spans = context.q_span_rad
-        return tuple(
-            cls(
-                f"joint {joint}",
-                float(context.tau_span_Nm[joint - 1]) if joint in loaded else 0.0,
-                (float(spans[joint - 1, 0]), float(spans[joint - 1, 1])),
-            )
-            for joint in turning_joints(context)
-            if np.ptp(spans[joint - 1]) > _LEAST_SPAN
-        )
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return the largest torque carried and the span of the angle of a joint that turned."""
+        span_rad = context.span_at(joint)
+        return (context.carried_at(joint), span_rad) if span_rad else None
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -227,7 +187,6 @@ class DirectionMap(JointEffect):
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return s_j times the polynomials, (P, 1, k)."""
-        del x
         q_rad = states.q_rad[:, self.joint - 1]
         parts = [np.ones((len(q_rad), 1)), _degrees(q_rad, self.span_rad, 2)]
         if self.span_Nm:
@@ -257,14 +216,13 @@ class DriftMap(NamedEffect):
 
     span_s: tuple[float, float]  # first and last reading
     id: ClassVar[str] = "drift_map"
+    words: ClassVar[str] = (
+        "each motion of the base += Legendre polynomials 1 to {0.degrees} of time"
+    )
+    coordinates: ClassVar[tuple[str, ...]] = BASE
     goes_with_time: ClassVar[bool] = True
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 3
-
-    @property
-    def formula(self) -> str:
-        """Return the form in words a reader can type."""
-        return f"each motion of the base += Legendre polynomials 1 to {self.degrees} of time"
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -285,11 +243,6 @@ class DriftMap(NamedEffect):
             for name in BASE
             for k in range(1, self.degrees + 1)
         )
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return the small motions of the base."""
-        return BASE
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the polynomials of time, each motion for itself, (P, 6, 18)."""

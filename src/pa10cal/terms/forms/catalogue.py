@@ -6,25 +6,24 @@ angle are among them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement, product
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from pa10cal.arm.chain import TOOL
+from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import (
     CandidateContext,
     joint_of,
-    seen_in,
     static_loads_in,
     turning_joints,
 )
-from pa10cal.terms.effects.joint_torque import loaded_joints
-from pa10cal.terms.forms.form import Form, Numbers, Shape, sines, size
+from pa10cal.terms.effects.in_time import FalseReading
+from pa10cal.terms.forms.form import Form, Numbers, Shape, beyond, sines, sized
 from pa10cal.terms.forms.of_joints import AngleForm, PullForm
 from pa10cal.terms.term import Parameter, Report
 
@@ -68,35 +67,32 @@ def _of_joint(place: str, context: CandidateContext, states: PoseStates) -> Iter
     q_rad, tau_Nm = states.q_rad[:, joint - 1], np.abs(states.tau_Nm[:, joint - 1])
     poses = len(np.unique(np.round(q_rad, 4)))
     orders = range(1, int(np.clip(poses, _FEWEST_CYCLES, _MOST_CYCLES)) + 1)
+    few = [(float(order),) for order in _FEW_CYCLES]
     thresholds = _levels(q_rad)
-    loaded = loaded_joints(context)
+    loaded = context.carried_at(joint) > 0.0
     yield from (AngleForm(place, "harmonic", (float(order),)) for order in orders)
     yield from (AngleForm(place, "step", (at,)) for at in thresholds)
-    if joint in loaded:
+    if loaded:
         for form in ("torque_squared", "torque_abs_torque", "torque_cubed", "sign_of_torque"):
             yield AngleForm(place, form)
         yield from (AngleForm(place, "torque_beyond", (at,)) for at in _levels(tau_Nm))
-        for order in _FEW_CYCLES:
-            yield AngleForm(place, "torque_by_angle", (float(order),))
+        yield from (AngleForm(place, "torque_by_angle", order) for order in few)
     if np.any(states.arrival[:, joint - 1]):
-        if joint in loaded:
+        if loaded:
             yield AngleForm(place, "arrival_by_torque")
             yield AngleForm(place, "arrival_by_torque_squared")
-        for order in _FEW_CYCLES:
-            yield AngleForm(place, "arrival_by_angle", (float(order),))
+        yield from (AngleForm(place, "arrival_by_angle", order) for order in few)
     for other in turning_joints(context):
         if other == joint:
             continue
-        for order in _FEW_CYCLES:
-            yield AngleForm(place, "other_angle", (float(other), float(order)))
+        yield from (AngleForm(place, "other_angle", (float(other), *order)) for order in few)
         yield AngleForm(place, "product_of_angles", (float(other),))
         yield AngleForm(place, "product_of_sines", (float(other),))
-        if other in loaded:
+        if context.carried_at(other):
             yield AngleForm(place, "other_torque", (float(other),))
     yield from (AngleForm(place, "settling", each) for each in _times(context))
     yield PullForm(place, "pull")
-    for order in _FEW_CYCLES:
-        yield PullForm(place, "pull_harmonic", (float(order),))
+    yield from (PullForm(place, "pull_harmonic", order) for order in few)
     for at in thresholds:
         yield PullForm(place, "pull_beyond", (at,))
         yield PullForm(place, "pull_below", (at,))
@@ -186,71 +182,39 @@ _SHIFT_M = 1e-4
 _READING_M, _FROM_MIDDLE_M = 3e-5, 0.3
 
 
-def _tilts(power: int) -> tuple[Parameter, ...]:
-    return tuple(
-        size(name, f"rad/(N m){'²³'[power - 2]}", _TILT_RAD / _MOMENT_NM**power)
-        for name in ("cx", "cy")
-    )
-
-
-def _by_moment(
-    of_moment: Callable[[Array, Numbers], Array],
-) -> Callable[[PoseStates, int, Numbers], tuple[Array, ...]]:
-    def columns(states: PoseStates, joint: int, numbers: Numbers) -> tuple[Array, ...]:
-        del joint
-        assert states.static_loads is not None
-        return tuple(of_moment(states.static_loads.base_Nm[:, k], numbers) for k in (0, 1))
-
-    return columns
-
-
-def _beyond(moment_Nm: Array, numbers: Numbers) -> Array:
-    return np.asarray(np.sign(moment_Nm) * np.maximum(np.abs(moment_Nm) - numbers[0], 0.0))
-
-
 @dataclass(frozen=True)
 class TiltForm(Form):
     """The base tilts about x and y by a short form of its overturning moment M."""
 
+    coordinates: ClassVar[tuple[str, ...]] = ("base.rx", "base.ry")
     shapes: ClassVar[Mapping[str, Shape]] = {
         "moment_abs_moment": Shape(
             "base.rx += cx M_x |M_x|, base.ry += cy M_y |M_y|, M the overturning moment",
-            _by_moment(lambda moment, _: moment * np.abs(moment)),
-            _tilts(2),
+            lambda at: tuple(M * np.abs(M) for M in at.moments),
+            sized("cx cy", "rad/(N m)²", _TILT_RAD / _MOMENT_NM**2),
         ),
         "moment_cubed": Shape(
             "base.rx += cx M_x^3, base.ry += cy M_y^3, M the overturning moment",
-            _by_moment(lambda moment, _: moment**3),
-            _tilts(3),
+            lambda at: tuple(M**3 for M in at.moments),
+            sized("cx cy", "rad/(N m)³", _TILT_RAD / _MOMENT_NM**3),
         ),
         "moment_beyond": Shape(
             "base.rx += cx sgn(M_x) max(|M_x| - {0:.4g}, 0), base.ry likewise with cy and M_y, "
             "M the overturning moment",
-            _by_moment(_beyond),
-            tuple(size(name, "rad/(N m)", _TILT_RAD / _MOMENT_NM) for name in ("cx", "cy")),
+            lambda at: tuple(beyond(M, at.numbers[0]) for M in at.moments),
+            sized("cx cy", "rad/(N m)", _TILT_RAD / _MOMENT_NM),
             ("threshold",),
             between=0,
         ),
         "sign_of_moment": Shape(
             "base.rx += cx sgn(M_x), base.ry += cy sgn(M_y), M the overturning moment",
-            _by_moment(lambda moment, _: np.sign(moment)),
-            tuple(size(name, "rad", _TILT_RAD) for name in ("cx", "cy")),
+            lambda at: tuple(np.sign(M) for M in at.moments),
+            sized("cx cy", "rad", _TILT_RAD),
         ),
     }
 
-    @property
-    def joint(self) -> int:
-        """Return none."""
-        return 0
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return the base's tilts."""
-        return ("base.rx", "base.ry")
-
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return each column along its own tilt, (P, 2, 2)."""
-        del x
         static_loads_in(states, self)
         return self.values(states)[:, :, None] * np.eye(2)
 
@@ -259,36 +223,26 @@ class TiltForm(Form):
 class ShiftForm(Form):
     """The base shifts by a short form of time."""
 
+    coordinates: ClassVar[tuple[str, ...]] = BASE[:3]
     shapes: ClassVar[Mapping[str, Shape]] = {
         "settling": Shape(
             "base.x, y, z += (dx, dy, dz) exp(-(t - {1:.6g}) / {0:.4g}), t in s",
-            lambda states, _, numbers: (np.exp(-(states.time_s - numbers[1]) / numbers[0]),) * 3,
-            tuple(size(name, "m", _SHIFT_M) for name in ("dx", "dy", "dz")),
+            lambda at: (np.exp(-(at.states.time_s - at.numbers[1]) / at.numbers[0]),) * 3,
+            sized("dx dy dz", "m", _SHIFT_M),
             ("time",),
             between=0,
         ),
         "wave_in_time": Shape(
             "base.x, y, z += (dx, dy, dz) sin(2 pi t / {0:.4g}) "
             "+ (ex, ey, ez) cos(2 pi t / {0:.4g}), t in s",
-            lambda states, _, numbers: (
-                *(np.sin(2.0 * np.pi * states.time_s / numbers[0]),) * 3,
-                *(np.cos(2.0 * np.pi * states.time_s / numbers[0]),) * 3,
+            lambda at: tuple(
+                np.repeat(sines(2.0 * np.pi * at.states.time_s / at.numbers[0]), 3, axis=0)
             ),
-            tuple(size(name, "m", _SHIFT_M) for name in ("dx", "dy", "dz", "ex", "ey", "ez")),
+            sized("dx dy dz ex ey ez", "m", _SHIFT_M),
             ("period",),
             between=0,
         ),
     }
-
-    @property
-    def joint(self) -> int:
-        """Return none."""
-        return 0
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return the base's shifts."""
-        return ("base.x", "base.y", "base.z")
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return each column along its own shift, (P, 3, k)."""
@@ -296,8 +250,16 @@ class ShiftForm(Form):
         return np.asarray(self.values(states)[:, None, :] * axes)
 
 
+class Along(NamedTuple):
+    """Where the columns of a reading's form are taken, from its middle on [m]."""
+
+    u: Array  # coordinates along the first axis
+    v: Array  # along the second one; the first again where there is none
+    numbers: Numbers
+
+
 @dataclass(frozen=True)
-class ReadingForm(Form):
+class ReadingForm(Form, FalseReading):
     """One axis of the instrument reads too much by a short form of place.
 
     Its first number is the axis that reads so, the next are those along which it does, 0 to 2 for x
@@ -309,45 +271,35 @@ class ReadingForm(Form):
     shapes: ClassVar[Mapping[str, Shape]] = {
         "quadratic": Shape(
             "reading of {a} += c ({b} - {b}0)^2",
-            lambda *_: (),
-            (size("c", "1/m", _READING_M / _FROM_MIDDLE_M**2), size("d", "1", 1e-4)),
+            lambda at: (at.u**2, at.u),
+            (*sized("c", "1/m", _READING_M / _FROM_MIDDLE_M**2), *sized("d", "1", 1e-4)),
             ("axis", "along"),
         ),
         "cubic": Shape(
             "reading of {a} += c3 u^3 + c2 u^2 + c1 u, u = {b} {b0} m",
-            lambda *_: (),
+            lambda at: (at.u**3, at.u**2, at.u),
             (
-                size("c3", "1/m²", _READING_M / _FROM_MIDDLE_M**3),
-                size("c2", "1/m", _READING_M / _FROM_MIDDLE_M**2),
-                size("c1", "1", 1e-4),
+                *sized("c3", "1/m²", _READING_M / _FROM_MIDDLE_M**3),
+                *sized("c2", "1/m", _READING_M / _FROM_MIDDLE_M**2),
+                *sized("c1", "1", 1e-4),
             ),
             ("axis", "along"),
         ),
         "product": Shape(
             "reading of {a} += c ({b} {b0} m) ({c} {c0} m)",
-            lambda *_: (),
-            (size("c", "1/m", _READING_M / _FROM_MIDDLE_M**2),),
+            lambda at: (at.u * at.v,),
+            sized("c", "1/m", _READING_M / _FROM_MIDDLE_M**2),
             ("axis", "along", "along"),
         ),
         "wave": Shape(
             "reading of {a} += A sin(2 pi ({b} {b0} m) / ({2:.4g} m) + phi)",
-            lambda *_: (),
-            (size("s", "m", _READING_M), size("c", "m", _READING_M)),
+            lambda at: sines(2.0 * np.pi * at.u / at.numbers[2]),
+            sized("s c", "m", _READING_M),
             ("axis", "along", "period"),
             "turning",
             between=2,
         ),
     }
-
-    @property
-    def joint(self) -> int:
-        """Return none."""
-        return 0
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return the small motion at the end."""
-        return TOOL
 
     @property
     def formula(self) -> str:
@@ -364,27 +316,19 @@ class ReadingForm(Form):
 
     def of_place(self, p_instr_m: Array) -> Array:
         """Return what each parameter is multiplied with at places (..., 3), (..., k)."""
-        u = p_instr_m - np.array(self.middle_instr_m)
-        along = u[..., int(self.numbers[1])]
-        if self.form == "quadratic":
-            columns = [along**2, along]
-        elif self.form == "cubic":
-            columns = [along**3, along**2, along]
-        elif self.form == "product":
-            columns = [along * u[..., int(self.numbers[2])]]
-        else:
-            columns = list(sines(2.0 * np.pi * along / self.numbers[2]))
-        return np.stack(columns, axis=-1)
+        from_middle_m = p_instr_m - np.array(self.middle_instr_m)
+        names = zip(self.shape.numbers, self.numbers, strict=True)
+        axes = [int(number) for name, number in names if name == "along"]
+        u, v = from_middle_m[..., axes[0]], from_middle_m[..., axes[-1]]
+        at = Along(u, v, self.numbers)
+        return np.stack(self.shape.columns(at), axis=-1)
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return what the error of the readings makes of the measured pose, (P, 6, k)."""
-        seen = seen_in(states, self)
-        count, targets, _ = seen.p_instr_targets_m.shape
-        field = np.zeros((count, targets, 3, len(x)))
-        field[:, :, int(self.numbers[0])] = self.of_place(seen.p_instr_targets_m)
-        by_place = field.reshape(count, 3 * targets, len(x))
-        derivative: Array = seen.pose_by_targets @ by_place
-        return derivative
+    def field(self, p_instr_m: Array) -> Array:
+        """Return the error of readings a unit of each parameter, (P, B, 3, k)."""
+        columns = self.of_place(p_instr_m)
+        field = np.zeros((*p_instr_m.shape, columns.shape[-1]))
+        field[:, :, int(self.numbers[0])] = columns
+        return field
 
     def report(self, x: Array) -> Report:
         """Return the parameters in the form of the formula."""

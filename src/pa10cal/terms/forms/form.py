@@ -2,25 +2,60 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, NamedEffect
+from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, joint_of
 from pa10cal.terms.effects.joint_angle import amplitude_and_phase
 from pa10cal.terms.term import Parameter, Report, report_as_solved
 
 Numbers = tuple[float, ...]
-Columns = Callable[[PoseStates, int, Numbers], tuple[Array, ...]]
-
 
 #: Size in which forms are fitted, in the plausible one.
 _ANY_SIZE = 10.0
+
+
+class At(NamedTuple):
+    """Where the columns of a form are taken: poses, a joint, and what fixes the form."""
+
+    states: PoseStates
+    joint: int  # from 1; 0 where the form sits at none
+    numbers: Numbers
+
+    @property
+    def q(self) -> Array:
+        """Return the joint's angle, (P,) [rad]."""
+        return self.q_of(self.joint)
+
+    @property
+    def tau(self) -> Array:
+        """Return the joint's torque, (P,) [N m]."""
+        return self.tau_of(self.joint)
+
+    @property
+    def arrival(self) -> Array:
+        """Return the direction in which the joint arrived, (P,)."""
+        return self.states.arrival[:, self.joint - 1]
+
+    @property
+    def moments(self) -> tuple[Array, Array]:
+        """Return the overturning moments of the base about x and y, (P,) each [N m]."""
+        assert self.states.static_loads is not None
+        M_x, M_y, _ = self.states.static_loads.base_Nm.T
+        return M_x, M_y
+
+    def q_of(self, joint: float) -> Array:
+        """Return the angle of a joint, from 1, (P,) [rad]."""
+        return self.states.q_rad[:, int(joint) - 1]
+
+    def tau_of(self, joint: float) -> Array:
+        """Return the torque of a joint, from 1, (P,) [N m]."""
+        return self.states.tau_Nm[:, int(joint) - 1]
 
 
 @dataclass(frozen=True)
@@ -28,8 +63,8 @@ class Shape:
     """One kind of form."""
 
     words: str  # the formula, with `{j}` for the joint and `{0}`, `{1}`, … for the numbers
-    # what each parameter is multiplied with, (P,) each, of states, joint and numbers
-    columns: Columns
+    # what each parameter is multiplied with: (P,) each of an `At`; of readings see `ReadingForm`
+    columns: Callable[[Any], tuple[Array, ...]]
     solved: tuple[Parameter, ...]  # the parameters it is solved in
     numbers: tuple[str, ...] = ()  # names of the numbers that fix it and a reader has to be given
     # `as solved`; `turning` where a sine and a cosine part are an amplitude A and a phase phi;
@@ -50,7 +85,6 @@ class Form(NamedEffect):
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return none: forms are tried where something without a name was found."""
-        del context
         return ()
 
     @property
@@ -89,9 +123,9 @@ class Form(NamedEffect):
         return self.shape.solved
 
     @property
-    @abstractmethod
     def joint(self) -> int:
         """Return the joint, from 1; 0 where it sits at none."""
+        return joint_of(self.of) if self.of.startswith("joint ") else 0
 
     @property
     def formula(self) -> str:
@@ -107,7 +141,7 @@ class Form(NamedEffect):
 
     def values(self, states: PoseStates) -> Array:
         """Return what each parameter is multiplied with, (P, k)."""
-        return np.stack(self.shape.columns(states, self.joint, self.numbers), axis=1)
+        return np.stack(self.shape.columns(At(states, self.joint, self.numbers)), axis=1)
 
     def report(self, x: Array) -> Report:
         """Return the parameters in the form of the formula."""
@@ -126,11 +160,17 @@ def _slope_and_zero(x: Array, solved: tuple[Parameter, ...]) -> Report:
     return Report(solved, np.array([x[0], zero]), jacobian)
 
 
-def sines(angle: Array) -> tuple[Array, Array]:
-    """Return sine and cosine of angles."""
-    return np.sin(angle), np.cos(angle)
+def sines(angle: Array, times: Array | float = 1.0) -> tuple[Array, Array]:
+    """Return sine and cosine of angles, times so much."""
+    return times * np.sin(angle), times * np.cos(angle)
 
 
-def size(name: str, unit: str, plausible: float) -> Parameter:
-    """Return a parameter by its plausible size."""
-    return Parameter(name, unit, 0.03 * plausible, plausible=plausible)
+def beyond(value: Array, threshold: float) -> Array:
+    """Return by how much values are beyond a threshold, either way; 0 where they are not."""
+    return np.asarray(np.sign(value) * np.maximum(np.abs(value) - threshold, 0.0))
+
+
+def sized(names: str, unit: str, plausible: float) -> tuple[Parameter, ...]:
+    """Return parameters, their names with blanks between them, by their plausible size."""
+    scale = 0.03 * plausible
+    return tuple(Parameter(name, unit, scale, plausible=plausible) for name in names.split())

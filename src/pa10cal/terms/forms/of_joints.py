@@ -10,9 +10,8 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import joint_of
-from pa10cal.terms.forms.form import Form, Numbers, Shape, sines, size
-from pa10cal.terms.term import Parameter, TorqueOnly
+from pa10cal.terms.forms.form import At, Form, Shape, beyond, sines, sized
+from pa10cal.terms.term import JointTorqueOnly
 
 #: Errors of angles to be expected [rad], and torques that go with an angle [N m].
 _ANGLE_RAD = 3e-4
@@ -21,66 +20,32 @@ _TORQUE_NM = 10.0
 _LOAD_NM = 30.0
 
 
-def _q(states: PoseStates, joint: int) -> Array:
-    return np.asarray(states.q_rad[:, joint - 1])
+def _two_orders(at: At) -> tuple[Array, ...]:
+    first, second = at.numbers
+    return (*sines(first * at.q), *sines(second * at.q))
 
 
-def _tau(states: PoseStates, joint: int) -> Array:
-    return np.asarray(states.tau_Nm[:, joint - 1])
+def _saw(at: At) -> Array:
+    teeth, start = at.numbers
+    turns = teeth * at.q / (2.0 * np.pi) - start
+    return np.asarray(2.0 * (turns - np.floor(turns)) - 1.0)
 
 
-def _arrived(states: PoseStates, joint: int) -> Array:
-    return np.asarray(states.arrival[:, joint - 1])
-
-
-def _two_orders(states: PoseStates, joint: int, numbers: Numbers) -> tuple[Array, ...]:
-    first, second = numbers
-    return (*sines(first * _q(states, joint)), *sines(second * _q(states, joint)))
-
-
-def _teeth(states: PoseStates, joint: int, numbers: Numbers) -> tuple[Array]:
-    teeth, start = numbers
-    turns = teeth * _q(states, joint) / (2.0 * np.pi) - start
-    return (2.0 * (turns - np.floor(turns)) - 1.0,)
-
-
-def _steps_of_teeth(states: PoseStates, joint: int, numbers: Numbers) -> tuple[Array]:
-    (saw,) = _teeth(states, joint, numbers)
-    return (np.sign(-saw),)
-
-
-def _other_sines(states: PoseStates, joint: int, numbers: Numbers) -> tuple[Array, Array]:
-    del joint
-    other, order = numbers
-    return sines(order * _q(states, int(other)))
-
-
-def _product_of_sines(states: PoseStates, joint: int, numbers: Numbers) -> tuple[Array, ...]:
-    of_own, of_other = sines(_q(states, joint)), sines(_q(states, int(numbers[0])))
+def _product_of_sines(at: At) -> tuple[Array, ...]:
+    of_own, of_other = sines(at.q), sines(at.q_of(at.numbers[0]))
     return tuple(own * other for own in of_own for other in of_other)
 
 
-def _beyond(value: Array, threshold: float) -> Array:
-    return np.asarray(np.sign(value) * np.maximum(np.abs(value) - threshold, 0.0))
+def _settling(at: At) -> tuple[Array]:
+    time_constant_s, start_s = at.numbers
+    return (np.exp(-(at.states.time_s - start_s) / time_constant_s),)
 
 
-def _by_torque(sine: Array, cosine: Array, tau: Array) -> tuple[Array, Array]:
-    return tau * sine, tau * cosine
-
-
-def _settling(states: PoseStates, numbers: Numbers) -> Array:
-    time_constant_s, start_s = numbers
-    return np.asarray(np.exp(-(states.time_s - start_s) / time_constant_s))
-
-
-_A = (size("A", "rad", _ANGLE_RAD),)
-_SINES = (size("s", "rad", _ANGLE_RAD), size("c", "rad", _ANGLE_RAD))
-_SINES_NM = (size("s", "N m", _TORQUE_NM), size("c", "N m", _TORQUE_NM))
-_SINES_A_NM = tuple(size(name, "rad/(N m)", _ANGLE_RAD / _LOAD_NM) for name in "sc")
-
-
-def _power(power: int) -> tuple[Parameter, ...]:
-    return (size("c", f"rad/(N m){'²³'[power - 2]}", _ANGLE_RAD / _LOAD_NM**power),)
+_A = sized("A", "rad", _ANGLE_RAD)
+_SINES = sized("s c", "rad", _ANGLE_RAD)
+_A_NM = _ANGLE_RAD / _LOAD_NM
+_PER_NM2, _PER_NM3 = _ANGLE_RAD / _LOAD_NM**2, _ANGLE_RAD / _LOAD_NM**3
+_PULL = sized("k", "N m/rad", _TORQUE_NM)
 
 
 @dataclass(frozen=True)
@@ -90,7 +55,7 @@ class AngleForm(Form):
     shapes: ClassVar[Mapping[str, Shape]] = {
         "harmonic": Shape(
             "theta_{j} += A sin({0:g} q_{j} + phi)",
-            lambda states, j, numbers: sines(numbers[0] * _q(states, j)),
+            lambda at: sines(at.numbers[0] * at.q),
             _SINES,
             ("order",),
             "turning",
@@ -99,124 +64,111 @@ class AngleForm(Form):
             "theta_{j} += s1 sin({0:g} q_{j}) + c1 cos({0:g} q_{j}) + s2 sin({1:g} q_{j}) "
             "+ c2 cos({1:g} q_{j})",
             _two_orders,
-            tuple(size(name, "rad", _ANGLE_RAD) for name in ("s1", "c1", "s2", "c2")),
+            sized("s1 c1 s2 c2", "rad", _ANGLE_RAD),
             ("order", "order"),
         ),
         "sawtooth": Shape(
             "theta_{j} += A (2 frac({0:g} q_{j} / (2 pi) - {1:.4g}) - 1)",
-            _teeth,
+            lambda at: (_saw(at),),
             _A,
             ("teeth", "start"),
             between=1,
         ),
         "square": Shape(
             "theta_{j} += A sgn sin({0:g} q_{j} - 2 pi {1:.4g})",
-            _steps_of_teeth,
+            lambda at: (np.sign(-_saw(at)),),
             _A,
             ("teeth", "start"),
             between=1,
         ),
         "step": Shape(
             "theta_{j} += A where q_{j} > {0:.4g}",
-            lambda states, j, numbers: ((_q(states, j) > numbers[0]).astype(float),),
+            lambda at: ((at.q > at.numbers[0]).astype(float),),
             _A,
             ("threshold",),
             between=0,
         ),
         "torque_squared": Shape(
             "theta_{j} -= c tau_{j}^2",
-            lambda states, j, _: (-(_tau(states, j) ** 2),),
-            _power(2),
+            lambda at: (-(at.tau**2),),
+            sized("c", "rad/(N m)²", _PER_NM2),
         ),
         "torque_abs_torque": Shape(
             "theta_{j} -= c tau_{j} |tau_{j}|",
-            lambda states, j, _: (-_tau(states, j) * np.abs(_tau(states, j)),),
-            _power(2),
+            lambda at: (-at.tau * np.abs(at.tau),),
+            sized("c", "rad/(N m)²", _PER_NM2),
         ),
         "torque_cubed": Shape(
             "theta_{j} -= c tau_{j}^3",
-            lambda states, j, _: (-(_tau(states, j) ** 3),),
-            _power(3),
+            lambda at: (-(at.tau**3),),
+            sized("c", "rad/(N m)³", _PER_NM3),
         ),
-        "sign_of_torque": Shape(
-            "theta_{j} -= A sgn(tau_{j})",
-            lambda states, j, _: (-np.sign(_tau(states, j)),),
-            _A,
-        ),
+        "sign_of_torque": Shape("theta_{j} -= A sgn(tau_{j})", lambda at: (-np.sign(at.tau),), _A),
         "torque_beyond": Shape(
             "theta_{j} -= c sgn(tau_{j}) max(|tau_{j}| - {0:.4g}, 0)",
-            lambda states, j, numbers: (-_beyond(_tau(states, j), numbers[0]),),
-            (size("c", "rad/(N m)", _ANGLE_RAD / _LOAD_NM),),
+            lambda at: (-beyond(at.tau, at.numbers[0]),),
+            sized("c", "rad/(N m)", _A_NM),
             ("threshold",),
             between=0,
         ),
         "torque_by_angle": Shape(
             "theta_{j} -= tau_{j} A sin({0:g} q_{j} + phi)",
-            lambda states, j, numbers: _by_torque(
-                *sines(numbers[0] * _q(states, j)), -_tau(states, j)
-            ),
-            _SINES_A_NM,
+            lambda at: sines(at.numbers[0] * at.q, -at.tau),
+            sized("s c", "rad/(N m)", _A_NM),
             ("order",),
             "turning",
         ),
         "arrival_by_torque": Shape(
             "theta_{j} += h s_{j} |tau_{j}|",
-            lambda states, j, _: (_arrived(states, j) * np.abs(_tau(states, j)),),
-            (size("h", "rad/(N m)", _ANGLE_RAD / _LOAD_NM),),
+            lambda at: (at.arrival * np.abs(at.tau),),
+            sized("h", "rad/(N m)", _A_NM),
         ),
         "arrival_by_torque_squared": Shape(
             "theta_{j} += h s_{j} tau_{j}^2",
-            lambda states, j, _: (_arrived(states, j) * _tau(states, j) ** 2,),
-            (size("h", "rad/(N m)²", _ANGLE_RAD / _LOAD_NM**2),),
+            lambda at: (at.arrival * at.tau**2,),
+            sized("h", "rad/(N m)²", _PER_NM2),
         ),
         "arrival_by_angle": Shape(
             "theta_{j} += s_{j} A sin({0:g} q_{j} + phi)",
-            lambda states, j, numbers: _by_torque(
-                *sines(numbers[0] * _q(states, j)), _arrived(states, j)
-            ),
+            lambda at: sines(at.numbers[0] * at.q, at.arrival),
             _SINES,
             ("order",),
             "turning",
         ),
         "other_angle": Shape(
             "theta_{j} += A sin({1:g} q_{0:g} + phi)",
-            _other_sines,
+            lambda at: sines(at.numbers[1] * at.q_of(at.numbers[0])),
             _SINES,
             ("joint", "order"),
             "turning",
         ),
         "product_of_angles": Shape(
             "theta_{j} += c q_{j} q_{0:g}",
-            lambda states, j, numbers: (_q(states, j) * _q(states, int(numbers[0])),),
-            (size("c", "1/rad", _ANGLE_RAD),),
+            lambda at: (at.q * at.q_of(at.numbers[0]),),
+            sized("c", "1/rad", _ANGLE_RAD),
             ("joint",),
         ),
         "product_of_sines": Shape(
             "theta_{j} += a sin q_{j} sin q_{0:g} + b sin q_{j} cos q_{0:g} "
             "+ c cos q_{j} sin q_{0:g} + d cos q_{j} cos q_{0:g}",
             _product_of_sines,
-            tuple(size(name, "rad", _ANGLE_RAD) for name in "abcd"),
+            sized("a b c d", "rad", _ANGLE_RAD),
             ("joint",),
         ),
         "other_torque": Shape(
             "theta_{j} += c tau_{0:g}",
-            lambda states, _, numbers: (_tau(states, int(numbers[0])),),
-            (size("c", "rad/(N m)", _ANGLE_RAD / _LOAD_NM),),
+            lambda at: (at.tau_of(at.numbers[0]),),
+            sized("c", "rad/(N m)", _A_NM),
             ("joint",),
         ),
         "settling": Shape(
             "theta_{j} += A exp(-(t - {1:.6g}) / {0:.4g}), t in s",
-            lambda states, _, numbers: (_settling(states, numbers),),
+            _settling,
             _A,
             ("time",),
             between=0,
         ),
     }
-
-    @property
-    def joint(self) -> int:
-        """Return the joint, from 1."""
-        return joint_of(self.of)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -225,56 +177,44 @@ class AngleForm(Form):
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return what each parameter is multiplied with, (P, 1, k)."""
-        del x
         return self.values(states)[:, None, :]
 
 
 @dataclass(frozen=True)
-class PullForm(TorqueOnly, Form):
+class PullForm(JointTorqueOnly, Form):
     """The joint carries, beyond the weights, a torque of a short form."""
 
+    carried: ClassVar[bool] = True
     shapes: ClassVar[Mapping[str, Shape]] = {
         "pull": Shape(
             "tau_{j} += k (q_{j} - q0)",
-            lambda states, j, _: (_q(states, j), np.ones(len(states))),
-            (size("k", "N m/rad", _TORQUE_NM), size("q0", "rad", _TORQUE_NM)),
+            lambda at: (at.q, np.ones(len(at.states))),
+            (*_PULL, *sized("q0", "rad", _TORQUE_NM)),
             reported="offset",
         ),
         "pull_beyond": Shape(
             "tau_{j} += k max(q_{j} - {0:.4g}, 0)",
-            lambda states, j, numbers: (np.maximum(_q(states, j) - numbers[0], 0.0),),
-            (size("k", "N m/rad", _TORQUE_NM),),
+            lambda at: (np.maximum(at.q - at.numbers[0], 0.0),),
+            _PULL,
             ("threshold",),
             between=0,
         ),
         "pull_below": Shape(
             "tau_{j} += k min(q_{j} - {0:.4g}, 0)",
-            lambda states, j, numbers: (np.minimum(_q(states, j) - numbers[0], 0.0),),
-            (size("k", "N m/rad", _TORQUE_NM),),
+            lambda at: (np.minimum(at.q - at.numbers[0], 0.0),),
+            _PULL,
             ("threshold",),
             between=0,
         ),
         "pull_harmonic": Shape(
             "tau_{j} += A sin({0:g} q_{j} + phi)",
-            lambda states, j, numbers: sines(numbers[0] * _q(states, j)),
-            _SINES_NM,
+            lambda at: sines(at.numbers[0] * at.q),
+            sized("s c", "N m", _TORQUE_NM),
             ("order",),
             "turning",
         ),
     }
 
-    @property
-    def joint(self) -> int:
-        """Return the joint, from 1."""
-        return joint_of(self.of)
-
-    @property
-    def carried(self) -> bool:
-        """Return that the joint carries it."""
-        return True
-
-    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return what each parameter is multiplied with, at its joint, (P, n, k)."""
-        derivative = np.zeros((*states.tau_Nm.shape, len(x)))
-        derivative[:, self.joint - 1] = self.values(states)
-        return derivative
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return what each parameter is multiplied with, (P, k)."""
+        return self.values(states)
