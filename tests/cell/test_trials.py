@@ -138,7 +138,7 @@ def test_robots_layouts_and_paths_vary():
     assert {one.repeats for one in settings} == {4, 10}
     assert len({one.random_seed for one in settings}) == 60
     assert len({one.poses.tilt_seed for one in settings}) > 30
-    only = draw_trials("null", 5, 11, layouts=("wide",))
+    only = draw_trials("null", 5, 11, benches=("wide",))
     assert {trial.settings.poses.layout for trial in only} == {"wide"}
 
 
@@ -166,7 +166,7 @@ def test_a_drawn_error_map_is_no_single_harmonic():
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["grid", "wide"])
 def test_the_cell_measures_every_single_at_its_largest(arm, layout):
-    for trial in draw_trials("single", len(vocabulary()), 12, layouts=(layout,), size=3.0):
+    for trial in draw_trials("single", len(vocabulary()), 12, benches=(layout,), size=3.0):
         campaign = simulate_campaign(trial.name, arm, trial.settings.model_copy(update=SHORT))
         assert [effect.id for effect in campaign.truth.effects] == [hidden(trial)[0][0]]
         assert np.isfinite(campaign.truth.rest.T_base_ee).all()

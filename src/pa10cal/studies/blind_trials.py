@@ -29,8 +29,7 @@ from pa10cal.cell.drive_trials import DRIVE_KINDS, DriveKind, campaigns_of, draw
 from pa10cal.cell.effects.vocabulary import make_effects
 from pa10cal.cell.measured_trials import SORTED, UNSTATED, after_geometry
 from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.tracker_trials import BENCHES, REFLECTORS, draw_tracker_trials
-from pa10cal.cell.trials import LAYOUTS, Trial, TrialKind, draw_trials
+from pa10cal.cell.trials import Trial, TrialKind, draw_trials
 from pa10cal.cell.wild_trials import WILD_KINDS, WildKind, draw_wild_trials
 from pa10cal.cell.write import Places as WrittenPlaces
 from pa10cal.cell.write import write_campaign
@@ -93,24 +92,9 @@ def draw(
     names = layouts.split(",") if layouts else []
     if measured == DRIVES:
         return draw_drive_trials(cast(DriveKind, kind), count, random_seed)
-    if measured == "wild":
+    if measured == WILD:
         return draw_wild_trials(cast(WildKind, kind), count, random_seed, names)
-    study = measured if measured in REFLECTORS else ""
-    benches = {bench.name: bench for bench in REFLECTORS.get(study, BENCHES)}
-    known = LAYOUTS if measured == "touched" else benches
-    if unknown := sorted(set(names) - set(known)):
-        raise SettingsError(
-            "no such layout of poses",
-            where="--layouts",
-            value=unknown[0],
-            allowed=", ".join(known),
-            remedy="correct the name",
-        )
-    if measured != "touched":
-        chosen = [benches[name] for name in names or benches]
-        return draw_tracker_trials(cast(TrialKind, kind), count, random_seed, chosen, size, study)
-    order = [layout for name in names or LAYOUTS for layout in LAYOUTS if layout == name]
-    return draw_trials(cast(TrialKind, kind), count, random_seed, order, size)
+    return draw_trials(cast(TrialKind, kind), count, random_seed, measured, names, size)
 
 
 def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
