@@ -373,12 +373,7 @@ class _Readings:
 
     def geometry(self) -> Array:
         """Return an orthonormal basis of what small motions of all frames do to the readings."""
-        columns = [
-            self._stacked(*moved)
-            for T in self._frames()
-            for moved in (self._turned_about(T), self._shifted_along(T))
-        ]
-        return _basis(np.concatenate(columns, axis=1))
+        return _basis(np.hstack([self._stacked(*self._moved_with(T)) for T in self._frames()]))
 
     def position_mm(self, difference: Array) -> float:
         """Return the root mean square of the positions of a difference."""
@@ -391,8 +386,7 @@ class _Readings:
         slides = self._made.truth.robot.mechanism.slides
         off_mm = 1e3 * np.hypot(self._plan.unseen_rad, self._plan.resolver_rad)
         for slide, T in zip(slides, self._frames()[1:], strict=True):
-            moved, _ = self._shifted_along(T) if slide else self._turned_about(T)
-            along_z = moved[..., 2]
+            along_z = self._moved_with(T)[0][..., 5 if slide else 2]
             links_mm2 += float(np.mean(np.sum((off_mm * along_z) ** 2, axis=-1)))
         noise_mm2 = 3.0 * self._plan.position_mm**2 + links_mm2
         return float(np.sqrt(noise_mm2 / self._plan.repeats))
@@ -413,17 +407,17 @@ class _Readings:
         joints = truth.robot.mechanism.T_base_joints(truth.rest.q[self._rows])
         return [np.broadcast_to(np.eye(4), (len(self._rows), 4, 4)), *joints]
 
-    def _turned_about(self, T: Array) -> tuple[Array, Array]:
-        """Return what turns about a frame's axes do: (P, B, 3, 3) positions, (P, 3, 3) turns."""
+    def _moved_with(self, T: Array) -> tuple[Array, Array]:
+        """Return what turns about a frame's axes and shifts along them do.
+
+        Returns:
+            (P, B, 3, 6) motions of the positions, and (P, 3, 6) turns.
+        """
         axes = T[:, :3, :3]
         lever_m = self._p_m - T[:, None, :3, 3]
-        return np.cross(axes[:, None], lever_m[..., None], axisa=2, axisb=2, axisc=2), axes
-
-    def _shifted_along(self, T: Array) -> tuple[Array, Array]:
-        """Return what shifts along a frame's axes do, likewise."""
-        axes = T[:, :3, :3]
-        moved = np.broadcast_to(axes[:, None], (*self._p_m.shape, 3))
-        return moved, np.zeros_like(axes)
+        turned = np.cross(axes[:, None], lever_m[..., None], axisa=2, axisb=2, axisc=2)
+        shifted = np.broadcast_to(axes[:, None], turned.shape)
+        return np.concatenate([turned, shifted], -1), np.concatenate([axes, 0.0 * axes], -1)
 
     def _stacked(self, moved_m: Array, turned: Array) -> Array:
         """Return positions (P, B, 3, k) and turns (P, 3, k) as columns in units of their noise."""
