@@ -5,12 +5,9 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pa10cal.evaluation.options import ChainOptions
-
-if TYPE_CHECKING:
-    from pa10cal.results.trials import TrialVerdictRecord
 
 
 def blind_trials(
@@ -58,13 +55,19 @@ def blind_trials(
     from pa10cal.studies.blind_trials import draw, try_trial
 
     drawn = draw(measured, kind, first + max(count, 0), random_seed, layouts, size)[first:]
-    progress = _Progress(f"{kind} trials", len(drawn))
+    began = time.monotonic()
     judgements, hidden = [], []
-    for trial in drawn:
+    for done, trial in enumerate(drawn, start=1):
         verdict, truth = try_trial(trial, settings)
-        progress(verdict)
         judgements.append(verdict)
         hidden.append(truth)
+        seconds = (time.monotonic() - began) / done
+        print(
+            f"{kind} trials: {done} of {len(drawn)}, {seconds:.1f} s a trial, "
+            f"{seconds * (len(drawn) - done):.0f} s left; {verdict.campaign}: {verdict.word}",
+            file=sys.stderr,
+            flush=True,
+        )
     with whole_files(verdicts, truths) as (judged_beside, hidden_beside):
         judged_beside.write_text(lines(judgements), encoding="utf-8", newline="\n")
         hidden_beside.write_text(lines(hidden), encoding="utf-8", newline="\n")
@@ -76,23 +79,4 @@ def blind_trials(
             value=failed[0],
             allowed="at least one verdict",
             remedy="run discover on one such campaign with --debug",
-        )
-
-
-class _Progress:
-    """Prints how many trials are done, how long one takes, and how long the rest will."""
-
-    def __init__(self, title: str, count: int) -> None:
-        self._title, self._count = title, count
-        self._began, self._done = time.monotonic(), 0
-
-    def __call__(self, verdict: TrialVerdictRecord) -> None:
-        self._done += 1
-        seconds = (time.monotonic() - self._began) / self._done
-        left = seconds * (self._count - self._done)
-        print(
-            f"{self._title}: {self._done} of {self._count}, {seconds:.1f} s a trial, "
-            f"{left:.0f} s left; {verdict.campaign}: {verdict.word}",
-            file=sys.stderr,
-            flush=True,
         )

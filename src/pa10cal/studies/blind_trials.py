@@ -192,11 +192,15 @@ def _truth(
     """
     settings = trial.settings
     plan = settings.without_touches
-    studies = dict.fromkeys(WILD_KINDS, WILD) | dict.fromkeys(DRIVE_KINDS, DRIVES)
+    measured = "touched" if plan is None else "tracked"
+    if trial.kind in WILD_KINDS:
+        measured = WILD
+    elif trial.kind in DRIVE_KINDS:
+        measured = DRIVES
     return TrialTruthRecord(
         campaign=trial.name,
         kind=trial.kind,
-        measured=studies.get(trial.kind, "touched" if plan is None else "tracked"),
+        measured=measured,
         layout=trial.bench,
         path=settings.path if plan is None else "",
         temperature_drift_C=settings.temperature_drift_C,
