@@ -100,11 +100,6 @@ class Trial:
     settings: SimulateOptions  # what the virtual cell is to do, with the hidden effects
     sizes: tuple[float, ...]  # one a hidden effect: factor of its usual size
 
-    @property
-    def size(self) -> float:
-        """The smallest of `sizes`, 0 where nothing is hidden."""
-        return min(self.sizes, default=0.0)
-
 
 @dataclass(frozen=True)
 class Bench:
