@@ -27,7 +27,7 @@ def main() -> None:
     limit_threads()
     import numpy as np
 
-    from pa10cal.studies.watched_base import NOISE_MM, TURN_MRAD, WALK_MM, campaign_of
+    from benchmarks.watched_base import NOISE_MM, TURN_MRAD, WALK_MM, campaign_of
 
     lines = [
         "# Targets on the base",

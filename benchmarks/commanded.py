@@ -78,9 +78,9 @@ def commanded(instrument, robot, flexible, hidden):
     """Measure, calibrate and command a robot."""
     import numpy as np
 
+    from benchmarks.planned import command, simulated_model
     from pa10cal.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
     from pa10cal.discovery.given import Place
-    from pa10cal.studies.planned import command, simulated_model
 
     plan = TrackerOptions(
         instrument=instrument,

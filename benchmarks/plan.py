@@ -79,7 +79,7 @@ def _rows(cell) -> list[str]:
     """Return the lines of one cell."""
     import numpy as np
 
-    from pa10cal.studies.planned import Cell
+    from benchmarks.planned import Cell
 
     bench = Cell(*cell)
     options = {within: bench.options(ranges_of_grid=within) for within in (False, True)}

@@ -7,19 +7,18 @@ import pytest
 
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.effects.vocabulary import all_effects, nameless, outside, vocabulary
-from pa10cal.cell.tracker_trials import (
-    BENCHES,
-    REFLECTORS,
-    TRACKED_POSES,
-    Bench,
-    draw_tracker_trials,
-)
-from pa10cal.cell.trials import KINDS
+from pa10cal.cell.trials import KINDS, STUDIES, TRACKED_POSES, draw_trials
 from pa10cal.errors import SettingsError
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
 
 SHORT = {"poses": 20}
+BENCHES = STUDIES["tracked"]
+REFLECTORS = ("points_one", "points_three", "distance")
+
+
+def draw_tracker_trials(kind, count, seed, study="tracked", benches=()):
+    return draw_trials(kind, count, seed, study, benches)
 
 
 def hidden(trial):
@@ -45,11 +44,11 @@ def test_no_pose_is_repeated_and_a_share_is_held_out():
 
 def test_benches_take_turns_and_singles_go_through_the_vocabulary():
     nulls = draw_tracker_trials("null", 2 * len(BENCHES), 4)
-    assert Counter(trial.bench for trial in nulls) == {bench.name: 2 for bench in BENCHES}
+    assert Counter(trial.bench for trial in nulls) == dict.fromkeys(BENCHES, 2)
     singles = draw_tracker_trials("single", 6 * len(vocabulary()), 4)
     assert Counter(hidden(trial)[0][0] for trial in singles) == dict.fromkeys(vocabulary(), 6)
     by_bench = Counter(t.bench for t in singles if hidden(t)[0][0] == "backlash")
-    assert by_bench == {bench.name: 1 for bench in BENCHES}
+    assert by_bench == dict.fromkeys(BENCHES, 1)
     assert {t.bench.split("-")[0] for t in singles if hidden(t)[0][0] == "link_bending"} == {
         "ur10",
         "iiwa14",
@@ -125,9 +124,10 @@ def test_wrong_statements_are_those_of_trackers():
 
 
 def test_refuses_benches_at_which_an_effect_does_nothing():
-    only = (Bench("irb120", "pose"),)
     with pytest.raises(SettingsError, match="does nothing at any of the benches"):
-        draw_tracker_trials("single", len(vocabulary()), 1, only)
+        draw_tracker_trials("single", len(vocabulary()), 1, benches=["irb120-pose"])
+    with pytest.raises(SettingsError, match="no such layout"):
+        draw_tracker_trials("null", 1, 1, benches=["ur10-distance"])
     with pytest.raises(SettingsError, match="unknown kind of trial"):
         draw_tracker_trials("double", 1, 1)
     drawn = {name for name, each in all_effects().items() if each.drawn}
@@ -136,13 +136,12 @@ def test_refuses_benches_at_which_an_effect_does_nothing():
 
 @pytest.mark.parametrize("study", REFLECTORS)
 def test_studies_without_attitudes_have_their_own_instrument_and_draws(study):
-    benches = REFLECTORS[study]
-    trials = draw_tracker_trials("single", 6, 7, benches, study=study)
+    trials = draw_tracker_trials("single", 6, 7, study)
     plans = [trial.settings.without_touches for trial in trials]
     kind, targets = {"points_one": ("points", 1), "points_three": ("points", 3)}.get(
         study, ("distance", 1)
     )
     assert {(plan.instrument, plan.target_count) for plan in plans} == {(kind, targets)}
-    assert {trial.bench for trial in trials} <= {bench.name for bench in benches}
-    others = [draw_tracker_trials("single", 6, 7, benches, study=other) for other in REFLECTORS]
+    assert {trial.bench for trial in trials} <= set(STUDIES[study])
+    others = [draw_tracker_trials("single", 6, 7, other) for other in REFLECTORS]
     assert len({trial.name for drawn in others for trial in drawn}) == 6 * len(REFLECTORS)

@@ -68,11 +68,10 @@ def test_several_effects_are_never_the_same_at_the_same_place(kind, members):
     for trial in draw_trials(kind, 100, 4):
         assert len(set(hidden(trial))) == len(hidden(trial)) == len(trial.sizes) == members
         assert {id_ for id_, _ in hidden(trial)} <= set(vocabulary())
-        assert trial.size == min(trial.sizes)
 
 
 def test_sizes_are_even_in_their_logarithm_within_their_bounds():
-    sizes = np.array([trial.size for trial in draw_trials("single", 400, 6)])
+    sizes = np.array([min(trial.sizes) for trial in draw_trials("single", 400, 6)])
     assert sizes.min() >= 0.1
     assert sizes.max() <= 3.0
     assert np.mean(sizes < np.sqrt(0.3)) == pytest.approx(0.5, abs=0.08)
@@ -85,7 +84,7 @@ def test_a_size_can_be_given_and_changes_nothing_else():
     every = len(vocabulary())
     small, large, drawn = (draw_trials("single", every, 7, size=size) for size in (0.5, 2.0, None))
     for trials in zip(small, large, drawn, strict=True):
-        assert [trial.size for trial in trials[:2]] == [0.5, 2.0]
+        assert [min(trial.sizes) for trial in trials[:2]] == [0.5, 2.0]
         assert len({str(hidden(trial)) for trial in trials}) == 1
         one, two, _ = (
             next(iter(trial.settings.hidden_effects[0].parameters.values())) for trial in trials
@@ -101,7 +100,7 @@ def test_a_size_can_be_given_and_changes_nothing_else():
 def test_nothing_is_hidden_where_only_a_statement_is_wrong(kind):
     for trial in draw_trials(kind, 30, 8):
         assert trial.settings.hidden_effects == ()
-        assert trial.size == 0.0
+        assert trial.sizes == ()
         stated_mm, factor = trial.settings.stated_uncertainty_mm, trial.settings.mass_factor
         assert (stated_mm is not None) == (kind == "wrong_noise")
         assert (len(factor) == 6) == (kind == "wrong_mass")
@@ -138,7 +137,7 @@ def test_robots_layouts_and_paths_vary():
     assert {one.repeats for one in settings} == {4, 10}
     assert len({one.random_seed for one in settings}) == 60
     assert len({one.poses.tilt_seed for one in settings}) > 30
-    only = draw_trials("null", 5, 11, layouts=("wide",))
+    only = draw_trials("null", 5, 11, benches=("wide",))
     assert {trial.settings.poses.layout for trial in only} == {"wide"}
 
 
@@ -166,7 +165,7 @@ def test_a_drawn_error_map_is_no_single_harmonic():
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["grid", "wide"])
 def test_the_cell_measures_every_single_at_its_largest(arm, layout):
-    for trial in draw_trials("single", len(vocabulary()), 12, layouts=(layout,), size=3.0):
+    for trial in draw_trials("single", len(vocabulary()), 12, benches=(layout,), size=3.0):
         campaign = simulate_campaign(trial.name, arm, trial.settings.model_copy(update=SHORT))
         assert [effect.id for effect in campaign.truth.effects] == [hidden(trial)[0][0]]
         assert np.isfinite(campaign.truth.rest.T_base_ee).all()

@@ -9,7 +9,7 @@ from pa10cal.cell.effects.vocabulary import vocabulary
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.trials import TrialScoresRecord, TrialTruthRecord
-from pa10cal.studies.blind_trials import Judged
+from pa10cal.studies import blind_trials
 
 SEED = 20081
 #: Modules of effects that the trials below hide; with others, the same numbers hide other effects.
@@ -178,15 +178,15 @@ def test_the_same_trials_come_out_of_any_division_into_jobs(run, reduced):
 
 @pytest.mark.slow
 def test_a_trial_that_fails_is_recorded_and_the_others_go_on(run, monkeypatch):
-    judge, seen = Judged.record, []
+    judge, seen = blind_trials.judged_by_stages, []
 
-    def fail_first(known, *seconds):
-        seen.append(known)
+    def fail_first(*about):
+        seen.append(about)
         if len(seen) == 1:
             raise KeyError("a fault of the program")
-        return judge(known, *seconds)
+        return judge(*about)
 
-    monkeypatch.setattr(Judged, "record", fail_first)
+    monkeypatch.setattr(blind_trials, "judged_by_stages", fail_first)
     code, verdicts, truths = run("null", 2)
     assert code == 0
     failed, judged = lines(verdicts)
@@ -197,10 +197,10 @@ def test_a_trial_that_fails_is_recorded_and_the_others_go_on(run, monkeypatch):
 
 @pytest.mark.slow
 def test_when_all_trials_fail_the_command_does(run, monkeypatch, capsys):
-    def fail(known, *seconds):
+    def fail(*about):
         raise KeyError("a fault of the program")
 
-    monkeypatch.setattr(Judged, "record", fail)
+    monkeypatch.setattr(blind_trials, "judged_by_stages", fail)
     code, verdicts, _ = run("null", 1)
     assert code == REFUSED
     assert "every trial failed" in capsys.readouterr().err

@@ -47,9 +47,9 @@ def test_verdict_and_evaluation_have_the_same_errors(measured, kind, layout, see
     arm = load_arm(trial.settings.robot)
     write_campaign(simulate_campaign(trial.name, arm, trial.settings), raw)
     calibration = calibrated_by_stages((raw,), out, options)
-    verdict = judged_by_stages((raw,), out, calibration, options)
+    verdict, _ = judged_by_stages((raw,), out, calibration, options)
     models = read(HoldoutRecord, out / "evaluation/holdout.json").models
-    gap = verdict.verdict.gap.holdout
+    gap = verdict.gap.holdout
     assert gap is not None
     calibrated = models.get("cubic", models["linear"])
     for said, judged in ((gap.before, calibrated), (gap.after, models["extended"])):
@@ -59,7 +59,7 @@ def test_verdict_and_evaluation_have_the_same_errors(measured, kind, layout, see
     before = calibrated.trusted or calibrated
     assert extended.rms_mm <= 1.021 * before.rms_mm
     assert extended.mean_mm <= 1.021 * before.mean_mm
-    explained = verdict.verdict.explained
+    explained = verdict.explained
     if explained is not None:
         assert sum(each.share for each in explained.of) == pytest.approx(explained.share)
         assert explained.share + explained.without_a_name == pytest.approx(1.0)

@@ -9,7 +9,7 @@ import made_up_trials
 from made_up_trials import hidden, named, verdict
 from pa10cal.commands.command_line import run_command
 from pa10cal.evaluation.blind_trial import SORTED, UNSTATED, WILD
-from pa10cal.evaluation.measured_scores import bars, failings, scores_record
+from pa10cal.evaluation.wild_scores import bars, failings, scores_record
 from pa10cal.results.codec import lines, write
 from pa10cal.results.record import Name
 from pa10cal.results.trials import FailedTrialRecord, HiddenEffect, TrialTruthRecord

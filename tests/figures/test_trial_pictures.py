@@ -10,7 +10,7 @@ from matplotlib.text import Text
 
 from made_up_records import accuracy, effect, made_up_gap, set_gap, verdict_keys
 from pa10cal.cell.effects.vocabulary import outside, vocabulary
-from pa10cal.cell.tracker_trials import BENCHES
+from pa10cal.cell.trials import STUDIES
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import RecordError
 from pa10cal.figures.registry import NothingToShowError
@@ -37,7 +37,7 @@ LEAST_POINTS = 8.0
 COUNTS = {"null": 9, "wrong_noise": 3, "wrong_mass": 3, "pair": 6, "triple": 5}
 
 
-LAYOUTS = {"touched": ("grid", "wide"), "tracked": tuple(bench.name for bench in BENCHES)}
+LAYOUTS = {study: tuple(STUDIES[study]) for study in ("touched", "tracked")}
 
 
 def trial(rng, number, kind, names, measured):

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import pkgutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
 
 import numpy as np
 import pandas as pd
@@ -14,6 +12,7 @@ import pandas as pd
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.cell import instruments
+from pa10cal.cell.classes import classes_in
 from pa10cal.cell.effects.effect import DriveEffect, Effect, Motion
 from pa10cal.cell.effects.vocabulary import make_effects
 from pa10cal.cell.individual import KcubReading, build_robot
@@ -110,12 +109,7 @@ def measure_campaign(
 @cache
 def instrument_kinds() -> dict[str, type[Instrument]]:
     """Return the instruments that can be simulated, by kind."""
-    found: dict[str, type[Instrument]] = {}
-    for module in pkgutil.iter_modules(instruments.__path__):
-        for each in vars(import_module(f"{instruments.__name__}.{module.name}")).values():
-            if isinstance(each, type) and issubclass(each, Instrument) and "kind" in vars(each):
-                found[each.kind] = each
-    return found
+    return classes_in(instruments, Instrument, "kind")
 
 
 def instrument_of(settings: SimulateOptions) -> Instrument:

@@ -8,8 +8,8 @@ from types import ModuleType
 from typing import Any
 
 
-def classes_in(package: ModuleType, kind: Any) -> dict[str, Any]:
-    """Return every class of a kind that has an id of its own.
+def classes_in(package: ModuleType, kind: Any, key: str = "id") -> dict[str, Any]:
+    """Return every class of a kind that has an id of its own, or another key.
 
     They come module by module by name, each in the order of its file: random draws go by it.
     """
@@ -21,7 +21,7 @@ def classes_in(package: ModuleType, kind: Any) -> dict[str, Any]:
                 isinstance(each, type)
                 and issubclass(each, kind)
                 and each.__module__ == module.__name__
-                and "id" in vars(each)
+                and key in vars(each)
             ):
-                found[vars(each)["id"]] = each
+                found[vars(each)[key]] = each
     return found

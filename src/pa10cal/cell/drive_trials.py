@@ -6,8 +6,7 @@ is a joint's own shows where two turns or two campaigns meet.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -17,11 +16,15 @@ from pa10cal.cell.effects.reading import drawn_cogs, drawn_ratio
 from pa10cal.cell.effects.vocabulary import all_effects
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.poses import joint_bounds
-from pa10cal.cell.tracker_trials import ATTITUDE_RAD
-from pa10cal.cell.trials import Trial, log_uniform
-from pa10cal.errors import SettingsError
+from pa10cal.cell.trials import (
+    ATTITUDE_RAD,
+    Bench,
+    Scenario,
+    Trial,
+    log_uniform,
+    refuse_unless,
+)
 from pa10cal.files.arms import load_arm
-from pa10cal.settings_reading import parse_section
 
 #: What errs; where nothing does, motors ripple all the same.
 DriveKind = Literal["sensor", "gear", "both", "neither"]
@@ -42,25 +45,11 @@ _POSITION_MM = (0.015, 0.035)
 _STAYS = 0.2
 
 
-@dataclass(frozen=True)
-class DriveBench:
-    """An arm under a tracker of poses."""
-
-    robot: str  # name of an arm description
-    campaigns: int  # in which it is measured
-    flexible_joints: tuple[int, ...] = ()  # joints with a linear spring, of an arm with masses
-
-    @property
-    def name(self) -> str:
-        """Return arm and number of campaigns."""
-        return f"{self.robot}-{self.campaigns}"
-
-
 DRIVE_BENCHES = (
-    DriveBench("ur10", 1, (2, 3)),
-    DriveBench("iiwa14", 2, (2, 4)),
-    DriveBench("ur10", 2, (2, 3)),
-    DriveBench("irb120", 2),
+    Bench("ur10", "pose", (2, 3), campaigns=1),
+    Bench("iiwa14", "pose", (2, 4), campaigns=2),
+    Bench("ur10", "pose", (2, 3), campaigns=2),
+    Bench("irb120", "pose", campaigns=2),
 )
 
 
@@ -75,14 +64,7 @@ def draw_drive_trials(kind: DriveKind, count: int, random_seed: int) -> tuple[Tr
     Raises:
         SettingsError: for a kind that does not exist.
     """
-    if kind not in DRIVE_KINDS:
-        raise SettingsError(
-            "unknown kind of trial",
-            where="kind",
-            value=kind,
-            allowed=", ".join(DRIVE_KINDS),
-            remedy="name one of these",
-        )
+    refuse_unless(kind, DRIVE_KINDS)
     trials = []
     for number in range(count):
         rng = np.random.default_rng([random_seed, _FIRST_SEED + DRIVE_KINDS.index(kind), number])
@@ -109,42 +91,29 @@ def campaigns_of(trial: Trial) -> tuple[SimulateOptions, ...]:
     return tuple(found)
 
 
-def _drawn(kind: DriveKind, bench: DriveBench, number: int, rng: np.random.Generator) -> Trial:
-    arm = load_arm(bench.robot)
-    seed = int(rng.integers(2**31 - 8))
-    plan = {
-        "instrument": "pose",
+def _drawn(kind: DriveKind, bench: Bench, number: int, rng: np.random.Generator) -> Trial:
+    scenario = Scenario(kind, number, rng, bench, int(rng.integers(2**31 - 8)))
+    scenario.settings["without_touches"] = bench.plan | {
         "poses": round(log_uniform(POSES, rng) / bench.campaigns),
         "holdout_share": 0.1,
-        "flexible_joints": bench.flexible_joints,
-        "hardening": False,
         "position_mm": log_uniform(_POSITION_MM, rng),
         "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
     }
     # All gears of an arm are alike; where its description states a ratio, they have that.
+    arm = bench.arm
     drawn, stated = drawn_ratio(rng), float(arm.gear_ratio[0])
     ratio = drawn if np.isnan(stated) else stated
     joints = rng.choice(arm.n - 1, int(rng.integers(1, _MOST_JOINTS, endpoint=True)), False) + 1
-    hidden: list[dict[str, Any]] = []
-    sizes: list[float] = []
-    for joint in sorted(joints.tolist()):
+    for of in (f"joint {joint}" for joint in sorted(joints.tolist())):
         for name in _HIDDEN[kind]:
             size = log_uniform(_SIZES, rng)
-            parameters = all_effects()[name].at_size(Site(f"joint {joint}"), size, rng)
+            parameters = all_effects()[name].at_size(Site(of), size, rng)
             parameters["ratio"] = ratio
             parameters["cogs"] = drawn_cogs(ratio, len(parameters["cogs"]), rng)
-            if hidden and hidden[-1]["of"] == f"joint {joint}":  # a motor has one ripple
+            if any(each["of"] == of for each in scenario.hidden):  # a motor has one ripple
                 parameters["ripple"] = [0.0] * len(parameters["cogs"])
-            hidden.append({"id": name, "of": f"joint {joint}", "parameters": parameters})
-            sizes.append(size)
-    raw = {
-        "random_seed": seed,
-        "robot": bench.robot,
-        "without_touches": plan,
-        "hidden_effects": hidden,
-    }
-    settings = parse_section(SimulateOptions, raw, where=f"trial {number}")
-    return Trial(f"drive-{seed:08x}", kind, bench.name, settings, tuple(sizes))
+            scenario.put(name, of, parameters, size)
+    return scenario.trial("drive")
 
 
 def _commanded(arm: Arm, poses: int, rng: np.random.Generator) -> tuple[tuple[float, ...], ...]:

@@ -16,17 +16,25 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.cell.campaign import Campaign, robot_of
+from pa10cal.cell.campaign import Campaign
 from pa10cal.cell.effects.effect import LONG_LINKS, Site
 from pa10cal.cell.effects.vocabulary import all_effects, places_of
 from pa10cal.cell.individual import described, draw_unstated, nominal
-from pa10cal.cell.options import SimulateOptions, TrackerOptions, UnstatedOptions
+from pa10cal.cell.options import TrackerOptions, UnstatedOptions
 from pa10cal.cell.poses import joint_bounds
-from pa10cal.cell.robot import Mechanism, Robot
-from pa10cal.cell.tracker_trials import ATTITUDE_RAD, POSITION_MM, SECONDS_A_POSE
-from pa10cal.cell.trials import Trial, hide, log_uniform, trial_places
-from pa10cal.errors import SettingsError
-from pa10cal.files.arms import arm_names, load_arm
+from pa10cal.cell.robot import Mechanism
+from pa10cal.cell.trials import (
+    ATTITUDE_RAD,
+    POSITION_MM,
+    SECONDS_A_POSE,
+    Bench,
+    Scenario,
+    Trial,
+    idle,
+    log_uniform,
+    trial_places,
+)
+from pa10cal.files.arms import arm_names
 from pa10cal.settings_reading import parse_section
 
 UNSTATED, SORTED = "unstated_masses", "sorted_rows"
@@ -95,9 +103,11 @@ _BY_FIRST = 0.5
 _DECIMALS = 3
 
 
-def measured_benches() -> tuple[str, ...]:
-    """Return the arms whose lengths trials vary, under the instruments of positions."""
-    return tuple(f"{robot}-{kind}" for robot in arm_names() for kind in ("pose", "points"))
+@cache
+def measured_benches() -> dict[str, Bench]:
+    """Return the arms whose lengths trials vary, under the instruments of positions, by name."""
+    benches = [Bench(robot, kind) for robot in arm_names() for kind in ("pose", "points")]
+    return {bench.name: bench for bench in benches}
 
 
 def subjects_in_turn(kind: str) -> tuple[str, ...]:
@@ -109,20 +119,18 @@ def subjects_in_turn(kind: str) -> tuple[str, ...]:
 class _OwnArm:
     """One arm whose masses are not stated."""
 
-    shipped: Arm  # whose kind it is
     raw: dict[str, Any]  # what is true of it, as `UnstatedOptions`
     tool_kg: float  # true mass of its tool
     arm: Arm  # as the campaign describes it
     mechanism: Mechanism  # as described, with the true weights
 
     @classmethod
-    def drawn(cls, robot: str, rng: np.random.Generator) -> _OwnArm:
+    def drawn(cls, shipped: Arm, rng: np.random.Generator) -> _OwnArm:
         """Draw lengths and weights of an arm of a kind."""
-        shipped = _shipped(robot)
         raw, tool_kg = draw_unstated(shipped, rng)
-        own = parse_section(UnstatedOptions, raw, where=robot)
+        own = parse_section(UnstatedOptions, raw, where=shipped.name)
         tool_kg = round(tool_kg, 3)
-        return cls(shipped, raw, tool_kg, described(shipped, own), nominal(shipped, own, tool_kg))
+        return cls(raw, tool_kg, described(shipped, own), nominal(shipped, own, tool_kg))
 
     def usual_torques_Nm(self) -> tuple[Array, Array]:
         """Return by joint the largest torque, and how far torques vary (rms), in usual poses."""
@@ -160,27 +168,21 @@ def draw_measured_trial(
         kind: which of the two.
         number: of the trial.
         subject: what it hides, of `subjects_in_turn`.
-        benches: of `measured_benches`, or none for all.
+        benches: of `measured_benches`.
         rng: draws the rest.
 
     Raises:
         SettingsError: where the subject does nothing at any of the benches.
     """
-    fitting = [name for name in benches or measured_benches() if _fits(subject, name)]
+    by_name = measured_benches()
+    fitting = [name for name in benches if _fits(subject, by_name[name].arm)]
     if not fitting:
-        raise SettingsError(
-            f"{subject} does nothing at any of the benches",
-            where="benches",
-            value=", ".join(benches),
-            allowed="an arm with a joint that weights load among them",
-            remedy="add one",
-        )
-    bench = str(rng.choice(fitting))
-    robot, instrument = bench.rsplit("-", 1)
-    seed = int(rng.integers(2**31))
-    own = _OwnArm.drawn(robot, rng)
+        raise idle(subject, benches, "an arm with a joint that weights load among them")
+    bench = by_name[str(rng.choice(fitting))]
+    scenario = Scenario(kind, number, rng, bench, int(rng.integers(2**31)))
+    own = _OwnArm.drawn(bench.arm, rng)
     plan: dict[str, Any] = {
-        "instrument": instrument,
+        "instrument": bench.instrument,
         "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
         "tool_mass_kg": own.tool_kg,
         "targets": int(rng.choice([1, 2, 3])),
@@ -190,8 +192,7 @@ def draw_measured_trial(
         "unstated": own.raw,
     }
     poses = round(log_uniform(POSES, rng))
-    hidden: list[dict[str, Any]] = []
-    sizes: list[float] = []
+    by = None
     if kind == UNSTATED:
         repeats = _REPEATS if rng.random() < _REPEATED else 1
         plan |= {
@@ -213,25 +214,19 @@ def draw_measured_trial(
         }
         soft = [by] if subject == SPRING else []
         more = None if subject in (NOTHING, SPRING) else subject
-    raw: dict[str, Any] = {"random_seed": seed, "robot": robot, "without_touches": plan}
+    scenario.settings["without_touches"] = plan
     for joint in soft:
-        hidden.append(_spring(joint, own, rng))
-        sizes.append(1.0)
+        scenario.put(SPRING, f"joint {joint}", {"K": _stiffness(joint, own, rng)}, 1.0)
     if more is not None:
-        robot_drawn = robot_of(own.shipped, parse_section(SimulateOptions, raw, where=bench))
-        places = places_of(trial_places(all_effects()[more]), robot_drawn)
-        of = f"joint {by}" if kind == SORTED and f"joint {by}" in places else None
-        of, times = of or str(rng.choice(places)), log_uniform(_TIMES[kind], rng)
-        _hide_more(hidden, sizes, more, of, own, robot_drawn, times, rng)
-    raw["hidden_effects"] = hidden
-    settings = parse_section(SimulateOptions, raw, where=f"trial {number}")
-    return Trial(f"wild-{seed:08x}", kind, bench, settings, tuple(sizes))
+        places = places_of(trial_places(all_effects()[more]), scenario.robot)
+        of = f"joint {by}" if f"joint {by}" in places else str(rng.choice(places))
+        _hide_more(scenario, more, of, own)
+    return scenario.trial("wild")
 
 
-def _fits(subject: str, bench: str) -> bool:
+def _fits(subject: str, arm: Arm) -> bool:
     """Return whether a subject does something: no weight loads the joints of an upright SCARA."""
     needs_load = subject == SPRING or subject.startswith((SOME_SPRINGS, ALL_SPRINGS))
-    arm = _shipped(bench.rsplit("-", 1)[0])
     return not (needs_load and _upright(arm))
 
 
@@ -255,38 +250,27 @@ def _soft_joints(springs: str, own: _OwnArm, rng: np.random.Generator) -> list[i
     return sorted(rng.choice(loaded, count, replace=False).tolist())
 
 
-def _spring(joint: int, own: _OwnArm, rng: np.random.Generator) -> dict[str, Any]:
-    """Return a spring that gives way by a plausible angle; see `SAG_RAD`."""
+def _stiffness(joint: int, own: _OwnArm, rng: np.random.Generator) -> float:
+    """Return the stiffness [N m/rad] with which a joint bends plausibly; see `SAG_RAD`."""
     largest_Nm = own.usual_torques_Nm()[0]
     torque_Nm = max(largest_Nm[joint - 1], _LOADED * largest_Nm.max())
-    stiffness = float(torque_Nm / log_uniform(SAG_RAD, rng))
-    return {"id": SPRING, "of": f"joint {joint}", "parameters": {"K": round(stiffness, 3)}}
+    return round(float(torque_Nm / log_uniform(SAG_RAD, rng)), 3)
 
 
-def _hide_more(
-    hidden: list[dict[str, Any]],
-    sizes: list[float],
-    name: str,
-    of: str,
-    own: _OwnArm,
-    robot: Robot,
-    times: float,
-    rng: np.random.Generator,
-) -> None:
+def _hide_more(scenario: Scenario, name: str, of: str, own: _OwnArm) -> None:
     """Hide an effect at some times the size that the vocabulary holds for plausible.
 
     What goes by moments has its size by those of this arm, and motion that is lost is positive.
     """
-    effect = all_effects()[name]
-    x_m, y_m, z_m = robot.T_instr_base[:3, 3].tolist()
-    site = Site(of, half_m=0.5 * own.arm.reach_m, middle_m=(x_m, y_m, z_m))
-    hide(hidden, sizes, effect, site, times * effect.plausible_size, rng)
-    parameters = hidden[-1]["parameters"]
+    effect, times = all_effects()[name], log_uniform(_TIMES[scenario.kind], scenario.rng)
+    site = Site(of, half_m=0.5 * own.arm.reach_m, middle_m=scenario.middle_m)
+    scenario.hide(effect, times * effect.plausible_size, site)
+    parameters = scenario.hidden[-1]["parameters"]
     if name in ("link_bending", "base_compliance"):
-        turn = times * log_uniform(_TURN_RAD, rng) / own.usual_moment_Nm(of)
-        hidden[-1]["parameters"] = dict.fromkeys(parameters, turn)
+        turn = times * log_uniform(_TURN_RAD, scenario.rng) / own.usual_moment_Nm(of)
+        scenario.hidden[-1]["parameters"] = dict.fromkeys(parameters, turn)
     elif name == "backlash":
-        hidden[-1]["parameters"] = {"b": abs(parameters["b"])}
+        scenario.hidden[-1]["parameters"] = {"b": abs(parameters["b"])}
 
 
 def _sorting_joint(subject: str, own: _OwnArm, rng: np.random.Generator) -> int:
@@ -323,11 +307,6 @@ def _sorted(
     if rng.random() < 0.5:
         order = order[::-1]
     return tuple(map(tuple, q[order].round(_DECIMALS).tolist()))
-
-
-@cache
-def _shipped(robot: str) -> Arm:
-    return load_arm(robot)
 
 
 # What an effect leaves in the readings once the whole geometry is fitted to them again.
@@ -394,12 +373,7 @@ class _Readings:
 
     def geometry(self) -> Array:
         """Return an orthonormal basis of what small motions of all frames do to the readings."""
-        columns = [
-            self._stacked(*moved)
-            for T in self._frames()
-            for moved in (self._turned_about(T), self._shifted_along(T))
-        ]
-        return _basis(np.concatenate(columns, axis=1))
+        return _basis(np.hstack([self._stacked(*self._moved_with(T)) for T in self._frames()]))
 
     def position_mm(self, difference: Array) -> float:
         """Return the root mean square of the positions of a difference."""
@@ -412,8 +386,7 @@ class _Readings:
         slides = self._made.truth.robot.mechanism.slides
         off_mm = 1e3 * np.hypot(self._plan.unseen_rad, self._plan.resolver_rad)
         for slide, T in zip(slides, self._frames()[1:], strict=True):
-            moved, _ = self._shifted_along(T) if slide else self._turned_about(T)
-            along_z = moved[..., 2]
+            along_z = self._moved_with(T)[0][..., 5 if slide else 2]
             links_mm2 += float(np.mean(np.sum((off_mm * along_z) ** 2, axis=-1)))
         noise_mm2 = 3.0 * self._plan.position_mm**2 + links_mm2
         return float(np.sqrt(noise_mm2 / self._plan.repeats))
@@ -434,17 +407,17 @@ class _Readings:
         joints = truth.robot.mechanism.T_base_joints(truth.rest.q[self._rows])
         return [np.broadcast_to(np.eye(4), (len(self._rows), 4, 4)), *joints]
 
-    def _turned_about(self, T: Array) -> tuple[Array, Array]:
-        """Return what turns about a frame's axes do: (P, B, 3, 3) positions, (P, 3, 3) turns."""
+    def _moved_with(self, T: Array) -> tuple[Array, Array]:
+        """Return what turns about a frame's axes and shifts along them do.
+
+        Returns:
+            (P, B, 3, 6) motions of the positions, and (P, 3, 6) turns.
+        """
         axes = T[:, :3, :3]
         lever_m = self._p_m - T[:, None, :3, 3]
-        return np.cross(axes[:, None], lever_m[..., None], axisa=2, axisb=2, axisc=2), axes
-
-    def _shifted_along(self, T: Array) -> tuple[Array, Array]:
-        """Return what shifts along a frame's axes do, likewise."""
-        axes = T[:, :3, :3]
-        moved = np.broadcast_to(axes[:, None], (*self._p_m.shape, 3))
-        return moved, np.zeros_like(axes)
+        turned = np.cross(axes[:, None], lever_m[..., None], axisa=2, axisb=2, axisc=2)
+        shifted = np.broadcast_to(axes[:, None], turned.shape)
+        return np.concatenate([turned, shifted], -1), np.concatenate([axes, 0.0 * axes], -1)
 
     def _stacked(self, moved_m: Array, turned: Array) -> Array:
         """Return positions (P, B, 3, k) and turns (P, 3, k) as columns in units of their noise."""

@@ -1,19 +1,17 @@
 """Wild trials: campaigns of any arm and instrument, with what ordinary logs have, and with faults.
 
-Kinds of `trials` and `tracker_trials` hide effects in logs that are otherwise in order. These put
-stressors and faults into the raw files besides (`cell/disturbances/`).
+Kinds of `trials` hide effects in logs that are otherwise in order. These put stressors and faults
+into the raw files besides (`cell/disturbances/`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Literal, get_args
 
 import numpy as np
 
-from pa10cal.cell.campaign import robot_of
 from pa10cal.cell.disturbances.disturbance import (
     Disturbance,
     Need,
@@ -31,28 +29,27 @@ from pa10cal.cell.measured_trials import (
     subjects_in_turn,
 )
 from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.tracker_trials import (
-    ATTITUDE_RAD,
-    POSITION_MM,
-    SECONDS_A_POSE,
-    TOOL_KG,
-    TRACKED_DRIFT_C,
-    Bench,
-    KnownBench,
-)
 from pa10cal.cell.trials import (
+    ATTITUDE_RAD,
     COULOMB_NM,
     DRIFTING,
     OTHER_SIZES,
+    POSITION_MM,
+    SECONDS_A_POSE,
+    STUDIES,
+    TOOL_KG,
+    TRACKED_DRIFT_C,
+    Bench,
+    Scenario,
+    TouchedBench,
     Trial,
     TrialKind,
-    by_temperature,
     draw_trials,
-    hide,
     hideable,
+    idle,
     log_uniform,
+    refuse_unless,
 )
-from pa10cal.errors import SettingsError
 from pa10cal.observe.kinds import sees_several
 from pa10cal.settings_reading import parse_section
 
@@ -90,12 +87,14 @@ ALSO_AMONG = ("joint_zero",)
 #: The PA10 under touched balls; its wide layout is shorter than that of other trials.
 TOUCHED = "pa10-touched"
 _TOUCHED_POSES = 40
+_BENCHES = {**{bench.name: bench for bench in WILD_BENCHES}, TOUCHED: STUDIES["touched"]["wide"]}
 #: Friction of the joint whose direction is reversed in the log; else nothing shows it [N m].
 FRICTION_NM = 4.0
 #: What the calibrated model of these arms has already.
 _IN_EVERY_MODEL = ("joint_compliance",)
 _NOTHING = "nothing"
 _TRIES = 2000
+_UNKNOWN = "no such thing in wild trials"
 
 
 def draw_wild_trials(
@@ -117,22 +116,21 @@ def draw_wild_trials(
         SettingsError: for a kind, a bench, a disturbance or an effect that does not exist, or one
             that means nothing at any of the benches.
     """
-    _refuse_unless(kind, WILD_KINDS, "kind")
+    refuse_unless(kind, WILD_KINDS, "kind", _UNKNOWN)
     measured = kind in (UNSTATED, SORTED)
+    known = (*measured_benches(),) if measured else (*_BENCHES,)
     for bench in benches:
-        _refuse_unless(bench, measured_benches() if measured else _bench_names(), "benches")
+        refuse_unless(bench, known, "benches", _UNKNOWN)
     subjects = subjects_of(kind)
     if only:
-        _refuse_unless(only, subjects, "only")
+        refuse_unless(only, subjects, "only", _UNKNOWN)
         subjects = (only,)
+    draw = draw_measured_trial if measured else _drawn
     trials = []
     for number in range(count):
         rng = np.random.default_rng([random_seed, _FIRST_SEED + WILD_KINDS.index(kind), number])
         subject = subjects[number % len(subjects)]
-        if measured:
-            trials.append(draw_measured_trial(kind, number, subject, benches, rng))
-            continue
-        trials.append(_drawn(kind, number, subject, benches or _bench_names(), rng))
+        trials.append(draw(kind, number, subject, benches or known, rng))
     return tuple(trials)
 
 
@@ -153,7 +151,7 @@ def subjects_of(kind: WildKind) -> tuple[str, ...]:
 class _SetUp:
     """How a campaign is measured."""
 
-    bench: KnownBench | None  # arm and instrument; None for the PA10 and its balls
+    bench: Bench  # arm and instrument
     repeats: int  # of every calibration pose
     loads_N: tuple[float, ...]  # external loads
     logs_torques: bool  # whether torques are logged
@@ -165,35 +163,39 @@ class _SetUp:
         repeats = int(rng.choice(list(POSES_BY_REPEATS)))
         loads_N = LOADS_N if rng.random() < LOADED else LOADS_N[:1]
         logs_torques, targets = bool(rng.random() < 0.5), int(rng.choice([1, 2, 3]))
+        bench = _BENCHES[name]
         if name == TOUCHED:
-            return cls(None, 4, LOADS_N, logs_torques=True, targets=3)
-        bench = _known(name)
-        has_masses = bench.robot.arm.mass_kg is not None
+            return cls(bench, 4, LOADS_N, logs_torques=True, targets=3)
+        has_masses = bench.arm.mass_kg is not None
         return cls(
             bench,
             repeats,
             loads_N if has_masses else LOADS_N[:1],
             logs_torques and has_masses,
-            targets if sees_several(bench.asked.instrument) else 1,
+            targets if sees_several(bench.instrument) else 1,
         )
+
+    @property
+    def touched(self) -> bool:
+        """Whether it is the PA10 with its balls."""
+        return isinstance(self.bench, TouchedBench)
 
     def has(self, need: Need) -> bool:
         """Return whether its campaigns have what a disturbance needs."""
-        bench = self.bench
         return {
             "loads": len(self.loads_N) > 1,
-            "masses": bench is None or bench.robot.arm.mass_kg is not None,
-            "springs": bench is None or bool(bench.asked.flexible_joints),
+            "masses": self.bench.arm.mass_kg is not None,
+            "springs": self.touched or bool(self.bench.flexible_joints),
             "repeats": self.repeats > 1,
-            "touches": bench is None,
-            "tracker": bench is not None,
-            "attitude": bench is not None and bench.asked.instrument == "pose",
+            "touches": self.touched,
+            "tracker": not self.touched,
+            "attitude": self.bench.instrument == "pose",
             "targets": self.targets > 1,
         }[need]
 
     def hides(self, effect: type[Effect]) -> bool:
         """Return whether an effect does something here."""
-        if self.bench is None:
+        if self.touched:
             return not effect.wild
         if issubclass(effect, TorqueLogEffect) and not self.logs_torques:
             return False
@@ -215,35 +217,22 @@ def _drawn(
         setup = _SetUp.drawn(name, rng)
         fits = all(setup.has(need) for each in (*put, *among) for need in each.needs)
         if fits and (effect is None or setup.hides(effect)):
-            make = _touched if setup.bench is None else _tracked
-            return make(kind, number, setup, effect, (*put, *among), rng)
-    raise SettingsError(
-        f"{subject} does nothing at any of the benches",
-        where="benches",
-        value=", ".join(benches),
-        allowed="benches with what it needs among them",
-        remedy="add one",
-    )
+            if setup.touched:
+                return _touched(kind, effect, (*put, *among), rng)
+            scenario = Scenario(kind, number, rng, setup.bench, int(rng.integers(2**31)))
+            return _tracked(scenario, setup, effect, (*put, *among))
+    raise idle(subject, benches, "benches with what it needs among them")
 
 
 def _tracked(
-    kind: WildKind,
-    number: int,
-    setup: _SetUp,
-    effect: type[Effect] | None,
-    put: Sequence[type[Disturbance]],
-    rng: np.random.Generator,
+    scenario: Scenario, setup: _SetUp, effect: type[Effect] | None, put: Sequence[type[Disturbance]]
 ) -> Trial:
     """Draw the campaign of a tracker."""
-    bench = setup.bench
-    if bench is None:
-        raise ValueError("touched balls have no bench")
-    asked, arm, seed = bench.asked, bench.robot.arm, int(rng.integers(2**31))
-    of_distance = asked.instrument == "distance"
+    kind, rng, bench = scenario.kind, scenario.rng, scenario.bench
+    of_distance = bench.instrument == "distance"
     poses = (DISTANCE_POSES_BY_REPEATS if of_distance else POSES_BY_REPEATS)[setup.repeats]
     held_out = round(poses * HELD_OUT_SHARE) if setup.repeats == 1 else HELD_OUT
-    plan: dict[str, Any] = {
-        "instrument": asked.instrument,
+    scenario.settings["without_touches"] = bench.plan | {
         "poses": poses + held_out,
         "holdout_share": held_out / (poses + held_out),
         "repeats": setup.repeats,
@@ -251,8 +240,6 @@ def _tracked(
         "by_first_joint": any(each is TemperatureRamp for each in put),
         "loads_N": setup.loads_N,
         "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
-        "flexible_joints": asked.flexible_joints,
-        "hardening": False,
         "tool_mass_kg": round(log_uniform(TOOL_KG, rng), 3),
         "targets": setup.targets,
         "unseen_rad": UNSEEN_RAD,
@@ -260,50 +247,35 @@ def _tracked(
         "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
         "logs_torques": setup.logs_torques,
     }
-    raw: dict[str, Any] = {"random_seed": seed, "robot": asked.robot, "without_touches": plan}
-    own = robot_of(arm, parse_section(SimulateOptions, raw, where=f"trial {number}"))
-    disturbances = [{"id": each.id, "parameters": each.drawn(arm.n, rng)} for each in put]
-    hidden: list[dict[str, Any]] = []
-    sizes: list[float] = []
+    scenario.settings["disturbances"] = _parameters(put, bench.arm.n, rng)
     if effect is not None:
         of = str(rng.choice(bench.places(effect)))
         size = effect.plausible_size if kind == "effect" else log_uniform(OTHER_SIZES, rng)
-        hide(hidden, sizes, effect, bench.site(of, own), size, rng)
-    warms = by_temperature(hidden) or (kind == "right" and rng.random() < DRIFTING)
-    raw |= {
-        "hidden_effects": hidden,
-        "disturbances": disturbances,
-        "temperature_drift_C": TRACKED_DRIFT_C if warms else 0.0,
-    }
-    settings = parse_section(SimulateOptions, raw, where=f"trial {number}")
-    return Trial(f"wild-{seed:08x}", kind, asked.name, settings, tuple(sizes))
+        scenario.hide(effect, size, bench.site(of, scenario.middle_m))
+    by_temperature = any(each.by_temperature for each in scenario.effects)
+    warms = by_temperature or (kind == "right" and rng.random() < DRIFTING)
+    scenario.settings["temperature_drift_C"] = TRACKED_DRIFT_C if warms else 0.0
+    return scenario.trial("wild")
 
 
 def _touched(
     kind: WildKind,
-    number: int,
-    setup: _SetUp,
     effect: type[Effect] | None,
     put: Sequence[type[Disturbance]],
     rng: np.random.Generator,
 ) -> Trial:
     """Draw the campaign of touched balls: one of the other trials, shorter and disturbed."""
-    del number, setup
     seed = int(rng.integers(2**31))
-    joints = len(COULOMB_NM)
-    disturbances: list[dict[str, Any]] = [
-        {"id": each.id, "parameters": each.drawn(joints, rng)} for each in put
-    ]
-    reversed_ = [each["parameters"] for each in disturbances if each["id"] == DirectionReversed.id]
+    disturbances = _parameters(put, len(COULOMB_NM), rng)
     base_kind: TrialKind = "null" if effect is None else "single" if effect.named else "outside"
-    known = list(hideable(base_kind))
-    place = known.index(effect.id) if effect is not None else 0
+    place = list(hideable(base_kind)).index(effect.id) if effect is not None else 0
     size = None if effect is None or not effect.named else effect.plausible_size
-    drawn = draw_trials(base_kind, place + 1, seed, ("wide",), size)[place]
+    drawn = draw_trials(base_kind, place + 1, seed, benches=["wide"], size=size)[place]
     hidden = [entry.model_dump() for entry in drawn.settings.hidden_effects]
-    for parameters in reversed_:
-        of, amount = f"joint {parameters['joint']}", {"tau_c": FRICTION_NM}
-        hidden.append({"id": "friction_torque", "of": of, "parameters": amount})
+    for entry in disturbances:
+        if entry["id"] == DirectionReversed.id:
+            of, amount = f"joint {entry['parameters']['joint']}", {"tau_c": FRICTION_NM}
+            hidden.append({"id": "friction_torque", "of": of, "parameters": amount})
     raw = drawn.settings.model_dump(exclude={"without_touches"}) | {
         "random_seed": seed,
         "disturbances": disturbances,
@@ -316,21 +288,8 @@ def _touched(
     return Trial(f"wild-{seed:08x}", kind, TOUCHED, settings, sizes)
 
 
-@cache
-def _known(name: str) -> KnownBench:
-    return KnownBench.of(next(bench for bench in WILD_BENCHES if bench.name == name))
-
-
-def _bench_names() -> tuple[str, ...]:
-    return (*(bench.name for bench in WILD_BENCHES), TOUCHED)
-
-
-def _refuse_unless(value: str, known: Sequence[str], where: str) -> None:
-    if value not in known:
-        raise SettingsError(
-            "no such thing in wild trials",
-            where=where,
-            value=value,
-            allowed=", ".join(known),
-            remedy="name one of these",
-        )
+def _parameters(
+    put: Sequence[type[Disturbance]], joints: int, rng: np.random.Generator
+) -> list[dict[str, Any]]:
+    """Draw the parameters of disturbances, for an arm of so many joints."""
+    return [{"id": each.id, "parameters": each.drawn(joints, rng)} for each in put]

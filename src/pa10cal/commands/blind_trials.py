@@ -55,10 +55,12 @@ def blind_trials(
     from pa10cal.studies.blind_trials import draw, try_trial
 
     drawn = draw(measured, kind, first + max(count, 0), random_seed, layouts, size)[first:]
-    judgements, hidden = [], []
     began = time.monotonic()
+    judgements, hidden = [], []
     for done, trial in enumerate(drawn, start=1):
         verdict, truth = try_trial(trial, settings)
+        judgements.append(verdict)
+        hidden.append(truth)
         seconds = (time.monotonic() - began) / done
         print(
             f"{kind} trials: {done} of {len(drawn)}, {seconds:.1f} s a trial, "
@@ -66,8 +68,6 @@ def blind_trials(
             file=sys.stderr,
             flush=True,
         )
-        judgements.append(verdict)
-        hidden.append(truth)
     with whole_files(verdicts, truths) as (judged_beside, hidden_beside):
         judged_beside.write_text(lines(judgements), encoding="utf-8", newline="\n")
         hidden_beside.write_text(lines(hidden), encoding="utf-8", newline="\n")

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     from pa10cal.evaluation.blind_trial import BlindTrial
     from pa10cal.results.record import CampaignRecord
-    from pa10cal.results.trials import Bar, JudgedTrial
+    from pa10cal.results.trials import (
+        Bar,
+        DriveScoresRecord,
+        JudgedEffect,
+        TrialScoresRecord,
+        WildScoresRecord,
+    )
+
+    Scores = DriveScoresRecord | TrialScoresRecord | WildScoresRecord
 
 _R = TypeVar("_R", bound="CampaignRecord")
 
@@ -31,30 +41,23 @@ def score_trials(
         pa10cal score_trials --verdicts v.jsonl --truths t.jsonl --scores scores.json \\
           --trials trials.csv
     """
-    from pa10cal.evaluation import drive_scores, measured_scores, trial_scores, wild_scores
-    from pa10cal.evaluation.blind_trial import DRIVES, SORTED, UNSTATED, WILD
+    from pa10cal.evaluation import drive_scores, trial_scores, wild_scores
+    from pa10cal.evaluation.blind_trial import DRIVES, WILD
     from pa10cal.files.output import write_text
     from pa10cal.results.codec import write
-    from pa10cal.results.trials import DriveTrial, JudgedTrial, WildTrial
 
     known = _read_trials(verdicts, truths)
-    if any(trial.truth.measured == DRIVES for trial in known):
-        drives = drive_scores.scores_record(known)
-        write_text(trials, _table(DriveTrial.model_fields, map(dict, drives.per_trial)))
-        write(drives, scores)
-        bars = drives.bars
-    elif any(trial.truth.measured == WILD for trial in known):
-        measured = all(trial.kind in (UNSTATED, SORTED) for trial in known)
-        wild = (measured_scores if measured else wild_scores).scores_record(known)
-        write_text(trials, _table(WildTrial.model_fields, map(dict, wild.per_trial)))
-        write(wild, scores)
-        bars = (*wild.bars, *wild.proposed.bars)
+    studies = {trial.truth.measured for trial in known}
+    if DRIVES in studies:
+        record: Scores = drive_scores.scores_record(known)
+    elif WILD in studies:
+        record = wild_scores.scores_record(known)
     else:
         record = trial_scores.scores_record(known)
-        write_text(trials, _table(JudgedTrial.model_fields, map(_blind, record.per_trial)))
-        write(record, scores)
-        bars = (*record.bars, *record.proposed.bars)
-    for bar in bars:
+    write_text(trials, _table(record.per_trial))
+    write(record, scores)
+    proposed = getattr(record, "proposed", None)
+    for bar in (*record.bars, *(proposed.bars if proposed else ())):
         print(_said(bar))
 
 
@@ -101,30 +104,31 @@ def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
     return records
 
 
-def _blind(trial: JudgedTrial) -> dict[str, object]:
-    hidden = (
-        f"{effect.id} of {effect.of} x{effect.size:.3g}"
-        + ("" if effect.ratio is None else f", {effect.ratio:.3g} floors")
-        + f": {effect.outcome}"
-        for effect in trial.hidden
-    )
-    return {**dict(trial), "hidden": tuple(hidden)}
-
-
-def _table(header: Iterable[str], rows: Iterable[dict[str, object]]) -> str:
+def _table(trials: Sequence[BaseModel]) -> str:
     """Return one line a trial, lists joined."""
+    from pa10cal.results.trials import JudgedTrial
+
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    for row in rows:
+    writer.writerow(type(trials[0]).model_fields if trials else JudgedTrial.model_fields)
+    for trial in trials:
         writer.writerow(
-            "; ".join(value) if isinstance(value, tuple) else "" if value is None else value
-            for value in row.values()
+            "; ".join(map(_words, value)) if isinstance(value, tuple) else value
+            for _, value in trial
         )
     return text.getvalue()
 
 
+def _words(entry: str | JudgedEffect) -> str:
+    """Return an entry of a list; of a hidden effect what became of it."""
+    if isinstance(entry, str):
+        return entry
+    floors = "" if entry.ratio is None else f", {entry.ratio:.3g} floors"
+    return f"{entry.id} of {entry.of} x{entry.size:.3g}{floors}: {entry.outcome}"
+
+
 def _said(bar: Bar) -> str:
+    """Return a bar in one line."""
     limit = f"{'at least' if bar.at_least else 'at most'} {_figure(bar.limit, bar.share)}"
     if bar.reached is None:
         return f"{bar.what}: no trial counts ({limit})"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from pa10cal.evaluation.blind_trial import MAP, BlindTrial
-from pa10cal.evaluation.trial_rates import bar, rate
+from pa10cal.evaluation.trial_rates import Outcomes, at_least, at_most, bars_of, of_trials
 from pa10cal.results.trials import DriveJoint, DriveScoresRecord, DriveTrial, Outcome
 
 SENSOR, GEAR = "sensor_error", "gear_error"
@@ -17,40 +17,12 @@ _PROVENANCE = "synthetic: virtual cell; robots, poses, noise, errors of drives a
 
 def scores_record(trials: Sequence[BlindTrial]) -> DriveScoresRecord:
     """Return what trials of drives come to."""
-    joints = tuple(joint for trial in trials for joint in _joints(trial))
-    quiet = [trial for trial in trials if trial.kind == NEITHER]
     return DriveScoresRecord(
         provenance=_PROVENANCE,
         trials=len(trials),
-        bars=(
-            *(
-                bar(
-                    f"joints whose {words} named right",
-                    rate(joint.outcome == "right" for joint in joints if joint.errs in errs),
-                    _RIGHT,
-                )
-                for words, errs in (
-                    ("sensor or gear errs:", ("sensor", "gear", "both")),
-                    ("sensor errs:", ("sensor",)),
-                    ("gear errs:", ("gear",)),
-                    ("sensor and gear err:", ("both",)),
-                )
-            ),
-            bar(
-                "joints whose sensor or gear errs: a wrong name alone",
-                rate(joint.outcome == "wrong" for joint in joints),
-                _FALSE,
-                at_least=False,
-            ),
-            bar(
-                "trials in which nothing errs: a name",
-                rate(bool(false_names(trial)) or trial.verdict is None for trial in quiet),
-                _FALSE,
-                at_least=False,
-            ),
-        ),
-        joints=joints,
-        per_trial=tuple(_trial(trial) for trial in trials),
+        bars=bars_of(_TABLE, trials),
+        joints=tuple(joint for trial in trials for joint in _joints(trial)),
+        per_trial=tuple(map(_trial, trials)),
     )
 
 
@@ -89,23 +61,19 @@ def false_names(trial: BlindTrial) -> tuple[str, ...]:
 
 
 def _joints(trial: BlindTrial) -> Iterable[DriveJoint]:
-    if trial.kind == NEITHER:
-        return
-    seen: set[str] = set()
-    for each in trial.hidden:
-        of, ratio = each.of, each.parameters["ratio"]
-        if of not in seen:
-            seen.add(of)
-            became, called = outcome(trial, of)
-            yield DriveJoint(
-                campaign=trial.truth.campaign,
-                bench=trial.truth.layout,
-                of=of,
-                errs=trial.kind,
-                ratio=float(str(ratio)),
-                called=called,
-                outcome=became,
-            )
+    """Yield what became of each joint that errs."""
+    hidden = () if trial.kind == NEITHER else trial.hidden
+    for of, ratio in {each.of: each.parameters["ratio"] for each in hidden}.items():
+        became, called = outcome(trial, of)
+        yield DriveJoint(
+            campaign=trial.truth.campaign,
+            bench=trial.truth.layout,
+            of=of,
+            errs=trial.kind,
+            ratio=float(str(ratio)),
+            called=called,
+            outcome=became,
+        )
 
 
 def _trial(trial: BlindTrial) -> DriveTrial:
@@ -118,3 +86,32 @@ def _trial(trial: BlindTrial) -> DriveTrial:
         false_names=false_names(trial),
         seconds=None if verdict is None else verdict.seconds,
     )
+
+
+def _joints_that_are(became: Outcome, *errs: str) -> Outcomes:
+    """Return whether the joints of a trial have come to that, where one of these errs."""
+    return lambda trial: (joint.outcome == became for joint in _joints(trial) if joint.errs in errs)
+
+
+def _is_named(trial: BlindTrial) -> bool:
+    """Return whether something is named where nothing is; a trial that failed counts as one."""
+    return bool(false_names(trial)) or trial.verdict is None
+
+
+_ERRING = ("sensor", "gear", "both")
+_TABLE = {
+    "joints whose sensor or gear errs: named right": at_least(
+        _RIGHT, _joints_that_are("right", *_ERRING)
+    ),
+    "joints whose sensor errs: named right": at_least(_RIGHT, _joints_that_are("right", "sensor")),
+    "joints whose gear errs: named right": at_least(_RIGHT, _joints_that_are("right", "gear")),
+    "joints whose sensor and gear err: named right": at_least(
+        _RIGHT, _joints_that_are("right", "both")
+    ),
+    "joints whose sensor or gear errs: a wrong name alone": at_most(
+        _FALSE, _joints_that_are("wrong", *_ERRING)
+    ),
+    "trials in which nothing errs: a name": at_most(
+        _FALSE, of_trials(lambda trial: trial.kind == NEITHER, _is_named)
+    ),
+}

@@ -7,7 +7,7 @@ Where it departs in any way, the model still owes its predictions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import CalibratedParameter
+from pa10cal.results.studies import Coverage, ParameterCoverage
 from pa10cal.results.truth import TrueParameter
 from pa10cal.terms.joint_spring import JointSpring
 
@@ -137,28 +138,13 @@ def _motions(T: Array) -> Array:
 LEVEL = 0.95
 
 
-@dataclass(frozen=True)
-class Coverage:
-    """How often intervals held the truth."""
-
-    inside: float  # share of all scores inside their 95 % interval
-    # inside_low and inside_high: 95 % interval of that share, campaigns being independent and the
-    # parameters of one campaign not
-    inside_low: float
-    inside_high: float
-    rms: float  # root mean square of the scores, 1 where the uncertainties are right
-    by_parameter: Array  # (k,) share of the campaigns for each parameter
-    rms_by_parameter: Array  # (k,) root mean square for each parameter
-
-
 def coverage(scores: Array) -> Coverage:
     """Summarise scores (campaigns, parameters): (estimate - truth) / standard uncertainty.
 
-    A parameter without an interval in some campaign has nan there.
+    A parameter without an interval in some campaign has nan there. Of the interval of the share,
+    campaigns are independent, and the parameters of one campaign are not.
     """
-    there = np.isfinite(scores)
-    held = np.where(there, np.abs(scores) <= ndtri(0.5 + LEVEL / 2.0), np.nan)
-    shares = np.nanmean(held, axis=1)
+    shares = np.nanmean(_held(scores), axis=1)
     count = len(shares)
     half = (
         float(stdtrit(count - 1, 0.975) * shares.std(ddof=1) / np.sqrt(count)) if count > 1 else 1.0
@@ -166,9 +152,19 @@ def coverage(scores: Array) -> Coverage:
     inside = float(shares.mean())
     return Coverage(
         inside=inside,
-        inside_low=max(0.0, inside - half),
-        inside_high=min(1.0, inside + half),
+        inside_interval95=(max(0.0, inside - half), min(1.0, inside + half)),
         rms=float(np.sqrt(np.nanmean(scores**2))),
-        by_parameter=np.nanmean(held, axis=0),
-        rms_by_parameter=np.sqrt(np.nanmean(scores**2, axis=0)),
     )
+
+
+def coverage_by_parameter(names: Sequence[str], scores: Array) -> dict[str, ParameterCoverage]:
+    """Summarise the scores (campaigns, parameters) of each parameter."""
+    inside = np.nanmean(_held(scores), axis=0).tolist()
+    rms = np.sqrt(np.nanmean(scores**2, axis=0)).tolist()
+    return {name: ParameterCoverage(inside=inside[k], rms=rms[k]) for k, name in enumerate(names)}
+
+
+def _held(scores: Array) -> Array:
+    """Return 1 where the interval holds the truth, 0 where it does not, nan without one."""
+    inside = np.abs(scores) <= ndtri(0.5 + LEVEL / 2.0)
+    return np.where(np.isfinite(scores), inside, np.nan)

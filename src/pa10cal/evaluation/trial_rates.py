@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -38,8 +39,53 @@ def rate(outcomes: Iterable[bool]) -> Rate:
     )
 
 
-def bar(what: str, found: Rate, limit: float, *, at_least: bool = True) -> Bar:
-    """Return a share with its interval against the one to reach."""
+Outcomes = Callable[[BlindTrial], Iterable[bool]]
+
+
+class Goal(NamedTuple):
+    """A share of outcomes to reach, or not to exceed."""
+
+    at_least: bool  # whether `limit` is to be reached
+    limit: float
+    outcomes: Outcomes  # of a trial; none where it does not count
+    failing: str = ""  # what is said of a trial that counts against it
+
+    def rate(self, trials: Iterable[BlindTrial]) -> Rate:
+        """Return the share of some trials."""
+        return rate(outcome for trial in trials for outcome in self.outcomes(trial))
+
+
+#: A table of scores: goals by what is counted.
+Table = Mapping[str, Goal]
+at_least, at_most = partial(Goal, True), partial(Goal, False)
+
+
+def of_trials(
+    counts: Callable[[BlindTrial], object], outcome: Callable[[BlindTrial], bool]
+) -> Outcomes:
+    """Return one outcome of every trial that counts."""
+    return lambda trial: [outcome(trial)] if counts(trial) else []
+
+
+def bars_of(table: Table, trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
+    """Return the shares of a table against those to reach."""
+    return tuple(
+        bar(what, goal.rate(trials), goal.at_least, goal.limit) for what, goal in table.items()
+    )
+
+
+def failings_of(table: Table, trial: BlindTrial) -> tuple[str, ...]:
+    """Return the goals that a trial counts against, in their words."""
+    missed = (
+        goal.failing
+        for goal in table.values()
+        if goal.failing and any(outcome != goal.at_least for outcome in goal.outcomes(trial))
+    )
+    return tuple(dict.fromkeys(missed))
+
+
+def bar(what: str, found: Rate, at_least: bool, limit: float) -> Bar:
+    """Return a share with its interval against the one to reach, or not to exceed."""
     bare = figure(what, found.share, limit, found.of, at_least=at_least)
     return bare.model_copy(update={"low": found.low, "high": found.high, "share": True})
 
@@ -103,9 +149,6 @@ def power(size: Array, found: NDArray[np.bool_]) -> PowerCurve | None:
 
 
 # Formulas proposed in blind trials: the form that was hidden, of the same order and place?
-
-#: What is to be reached: right formulas of what no name covers, wrong ones of it, and of the rest.
-RIGHT, WRONG, ELSEWHERE = 0.6, 0.1, 0.02
 
 Parameters = Mapping[str, object]
 #: Forms that are right, with the numbers that they begin with.
@@ -175,41 +218,37 @@ def has_wrong(trial: BlindTrial) -> bool:
 
 def score_formulas(trials: Sequence[BlindTrial]) -> FormulaScores:
     """Score the formulas proposed; a trial that failed has none."""
-    outside = [t for t in trials if t.hidden and all(h.id in _OUTSIDE for h in t.hidden)]
-    others = [t for t in trials if t not in outside]
-    nameless = [t for t in outside if _nameless(t)]
-    right, wrong, elsewhere = (
-        rate(map(has_right, outside)),
-        rate(map(has_wrong, outside)),
-        rate(map(has_wrong, others)),
-    )
-    hidden = sorted({t.hidden[0].id for t in outside})
+    outside = [trial for trial in trials if _is_outside(trial)]
+    right, wrong, elsewhere = (goal.rate(trials) for goal in _FORMULAS.values())
     return FormulaScores(
         right=right,
-        right_of_nameless=rate(map(has_right, nameless)),
+        right_of_nameless=rate(has_right(t) for t in outside if _nameless(t)),
         wrong=wrong,
         elsewhere=elsewhere,
         by_id={
-            name: rate(has_right(t) for t in outside if t.hidden[0].id == name) for name in hidden
+            name: rate(has_right(t) for t in outside if t.hidden[0].id == name)
+            for name in sorted({t.hidden[0].id for t in outside})
         },
-        bars=(
-            bar(
-                "effect outside the vocabulary: its formula proposed, form and order", right, RIGHT
-            ),
-            bar(
-                "effect outside the vocabulary: another formula proposed",
-                wrong,
-                WRONG,
-                at_least=False,
-            ),
-            bar(
-                "nothing outside the vocabulary: a formula proposed that is not hidden",
-                elsewhere,
-                ELSEWHERE,
-                at_least=False,
-            ),
-        ),
+        bars=bars_of(_FORMULAS, trials),
     )
+
+
+def _is_outside(trial: BlindTrial) -> bool:
+    """Return whether all that a trial hides is outside the vocabulary."""
+    return bool(trial.hidden) and all(hidden.id in _OUTSIDE for hidden in trial.hidden)
+
+
+_FORMULAS = {
+    "effect outside the vocabulary: its formula proposed, form and order": at_least(
+        0.6, of_trials(_is_outside, has_right)
+    ),
+    "effect outside the vocabulary: another formula proposed": at_most(
+        0.1, of_trials(_is_outside, has_wrong)
+    ),
+    "nothing outside the vocabulary: a formula proposed that is not hidden": at_most(
+        0.02, of_trials(lambda trial: not _is_outside(trial), has_wrong)
+    ),
+}
 
 
 def _proposed(trial: BlindTrial) -> tuple[Formula, ...]:

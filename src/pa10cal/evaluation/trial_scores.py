@@ -27,6 +27,7 @@ from pa10cal.results.trials import (
     ParameterRate,
     ParameterScore,
     PowerStudy,
+    Rate,
     Seconds,
     Several,
     Singles,
@@ -166,51 +167,42 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
         for t in trials
         if t.verdict is not None
     ]
-    plausible = (
-        bar(
-            "one effect of plausible size, testable: among the effect or its alternatives",
-            singles.testable,
-            0.95,
-        ),
-        bar("one effect: a confident wrong name", singles.confidently_wrong, 0.02, at_least=False),
-    )
     tracked = any(trial.truth.measured == TRACKED for trial in trials)
+
+    def least(found: Rate, limit: float) -> tuple[Rate, bool, float]:
+        return found, True, limit
+
+    def most(found: Rate, limit: float) -> tuple[Rate, bool, float]:
+        return found, False, limit
+
+    plausible = {
+        "one effect of plausible size, testable: among the effect or its alternatives": least(
+            singles.testable, 0.95
+        ),
+        "one effect: a confident wrong name": most(singles.confidently_wrong, 0.02),
+    }
+    shares = {
+        "false alarm: nothing hidden, yet an effect was named": most(null.named, 0.02),
+        **(plausible if tracked else {}),
+        f"one effect, separable, residual {LARGE:g} times the floor or more: "
+        "right id and place": least(singles.large, 0.95),
+        f"one effect, residual {LIMIT:g} times the floor or more: "
+        "among the effect or its alternatives": least(singles.above, 0.97),
+        "one effect, anything found: among the effect or its alternatives": least(
+            singles.found, 0.97
+        ),
+        "effect outside the vocabulary: a confident wrong name": most(
+            outside.confidently_wrong, 0.05
+        ),
+        "effect outside the vocabulary: found at the right place": least(outside.right_place, 0.8),
+        "two or three effects: all named or in the alternatives": least(several.all_listed, 0.9),
+        f"two or three effects: those of a residual {LIMIT:g} times the floor or more": least(
+            several.above_listed, 0.9
+        ),
+        "two or three effects: nothing extra": least(several.nothing_extra, 0.95),
+    }
     return (
-        bar(
-            "false alarm: nothing hidden, yet an effect was named", null.named, 0.02, at_least=False
-        ),
-        *(plausible if tracked else ()),
-        bar(
-            f"one effect, separable, residual {LARGE:g} times the floor or more: "
-            "right id and place",
-            singles.large,
-            0.95,
-        ),
-        bar(
-            f"one effect, residual {LIMIT:g} times the floor or more: "
-            "among the effect or its alternatives",
-            singles.above,
-            0.97,
-        ),
-        bar(
-            "one effect, anything found: among the effect or its alternatives",
-            singles.found,
-            0.97,
-        ),
-        bar(
-            "effect outside the vocabulary: a confident wrong name",
-            outside.confidently_wrong,
-            0.05,
-            at_least=False,
-        ),
-        bar("effect outside the vocabulary: found at the right place", outside.right_place, 0.8),
-        bar("two or three effects: all named or in the alternatives", several.all_listed, 0.9),
-        bar(
-            f"two or three effects: those of a residual {LIMIT:g} times the floor or more",
-            several.above_listed,
-            0.9,
-        ),
-        bar("two or three effects: nothing extra", several.nothing_extra, 0.95),
+        *(bar(what, *share) for what, share in shares.items()),
         figure(
             "held-out mean after naming, over that of campaigns without missing effect",
             None if gap is None else gap.mean,

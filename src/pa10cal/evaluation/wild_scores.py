@@ -2,19 +2,41 @@
 
 A campaign may be refused before it is calibrated; what stops discovery or evaluation afterwards is
 counted as a crash, since a campaign that can be calibrated is not withheld.
+
+Trials of unstated masses and of sorted rows (`cell.measured_trials`) have a table of their own. Of
+these the truth itself says how far a hidden effect moves the readings once the geometry is fitted
+again, and what noise does: a calibrated model may hold springs, and follow.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from pa10cal.evaluation.blind_trial import BlindTrial, words_of
-from pa10cal.evaluation.trial_rates import bar, longest, rate, score_formulas
+from pa10cal.evaluation.blind_trial import SORTED, SPRING, UNSTATED, BlindTrial, words_of
+from pa10cal.evaluation.trial_rates import (
+    Outcomes,
+    at_least,
+    at_most,
+    bars_of,
+    failings_of,
+    longest,
+    of_trials,
+    score_formulas,
+)
 from pa10cal.evaluation.trial_scores import LIMIT
 from pa10cal.results.record import Name
-from pa10cal.results.trials import Bar, PutIn, WildScoresRecord, WildSubject, WildTrial
+from pa10cal.results.trials import (
+    Bar,
+    FormulaScores,
+    HiddenEffect,
+    JudgedTrialRecord,
+    PutIn,
+    WildScoresRecord,
+    WildSubject,
+    WildTrial,
+)
 
 #: From here on, in units of the noise floor, something wrong must show.
 ABOVE = 3.0
@@ -22,14 +44,25 @@ ABOVE = 3.0
 WORSE = 1.05
 SUSPECT = "suspect_input"
 CHECK = "check_the_log"
+_MEASURED = (UNSTATED, SORTED)
 _NOTHING_WRONG = ("right", "stressed")
 _PROVENANCE = (
     "synthetic: virtual cell; robots, poses, noise, stressors, faults and hidden effects drawn"
 )
+_PROVENANCE_MEASURED = (
+    "synthetic: virtual cell; arms, their lengths, weights and springs, poses, noise and hidden "
+    "effects drawn"
+)
 #: Faults whose place is a time, or a key that no verdict names.
 _PLACED_BY_KIND = ("step_in_time", "payload")
 _SAYS_MOST = 200
-_SPRING = "joint_compliance"
+#: Words of a motion that offer another reading of it: rows that go with a joint, a rail or a load.
+_RIVAL = re.compile(r"\bjoint \d|\brail\b|\bload\b|\border of (the )?rows\b", re.I)
+#: Fault and effect that are motions in the course of time, and the words of one without a name.
+_IN_TIME, _DRIFT = "step_in_time", "base_drift"
+_OF_MOTION = re.compile(r"\b(moved|wander|drift|crept|creep)", re.I)
+
+# Questions to a trial.
 
 
 def crashed(trial: BlindTrial) -> bool:
@@ -85,7 +118,7 @@ def _without_springs(trial: BlindTrial) -> BlindTrial:
     verdict = trial.verdict
     if verdict is None:
         return trial
-    true = {Name(_SPRING, f"joint {joint}") for joint in trial.truth.flexible_joints}
+    true = {Name(SPRING, f"joint {joint}") for joint in trial.truth.flexible_joints}
     effects = tuple(named for named in verdict.effects if not true & set(named.all_names))
     return replace(trial, said=verdict.model_copy(update={"effects": effects}))
 
@@ -94,8 +127,8 @@ def has_false_comfort(trial: BlindTrial) -> bool:
     """Return whether `none` is said where something of three times the noise is wrong, untold."""
     if trial.verdict is None or trial.verdict.word != "none":
         return False
-    hidden = any((trial.moved_over_floor(each) or 0.0) >= ABOVE for each in trial.hidden)
-    return hidden or any(matters(trial, each) and not is_told(trial, each) for each in trial.put_in)
+    untold = any(matters(trial, each) and not is_told(trial, each) for each in trial.put_in)
+    return untold or _hides_much(trial)
 
 
 def is_worse(trial: BlindTrial) -> bool:
@@ -113,169 +146,268 @@ def is_accused(trial: BlindTrial) -> bool:
     return trial.verdict.word == CHECK or trial.verdict.grade == SUSPECT
 
 
+def has_wrong_name(trial: BlindTrial) -> bool:
+    """Return whether an effect is named that is not hidden, none hidden among its alternatives.
+
+    Whatever the word of the verdict: a list of effects is read as what the robot has.
+    """
+    hidden = {each.name for each in trial.hidden}
+    effects = () if trial.verdict is None else trial.verdict.effects
+    return any(not hidden & set(named.all_names) for named in effects)
+
+
+def motions_as_facts(trial: BlindTrial) -> tuple[str, ...]:
+    """Return what is said of motions in the course of time, and of nothing else as its cause."""
+    motions = () if trial.verdict is None else _motions(trial.verdict)
+    return tuple(said for said in motions if not _RIVAL.search(said))
+
+
+def _motions(verdict: JudgedTrialRecord) -> tuple[str, ...]:
+    """Return what a verdict says of motions in the course of time, with a name or without."""
+    unexplained = () if verdict.unexplained is None else verdict.unexplained.all
+    return (
+        *(fault.what for fault in verdict.faults if fault.kind == _IN_TIME),
+        *(each.why for each in unexplained if _OF_MOTION.search(each.why)),
+        *(words_of(effect) for effect in verdict.effects if effect.id == _DRIFT),
+    )
+
+
+def leaves_much(trial: BlindTrial, hidden: HiddenEffect, *, apart: bool = False) -> bool:
+    """Return whether the residual with an effect is 1.5 times that of noise alone, or more.
+
+    Args:
+        trial: the trial.
+        hidden: the effect.
+        apart: once the sizes of all else that is hidden are fitted, too.
+    """
+    return (trial.ratio(hidden, apart=apart) or 0.0) >= LIMIT
+
+
+def _hides_much(trial: BlindTrial) -> bool:
+    return any((trial.moved_over_floor(each) or 0.0) >= ABOVE for each in trial.hidden)
+
+
+def _is_undisturbed(trial: BlindTrial) -> bool:
+    """Return whether no stressor is in a trial that may well be told."""
+    return not any(each.kinds or each.measured for each in trial.put_in)
+
+
+def _same_place(put_in: Iterable[str], told: str) -> bool:
+    """Return whether one of the places stands in the words of a fault."""
+    return any(
+        re.search(rf"(?<![\w.]){re.escape(place)}(?![\w.])", told) is not None for place in put_in
+    )
+
+
+# The tables: what is counted, and the share to reach.
+
+
+def _is_judged(trial: BlindTrial) -> bool:
+    return trial.verdict is not None
+
+
+def _is_sound(trial: BlindTrial) -> bool:
+    return _is_judged(trial) and not has_fault(trial) and trial.kind != "beyond"
+
+
+def _is_wrong(trial: BlindTrial) -> bool:
+    disturbed = any(matters(trial, each) for each in trial.put_in)
+    return _is_judged(trial) and (disturbed or _hides_much(trial))
+
+
+def _faults_told(trial: BlindTrial) -> Iterable[bool]:
+    matter = [each for each in trial.put_in if has_fault(trial) and matters(trial, each)]
+    return (is_told(trial, each) for each in matter)
+
+
+def _effects_listed(*, large: bool) -> Outcomes:
+    """Return whether the effect of a trial is listed, if it is testable.
+
+    Args:
+        large: only if it is above the limit of detection in the poses, as trials go.
+    """
+
+    def counts(trial: BlindTrial, hidden: HiddenEffect) -> bool:
+        shows = not large or not trial.moves_poses(hidden) or leaves_much(trial, hidden)
+        return trial.verdict is None or (shows and trial.is_testable(hidden))
+
+    return lambda trial: (
+        trial.lists(each) for each in trial.hidden if trial.kind == "effect" and counts(trial, each)
+    )
+
+
+def _left_listed(*, springs: bool, apart: bool = False) -> Outcomes:
+    """Return whether each effect that leaves much in a trial of unstated masses is listed.
+
+    Args:
+        springs: of springs, or of all others.
+        apart: only those that nothing else hidden can replace.
+    """
+    return lambda trial: (
+        trial.lists(each)
+        for each in trial.hidden
+        if trial.kind == UNSTATED
+        and (each.id == SPRING) == springs
+        and leaves_much(trial, each)
+        and (not apart or leaves_much(trial, each, apart=True))
+    )
+
+
+_CONFIDENT, _NOT_FOUND, _NULL_NAMED = "confident false name", "not found", "nothing hidden, a name"
+_SUSPECTED = f"refused, {CHECK} or {SUSPECT}"
+_HELD_OUT = f"held out worse by more than {100 * (WORSE - 1):.0f} %"
+_WILD_TABLE = {
+    "a crash, or discovery withheld": at_most(0.0, lambda t: [crashed(t)], "crash"),
+    "no fault in the log: a false name": at_most(
+        0.02, of_trials(_is_sound, has_false_name), "false name"
+    ),
+    "a fault in the log: a confident false name": at_most(
+        0.02, of_trials(has_fault, has_confident_false_name), _CONFIDENT
+    ),
+    "an effect outside the vocabulary: a confident false name": at_most(
+        0.02,
+        of_trials(lambda t: _is_judged(t) and t.kind == "beyond", has_confident_false_name),
+        _CONFIDENT,
+    ),
+    f"a fault above {ABOVE:g} times the noise: told by kind and place, refused or graded "
+    f"{SUSPECT}": at_least(0.95, _faults_told, "not told"),
+    f"something wrong of {ABOVE:g} times the noise: none is said, and nothing told": at_most(
+        0.02, of_trials(_is_wrong, has_false_comfort), "false comfort"
+    ),
+    _HELD_OUT: at_most(0.0, of_trials(_is_judged, is_worse), "worse held out"),
+    "one effect of plausible size among stressors, testable: named or among alternatives": (
+        at_least(0.9, _effects_listed(large=False), _NOT_FOUND)
+    ),
+    f"of these, a residual {LIMIT:g} times the floor or more: named or among alternatives": (
+        at_least(0.9, _effects_listed(large=True))
+    ),
+    f"right data: {_SUSPECTED}": at_most(
+        0.02,
+        of_trials(lambda t: t.kind in _NOTHING_WRONG and _is_undisturbed(t), is_accused),
+        "accused",
+    ),
+    f"an effect and no fault in the log: {_SUSPECTED}": at_most(
+        0.02, of_trials(lambda t: bool(t.hidden) and _is_undisturbed(t), is_accused), "accused"
+    ),
+}
+_UNSTATED_TABLE = {
+    f"springs that leave {LIMIT:g} times the noise: named or listed": at_least(
+        0.9, _left_listed(springs=True), "spring not found"
+    ),
+    "of these, that nothing else hidden can replace: named or listed": at_least(
+        0.9, _left_listed(springs=True, apart=True)
+    ),
+    f"one other effect that leaves {LIMIT:g} times the noise: named or listed": at_least(
+        0.9, _left_listed(springs=False), "other effect not found"
+    ),
+    "springs or an effect: a wrong confident name": at_most(
+        0.02,
+        of_trials(lambda t: t.kind == UNSTATED and bool(t.hidden), has_wrong_name),
+        "wrong name",
+    ),
+    "no masses stated, nothing hidden: a name": at_most(
+        0.02, of_trials(lambda t: t.kind == UNSTATED and not t.hidden, has_wrong_name), _NULL_NAMED
+    ),
+}
+_MOTION_TABLE = {
+    "rows sorted: a motion told as a fact": at_most(
+        0.0,
+        of_trials(lambda t: t.kind == SORTED, lambda t: bool(motions_as_facts(t))),
+        "motion as a fact",
+    )
+}
+_SORTED_NULLS_TABLE = {
+    "rows sorted, nothing hidden: a name": at_most(
+        0.02, of_trials(lambda t: t.kind == SORTED and not t.hidden, has_wrong_name), _NULL_NAMED
+    )
+}
+_VERDICT_TABLE = {"no verdict": at_most(0.0, lambda t: [t.verdict is None], "no verdict")}
+_BOTH_TABLE = {
+    _SUSPECTED: at_most(0.02, lambda t: [is_accused(t)], "accused"),
+    _HELD_OUT: at_most(0.0, lambda t: [is_worse(t)], "worse held out"),
+}
+
+
+def are_measured(trials: Sequence[BlindTrial]) -> bool:
+    """Return whether trials are all as measured robots come."""
+    return bool(trials) and all(trial.kind in _MEASURED for trial in trials)
+
+
 def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
     """Return the figures to reach and those reached."""
-    judged = [t for t in trials if t.verdict is not None]
-    faulty = [t for t in trials if has_fault(t)]
-    sound = [t for t in judged if not has_fault(t) and t.kind != "beyond"]
-    right = [t for t in trials if t.kind in _NOTHING_WRONG and not any(map(_counts, t.put_in))]
-    hiding = [t for t in trials if t.hidden and not any(map(_counts, t.put_in))]
-    faults = [(t, each) for t in faulty for each in t.put_in if matters(t, each)]
-    wrong = [t for t in judged if _is_wrong(t)]
-    effects = [t for t in trials if t.kind == "effect"]
-    testable = [t for t in effects if t.verdict is None or t.is_testable(t.hidden[0])]
-    beyond = [t for t in judged if t.kind == "beyond"]
-    return (
-        bar("a crash, or discovery withheld", rate(map(crashed, trials)), 0.0, at_least=False),
-        bar(
-            "no fault in the log: a false name",
-            rate(map(has_false_name, sound)),
-            0.02,
-            at_least=False,
-        ),
-        bar(
-            "a fault in the log: a confident false name",
-            rate(has_confident_false_name(t) for t in faulty),
-            0.02,
-            at_least=False,
-        ),
-        bar(
-            "an effect outside the vocabulary: a confident false name",
-            rate(map(has_confident_false_name, beyond)),
-            0.02,
-            at_least=False,
-        ),
-        bar(
-            f"a fault above {ABOVE:g} times the noise: told by kind and place, refused or graded "
-            f"{SUSPECT}",
-            rate(is_told(t, each) for t, each in faults),
-            0.95,
-        ),
-        bar(
-            f"something wrong of {ABOVE:g} times the noise: none is said, and nothing told",
-            rate(map(has_false_comfort, wrong)),
-            0.02,
-            at_least=False,
-        ),
-        bar(
-            f"held out worse by more than {100 * (WORSE - 1):.0f} %",
-            rate(map(is_worse, judged)),
-            0.0,
-            at_least=False,
-        ),
-        bar(
-            "one effect of plausible size among stressors, testable: named or among alternatives",
-            rate(t.lists(t.hidden[0]) for t in testable),
-            0.9,
-        ),
-        bar(
-            f"of these, a residual {LIMIT:g} times the floor or more: named or among alternatives",
-            rate(t.lists(t.hidden[0]) for t in testable if _is_large(t)),
-            0.9,
-        ),
-        bar(
-            f"right data: refused, {CHECK} or {SUSPECT}",
-            rate(map(is_accused, right)),
-            0.02,
-            at_least=False,
-        ),
-        bar(
-            f"an effect and no fault in the log: refused, {CHECK} or {SUSPECT}",
-            rate(map(is_accused, hiding)),
-            0.02,
-            at_least=False,
-        ),
-        longest(trials),
-    )
-
-
-def scores_record(trials: Sequence[BlindTrial]) -> WildScoresRecord:
-    """Return what many wild trials come to."""
-    found = gathered(trials, _PROVENANCE, bars(trials), _subjects, _subject, failings)
-    return found.model_copy(update={"proposed": score_formulas(trials)})
-
-
-def gathered(
-    trials: Sequence[BlindTrial],
-    provenance: str,
-    reached: tuple[Bar, ...],
-    subjects_of: Callable[[BlindTrial], tuple[str, ...]],
-    subject: Callable[[str, str, Sequence[BlindTrial]], WildSubject],
-    failings_of: Callable[[BlindTrial], tuple[str, ...]],
-) -> WildScoresRecord:
-    """Return the record of many trials, by what each was about and what counts against it."""
-    about = sorted({(t.kind, name) for t in trials for name in subjects_of(t)})
-    return WildScoresRecord(
-        provenance=provenance,
-        trials=len(trials),
-        bars=reached,
-        subjects=tuple(
-            subject(kind, name, [t for t in trials if t.kind == kind and name in subjects_of(t)])
-            for kind, name in about
-        ),
-        per_trial=tuple(trial_row(trial, failings_of(trial)) for trial in trials),
-    )
+    table = _WILD_TABLE
+    if are_measured(trials):
+        kinds = {trial.kind for trial in trials}
+        unstated = _UNSTATED_TABLE if UNSTATED in kinds else {}
+        of_rows = _MOTION_TABLE | _SORTED_NULLS_TABLE if SORTED in kinds else {}
+        table = unstated | of_rows | _VERDICT_TABLE | _BOTH_TABLE
+    return (*bars_of(table, trials), longest(trials))
 
 
 def failings(trial: BlindTrial) -> tuple[str, ...]:
     """Return the bars that a trial counts against."""
-    testable = trial.kind == "effect" and trial.verdict and trial.is_testable(trial.hidden[0])
-    right = trial.kind != "fault" and not any(map(_counts, trial.put_in))
-    sound = not has_fault(trial) and trial.kind != "beyond"
-    tests = {
-        "crash": crashed(trial),
-        "false name": sound and has_false_name(trial),
-        "confident false name": not sound and has_confident_false_name(trial),
-        "not told": any(matters(trial, e) and not is_told(trial, e) for e in trial.put_in),
-        "false comfort": has_false_comfort(trial),
-        "worse held out": is_worse(trial),
-        "not found": bool(testable) and not trial.lists(trial.hidden[0]),
-        "accused": right and is_accused(trial),
-    }
-    return tuple(name for name, true in tests.items() if true)
+    if are_measured([trial]):
+        table = _VERDICT_TABLE | _UNSTATED_TABLE | _SORTED_NULLS_TABLE | _MOTION_TABLE | _BOTH_TABLE
+        return failings_of(table, trial)
+    missed = failings_of(_WILD_TABLE, trial)
+    return tuple(each for each in missed if trial.verdict is not None or each != _NOT_FOUND)
 
 
-def _counts(put_in: PutIn) -> bool:
-    """Return whether a stressor is one that may well be told."""
-    return bool(put_in.kinds) or put_in.measured
+# The record: counts by what was put in, and every trial.
 
 
-def _is_wrong(trial: BlindTrial) -> bool:
-    hidden = any((trial.moved_over_floor(each) or 0.0) >= ABOVE for each in trial.hidden)
-    return hidden or any(matters(trial, each) for each in trial.put_in)
-
-
-def _is_large(trial: BlindTrial) -> bool:
-    """Return whether a hidden effect is above the limit of detection in the poses, as trials go."""
-    (hidden,) = trial.hidden
-    if trial.verdict is None or not trial.moves_poses(hidden):
-        return True
-    return (trial.ratio(hidden) or 0.0) >= LIMIT
-
-
-def _subjects(trial: BlindTrial) -> tuple[str, ...]:
-    if trial.kind in ("effect", "beyond"):
-        return tuple(hidden.id for hidden in trial.hidden)
-    return tuple(each.id for each in trial.put_in) or ("nothing",)
-
-
-def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
-    faults = [(t, e) for t in trials for e in t.put_in if matters(t, e)]
-    wrong = has_false_name if kind in ("effect", *_NOTHING_WRONG) else has_confident_false_name
-    return counted(
-        kind,
-        name,
-        trials,
-        false_names=sum(map(wrong, trials)),
-        above_noise=len(faults),
-        told=sum(is_told(t, each) for t, each in faults),
-        found=sum(t.lists(h) for t in trials for h in t.hidden),
-        false_comfort=sum(map(has_false_comfort, trials)),
+def scores_record(trials: Sequence[BlindTrial]) -> WildScoresRecord:
+    """Return what many wild trials come to."""
+    measured = are_measured(trials)
+    about = sorted({(t.kind, name) for t in trials for name in _subjects(t)})
+    return WildScoresRecord(
+        provenance=_PROVENANCE_MEASURED if measured else _PROVENANCE,
+        trials=len(trials),
+        bars=bars(trials),
+        subjects=tuple(
+            _subject(kind, name, [t for t in trials if t.kind == kind and name in _subjects(t)])
+            for kind, name in about
+        ),
+        proposed=FormulaScores() if measured else score_formulas(trials),
+        per_trial=tuple(map(_row, trials)),
     )
 
 
-def counted(kind: str, name: str, trials: Sequence[BlindTrial], **own: int) -> WildSubject:
-    """Return the counts of trials that put in the same; `own` are those of their kind."""
+def _subjects(trial: BlindTrial) -> tuple[str, ...]:
+    if trial.kind in ("effect", "beyond", *_MEASURED):
+        names = [hidden.id for hidden in trial.hidden]
+    else:
+        names = [each.id for each in trial.put_in]
+    return tuple(dict.fromkeys(names)) or ("nothing",)
+
+
+def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
+    """Return the counts of trials that put in the same."""
+    if kind in _MEASURED:
+        mine = [(t, each) for t in trials for each in t.hidden if each.id == name]
+        much = [(t, each) for t, each in mine if leaves_much(t, each)]
+        own = {
+            "false_names": sum(map(has_wrong_name, trials)),
+            "above_noise": len(much),
+            "told": sum(t.lists(each) for t, each in much),
+            "found": sum(t.lists(each) for t, each in mine),
+            "false_comfort": sum(
+                t.verdict is not None
+                and t.verdict.word == "none"
+                and any(leaves_much(t, each) for each in t.hidden)
+                for t in trials
+            ),
+        }
+    else:
+        faults = [(t, each) for t in trials for each in t.put_in if matters(t, each)]
+        wrong = has_false_name if kind in ("effect", *_NOTHING_WRONG) else has_confident_false_name
+        own = {
+            "false_names": sum(map(wrong, trials)),
+            "above_noise": len(faults),
+            "told": sum(is_told(t, each) for t, each in faults),
+            "found": sum(t.lists(each) for t in trials for each in t.hidden),
+            "false_comfort": sum(map(has_false_comfort, trials)),
+        }
     return WildSubject(
         **own,
         kind=kind,
@@ -289,7 +421,7 @@ def counted(kind: str, name: str, trials: Sequence[BlindTrial], **own: int) -> W
     )
 
 
-def trial_row(trial: BlindTrial, counts_against: tuple[str, ...]) -> WildTrial:
+def _row(trial: BlindTrial) -> WildTrial:
     """Return a trial, what was said of it, and the bars that it counts against."""
     return WildTrial(
         campaign=trial.truth.campaign,
@@ -300,7 +432,7 @@ def trial_row(trial: BlindTrial, counts_against: tuple[str, ...]) -> WildTrial:
             *(f"{each.id} at {', '.join(each.where)}" for each in trial.put_in),
         ),
         said=_said(trial)[:_SAYS_MOST],
-        failings=counts_against,
+        failings=failings(trial),
         seconds=None if trial.verdict is None else trial.verdict.seconds,
     )
 
@@ -311,10 +443,3 @@ def _said(trial: BlindTrial) -> str:
         return f"{'refused' if trial.refused else 'crashed'}: {trial.failed}"
     faults = (f"{fault.kind} of {fault.where}" for fault in verdict.faults)
     return "; ".join([f"{verdict.word}, {verdict.grade}", *map(words_of, verdict.effects), *faults])
-
-
-def _same_place(put_in: Iterable[str], told: str) -> bool:
-    """Return whether one of the places stands in the words of a fault."""
-    return any(
-        re.search(rf"(?<![\w.]){re.escape(place)}(?![\w.])", told) is not None for place in put_in
-    )

@@ -12,9 +12,8 @@ import time
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 import pandas as pd
@@ -29,8 +28,7 @@ from pa10cal.cell.drive_trials import DRIVE_KINDS, DriveKind, campaigns_of, draw
 from pa10cal.cell.effects.vocabulary import make_effects
 from pa10cal.cell.measured_trials import SORTED, UNSTATED, after_geometry
 from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.tracker_trials import BENCHES, REFLECTORS, draw_tracker_trials
-from pa10cal.cell.trials import LAYOUTS, Trial, TrialKind, draw_trials
+from pa10cal.cell.trials import Trial, TrialKind, draw_trials
 from pa10cal.cell.wild_trials import WILD_KINDS, WildKind, draw_wild_trials
 from pa10cal.cell.write import Places as WrittenPlaces
 from pa10cal.cell.write import write_campaign
@@ -93,24 +91,9 @@ def draw(
     names = layouts.split(",") if layouts else []
     if measured == DRIVES:
         return draw_drive_trials(cast(DriveKind, kind), count, random_seed)
-    if measured == "wild":
+    if measured == WILD:
         return draw_wild_trials(cast(WildKind, kind), count, random_seed, names)
-    study = measured if measured in REFLECTORS else ""
-    benches = {bench.name: bench for bench in REFLECTORS.get(study, BENCHES)}
-    known = LAYOUTS if measured == "touched" else benches
-    if unknown := sorted(set(names) - set(known)):
-        raise SettingsError(
-            "no such layout of poses",
-            where="--layouts",
-            value=unknown[0],
-            allowed=", ".join(known),
-            remedy="correct the name",
-        )
-    if measured != "touched":
-        chosen = [benches[name] for name in names or benches]
-        return draw_tracker_trials(cast(TrialKind, kind), count, random_seed, chosen, size, study)
-    order = [layout for name in names or LAYOUTS for layout in LAYOUTS if layout == name]
-    return draw_trials(cast(TrialKind, kind), count, random_seed, order, size)
+    return draw_trials(cast(TrialKind, kind), count, random_seed, measured, names, size)
 
 
 def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
@@ -129,11 +112,12 @@ def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, 
         try:
             began = time.process_time()
             calibration = calibrated_by_stages(folders, results, options)
-            judged = judged_by_stages(
-                folders, results, calibration, options, evaluated=trial.kind in WILD_KINDS
-            )
+            last = "evaluate" if trial.kind in WILD_KINDS else "discover"
+            found, left_out = judged_by_stages(folders, results, calibration, options, last)
             seconds = time.process_time() - began
-            verdict: TrialVerdictRecord = judged.record(simulating, seconds)
+            verdict: TrialVerdictRecord = _judged(
+                found, calibration, left_out, seconds=seconds, seconds_simulating=simulating
+            )
         except Pa10calError as error:
             # What can be calibrated is not withheld, so discovery that refuses is a crash.
             refused = calibration is None
@@ -143,12 +127,15 @@ def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, 
     if trial.kind in (UNSTATED, SORTED):
         return verdict, _truth_after_geometry(trial)
     if trial.kind in DRIVE_KINDS:
-        return verdict, truth_record(trial, [None] * len(trial.sizes), 0.0, DRIVES)
+        return verdict, _truth(trial, [None] * len(trial.sizes), seconds_twin=0.0)
     began = time.process_time()
     effects, put_in = _moved(trial, calibration, options)
-    seconds = time.process_time() - began
-    truth = truth_record(trial, effects, seconds, WILD if trial.kind in WILD_KINDS else "")
-    return verdict, truth.model_copy(update={"put_in": _put_in(trial, places, put_in)})
+    return verdict, _truth(
+        trial,
+        effects,
+        seconds_twin=time.process_time() - began,
+        put_in=_put_in(trial, places, put_in),
+    )
 
 
 def _options(trial: Trial, options: ChainOptions) -> ChainOptions:
@@ -189,36 +176,48 @@ def _crash(error: Exception) -> str:
     return f"{text} (in {Path(last.filename).name}, line {last.lineno})"
 
 
-def truth_record(
-    trial: Trial, moved_mm: Sequence[float | None], seconds: float, measured: str = ""
+def _truth(
+    trial: Trial,
+    moved_mm: Sequence[float | None],
+    apart_mm: Sequence[float | None] = (),
+    **more: Any,
 ) -> TrialTruthRecord:
     """Return what a trial hides, how it was measured, and how far that moves the residual.
 
     Args:
         trial: what was drawn.
         moved_mm: how far, one a hidden effect; None where the trial failed.
-        seconds: what finding that out took.
-        measured: the study; empty for what the instrument says.
+        apart_mm: the same with the sizes of the others fitted; none where that is not known.
+        more: other fields of the record.
     """
     settings = trial.settings
     plan = settings.without_touches
+    measured = "touched" if plan is None else "tracked"
+    if trial.kind in WILD_KINDS:
+        measured = WILD
+    elif trial.kind in DRIVE_KINDS:
+        measured = DRIVES
     return TrialTruthRecord(
         campaign=trial.name,
         kind=trial.kind,
-        measured=measured or ("touched" if plan is None else "tracked"),
+        measured=measured,
         layout=trial.bench,
         path=settings.path if plan is None else "",
         temperature_drift_C=settings.temperature_drift_C,
         flexible_joints=(settings if plan is None else plan).flexible_joints,
         hidden_effects=tuple(
-            HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=moved)
-            for effect, size, moved in zip(
-                settings.hidden_effects, trial.sizes, moved_mm, strict=True
+            HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=moved, apart_mm=own)
+            for effect, size, moved, own in zip(
+                settings.hidden_effects,
+                trial.sizes,
+                moved_mm,
+                apart_mm or [None] * len(moved_mm),
+                strict=True,
             )
         ),
         stated_uncertainty_mm=settings.stated_uncertainty_mm,
         mass_factor=settings.mass_factor,
-        seconds_twin=seconds,
+        **more,
     )
 
 
@@ -256,12 +255,8 @@ def _truth_after_geometry(trial: Trial) -> TrialTruthRecord:
         simulate_campaign(trial.name, arm, settings),
         [simulate_campaign(trial.name, arm, twin) for twin in twins],
     )
-    truth = truth_record(trial, left.moved_mm, time.process_time() - began, WILD)
-    effects = tuple(
-        effect.model_copy(update={"apart_mm": apart_mm})
-        for effect, apart_mm in zip(truth.hidden_effects, left.apart_mm, strict=True)
-    )
-    return truth.model_copy(update={"hidden_effects": effects, "noise_mm": left.noise_mm})
+    seconds = time.process_time() - began
+    return _truth(trial, left.moved_mm, left.apart_mm, seconds_twin=seconds, noise_mm=left.noise_mm)
 
 
 def _moved(
@@ -321,38 +316,6 @@ def _distance_mm(one_mm: Array, other_mm: Array) -> float | None:
 # A campaign judged as a user judges it: stage after stage, in files, in one process.
 
 
-@dataclass(frozen=True)
-class Judged:
-    """What the stages made of a campaign."""
-
-    calibration: CalibrationRecord  # with which discovery began
-    verdict: VerdictRecord
-    left_out: tuple[str, ...]  # poses with quarantined rows, or that are suspected outliers
-
-    def record(self, simulating: float, judging: float) -> JudgedTrialRecord:
-        """Return the verdict on a trial.
-
-        Args:
-            simulating: time that simulating the campaign took [s].
-            judging: time of the processor that the stages took [s].
-        """
-        keys = {name: getattr(self.verdict, name) for name in VerdictKeys.model_fields}
-        *_, model = models_of(self.calibration, self.verdict.campaign).values()
-        terms, health = model.model.terms, self.calibration.health
-        return JudgedTrialRecord(
-            **keys,
-            campaign=self.verdict.campaign,
-            springs=tuple(term.joint for term in terms if isinstance(term, JointSpring)),
-            health=TrialHealth(
-                grade=health.grade,
-                findings=tuple(f"{each.kind} of {each.where}" for each in health.findings),
-                left_out=self.left_out,
-            ),
-            seconds=judging,
-            seconds_simulating=simulating,
-        )
-
-
 def calibrated_by_stages(
     folders: tuple[Path, ...], results: Path, options: ChainOptions
 ) -> CalibrationRecord:
@@ -381,27 +344,49 @@ def judged_by_stages(
     results: Path,
     calibration: CalibrationRecord,
     options: ChainOptions,
-    *,
-    evaluated: bool = True,
-) -> Judged:
+    last: str = "evaluate",
+) -> tuple[VerdictRecord, tuple[str, ...]]:
     """Judge a campaign that `calibrated_by_stages` has calibrated, in the same folders.
 
     Args:
         folders, results, options: as given there.
         calibration: what it returned.
-        evaluated: whether the stages go on to that of held-out poses.
+        last: the stage with which to end.
+
+    Returns:
+        The verdict, and the poses with quarantined rows or that are suspected outliers.
     """
     before = len(_until("calibrate", folders, results, options))
     with _silent():
-        last = "evaluate" if evaluated else "discover"
         for stage in _until(last, folders, results, options)[before:]:
             stage.run()
     left_out = set(_suspected(calibration))
     for folder in folders:
         own = results if len(folders) == 1 else results.with_name(folder.name)
         left_out |= set(_quarantined(folder, Places(own).quarantine))
-    verdict = read(VerdictRecord, Places(results).verdict)
-    return Judged(calibration, verdict, tuple(sorted(left_out)))
+    return read(VerdictRecord, Places(results).verdict), tuple(sorted(left_out))
+
+
+def _judged(
+    verdict: VerdictRecord,
+    calibration: CalibrationRecord,
+    left_out: tuple[str, ...],
+    **seconds: float,
+) -> JudgedTrialRecord:
+    """Return the record of a verdict on a trial, with the processor times that it took [s]."""
+    *_, model = models_of(calibration, verdict.campaign).values()
+    health = calibration.health
+    return JudgedTrialRecord(
+        **{name: getattr(verdict, name) for name in VerdictKeys.model_fields},
+        **seconds,
+        campaign=verdict.campaign,
+        springs=tuple(term.joint for term in model.model.terms if isinstance(term, JointSpring)),
+        health=TrialHealth(
+            grade=health.grade,
+            findings=tuple(f"{each.kind} of {each.where}" for each in health.findings),
+            left_out=left_out,
+        ),
+    )
 
 
 def _until(

@@ -31,9 +31,9 @@ from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.cell.write import truth_record
 from pa10cal.evaluation.known_truth import (
-    Coverage,
     class_of,
     coverage,
+    coverage_by_parameter,
     parameter_scores,
     prediction_scores,
     reported_scores,
@@ -138,11 +138,11 @@ def _papers_model(
     seeds = range(options.random_seed, options.random_seed + options.campaigns)
     scores = [_touched_scores(SimulateOptions(random_seed=seed), calibration) for seed in seeds]
     names = [name for name in scores[0] if all(name in row for row in scores)]
-    found = coverage(np.array([[row[name] for name in names] for row in scores]))
+    table = np.array([[row[name] for name in names] for row in scores])
     return results.PaperCoverage(
         campaigns=len(scores),
-        parameters=_by_parameter(tuple(names), found),
-        **dict(_summary(found)),
+        parameters=coverage_by_parameter(names, table),
+        **dict(coverage(table)),
     )
 
 
@@ -179,7 +179,6 @@ def _general_model(
     several = instruments()[case.instrument].several_targets
     title = f"{case.robot}, {targets if several else case.instrument}"
     own, free = (_scores(case, options, calibration, any_way) for any_way in (False, True))
-    found = coverage(own.parameters)
     classes = [class_of(name) for name in own.names]
     return results.CoverageCase(
         case=title + (", springs" if case.flexible_joints else ""),
@@ -189,35 +188,20 @@ def _general_model(
         unknowns=len(own.names),
         redundant={each.name: each.replaced_by for each in own.unknowns.redundant},
         parameters=results.ClassCoverage(
-            **dict(_summary(found)),
+            **dict(coverage(own.parameters)),
             by_class={
-                kind: _summary(coverage(own.parameters[:, [each == kind for each in classes]]))
+                kind: coverage(own.parameters[:, [each == kind for each in classes]])
                 for kind in sorted(set(classes))
             },
-            by_parameter=_by_parameter(own.names, found),
+            by_parameter=coverage_by_parameter(own.names, own.parameters),
         ),
-        predictions=_summary(coverage(own.predictions)),
+        predictions=coverage(own.predictions),
         departing_in_any_way=results.FreeDeparture(
             campaigns=len(free.converged),
             converged=float(free.converged.mean()),
-            predictions=_summary(coverage(free.predictions)),
+            predictions=coverage(free.predictions),
         ),
     )
-
-
-def _summary(found: Coverage) -> results.Coverage:
-    return results.Coverage(
-        inside=found.inside,
-        inside_interval95=(found.inside_low, found.inside_high),
-        rms=found.rms,
-    )
-
-
-def _by_parameter(names: tuple[str, ...], found: Coverage) -> dict[str, results.ParameterCoverage]:
-    return {
-        name: results.ParameterCoverage(inside=float(inside), rms=float(rms))
-        for name, inside, rms in zip(names, found.by_parameter, found.rms_by_parameter, strict=True)
-    }
 
 
 def _scores(

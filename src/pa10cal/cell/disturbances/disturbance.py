@@ -7,7 +7,7 @@ somebody must be told of it, by kind and place.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar, Literal
@@ -30,6 +30,34 @@ from pa10cal.settings_reading import parse_section
 #: What a campaign must have for a disturbance to mean anything.
 Need = Literal["loads", "masses", "springs", "repeats", "touches", "attitude", "targets", "tracker"]
 
+#: Draws one parameter, for an arm of so many joints.
+Draw = Callable[[int, np.random.Generator], Any]
+
+
+def one_of(*values: str | float) -> Draw:
+    """Return what draws one of some values."""
+    return lambda _joints, rng: rng.choice(values).item()
+
+
+def between(low: float, high: float) -> Draw:
+    """Return what draws a number between two, to three decimals."""
+    return lambda _joints, rng: round(float(rng.uniform(low, high)), 3)
+
+
+def log_between(low: float, high: float, decimals: int = 3) -> Draw:
+    """Return what draws a number between two, evenly in its logarithm."""
+    bounds = np.log([low, high])
+    return lambda _joints, rng: round(float(np.exp(rng.uniform(*bounds))), decimals)
+
+
+def off_by(low: float, high: float) -> Draw:
+    """Return what draws a factor between two, or its inverse."""
+
+    def draw(_joints: int, rng: np.random.Generator) -> float:
+        return round(float(np.exp(rng.choice([-1.0, 1.0]) * rng.uniform(*np.log([low, high])))), 3)
+
+    return draw
+
 
 class Disturbance(Section):
     """Something that changes the raw files of a campaign. Its fields are its parameters."""
@@ -44,12 +72,13 @@ class Disturbance(Section):
     kinds: ClassVar[tuple[str, ...]] = ()
     #: What the campaign must have.
     needs: ClassVar[tuple[Need, ...]] = ()
+    #: How a trial draws parameters, in turn; the others have their defaults.
+    usual: ClassVar[Mapping[str, Draw]] = {}
 
     @classmethod
     def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
         """Return parameters drawn for a trial, for an arm of so many joints."""
-        del joints, rng
-        return {}
+        return {name: draw(joints, rng) for name, draw in cls.usual.items()}
 
     @abstractmethod
     def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
@@ -164,15 +193,10 @@ class RandomWalk(Disturbance):
     measured = True
     kinds = ("step_in_time",)
     needs = ("tracker",)
+    usual: ClassVar = {"size_mm": between(0.1, 0.25)}
 
     size_mm: FinitePositive = Field(0.15, description="walked in the mean at the end, each axis")
     turn_mrad: Finite = Field(0.0, description="turned likewise; of instruments of positions")
-
-    @classmethod
-    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Return a walk of 0.1 to 0.25 mm."""
-        del joints
-        return {"size_mm": round(float(rng.uniform(0.1, 0.25)), 3)}
 
     def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
         """Add up normal steps in the order of time."""
@@ -207,19 +231,12 @@ class MisstatedNoise(Disturbance):
 
     id = "misstated_noise"
     stressor = True
+    usual: ClassVar = {"factor": off_by(1.3, 2.3)}
 
     factor: FinitePositive = Field(2.0, description="stated over true")
 
-    @classmethod
-    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Return a factor of 1.3 to 2.3, up or down."""
-        del joints
-        factor = float(np.exp(rng.choice([-1.0, 1.0]) * rng.uniform(*np.log([1.3, 2.3]))))
-        return {"factor": round(factor, 3)}
-
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """Multiply every statement."""
-        del rng
         state_times(log, self.factor)
         return ["instrument.uncertainty_mm"]
 
@@ -231,9 +248,8 @@ class OneUncertainty(Disturbance):
     stressor = True
     needs = ("tracker",)
 
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """Leave out the columns of uncertainties."""
-        del rng
         log.tables["poses"] = log.readings.drop(columns=log.uncertainties)
         return ["u_ columns"]
 
@@ -284,9 +300,8 @@ class UnknownTool(Disturbance):
     stressor = True
     needs = ("masses",)
 
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """State no mass."""
-        del rng
         log.description["tool"]["mass_kg"] = 0.0
         return ["tool"]
 

@@ -11,8 +11,12 @@ from pydantic import Field
 
 from pa10cal.cell.disturbances.disturbance import (
     Disturbance,
+    between,
     describe,
     displaced,
+    log_between,
+    off_by,
+    one_of,
     state_times,
 )
 from pa10cal.cell.effects.effect import Finite, FinitePositive
@@ -25,12 +29,10 @@ from pa10cal.cell.raw_log import RawLog
 class JointFault(Disturbance):
     """A fault of the log of one joint."""
 
-    joint: int = Field(ge=1, description="joint, from 1")
+    # A joint between the first, whose zero is the base's, and the last, the tool's.
+    usual: ClassVar = {"joint": lambda joints, rng: int(rng.integers(2, joints))}
 
-    @classmethod
-    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Return a joint between the first, whose zero is the base's, and the last, the tool's."""
-        return {"joint": int(rng.integers(2, joints))}
+    joint: int = Field(ge=1, description="joint, from 1")
 
 
 class JointZero(JointFault):
@@ -47,9 +49,8 @@ class JointZero(JointFault):
         off_deg = float(rng.choice([-1.0, 1.0]) * rng.uniform(2.0, 4.0))
         return {**super().drawn(joints, rng), "off_deg": round(off_deg, 3)}
 
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """Shift every angle of the joint."""
-        del rng
         log.set_angles_of(self.joint, log.angles_of(self.joint) + self.off_deg)
         return [f"joint {self.joint}"]
 
@@ -60,9 +61,8 @@ class JointSign(JointFault):
     id = "joint_sign"
     kinds = ("joint_sign",)
 
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """Turn the sign round."""
-        del rng
         log.set_angles_of(self.joint, -log.angles_of(self.joint))
         if torque := log.torques_of(self.joint):
             log.joints[torque] *= -1.0
@@ -75,9 +75,8 @@ class JointsExchanged(JointFault):
     id = "joints_exchanged"
     kinds = ("joint_sign", "label")
 
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """Exchange a joint with the one before it."""
-        del rng
         before = log.angles_of(self.joint - 1).copy()
         log.set_angles_of(self.joint - 1, log.angles_of(self.joint))
         log.set_angles_of(self.joint, before)
@@ -90,16 +89,11 @@ class DirectionReversed(JointFault):
     id = "direction_reversed"
     kinds = ("direction",)
     needs = ("touches",)
+    # Joints 2 and 3 have most friction.
+    usual: ClassVar = {"joint": lambda _joints, rng: int(rng.integers(2, 4))}
 
-    @classmethod
-    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Return joint 2 or 3, those with most friction."""
-        del joints
-        return {"joint": int(rng.integers(2, 4))}
-
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """Mirror the samples of every approach about the dwell that follows."""
-        del rng
         approach = len(APPROACH_S)
         q = log.angles_of(self.joint).to_numpy().reshape(-1, approach + len(DWELL_S)).copy()
         rest = q[:, approach:].mean(axis=1, keepdims=True)
@@ -113,18 +107,12 @@ class Attitudes(Disturbance):
 
     id = "attitudes"
     needs = ("attitude",)
+    usual: ClassVar = {"read": one_of("xyzw", "inverse")}
 
     read: Literal["xyzw", "inverse"] = Field("xyzw", description="what stands under w, x, y, z")
 
-    @classmethod
-    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Return either."""
-        del joints
-        return {"read": str(rng.choice(["xyzw", "inverse"]))}
-
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """Put the scalar last, or turn the vector round."""
-        del rng
         wxyz = log.quaternions()
         wrong = np.roll(wxyz, -1, axis=1) if self.read == "xyzw" else wxyz * [1, -1, -1, -1]
         log.set_quaternions(wrong)
@@ -136,16 +124,10 @@ class Jump(Disturbance):
 
     id = "jump"
     kinds = ("step_in_time",)
+    usual: ClassVar = {"size_mm": log_between(0.1, 0.5), "after": between(0.35, 0.65)}
 
     size_mm: FinitePositive = Field(0.1, description="by how much")
     after: FinitePositive = Field(0.5, description="part of the configurations before it")
-
-    @classmethod
-    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Return 0.1 to 0.5 mm about the middle."""
-        del joints
-        size_mm = float(np.exp(rng.uniform(*np.log([0.1, 0.5]))))
-        return {"size_mm": round(size_mm, 3), "after": round(float(rng.uniform(0.35, 0.65)), 3)}
 
     def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
         """Move everything read from there on, the same way."""
@@ -233,9 +215,8 @@ class LoadMisstated(Disturbance):
 
     part: FinitePositive = Field(0.909, description="stated over true")
 
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """State another load in every row of the largest of the calibration poses."""
-        del rng
         rows = log.readings
         most = float(rows.loc[rows["kind"] == "grid", "load_N"].max())
         stated = float(np.round(self.part * most))
@@ -275,14 +256,9 @@ class OneReadingOff(_ReadingOff):
 
     id = "one_reading_off"
     of_kind = "grid"
+    usual: ClassVar = {"size_mm": log_between(2.0, 30.0, 2)}
 
     size_mm: FinitePositive = Field(5.0, description="by how much")
-
-    @classmethod
-    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Return 2 to 30 mm."""
-        del joints
-        return {"size_mm": round(float(np.exp(rng.uniform(*np.log([2.0, 30.0])))), 2)}
 
 
 class LogCut(Disturbance):
@@ -293,9 +269,8 @@ class LogCut(Disturbance):
 
     part: FinitePositive = Field(0.04, description="what is left of it")
 
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """Keep the first rows."""
-        del rng
         log.tables["resolver"] = log.joints.iloc[: max(1, round(self.part * len(log.joints)))]
         return ["resolver"]
 
@@ -311,18 +286,12 @@ class Unit(Disturbance):
     """A figure is in another unit than its key says."""
 
     id = "unit"
+    usual: ClassVar = {"of": one_of(*get_args(Wrong))}
 
     of: Wrong = Field(description="which figure, and the unit that it is in")
 
-    @classmethod
-    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Return any of them."""
-        del joints
-        return {"of": str(rng.choice(get_args(Wrong)))}
-
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """Write the figure in that unit."""
-        del rng
         said = log.description
         if self.of.startswith("uncertainty"):
             state_times(log, 1e3 if self.of.endswith("um") else 1e-3)
@@ -349,19 +318,12 @@ class UncertaintyOff(Disturbance):
 
     id = "uncertainty_off"
     needs = ("repeats", "tracker")
+    usual: ClassVar = {"factor": off_by(6.0, 20.0)}
 
     factor: FinitePositive = Field(10.0, description="stated over true")
 
-    @classmethod
-    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Return a factor of 6 to 20, up or down."""
-        del joints
-        factor = float(np.exp(rng.choice([-1.0, 1.0]) * rng.uniform(*np.log([6.0, 20.0]))))
-        return {"factor": round(factor, 3)}
-
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """Multiply every statement."""
-        del rng
         state_times(log, self.factor)
         return ["instrument.uncertainty_mm"]
 
@@ -371,18 +333,12 @@ class Gravity(Disturbance):
 
     id = "gravity"
     needs = ("masses", "springs")
+    usual: ClassVar = {"way": one_of("up", "sideways")}
 
     way: Literal["up", "sideways"] = Field("up", description="where it is stated to point")
 
-    @classmethod
-    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Return either."""
-        del joints
-        return {"way": str(rng.choice(["up", "sideways"]))}
-
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """Turn the sign round, or write it under another axis."""
-        del rng
         x, y, z = log.description["gravity_m_s2"]
         log.description["gravity_m_s2"] = [x, y, -z] if self.way == "up" else [z, x, y]
         return ["gravity_m_s2"]
@@ -395,18 +351,12 @@ class PayloadOff(Disturbance):
     measured = True
     kinds = ("payload",)
     needs = ("masses", "springs")
+    usual: ClassVar = {"factor": one_of(0.8, 1.2)}
 
     factor: FinitePositive = Field(1.2, description="stated over true")
 
-    @classmethod
-    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Return 20 % more or less."""
-        del joints
-        return {"factor": float(rng.choice([0.8, 1.2]))}
-
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+    def put_into(self, log: RawLog, _rng: np.random.Generator) -> Iterable[str]:
         """State another mass."""
-        del rng
         log.description["tool"]["mass_kg"] *= self.factor
         return ["tool"]
 

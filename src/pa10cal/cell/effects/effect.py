@@ -197,10 +197,15 @@ class JointDriveEffect(DriveEffect):
         return self.at_joint(self.error_rad(motion.of(self.joint)), motion.q_rad.shape[1])
 
 
-class WindupEffect(Effect):
-    """Adds to the deflection of a joint under its torque."""
+class LoadedJointEffect(Effect):
+    """Something in a joint that only shows under weights."""
 
     by_weights: ClassVar[bool] = True
+    places: ClassVar[tuple[str, ...]] = ("turning joint",)
+
+
+class WindupEffect(LoadedJointEffect):
+    """Adds to the deflection of a joint under its torque."""
 
     @abstractmethod
     def bent_rad(self, tau_Nm: Array, q_rad: Array) -> Array:
@@ -212,11 +217,8 @@ class WindupEffect(Effect):
         return self.at_joint(bent_rad, tau_Nm.shape[1])
 
 
-class LostMotionEffect(Effect):
+class LostMotionEffect(LoadedJointEffect):
     """Turns a link against its motor by the torque it carries and the side it came from."""
-
-    by_weights: ClassVar[bool] = True
-    places: ClassVar[tuple[str, ...]] = ("turning joint",)
 
     @abstractmethod
     def lag_rad(self, load: Array, arrival: Array) -> Array:
@@ -239,15 +241,13 @@ class LostMotionEffect(Effect):
         return self.at_joint(self.lag_rad(load, arrival[:, self.joint]), tau_Nm.shape[1])
 
 
-class CarriedTorqueEffect(Effect):
+class CarriedTorqueEffect(LoadedJointEffect):
     """Makes a joint carry, and its log show, torque besides the weights.
 
     What pulls at a joint runs along it from link to link, so the links' moments stay.
     """
 
-    by_weights: ClassVar[bool] = True
     by_spring: ClassVar[bool] = True
-    places: ClassVar[tuple[str, ...]] = ("turning joint",)
 
     @abstractmethod
     def pull_Nm(self, q_rad: Array) -> Array:
@@ -260,12 +260,10 @@ class CarriedTorqueEffect(Effect):
         return carried
 
 
-class TorqueLogEffect(Effect):
+class TorqueLogEffect(LoadedJointEffect):
     """Falsifies the logged torque; the springs do not feel it."""
 
-    by_weights: ClassVar[bool] = True
     by_spring: ClassVar[bool] = True
-    places: ClassVar[tuple[str, ...]] = ("turning joint",)
 
     @abstractmethod
     def too_much_Nm(self, tau_Nm: Array, arrival: Array) -> Array:

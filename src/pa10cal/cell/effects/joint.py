@@ -44,17 +44,15 @@ class Harmonic(JointDriveEffect):
     phi: Finite = Field(description="phase [rad]")
 
     @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    def at_size(cls, _site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
         """Return the usual amplitude and any phase."""
-        del site
         return {
             "A": size * cls.usual_arc_seconds * ARC_SECOND,
             "phi": float(rng.uniform(-np.pi, np.pi)),
         }
 
-    def cycles_of(self, motion: Motion) -> float:
+    def cycles_of(self, _motion: Motion) -> float:
         """Return the cycles a turn of the joint."""
-        del motion
         return self.cycles
 
     def error_rad(self, motion: Motion) -> Array:
@@ -118,9 +116,8 @@ class JointErrorMap(JointDriveEffect):
     )
 
     @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    def at_size(cls, _site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
         """Return a map of orders 1 to 3 in equal parts, whose largest knot is 30 arc seconds."""
-        del site
         angle = 2.0 * np.pi * np.arange(MAP_KNOTS) / MAP_KNOTS
         phase = rng.uniform(-np.pi, np.pi, _MAP_ORDERS)
         waves = np.cos(np.outer(angle, np.arange(1, _MAP_ORDERS + 1)) + phase).sum(axis=1)
@@ -176,9 +173,8 @@ class FrictionTorque(TorqueLogEffect):
 
     tau_c: Finite = Field(description="torque that friction holds [N m]")
 
-    def too_much_Nm(self, tau_Nm: Array, arrival: Array) -> Array:
+    def too_much_Nm(self, _tau_Nm: Array, arrival: Array) -> Array:
         """Return tau_c s_j."""
-        del tau_Nm
         return self.tau_c * arrival
 
 
@@ -192,9 +188,8 @@ class TorqueGain(TorqueLogEffect):
 
     g: Finite = Field(description="relative excess of the logged torque")
 
-    def too_much_Nm(self, tau_Nm: Array, arrival: Array) -> Array:
+    def too_much_Nm(self, tau_Nm: Array, _arrival: Array) -> Array:
         """Return g tau_j."""
-        del arrival
         return self.g * tau_Nm
 
 
@@ -212,9 +207,8 @@ class JointCompliance(WindupEffect):
 
     K: FinitePositive = Field(description="stiffness [N m/rad]")
 
-    def bent_rad(self, tau_Nm: Array, q_rad: Array) -> Array:
+    def bent_rad(self, tau_Nm: Array, _q_rad: Array) -> Array:
         """Return tau_j / K."""
-        del q_rad
         return tau_Nm / self.K
 
 
@@ -222,7 +216,6 @@ class SoftWindup(WindupEffect):
     """Extra deflection, softer near zero torque: most of it below a fifth of the typical one."""
 
     id = "soft_windup"
-    places = ("turning joint",)
     trial_places = ("loaded joint",)
     usual = draws(
         A=sized(1e-4),
@@ -233,9 +226,8 @@ class SoftWindup(WindupEffect):
     A: Finite = Field(description="extra deflection under large torque [rad]")
     tau0: FinitePositive = Field(description="torque by which most of it has come [N m]")
 
-    def bent_rad(self, tau_Nm: Array, q_rad: Array) -> Array:
+    def bent_rad(self, tau_Nm: Array, _q_rad: Array) -> Array:
         """Return A tanh(tau_j / tau0)."""
-        del q_rad
         bent: Array = self.A * np.tanh(tau_Nm / self.tau0)
         return bent
 

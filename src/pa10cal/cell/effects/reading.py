@@ -66,9 +66,8 @@ class MotorRipple(JointDriveEffect):
     ripple_phi: Amplitudes = Field(description="their phases [rad]")
 
     @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    def at_size(cls, _site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
         """Return cogging as of servo motors at a gear, at `size` times its usual amplitude."""
-        del site
         count = int(rng.integers(*_LINES, endpoint=True))
         ratio = drawn_ratio(rng)
         return {
@@ -164,7 +163,6 @@ class GearError(_ErrsByAngle):
     id = "gear_error"
     drawn = False
 
-    def motor_rad(self, q_rad: Array, error_rad: Array) -> Array:
+    def motor_rad(self, q_rad: Array, _error_rad: Array) -> Array:
         """Return the angle commanded."""
-        del error_rad
         return q_rad

@@ -79,9 +79,8 @@ class LinkTorsion(LinkEffect):
 
     c: Finite = Field(description="twist of the link a moment [rad/(N m)]")
 
-    def moved(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
+    def moved(self, moment_Nm: Array, axis: Array, _span_m: Array) -> tuple[Array, Array]:
         """Turn the end about the link's axis by c M_axis."""
-        del span_m
         turn = self.c * np.outer(moment_Nm @ axis, axis)
         return turn, np.zeros_like(turn)
 

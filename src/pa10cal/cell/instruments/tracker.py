@@ -226,9 +226,8 @@ class Distance(Tracker):
         d_m = d_m + 1e-3 * self.plan.position_mm * streams["position"].standard_normal(d_m.shape)
         return {"d_mm": (1e3 * d_m, self.stated_mm)}
 
-    def read_columns(self, robot: Robot) -> dict[str, Any]:
+    def read_columns(self, _robot: Robot) -> dict[str, Any]:
         """Return the distance."""
-        del robot
         return {"distance": {"names": "d_mm", "u": "u_d_mm"}}
 
 
@@ -300,9 +299,8 @@ class Pose(Tracker):
             },
         }
 
-    def read_columns(self, robot: Robot) -> dict[str, Any]:
+    def read_columns(self, _robot: Robot) -> dict[str, Any]:
         """Return position and attitude of the target."""
-        del robot
         return {
             "position": xyz_columns(""),
             "rotation": {

@@ -1,4 +1,4 @@
-"""A plan of poses against the paper's grid: robots of the cell, measured at either, calibrated."""
+"""Robots of the virtual cell: measured at planned poses, and commanded through their models."""
 
 from __future__ import annotations
 

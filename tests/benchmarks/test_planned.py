@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from pa10cal.studies.planned import Cell
+from benchmarks.planned import Cell
 
 BAR = 0.5
 ROBOTS = 6

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from benchmarks.watched_base import WALK_MM, campaign_of
 
 import pa10cal
 from pa10cal.cell.campaign import simulate_campaign
@@ -9,7 +10,6 @@ from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
 from pa10cal.files.arms import load_arm
 from pa10cal.settings_reading import parse_section
-from pa10cal.studies.watched_base import WALK_MM, campaign_of
 
 
 @pytest.mark.slow

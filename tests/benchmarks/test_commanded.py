@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 import pytest
+from benchmarks.planned import command, simulated_model, true_frame
 
 from pa10cal.arm.exports import urdf_text
 from pa10cal.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
@@ -17,7 +18,6 @@ from pa10cal.discovery.given import Place
 from pa10cal.fit.forward import pose_difference
 from pa10cal.fit.model_file import rigid_part
 from pa10cal.frame.rigid_fit import fit_rigid
-from pa10cal.studies.planned import command, simulated_model, true_frame
 
 NOISE_MM = 0.03
 EFFECTS = (
