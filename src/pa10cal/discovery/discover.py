@@ -15,7 +15,7 @@ from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.formulas import with_lines_named, with_proposals
-from pa10cal.discovery.gap import Gap, Named, gap
+from pa10cal.discovery.gap import gap
 from pa10cal.discovery.gates import gated
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import (
@@ -115,14 +115,9 @@ class NotSought(Verdict[object]):
         return found, found
 
     @override
-    def errors_by_name(self) -> tuple[Named, ...]:
-        return (
-            Named(
-                (),
-                self.train.found_before,
-                None if self.holdout is None else self.holdout.found_before,
-            ),
-        )
+    def with_findings(self, findings: Sequence[Finding[object]]) -> NotSought:
+        assert not findings, "nothing was sought"
+        return self
 
     @override
     def _repr_html_(self) -> str:
@@ -150,9 +145,6 @@ def not_sought(
     poses = complete(average_repeats(readings), baseline, setup)
     floor_mm = mean_error_of_noise_mm(poses.measured, cov)
 
-    def unchanged(poses: Observations) -> Gap:
-        return gap(poses, baseline, baseline, floor_mm)
-
     held_out = campaign.held_out
     x = np.concatenate([baseline.x, np.zeros(6)])
     return NotSought(
@@ -165,8 +157,10 @@ def not_sought(
         not_testable=(),
         extended=ModelWithEffects((), replace(baseline, model=with_base_term(baseline), x=x), True),
         noise_floor_mm=floor_mm,
-        train=unchanged(poses),
-        holdout=None if held_out is None else unchanged(complete(held_out, baseline, setup)),
+        train=gap(poses, baseline, baseline, floor_mm),
+        holdout=None
+        if held_out is None
+        else gap(complete(held_out, baseline, setup), baseline, baseline, floor_mm),
         steps=(),
         reason=reason,
         calibrated=calibrated,

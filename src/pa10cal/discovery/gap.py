@@ -261,18 +261,11 @@ def in_order(
 
     def with_only(some: tuple[Effect, ...]) -> Named:
         model = fitted_with(some)
-        held_out = None if holdout is None else left_by(model, holdout.poses)
-        return Named(some, left_by(model, train.poses), held_out)
+        on_holdout = None if holdout is None else left_by(model, holdout.poses)
+        return Named(some, left_by(model, train.poses), on_holdout)
 
-    def ends(after: bool) -> tuple[Deviations, Deviations | None]:
-        pairs = [
-            None if each is None else (each.found_after if after else each.found_before)
-            for each in (train, holdout)
-        ]
-        assert pairs[0] is not None
-        return pairs[0], pairs[1]
-
-    steps = [Named((), *ends(after=False))]
+    held_out = None if holdout is None else holdout.found_before
+    steps = [Named((), train.found_before, held_out)]
     without = dict.fromkeys(effects, steps[0])
     if len(effects) > 1:
         rest = {each: tuple(other for other in effects if other != each) for each in effects}
@@ -281,8 +274,9 @@ def in_order(
         steps += [with_only(effects[:count]) for count in range(1, len(effects) - 1)]
         steps.append(replace(without[effects[-1]], effects=effects[:-1]))
     if effects:
+        held_out = None if holdout is None else holdout.found_after
         every = tuple(without[each] for each in effects)
-        steps.append(Named(effects, *ends(after=True), every))
+        steps.append(Named(effects, train.found_after, held_out, every))
     return tuple(steps)
 
 

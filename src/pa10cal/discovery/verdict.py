@@ -14,7 +14,7 @@ import numpy as np
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.finding import Fault, Finding, NotTestable, fault_of, to_check
-from pa10cal.discovery.gap import Gap, Named
+from pa10cal.discovery.gap import Gap, Named, in_order
 from pa10cal.discovery.linear import ModelWithEffects
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.short_forms import Arena, Proposal
@@ -22,6 +22,7 @@ from pa10cal.discovery.weights import Scatter
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit, PureErrorTest, SearchStep
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import (
@@ -246,8 +247,37 @@ class Verdict(ABC, Generic[P_co]):
         Args:
             findings: some of its own, each with its own effect or one of its alternatives.
         """
-        assert not findings, "nothing was sought"
-        return self
+        found = self.refitted(tuple(each.effect for each in findings))
+        held_out, reported = self.prepared.held_out, found.extended.reported
+        parameters = [reported(each.effect, found.covariance) for each in findings]
+        return replace(
+            found,
+            findings=tuple(
+                replace(each, x=x, covariance=covariance)
+                for each, (x, covariance) in zip(findings, parameters, strict=True)
+            ),
+            train=found.gap_on(found.fitted_poses),
+            holdout=None if held_out is None else found.gap_on(held_out),
+        )
+
+    # What each way of judging has of its own; nobody needs it where nothing was sought.
+
+    def refitted(self, effects: tuple[Effect, ...]) -> Self:
+        """Return the verdict with the calibrated model and these effects as extended model."""
+        raise NotImplementedError
+
+    @property
+    def fitted_poses(self) -> Observations:
+        """Return the averaged poses of the fit."""
+        raise NotImplementedError
+
+    def gap_on(self, poses: Observations) -> Gap:
+        """Return the gap of the calibrated and the extended model on averaged poses."""
+        raise NotImplementedError
+
+    def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+        """Return the extended model with some of its effects, all else fitted again."""
+        raise NotImplementedError
 
     @abstractmethod
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
@@ -270,9 +300,9 @@ class Verdict(ABC, Generic[P_co]):
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
         """Return where data and model disagree, before and after."""
 
-    @abstractmethod
     def errors_by_name(self) -> tuple[Named, ...]:
         """Return the errors that remain as the effects join the model one by one."""
+        return in_order(self.train, self.holdout, self.extended.effects, self.model_with)
 
     @cached_property
     def naming(self) -> tuple[Named, ...]:
@@ -304,12 +334,6 @@ def no_name(finding: Finding[object], left_mm: float, why: str) -> Unexplained:
 def is_named(effect: Effect) -> bool:
     """Return whether an effect says what is wrong, and not only where."""
     return not (effect.generic or effect.id == MAP or isinstance(effect, LogFault))
-
-
-def reported(effect: Effect, x: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return the reported parameters of an effect, and their covariance, from those solved."""
-    report = effect.report(x)
-    return report.values, report.jacobian @ covariance @ report.jacobian.T
 
 
 def word_of(findings: Sequence[Finding[object]], unexplained: Sequence[Unexplained]) -> Word:

@@ -57,7 +57,7 @@ class Found:
     def extended(self) -> Refit:
         """Return the model with the effects, fitted."""
         effects = tuple(member.effect for member in self.fine.members)
-        _, amounts = self.fine.fit(len(effects))
+        _, amounts = self.fine.fit()
         widening = AS_FOUND if self.bands is None else self.bands.widening
         return refit(self.survey, effects, amounts, self.rows.weights, widening)
 
@@ -97,7 +97,7 @@ def _settled(found: Found) -> Found:
     beside = sum(len(each.sizes) for each in found.survey.nuisances)
     if not beside:
         return found
-    own, _ = found.fine.fit(len(found.fine.members))
+    own, _ = found.fine.fit()
     return replace(found, survey=found.survey.with_amounts(own[len(own) - beside :]))
 
 

@@ -14,7 +14,7 @@ from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect, in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.selection import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
-from pa10cal.discovery.gap import Gap, Named, gap, in_order
+from pa10cal.discovery.gap import Gap, gap
 from pa10cal.discovery.in_time.wander import moved_frames
 from pa10cal.discovery.linear import (
     ModelWithEffects,
@@ -310,54 +310,28 @@ def _inverse(information: Array, prior: Array, free: NDArray[np.bool_]) -> Array
 _STEPS = 3
 
 
-def compare(
-    campaign: Survey,
-    extended: FittedModel,
-    seen: AnglesSeen | None,
-    poses: Observations,
-    noise_floor_mm: float,
-) -> Gap:
+def compare(campaign: Survey, extended: Refit, poses: Observations, noise_floor_mm: float) -> Gap:
     """Return the gap of calibrated and extended model on some poses.
 
     Args:
         campaign: whose model it is.
         extended: the model with effects.
-        seen: joint positions that its maps have learnt from; None without a map.
         poses: measured poses, attitudes and torques as the model has them.
         noise_floor_mm: mean error that noise alone would leave.
     """
-    poses = complete_about(poses, campaign.baseline, extended, campaign.setup)
-    T_moved = _moved(campaign, poses)
-    return gap(poses, campaign.baseline, extended, noise_floor_mm, seen, T_moved)
+    after, seen = extended.fitted(), seen_by_maps(campaign, extended.effects)
+    poses, wander = complete_about(poses, campaign.baseline, after, campaign.setup), campaign.wander
+    T_moved = None if wander is None else moved_frames(wander.motions(poses.states.time_s))
+    return gap(poses, campaign.baseline, after, noise_floor_mm, seen, T_moved)
 
 
-def _moved(campaign: Survey, poses: Observations) -> Array | None:
-    """Return how the base had moved at poses, (P, 4, 4); None where it had not."""
-    if campaign.wander is None:
-        return None
-    return moved_frames(campaign.wander.motions(poses.states.time_s))
+def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AnglesSeen | None:
+    """Return the joint positions from which maps have learnt an error; None without a map."""
+    maps = any(isinstance(effect, JointErrorMap) for effect in effects)
+    return campaign.angles_seen if maps else None
 
 
-def errors_by_name(
-    campaign: Survey, extended: Refit, train: Gap, holdout: Gap | None
-) -> tuple[Named, ...]:
-    """Return the errors of the calibrated model, and as each effect joins it.
-
-    What all together would miss most joins first. Between first and last, which are the fits
-    themselves, maps are as the extended model has them, and all else is fitted again.
-
-    Args:
-        campaign: whose model it is.
-        extended: the model with all effects.
-        train, holdout: the gap before and with all effects.
-    """
-
-    return in_order(
-        train, holdout, extended.effects, lambda some: _with_only(campaign, extended, some)
-    )
-
-
-def _with_only(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> FittedModel:
+def model_with(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> FittedModel:
     """Return the model with some of its effects, maps as they are, all else fitted again."""
     poses, own = campaign.poses, extended.own_columns()
     x = extended.x.copy()

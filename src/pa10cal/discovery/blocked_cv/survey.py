@@ -12,6 +12,7 @@ from pa10cal.discovery.in_time.wander import Wander
 from pa10cal.discovery.linear import by_joints, residual, with_base_term
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.errors import DiscoveryError
+from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
@@ -47,6 +48,11 @@ class Survey:
     def cells(self) -> Observations:
         """Return the poses, each a cell of its own."""
         return self.poses
+
+    @property
+    def angles_seen(self) -> AnglesSeen:
+        """Return the joint positions that the poses visit."""
+        return angles_seen(self.poses.states.q_rad, ~self.context.arm.prismatic)
 
     def moving(self, wander: Wander) -> Survey:
         """Return the survey of a base that moves, in blocks of every tenth pose.

@@ -41,6 +41,11 @@ class Fit(ModelWithEffects):
     pose_variance: float
     torque_variance: float
 
+    @property
+    def variances(self) -> tuple[float, float]:
+        """Return both variances."""
+        return self.pose_variance, self.torque_variance
+
 
 def fit(
     problem: Problem,
@@ -99,8 +104,7 @@ def _fit_from(
 
 def covariance_of(problem: Problem, found: Fit) -> Array:
     """Return the covariance (k, k) that data and expected sizes leave of all parameters."""
-    variances = (found.pose_variance, found.torque_variance)
-    weighed = _Weighed(problem, found.effects, found.sizes, variances, found.at)
+    weighed = _Weighed(problem, found.effects, found.sizes, found.variances, found.at)
     information = weighed.equations(found.x).normal
     size = 1.0 / np.sqrt(np.diag(information))
     inverse: Array = np.linalg.inv(information * np.outer(size, size)) * np.outer(size, size)

@@ -16,7 +16,7 @@ from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, evidence_ab
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.linear import mean_length, position_noise
 from pa10cal.discovery.preparation import effects_in, is_fault
-from pa10cal.discovery.verdict import MAP, Word, is_named, reported, word_of
+from pa10cal.discovery.verdict import MAP, Word, is_named, word_of
 from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import Effect
@@ -57,8 +57,7 @@ def judge(found: EndOfSearch, needed: float = 0.0) -> Judgement:
     for effect in found.fit.effects:
         if effect.generic or confirmations[effect].p_sign_flips_max_t > FLIP_RATE:
             continue
-        columns = slice(*found.fit.effect_columns()[found.fit.effects.index(effect)])
-        x, of_x = reported(effect, found.fit.of(effect), covariance[columns, columns])
+        x, of_x = found.fit.reported(effect, covariance)
         findings.append(Finding(effect, x, of_x, rivals[effect], confirmations[effect]))
     unexplained = _unexplained(problem, found, confirmations)
     findings = [f for f in findings if not _bent(found, f.effect, unexplained)]
@@ -123,7 +122,7 @@ def _refitted(
             problem,
             (*effects, found.family[candidate]),
             (*sizes, size),
-            (found.score.pose_variance, found.score.torque_variance),
+            found.score.variances,
             found.fit,
         )
         score = _own_score(problem, refit)

@@ -50,8 +50,12 @@ class Score:
     # pose_variance and torque_variance: shared errors that go with it, in variances of a reading
     pose_variance: float
     torque_variance: float
-    sizes: tuple[int, ...]  # index of the size in `SIZES`, for each member
     nearest: tuple[int, int]  # of the variances tried, those next to the two
+
+    @property
+    def variances(self) -> tuple[float, float]:
+        """Return the variances of the shared errors of poses and of torques."""
+        return self.pose_variance, self.torque_variance
 
 
 @dataclass(frozen=True)
@@ -227,7 +231,6 @@ class Evidence:
             - float(np.log(len(SIZES))) * len(members),
             pose_variance=pose_variance,
             torque_variance=torque_variance,
-            sizes=sizes,
             nearest=(g, h),
         )
 

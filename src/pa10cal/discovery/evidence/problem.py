@@ -172,7 +172,6 @@ class NoiseModel:
             scale=scale,
             directions=left,
             shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes**2),
-            log_determinant=float(np.log(total).sum() + np.log1p(sizes**2).sum()),
         )
 
 
@@ -183,7 +182,6 @@ class Whitening:
     scale: Array  # (R,) by which each row is scaled
     directions: Array  # (R, c) orthonormal directions of the common errors in scaled rows
     shrink: Array  # (c,) part by which rows shrink along them
-    log_determinant: float  # of the covariance of the rows
 
     def __call__(self, rows: Array) -> Array:
         """Weigh rows (R, k)."""
