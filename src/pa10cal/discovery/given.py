@@ -18,8 +18,13 @@ from pa10cal.calibration.grade import Errors, FitSummary, HeldOut
 from pa10cal.calibration.health import health
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.load_case import COMBINED, rows_of_load
-from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.uncertainty import reported_keys, summarise, summarise_by_load
+from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
+from pa10cal.calibration.uncertainty import (
+    calibrated_parameters,
+    reported_keys,
+    summarise,
+    summarise_by_load,
+)
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable
 from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
@@ -46,14 +51,6 @@ from pa10cal.results.record import Campaign
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
 
 
-@dataclass(frozen=True)
-class Place:
-    """An effect by its id and place."""
-
-    id: str  # of the vocabulary
-    of: str  # where it sits: `joint 2`, `forearm`, `base`, ..
-
-
 @dataclass(frozen=True, eq=False)
 class CalibratedWith:
     """A campaign calibrated with effects."""
@@ -70,7 +67,7 @@ def calibrate_with(
     every: Observations,
     model: FittedModel,
     setup: MeasurementSetup,
-    effects: Sequence[Place | Effect],
+    effects: Sequence[EffectOfPlace | Effect],
 ) -> CalibratedWith:
     """Fit a calibrated model with effects, all parameters anew.
 
@@ -142,7 +139,7 @@ def calibrate_with(
     )
 
 
-def listed(options: CalibrationOptions) -> list[Place | Effect]:
+def listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
     """Return the effects that the options list.
 
     Raises:
@@ -156,11 +153,11 @@ def listed(options: CalibrationOptions) -> list[Place | Effect]:
             allowed="the extended model of a search, with --named",
             remedy="give discovery/extended.json with --named, or list the effects",
         )
-    return [Place(each.id, each.of) for each in options.effects]
+    return options.effects
 
 
 def calibrated_with(
-    effects: Sequence[Place | Effect],
+    effects: Sequence[EffectOfPlace | Effect],
     record: R,
     campaign: CampaignDescription,
     arm: Arm,
@@ -202,7 +199,9 @@ def _noise_mm(poses: Observations, whitener: Array) -> float:
     return float(1e3 * np.sqrt(variances.sum(axis=1).mean()))
 
 
-def _effects(wanted: Sequence[Place | Effect], context: CandidateContext) -> tuple[Effect, ...]:
+def _effects(
+    wanted: Sequence[EffectOfPlace | Effect], context: CandidateContext
+) -> tuple[Effect, ...]:
     """Return the effects that are wanted, in the form that the campaign gives them."""
     known = {
         (effect.id, effect.of): effect for effect in everywhere_but(every_effect(), context, ())
@@ -324,11 +323,8 @@ def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
             parameters[f"{place}{name}"] = CalibratedParameter(
                 **keys, identifiable=not held, at_bound=False
             )
-    base = reported_keys(report_base(model.T_instr_base), model.covariance[-6:, -6:])
-    return parameters | {
-        name: CalibratedParameter(**keys, identifiable=True, at_bound=False)
-        for name, keys in base.items()
-    }
+    of_base = report_base(model.T_instr_base)
+    return parameters | calibrated_parameters(of_base, model.covariance[-6:, -6:])
 
 
 # The calibrated model with the effects that were found missing.

@@ -5,15 +5,15 @@ What they hold comes from the functions that found it; here it is gathered, and 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.explained import explained
-from pa10cal.discovery.finding import Finding, GivesWay, NotTestable, name_of, steps_told
+from pa10cal.discovery.finding import name_of, steps_told, with_a_name
 from pa10cal.discovery.gap import Gap
 from pa10cal.discovery.linear import possible_sizes
 from pa10cal.discovery.verdict import Plan, Verdict, without_a_cause
@@ -22,26 +22,16 @@ from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results import discovery as parts
 from pa10cal.results import maps
 from pa10cal.results.analysis import (
-    AnalysisKeys,
     AnalysisRecord,
     GapField,
     GapRows,
     NamingStep,
     ParameterShift,
 )
-from pa10cal.results.discovery import (
-    ExtendedKeys,
-    ExtendedRecord,
-    FoundEffect,
-    NamedEffect,
-    VerdictKeys,
-    VerdictRecord,
-)
+from pa10cal.results.discovery import ExtendedRecord, VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import EffectParameter, Parameter
 from pa10cal.results.maps import JointWitness
 from pa10cal.results.record import Campaign
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import Band, JointErrorMap
 
 
 @dataclass(frozen=True)
@@ -66,6 +56,7 @@ def discovery_records(
     """
     name, provenance = campaign.name, campaign.provenance
     keys, from_order = verdict_keys(found, ahead), found.prepared.arrivals_from_order
+    parameters, (before, after) = model_parameters(found), found.lack_of_fit()
     return DiscoveryRecords(
         VerdictRecord(
             **dict(keys),
@@ -76,26 +67,41 @@ def discovery_records(
             by_campaign=found.by_campaign(),
         ),
         ExtendedRecord(
-            **dict(_extended(found)),
             campaign=name,
             provenance=provenance,
+            parameters=parameters,
+            T_instr_base=found.model.T_instr_base,
+            fitted_model=model_to_plain(found.model),
+            angles_seen=keys.angles_seen,
             robot=campaign.robot,
             calibration=calibration,
             verdict=keys.verdict,
             arrival_from_order=from_order,
             steps_s=steps_told(found.faults) or None,
-            named=tuple(
-                NamedEffect(
-                    id=effect.id,
-                    of=effect.of,
-                    parameters=effect.parameters,
-                    alternatives=effect.alternatives,
-                )
-                for effect in keys.effects
-            ),
+            named=keys.effects,
             warnings=warnings_of(keys),
         ),
-        AnalysisRecord(**dict(analysis_keys(found)), campaign=name, provenance=provenance),
+        AnalysisRecord(
+            campaign=name,
+            provenance=provenance,
+            before=before,
+            after=after,
+            steps=found.steps,
+            naming=tuple(
+                NamingStep(
+                    effects=tuple(map(name_of, step.effects)),
+                    train=step.train,
+                    holdout=step.holdout,
+                )
+                for step in found.naming
+            ),
+            parameter_shifts=parameter_shifts(found.baseline, parameters),
+            gap=GapField(
+                train=gap_rows(found.train, found.baseline),
+                holdout=None if found.holdout is None else gap_rows(found.holdout, found.baseline),
+            ),
+            noise_floor_mm=found.noise_floor_mm,
+        ),
     )
 
 
@@ -109,18 +115,17 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         method=found.method,
         explained=explained(found),
         effects=tuple(
-            found_effect(finding, found) for finding in (*found.gives_way, *found.effects)
+            finding.record(found.witness(finding.effect))
+            for finding in (*found.gives_way, *found.effects)
         ),
         faults=found.faults,
         unexplained=parts.AllUnexplained(**dict(places[0]), all=places) if places else None,
         proposed=tuple(each.record for each in found.proposed) or None,
-        not_testable=not_testable(found.not_testable),
+        not_testable=with_a_name(found.not_testable),
         below_detection_limit=None
         if found.below_detection_limit is None
-        else not_testable(found.below_detection_limit),
-        indistinguishable=tuple(
-            tuple(name_of(effect) for effect in group) for group in found.indistinguishable
-        ),
+        else with_a_name(found.below_detection_limit),
+        indistinguishable=tuple(tuple(map(name_of, group)) for group in found.indistinguishable),
         gap=parts.Gap(
             noise_floor_mm=found.noise_floor_mm,
             noise_floor_from=found.noise_floor_from,
@@ -139,16 +144,6 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
     )
 
 
-def _extended(found: Verdict[object]) -> ExtendedKeys:
-    """Return the extended model, and its parameters with uncertainties."""
-    return ExtendedKeys(
-        parameters=model_parameters(found),
-        T_instr_base=found.model.T_instr_base,
-        fitted_model=model_to_plain(found.model),
-        angles_seen=None if found.seen is None else found.seen.record,
-    )
-
-
 def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     """Return what a reader should know before trusting the extended model."""
     found = []
@@ -159,7 +154,7 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     if verdict.verdict == "unexplained" and verdict.unexplained is not None:
         place = verdict.unexplained.of or "unknown place"
         found.append(f"an unidentified effect of {place} is missing: uncertainties do not cover it")
-    found += [f"{fault.where}: {fault.what}; {fault.remedy}" for fault in verdict.faults]
+    found += map(str, verdict.faults)
     if verdict.falls_back is not None:
         found.append(verdict.falls_back.why)
     search = verdict.search
@@ -174,7 +169,7 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
 
 def summary(verdict: VerdictKeys) -> list[str]:
     """Return the verdict in a few lines; in one where effects were not sought."""
-    told = [f"  {fault.where}: {fault.what}; {fault.remedy}" for fault in verdict.faults]
+    told = [f"  {fault}" for fault in verdict.faults]
     if verdict.verdict == "not_sought":
         return [f"effects were not sought: {verdict.why}; {verdict.remedy}", *told]
     word, lead = verdict.verdict, verdict.explained
@@ -224,42 +219,6 @@ def _gap_lines(kind: str, gap: parts.SetGap) -> list[str]:
     ]
 
 
-def found_effect(finding: Finding[object], found: Verdict[object]) -> FoundEffect:
-    """Return a finding with the statistics that decided."""
-    proof = finding.proof
-    return FoundEffect(
-        id=finding.id,
-        of=finding.of,
-        form=form_of(finding.effect),
-        parameters=finding.parameters,
-        alternatives=tuple(map(name_of, finding.alternatives)),
-        evidence=parts.EvidenceByBlocks(cross_validation_over_blocks=proof)
-        if isinstance(proof, parts.BlockedCrossValidation)
-        else proof,
-        witness=found.witness(finding.effect),
-        weights=proof.weights if isinstance(proof, GivesWay) else None,
-    )
-
-
-def form_of(effect: Effect) -> maps.MapForm | None:
-    """Return spacing and spectrum of a map that has its own; None for every other effect."""
-    if not isinstance(effect, JointErrorMap) or effect.spectrum is None:
-        return None
-    expected = asdict(effect.spectrum)
-    if isinstance(effect.spectrum, Band):
-        return maps.MapForm(knots=effect.knots, band=maps.Band(**expected))
-    return maps.MapForm(knots=effect.knots, fading=maps.Fading(**expected))
-
-
-def not_testable(entries: Iterable[NotTestable]) -> tuple[parts.NotTestable, ...]:
-    """Return the effects with a name that the data cannot show."""
-    return tuple(
-        parts.NotTestable(id=entry.effect.id, of=entry.effect.of, why=entry.why)
-        for entry in entries
-        if not entry.effect.generic
-    )
-
-
 def ripple_words(witness: JointWitness) -> str:
     """Return what the ripple says in words that follow others; nothing where there is none."""
     ripple = witness.ripple
@@ -276,31 +235,6 @@ def ripple_words(witness: JointWitness) -> str:
 
 #: A parameter known no better than this part of what is possible is not identified by the data.
 _IDENTIFIED = 1.0 / 3.0
-
-
-def analysis_keys(found: Verdict[object]) -> AnalysisKeys:
-    """Return all that the figures of discovery show."""
-    before, after = found.lack_of_fit()
-    baseline = found.baseline
-    return AnalysisKeys(
-        before=before,
-        after=after,
-        steps=found.steps,
-        naming=tuple(
-            NamingStep(
-                effects=tuple(name_of(effect) for effect in step.effects),
-                train=step.train,
-                holdout=step.holdout,
-            )
-            for step in found.naming
-        ),
-        parameter_shifts=parameter_shifts(baseline, model_parameters(found)),
-        gap=GapField(
-            train=gap_rows(found.train, baseline),
-            holdout=None if found.holdout is None else gap_rows(found.holdout, baseline),
-        ),
-        noise_floor_mm=found.noise_floor_mm,
-    )
 
 
 def model_parameters(found: Verdict[object]) -> dict[str, Parameter]:
