@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Generic, Literal, TypeVar
 
@@ -120,6 +120,15 @@ def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, Effe
         parameter.name: EffectParameter(value=value, std=sigma, unit=parameter.unit)
         for parameter, value, sigma in zip(known, x.tolist(), std, strict=True)
     }
+
+
+def sized(parameters: Mapping[str, EffectParameter]) -> str:
+    """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
+    return ", ".join(
+        f"{key} = {entry.value:.4g} ± {2.0 * entry.std:.1g} {entry.unit}"
+        for key, entry in parameters.items()
+        if not key.startswith("knot")
+    )
 
 
 def name_of(effect: Effect) -> EffectName:

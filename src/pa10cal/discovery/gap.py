@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, stdtrit
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.uncertainty import summarise
+from pa10cal.calibration.uncertainty import summarise, summarise_by_load
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -84,15 +84,6 @@ class Gap:
             before=summarise(self.found_before, rows), after=summarise(self.found_after, rows)
         )
 
-    def at_load(self, load_N: float) -> LoadGap:
-        """Return the gap at one load."""
-        rows = self.poses.states.load_N == load_N
-        return LoadGap(
-            before=summarise(self.found_before, rows),
-            after=summarise(self.found_after, rows),
-            reduction=self.reduction_of(rows),
-        )
-
     def record(self, suspected: Rows | None = None) -> SetGap:
         """Return the gap as it is written: over all loads, by load, and by what the fit saw.
 
@@ -100,14 +91,22 @@ class Gap:
             suspected: (P,) configurations that have a suspected reading.
         """
         less, still = trusted(self, suspected), self.without_motion
+        load_N = self.poses.states.load_N
+        before, after = (
+            summarise_by_load(each, load_N) for each in (self.found_before, self.found_after)
+        )
         return SetGap(
             before=self.before,
             after=self.after,
             noise_floor_mm=self.noise_floor_mm,
             reduction=self.reduction,
             per_load={
-                f"{load:g}N": self.at_load(load)
-                for load in np.unique(self.poses.states.load_N).tolist()
+                f"{load:g}N": LoadGap(
+                    before=before[f"{load:g}N"],
+                    after=after[f"{load:g}N"],
+                    reduction=self.reduction_of(load_N == load),
+                )
+                for load in np.unique(load_N)
             },
             inside=self.accuracies(self.inside),
             outside=None if self.inside is None else self.accuracies(~self.inside),

@@ -26,7 +26,7 @@ from pa10cal.calibration.uncertainty import (
     summarise_by_load,
 )
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.discovery.blocked_cv.family import SPACINGS, computable
+from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
 from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
 from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.discover import judged_by_blocks
@@ -89,7 +89,7 @@ def calibrate_with(
         readings = campaign.readings
         judged = survey(readings, campaign.baseline, setup, torques_logged=logged)
         chosen = _effects(effects, judged.context)
-        rows = weighted_rows(judged, computable(judged)[0], SPACINGS[-1][0])
+        rows = weighted_rows(judged, computable_shapes(judged)[0], SPACINGS[-1][0])
         fitted = found = refit(
             judged, chosen, tuple(effect.starts[0] for effect in chosen), rows.weights
         )

@@ -13,7 +13,7 @@ from pa10cal.arm.statics import Payload, PoseStates, Statics
 from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.discovery.finding import Fault, faults_of_input
+from pa10cal.discovery.finding import Fault, NotTestable, faults_of_input
 from pa10cal.discovery.row_faults import RowFaults, held_out_faults, row_faults
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
@@ -80,6 +80,20 @@ def why_unknown(effect: Effect, states: PoseStates, *, logged: bool, weights: bo
         if not np.all(np.isfinite(effect.torque_derivative(states, start))):
             return "what it depends on was not logged"
     return None
+
+
+def computable(
+    effects: Iterable[Effect], states: PoseStates, *, logged: bool, weights: bool
+) -> tuple[list[Effect], list[NotTestable]]:
+    """Divide effects into those that can be predicted, and the others; see `why_unknown`."""
+    known, refused = [], []
+    for effect in effects:
+        why = why_unknown(effect, states, logged=logged, weights=weights)
+        if why is None:
+            known.append(effect)
+        else:
+            refused.append(NotTestable(effect, why, by_these_poses=False))
+    return known, refused
 
 
 def why_hidden(share: float, signal: float) -> str | None:

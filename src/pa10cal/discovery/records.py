@@ -5,7 +5,6 @@ What they hold comes from the functions that found it; here it is gathered, and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.explained import explained
-from pa10cal.discovery.finding import name_of, steps_told, with_a_name
+from pa10cal.discovery.finding import name_of, sized, steps_told, with_a_name
 from pa10cal.discovery.gap import Gap
 from pa10cal.discovery.linear import possible_sizes
 from pa10cal.discovery.verdict import Plan, Verdict, without_a_cause
@@ -29,7 +28,7 @@ from pa10cal.results.analysis import (
     ParameterShift,
 )
 from pa10cal.results.discovery import ExtendedRecord, VerdictKeys, VerdictRecord
-from pa10cal.results.evaluation import EffectParameter, Parameter
+from pa10cal.results.evaluation import Parameter
 from pa10cal.results.maps import JointWitness
 from pa10cal.results.record import Campaign
 
@@ -194,15 +193,6 @@ def summary(verdict: VerdictKeys) -> list[str]:
     for kind, gap in (("train", verdict.gap.train), ("holdout", verdict.gap.holdout)):
         lines += [] if gap is None else _gap_lines(kind, gap)
     return lines
-
-
-def sized(parameters: Mapping[str, EffectParameter]) -> str:
-    """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
-    return ", ".join(
-        f"{key} = {entry.value:.4g} ± {2.0 * entry.std:.1g} {entry.unit}"
-        for key, entry in parameters.items()
-        if not key.startswith("knot")
-    )
 
 
 def _gap_lines(kind: str, gap: parts.SetGap) -> list[str]:

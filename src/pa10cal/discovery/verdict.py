@@ -13,7 +13,7 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.discovery.finding import Fault, Finding, NotTestable, fault_of, to_check
+from pa10cal.discovery.finding import Fault, Finding, NotTestable, fault_of, sized, to_check
 from pa10cal.discovery.gap import Gap, Named, in_order
 from pa10cal.discovery.linear import ModelWithEffects
 from pa10cal.discovery.preparation import Prepared
@@ -203,16 +203,8 @@ class Verdict(ABC, Generic[P_co]):
     def _repr_html_(self) -> str:
         """Return the verdict as a notebook shows it."""
         found = "".join(
-            f"<li>{escape(label_of(finding.effect, None))}: "
-            + escape(
-                ", ".join(
-                    f"{name} = {value.value:.4g} ± {2.0 * value.std:.1g} {value.unit}"
-                    for name, value in finding.parameters.items()
-                    if not name.startswith("knot")
-                )
-            )
-            + "</li>"
-            for finding in self.effects
+            f"<li>{escape(label_of(each.effect, None))}: {escape(sized(each.parameters))}</li>"
+            for each in self.effects
         )
         found += "".join(
             f"<li>proposed, no name: {escape(each.form.formula)}</li>" for each in self.proposed

@@ -122,18 +122,9 @@ def pair_of(first: tuple[str, Curve], second: tuple[str, Curve]) -> CampaignsAgr
     arc = (ANGLES_RAD[both] // _ARC_RAD).astype(int)
     arcs = np.unique(arc)
     if len(arcs) < _LEAST_ARCS or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
-        return CampaignsAgree(
-            first=one,
-            second=two,
-            correlation=None,
-            correlation95=None,
-            slope=None,
-            slope95=None,
-            first_rms_mrad=None,
-            second_rms_mrad=None,
-            difference_rms_mrad=None,
-            share_of_turn=float(both.mean()),
-        )
+        nothing = dict.fromkeys(CampaignsAgree.model_fields)
+        named = {"first": one, "second": two, "share_of_turn": float(both.mean())}
+        return CampaignsAgree(**(nothing | named))
 
     def interval(of: Callable[[Array, Array], float]) -> tuple[float, float, float]:
         """Return a quantity and its interval, by leaving out arc by arc (jackknife)."""

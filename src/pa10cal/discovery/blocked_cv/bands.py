@@ -100,10 +100,11 @@ def in_bands(rows: Rows, fine: Level) -> InBands | None:
     rows = replace(rows, shaped=shaped)
     members = tuple(_with_form(member, FINE) for member in fine.members)
     waves = _Waves(rows, maps)
-    splines, by_kind = _Weighed(), []
+    splines: tuple[Products, ...] = ()  # of all blocks, of positions and of other rows
+    by_kind = []
     for b in range(BLOCKS):
         kinds = products_by_kind(rows, maps_among(members), b)
-        splines.add(kinds)
+        splines = tuple(map(_sum, zip(splines, kinds, strict=True))) if splines else kinds
         by_kind.append(tuple(waves.of(each) for each in kinds))
     share = _attitudes(by_kind, waves, len(maps))
     blocks = [_weighed(kinds, share) for kinds in by_kind]
@@ -130,29 +131,12 @@ def in_bands(rows: Rows, fine: Level) -> InBands | None:
         _with_form(member, FINE, next(bands)) if member.is_map else member for member in members
     )
     return InBands(
-        level_of(splines.total(share), rows, members, of_time[:, 1]),
+        level_of(_weighed(splines, share), rows, members, of_time[:, 1]),
         found,
         of_time,
         of_angles,
         Widening(found.scatter, share, tuple(measured.position_columns.tolist())),
     )
-
-
-class _Weighed:
-    """Products of all blocks, of positions and of other rows apart."""
-
-    def __init__(self) -> None:
-        self._kinds: tuple[Products, ...] | None = None
-
-    def add(self, kinds: tuple[Products, ...]) -> None:
-        """Add a block."""
-        before = self._kinds
-        self._kinds = kinds if before is None else tuple(map(_sum, zip(before, kinds, strict=True)))
-
-    def total(self, share: float) -> Products:
-        """Return all of them, with a weight of what is no position."""
-        assert self._kinds is not None
-        return _weighed(self._kinds, share)
 
 
 def _attitudes(by_kind: Sequence[tuple[Products, ...]], waves: _Waves, maps: int) -> float:

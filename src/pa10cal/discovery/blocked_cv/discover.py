@@ -14,7 +14,7 @@ from typing_extensions import override
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.alone import by_campaign
 from pa10cal.discovery.blocked_cv.bands import InBands
-from pa10cal.discovery.blocked_cv.family import SPACINGS, computable
+from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
 from pa10cal.discovery.blocked_cv.found import found_in, with_more
 from pa10cal.discovery.blocked_cv.held_poses import slow_drift
 from pa10cal.discovery.blocked_cv.judge import (
@@ -223,7 +223,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         campaign.setup,
         torques_logged=campaign.torques == "logged",
     )
-    shaped, unknown = computable(judged)
+    shaped, unknown = computable_shapes(judged)
     found = found_in(judged, shaped, error_rate)
     in_time = _in_time(found.rows.survey, found.extended)
     wander = in_time.wander
@@ -232,7 +232,6 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
     found = with_more(found, slow_drift(found.survey, found.held_poses, found.extended.effects))
     judged, rows, searched = found.survey, found.rows, found.searched
     extended = found.extended
-    effects = extended.effects
     fitted, poses = extended.fitted(), judged.poses
     noise = noise_of_near_poses(poses, judged.left_by(fitted))
     if judged.torques_logged:
@@ -240,10 +239,10 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
     floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
     remaining = remaining_error(rows, searched.errors_mm, floor_mm, searched.tried)
     findings = tuple(
-        Finding(effect, *extended.reported(effect, extended.covariance), others, proof)
-        for effect, others, proof in zip(
-            effects, searched.alternatives, searched.predictions, strict=True
+        Finding(
+            effect, *extended.reported(effect, extended.covariance), each.alternatives, each.proof
         )
+        for effect, each in zip(extended.effects, searched.judged, strict=True)
     )
     held_out = campaign.held_out
     components = poses.measured.components_seen.size

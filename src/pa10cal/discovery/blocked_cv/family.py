@@ -17,7 +17,7 @@ from pa10cal.discovery.blocked_cv.rows import Products, Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import Columns, State, solve
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.finding import NotTestable
-from pa10cal.discovery.preparation import is_fault, sought, why_hidden, why_unknown
+from pa10cal.discovery.preparation import computable, is_fault, sought, why_hidden
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap, harmonic_orders
 
@@ -132,23 +132,22 @@ def standard_error(gain: Array) -> float:
     return float(np.sqrt(len(gain)) * gain.std(ddof=1))
 
 
-def computable(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[NotTestable, ...]]:
+def computable_shapes(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[NotTestable, ...]]:
     """Return effects that can be computed with what is known of the poses, and the others.
 
     Each effect at each of its shapes; maps are not among them.
     """
-    shaped: list[ShapedEffect] = []
-    refused = []
-    for effect in sought(survey.context, survey.baseline.model.terms):
-        if isinstance(effect, JointErrorMap):
-            continue
-        logged = survey.torques_logged
-        why = why_unknown(effect, survey.poses.states, logged=logged, weights=True)
-        if why is None:
-            shaped += [ShapedEffect(effect, shape) for shape in range(len(effect.starts))]
-        elif not is_fault(effect):
-            refused.append(NotTestable(effect, why, by_these_poses=False))
-    return tuple(shaped), tuple(refused)
+    every = sought(survey.context, survey.baseline.model.terms)
+    known, refused = computable(
+        (each for each in every if not isinstance(each, JointErrorMap)),
+        survey.poses.states,
+        logged=survey.torques_logged,
+        weights=True,
+    )
+    return (
+        tuple(ShapedEffect(each, shape) for each in known for shape in range(len(each.starts))),
+        tuple(each for each in refused if not is_fault(each.effect)),
+    )
 
 
 #: Directions of an effect's parameters that are tried, and the part of them that may be hidden.

@@ -13,26 +13,17 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.family import standard_error
-from pa10cal.discovery.blocked_cv.judge import Prediction, prediction
+from pa10cal.discovery.blocked_cv.judge import Judged, Prediction, prediction
 from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.selection import solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
 from pa10cal.discovery.in_time.channel import like_a_scan
 from pa10cal.discovery.linear import by_terms, error_mm, possible_sizes
-from pa10cal.discovery.preparation import sought, why_unknown
+from pa10cal.discovery.preparation import computable, sought
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.in_time import BaseDrift
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-
-
-@dataclass(frozen=True)
-class FoundAfter:
-    """An effect that was found after the search."""
-
-    effect: Effect
-    proof: Prediction  # how well it predicts every tenth pose
-    alternatives: tuple[Effect, ...]  # effects that predict these as well in its place
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +146,7 @@ WAVES = 6
 _OWN_TIMES = 0.95
 
 
-def slow_drift(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[FoundAfter, ...]:
+def slow_drift(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[Judged, ...]:
     """Return a slow drift beside the effects found, where it helps.
 
     Args:
@@ -179,18 +170,16 @@ def slow_drift(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tupl
         lost = held.squares([effect]).total - with_drift.total
         if lost.sum() <= standard_error(lost):
             others.append(effect)
-    return (FoundAfter(drift, proof_of(without, with_drift), tuple(others)),)
+    return (Judged(drift, proof_of(without, with_drift), tuple(others)),)
 
 
 def _effects_of_time(survey: Survey, there: Sequence[Effect]) -> list[Effect]:
     """Return named effects of time that are not in the model, and can be computed."""
     held = {effect.id for effect in there}
-    return [
-        effect
-        for effect in sought(survey.context, survey.baseline.model.terms)
-        if effect.goes_with_time
-        and not effect.generic
-        and effect.id not in held
-        and why_unknown(effect, survey.poses.states, logged=survey.torques_logged, weights=True)
-        is None
-    ]
+    of_time = (
+        each
+        for each in sought(survey.context, survey.baseline.model.terms)
+        if each.goes_with_time and not each.generic and each.id not in held
+    )
+    logged = survey.torques_logged
+    return computable(of_time, survey.poses.states, logged=logged, weights=True)[0]

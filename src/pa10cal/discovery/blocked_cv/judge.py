@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
@@ -35,6 +36,15 @@ class Prediction(BlockedCrossValidation):
     )
 
 
+@dataclass(frozen=True)
+class Judged:
+    """An effect that was found, with what speaks for it."""
+
+    effect: Effect  # as the search has it; maps may be finer in the model
+    proof: Prediction  # how well it predicts what was held out
+    alternatives: tuple[Effect, ...]  # effects that predict that as well in its place
+
+
 def prediction(
     gain: Array, whole: float, rms_mm: tuple[float, float], carrier: str | None = None
 ) -> Prediction:
@@ -59,15 +69,13 @@ def prediction(
     )
 
 
-def predictions(
-    rows: Rows, chosen: Chosen, least_gain: float = 0.0
-) -> tuple[tuple[Prediction, ...], Array]:
+def judged_members(rows: Rows, search: Search, chosen: Chosen) -> tuple[tuple[Judged, ...], Array]:
     """Return the evidence of each member, and the remaining error of every block.
 
     Args:
         rows: of the campaign.
-        chosen: what the search holds.
-        least_gain: sum of squares by which a member must help at least.
+        search: the search.
+        chosen: what it holds.
 
     Returns:
         One entry a member; position errors (P,) [mm] of the held-out blocks.
@@ -90,9 +98,11 @@ def predictions(
     found = []
     for k, without in enumerate(state.without_each()):
         gain = without - chosen.squares
-        carrier = _carrier(rows, squares[:, k + 1] - squares[:, 0], float(gain.sum()), least_gain)
+        by_pose = squares[:, k + 1] - squares[:, 0]
+        carrier = _carrier(rows, by_pose, float(gain.sum()), search.least_gain)
         rms_mm = float(rms[k + 1]), float(rms[0])
-        found.append(prediction(gain, float(without.sum()), rms_mm, carrier))
+        proof = prediction(gain, float(without.sum()), rms_mm, carrier)
+        found.append(Judged(chosen.members[k].effect, proof, alternatives(search, chosen, k)))
     return tuple(found), errors_mm[:, 0]
 
 

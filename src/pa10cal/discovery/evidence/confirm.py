@@ -8,7 +8,6 @@ data (max-T), whatever the noise really is.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -20,7 +19,7 @@ from scipy.linalg import cho_factor, cho_solve
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.likelihood import SIZES, Block
-from pa10cal.discovery.evidence.problem import NoiseModel, Problem
+from pa10cal.discovery.evidence.problem import NoiseModel, Problem, Whitening
 from pa10cal.discovery.evidence.search import EndOfSearch
 from pa10cal.results.discovery import CrossValidation, EvidenceByRepeats
 from pa10cal.terms.effects.effect import Effect
@@ -135,8 +134,10 @@ def weighed_rows(
         return both(candidate.pose @ factor, candidate.torque @ factor)
 
     own = both(lin.own, np.zeros((len(lin.torque_data), lin.own.shape[1])))
+    # Weights that are uncertain are an error that all poses share: as parameters they would take up
+    # what their uncertainty leaves no room for.
     uncertain = _of_weights(found)
-    known = _known_weights(own[:, uncertain])
+    known = Whitening.of(np.ones(len(own)), own[:, uncertain])
     own = known(own[:, ~uncertain])
     of_members = [known(block(blocks[effect], SIZES[size[effect]])) for effect in found.fit.effects]
     stops = np.cumsum([own.shape[1], *(part.shape[1] for part in of_members)]).tolist()
@@ -161,20 +162,6 @@ def _of_weights(found: EndOfSearch) -> NDArray[np.bool_]:
         if isinstance(term, Weights)
     ]
     return np.isin(found.fit.own_columns(), np.concatenate([np.zeros(0, np.intp), *places]))
-
-
-def _known_weights(columns: Array) -> Callable[[Array], Array]:
-    """Return what weighs rows by uncertain weights (R, w), an error that all poses share.
-
-    As parameters they would take up what their uncertainty leaves no room for.
-    """
-    left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    shrink = (1.0 - 1.0 / np.sqrt(1.0 + sizes**2))[:, None]
-
-    def weighed(rows: Array) -> Array:
-        return rows if not len(shrink) else rows - left @ (shrink * (left.T @ rows))
-
-    return weighed
 
 
 def _flipped(rows: WeighedRows, k: int, pose: Index, signs: Array) -> float:

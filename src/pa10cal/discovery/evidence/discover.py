@@ -34,7 +34,6 @@ from pa10cal.discovery.evidence.search import (
     search,
     threshold,
 )
-from pa10cal.discovery.finding import Fault
 from pa10cal.discovery.gap import Gap, gap, left_by
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
 from pa10cal.discovery.in_time.wander import STILL, moved_between_repeats, moved_frames
@@ -63,7 +62,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.results.analysis import Channel, LackOfFit, PureErrorTest
-from pa10cal.results.discovery import SearchByRepeats, SharedError, Unexplained
+from pa10cal.results.discovery import SearchByRepeats, SharedError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
 
@@ -232,22 +231,28 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
     problem = judgement.found.problem
     extended = _extended(problem, judgement)
     gap_on = partial(compare, problem, extended, searched=judgement.found.fit)
-    held_out = campaign.held_out
+    held_out, wander, floor = campaign.held_out, problem.in_time.wander, floor_mm(problem)
     return VerdictByRepeats(
         prepared=campaign,
         context=problem.context,
         error_rate=error_rate,
         candidates=effects_in(family),
         findings=judgement.findings,
-        unexplained=(*judgement.unexplained, *_wandering(problem)),
+        unexplained=(
+            *judgement.unexplained,
+            *(() if wander is None else wandering(wander, floor)),
+            *told_with_rivals(problem.in_time, floor),
+        ),
         not_testable=tuple(each for each in refused if not is_fault(each.effect)),
         indistinguishable=_groups(judgement.found),
         extended=extended,
-        noise_floor_mm=floor_mm(problem),
+        noise_floor_mm=floor,
         train=gap_on(average_repeats(readings)),
         holdout=None if held_out is None else gap_on(held_out),
         steps=judgement.found.steps,
-        faults_of_rows=_steps_in_time(problem, extended),
+        faults_of_rows=()
+        if wander is None
+        else steps_in_time(wander, extended.at, problem.readings),
         problem=problem,
         start=start,
         family=family,
@@ -297,17 +302,6 @@ def _whitener(problem: Problem) -> Array:
     stated = problem.readings.measured.stated_covariance
     cov = problem.noise.cov + _OF_STATED**2 * stated
     return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)), dtype=np.float64)
-
-
-def _wandering(problem: Problem) -> tuple[Unexplained, ...]:
-    found, floor = problem.in_time, floor_mm(problem)
-    moved = () if found.wander is None else wandering(found.wander, floor)
-    return (*moved, *told_with_rivals(found, floor))
-
-
-def _steps_in_time(problem: Problem, found: Fit) -> tuple[Fault, ...]:
-    wander = problem.in_time.wander
-    return () if wander is None else steps_in_time(wander, found.at, problem.readings)
 
 
 def compare(

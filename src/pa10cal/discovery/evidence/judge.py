@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.confirm import FLIP_RATE, Confirmation, confirm
 from pa10cal.discovery.evidence.fit import Fit, covariance_of, fit
-from pa10cal.discovery.evidence.likelihood import Evidence, Score
+from pa10cal.discovery.evidence.likelihood import Score
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, evidence_about, less, threshold
 from pa10cal.discovery.finding import Finding
@@ -48,35 +48,34 @@ def judge(found: EndOfSearch, needed: float = 0.0) -> Judgement:
         found: where the search ended.
         needed: evidence that a name needs, natural logarithm.
     """
-    problem = found.problem
-    found = _prefer_named(problem, found)
-    rivals = {effect: _rivals(problem, found, effect) for effect in found.fit.effects}
-    confirmations = dict(zip(found.fit.effects, confirm(problem, found, needed), strict=True))
-    covariance = covariance_of(problem, found.fit)
+    found = _prefer_named(found)
+    rivals = {effect: _rivals(found, effect) for effect in found.fit.effects}
+    confirmations = dict(zip(found.fit.effects, confirm(found.problem, found, needed), strict=True))
+    covariance = covariance_of(found.problem, found.fit)
     findings = []
     for effect in found.fit.effects:
         if effect.generic or confirmations[effect].p_sign_flips_max_t > FLIP_RATE:
             continue
         x, of_x = found.fit.reported(effect, covariance)
         findings.append(Finding(effect, x, of_x, rivals[effect], confirmations[effect]))
-    unexplained = _unexplained(problem, found, confirmations)
+    unexplained = _unexplained(found, confirmations)
     findings = [f for f in findings if not _bent(found, f.effect, unexplained)]
     return Judgement(word_of(findings, unexplained), tuple(findings), unexplained, found)
 
 
-def _prefer_named(problem: Problem, found: EndOfSearch) -> EndOfSearch:
+def _prefer_named(found: EndOfSearch) -> EndOfSearch:
     """Put a named form in the place of a map or a generic effect that is no better."""
     for effect in found.fit.effects:
         if is_named(effect) or is_fault(effect):
             continue
-        for rival, _ in _refitted(problem, found, effect, tuple(filter(is_named, found.family))):
+        for rival, _ in _refitted(found, effect, tuple(filter(is_named, found.family))):
             return _prefer_named(
-                problem, ended_at(problem, rival, found.family, found.same, found.steps)
+                ended_at(found.problem, rival, found.family, found.same, found.steps)
             )
     return found
 
 
-def _rivals(problem: Problem, found: EndOfSearch, effect: Effect) -> tuple[Effect, ...]:
+def _rivals(found: EndOfSearch, effect: Effect) -> tuple[Effect, ...]:
     """Return the effects of the vocabulary that explain the data as well in one's place."""
     if effect.generic:
         return ()
@@ -84,7 +83,7 @@ def _rivals(problem: Problem, found: EndOfSearch, effect: Effect) -> tuple[Effec
     here = found.score.log_evidence
     rivals = [
         each
-        for rival, score in _refitted(problem, found, effect, family)
+        for rival, score in _refitted(found, effect, family)
         for each in rival.effects
         if each not in found.fit.effects
         and not (is_named(effect) and each.id == MAP and score.log_evidence < here - _BY_NAME)
@@ -95,7 +94,7 @@ def _rivals(problem: Problem, found: EndOfSearch, effect: Effect) -> tuple[Effec
 
 
 def _refitted(
-    problem: Problem, found: EndOfSearch, effect: Effect, family: tuple[Effect, ...]
+    found: EndOfSearch, effect: Effect, family: tuple[Effect, ...]
 ) -> list[tuple[Fit, Score]]:
     """Return full refits with another effect in one's place that are about as good, best first.
 
@@ -119,28 +118,24 @@ def _refitted(
     for _, candidate, size in sorted(close, reverse=True)[:_MOST_REFITS]:
         effects = tuple(found.family[k] for k in kept)
         refit = fit(
-            problem,
+            found.problem,
             (*effects, found.family[candidate]),
             (*sizes, size),
             found.score.variances,
             found.fit,
         )
-        score = _own_score(problem, refit)
+        own = evidence_about(found.problem, refit, refit.effects)
+        score = own.score(tuple(range(len(refit.effects))), refit.sizes)
         if score.log_evidence >= here - worse:
             refits.append((refit, score))
     return sorted(refits, key=lambda pair: -pair[1].log_evidence)
 
 
-def _own_score(problem: Problem, found: Fit) -> Score:
-    """Return the evidence of a fit's own effects, linear about it."""
-    evidence: Evidence = evidence_about(problem, found, found.effects)
-    return evidence.score(tuple(range(len(found.effects))), found.sizes)
-
-
 def _unexplained(
-    problem: Problem, found: EndOfSearch, confirmations: dict[Effect, Confirmation]
+    found: EndOfSearch, confirmations: dict[Effect, Confirmation]
 ) -> tuple[Unexplained, ...]:
     """Return what generic effects hold, or what poses still share, beyond the repeatability."""
+    problem = found.problem
     floor = floor_mm(problem)
     places = []
     for effect, without in zip(found.fit.effects, found.without, strict=True):

@@ -161,18 +161,9 @@ class NoiseModel:
     def whitening(self, variance: float) -> Whitening:
         """Return the weights for a variance of the shared error, in those of one reading."""
         if variance not in self._whitenings:
-            self._whitenings[variance] = self._whitening_for(variance)
+            scale = 1.0 / np.sqrt(1.0 + variance * self.shared_size)
+            self._whitenings[variance] = Whitening.of(scale, self.common)
         return self._whitenings[variance]
-
-    def _whitening_for(self, variance: float) -> Whitening:
-        total = 1.0 + variance * self.shared_size
-        scale = 1.0 / np.sqrt(total)
-        left, sizes, _ = np.linalg.svd(scale[:, None] * self.common, full_matrices=False)
-        return Whitening(
-            scale=scale,
-            directions=left,
-            shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes**2),
-        )
 
 
 @dataclass(frozen=True)
@@ -182,6 +173,12 @@ class Whitening:
     scale: Array  # (R,) by which each row is scaled
     directions: Array  # (R, c) orthonormal directions of the common errors in scaled rows
     shrink: Array  # (c,) part by which rows shrink along them
+
+    @classmethod
+    def of(cls, scale: Array, common: Array) -> Whitening:
+        """Return it for rows scaled (R,) and common errors of unit size (R, c)."""
+        left, sizes, _ = np.linalg.svd(scale[:, None] * common, full_matrices=False)
+        return cls(scale, left, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2))
 
     def __call__(self, rows: Array) -> Array:
         """Weigh rows (R, k)."""
