@@ -16,7 +16,7 @@ from pa10cal.results.discovery import EvidenceOfSag
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.health import InputFinding
 from pa10cal.results.maps import JointWitness, MapForm
-from pa10cal.results.record import EffectName, FaultKind, Numbers
+from pa10cal.results.record import EffectName, FaultKind, Numbers, Part
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import Band, JointErrorMap
 from pa10cal.terms.log_faults import LogFault
@@ -37,6 +37,21 @@ class GivesWay(EvidenceOfSag):
     )
     weights: Literal["assumed", "total", "logged"] = Field(
         exclude=True, description="where the weights come from"
+    )
+
+
+#: A name without one pose keeps more of what speaks for it than this, or that pose carries it.
+CARRIED = 0.5
+
+
+class MayHaveCarrier(Part):
+    """Statistics that one pose may make, as a gross error does; that is not written."""
+
+    carrier: str | None = Field(
+        default=None,
+        exclude=True,
+        description="the one pose without which not half of this would be left, and too "
+        "little for a name; None where there is no such pose",
     )
 
 

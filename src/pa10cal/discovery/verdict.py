@@ -16,9 +16,9 @@ from pa10cal.arrays import Array
 from pa10cal.discovery.finding import Fault, Finding, NotTestable, fault_of, sized, to_check
 from pa10cal.discovery.gap import Gap, Named, in_order
 from pa10cal.discovery.linear import ModelWithEffects
+from pa10cal.discovery.noise import Scatter
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.short_forms import Arena, Proposal
-from pa10cal.discovery.weights import Scatter
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel

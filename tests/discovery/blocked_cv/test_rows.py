@@ -13,11 +13,17 @@ from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable_shapes, family
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
-from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect, in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.search import Search
-from pa10cal.discovery.blocked_cv.survey import survey
+from pa10cal.discovery.blocked_cv.survey import (
+    Rows,
+    ShapedEffect,
+    in_terms_of,
+    map_columns,
+    products,
+    survey,
+)
 from pa10cal.discovery.linear import by_joints, by_terms, residual
-from pa10cal.discovery.weights import unweighted
+from pa10cal.discovery.noise import unweighted
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.studies.blind_trials import draw

@@ -23,10 +23,9 @@ from pa10cal.discovery.blocked_cv.finest import (
     maps_among,
     products_by_kind,
 )
-from pa10cal.discovery.blocked_cv.rows import Products, Rows, ShapedEffect, in_terms_of
 from pa10cal.discovery.blocked_cv.selection import solve
-from pa10cal.discovery.blocked_cv.survey import BLOCKS
-from pa10cal.discovery.weights import Widening
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, Products, Rows, ShapedEffect, in_terms_of
+from pa10cal.discovery.noise import Widening
 from pa10cal.results import maps as results
 from pa10cal.terms.effects.joint_error_map import (
     FINE,

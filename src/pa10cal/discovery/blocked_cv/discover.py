@@ -12,17 +12,23 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.alone import by_campaign
 from pa10cal.discovery.blocked_cv.bands import InBands
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
 from pa10cal.discovery.blocked_cv.found import found_in, with_more
-from pa10cal.discovery.blocked_cv.held_poses import slow_drift
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
     remaining_error,
+    slow_drift,
     unexplained,
 )
-from pa10cal.discovery.blocked_cv.refit import Refit, compare, model_with, refit, seen_by_maps
+from pa10cal.discovery.blocked_cv.refit import (
+    Refit,
+    by_campaign,
+    compare,
+    model_with,
+    refit,
+    seen_by_maps,
+)
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey, survey
 from pa10cal.discovery.finding import Finding, name_of
@@ -34,12 +40,19 @@ from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import by_targets, by_terms, mean_error_of_noise_mm, possible_sizes
 from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
 from pa10cal.discovery.next_poses.separate import fill
-from pa10cal.discovery.noise import Noise, noise_of_near_poses, with_torque_noise
+from pa10cal.discovery.noise import (
+    AS_FOUND,
+    Noise,
+    Scatter,
+    noise_of_near_poses,
+    scatter_of,
+    share_inside,
+    with_torque_noise,
+)
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
 from pa10cal.discovery.sensor_or_gear import JointCause
 from pa10cal.discovery.short_forms import Arena, Contest
 from pa10cal.discovery.verdict import Plan, Verdict
-from pa10cal.discovery.weights import AS_FOUND, Scatter, scatter_of, share_inside
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations

@@ -13,9 +13,8 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.blocked_cv.rows import Products, Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import Columns, State, solve
-from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.blocked_cv.survey import Products, Rows, ShapedEffect, Survey
 from pa10cal.discovery.finding import NotTestable
 from pa10cal.discovery.preparation import computable, is_fault, sought, why_hidden
 from pa10cal.terms.effects.effect import Effect

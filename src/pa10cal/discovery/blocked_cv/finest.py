@@ -12,7 +12,10 @@ from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.family import SPACINGS, Candidate, standard_error
-from pa10cal.discovery.blocked_cv.rows import (
+from pa10cal.discovery.blocked_cv.search import Step
+from pa10cal.discovery.blocked_cv.selection import predicted_squares, solve
+from pa10cal.discovery.blocked_cv.survey import (
+    BLOCKS,
     BlockRows,
     Products,
     Rows,
@@ -20,9 +23,6 @@ from pa10cal.discovery.blocked_cv.rows import (
     map_columns,
     products,
 )
-from pa10cal.discovery.blocked_cv.search import Step
-from pa10cal.discovery.blocked_cv.selection import predicted_squares, solve
-from pa10cal.discovery.blocked_cv.survey import BLOCKS
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
 
 #: Spacings beyond those of the search, tried once it is known which joints have a map.

@@ -19,16 +19,21 @@ from pa10cal.discovery.blocked_cv.family import (
     surely_worse,
 )
 from pa10cal.discovery.blocked_cv.finest import Level, finest, level
-from pa10cal.discovery.blocked_cv.held_poses import HeldPoses, Squares, proof_of
-from pa10cal.discovery.blocked_cv.judge import Judged, judged_members, tried, without_rivals
+from pa10cal.discovery.blocked_cv.judge import (
+    HeldPoses,
+    Judged,
+    Squares,
+    judged_members,
+    proof_of,
+    tried,
+    without_rivals,
+)
 from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
-from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.search import Search, Step
 from pa10cal.discovery.blocked_cv.selection import Columns
-from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.blocked_cv.survey import Rows, ShapedEffect, Survey
 from pa10cal.discovery.finding import NotTestable
-from pa10cal.discovery.noise import noise_of_near_poses, with_torque_noise
-from pa10cal.discovery.weights import AS_FOUND
+from pa10cal.discovery.noise import AS_FOUND, noise_of_near_poses, with_torque_noise
 from pa10cal.results.discovery import Tried
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.effect import Effect

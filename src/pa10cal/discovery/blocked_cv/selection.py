@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.blocked_cv.rows import Products
+from pa10cal.discovery.blocked_cv.survey import Products
 
 #: Part of a parameter's own certainty that stands for a prior where it has none.
 _ROUNDING = 1e-12

@@ -15,7 +15,6 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.evidence.candidates import testable
-from pa10cal.discovery.evidence.confirm import Confirmation, weighed_rows
 from pa10cal.discovery.evidence.fit import (
     Fit,
     apparatus_m,
@@ -24,7 +23,14 @@ from pa10cal.discovery.evidence.fit import (
     pose_rows,
     torque_rows,
 )
-from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge, shared_error_mm
+from pa10cal.discovery.evidence.judge import (
+    Confirmation,
+    Judgement,
+    floor_mm,
+    judge,
+    shared_error_mm,
+    weighed_rows,
+)
 from pa10cal.discovery.evidence.problem import NoiseModel, Problem, prepare
 from pa10cal.discovery.evidence.search import (
     EndOfSearch,
