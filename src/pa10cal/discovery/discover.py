@@ -218,14 +218,10 @@ def discover(
         without = _judged(campaign, model, error_rate)
         if without.unexplained:
             # The rest does not fit either: nothing says that this pose is worse than the others.
-            return with_compliance(_with_formulas(gated(without_names(found, carried))))
+            found = without_names(found, carried)
+            break
         found = without
-    return with_compliance(_with_formulas(gated(found)))
-
-
-def _with_formulas(found: Verdict[object]) -> Verdict[object]:
-    """Return a verdict with formulas proposed, and maps named that are one line."""
-    return with_lines_named(with_proposals(found))
+    return with_compliance(with_lines_named(with_proposals(gated(found))))
 
 
 def without_names(found: Verdict[object], carried: Sequence[Finding[object]]) -> Verdict[object]:

@@ -34,6 +34,7 @@ from pa10cal.discovery.evidence.discover import fit_given
 from pa10cal.discovery.evidence.fit import apparatus_m, covariance_of
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
+from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
 from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.angles_seen import AnglesSeen
@@ -102,7 +103,7 @@ def calibrate_with(
         problem, fit = fit_given(problem, _effects(effects, problem.context))
         fitted, used = fit, problem.cells
         covariance, off_m = covariance_of(problem, fit), apparatus_m(problem, fit)
-        whitener = np.linalg.inv(np.linalg.cholesky(problem.cell_cov))
+        whitener = whitener_of(problem.cell_cov)
     calibrated = replace(fitted.fitted(covariance), targets_off_m=off_m)
 
     def ready(poses: Observations) -> Observations:

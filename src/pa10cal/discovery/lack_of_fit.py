@@ -15,6 +15,7 @@ from scipy.special import fdtrc
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.discovery.linear import by_joints, error_mm, position_m, position_noise, residual
+from pa10cal.discovery.noise import whitener_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import (
@@ -242,7 +243,7 @@ def lack_of_fit(
     last, most = len(cells) - 1, min(len(cells), MOST_CELLS)
     shown = np.unique(np.linspace(0, last, most).round().astype(int))
     some = cells.take(shown)
-    white = np.linalg.inv(np.linalg.cholesky(left.cov[shown]))
+    white = whitener_of(left.cov[shown])
     joints = joint_errors(white @ left.screws[shown], white @ left.components[shown, :, None])
     arm = left.at.model.chain.arm
     return LackOfFit(

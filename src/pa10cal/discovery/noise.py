@@ -238,11 +238,7 @@ def compared(readings: Observations) -> Index:
 
 def _pairs(readings: Observations) -> tuple[Index, Index]:
     """Return readings and their next ones of the same circumstances; see `repeated`."""
-    return _successive(readings, compared(readings))
-
-
-def _successive(readings: Observations, circumstances: Index) -> tuple[Index, Index]:
-    """Return each reading that is followed in time by one of its circumstances, and that one."""
+    circumstances = compared(readings)
     order = np.lexsort((readings.states.time_s, circumstances))
     sorted_codes = circumstances[order]
     pairs = np.flatnonzero(sorted_codes[1:] == sorted_codes[:-1])
@@ -256,6 +252,11 @@ def _along(difference: Array, columns: Array, sizes: Array, seen: NDArray[np.boo
     amounts = np.linalg.lstsq(white, (difference * weight).ravel(), rcond=None)[0]
     explained: Array = columns @ amounts
     return explained
+
+
+def whitener_of(cov: Array) -> Array:
+    """Return what makes components of covariances (P, b, b) independent and of unit size."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)), dtype=np.float64)
 
 
 def mean_covariance(cov: Array, seen: NDArray[np.bool_], code: Index) -> Array:
@@ -308,26 +309,20 @@ def _variance_components(difference: Array, sources: Array, seen: NDArray[np.boo
     expected = np.broadcast_to(about, (len(difference), *about.shape))
     variances = np.zeros(count)
     for _ in range(_REWEIGHTED):
-        whiten = np.linalg.inv(np.linalg.cholesky(_whole(expected, seen)))
+        whiten = whitener_of(_whole(expected, seen))
         white = np.einsum("pij,pj->pi", whiten, difference)
         squares = np.einsum("pi,pj->pij", white, white)
         whitened = np.einsum("pij,psjk,plk->psil", whiten, sources, whiten, optimize=True)
         rows = whitened.transpose(0, 2, 3, 1).reshape(-1, count)
         size = np.linalg.norm(rows, axis=0)
         size[size == 0.0] = 1.0
-        triangle, target = _compressed(rows / size, squares.ravel())
-        variances = nnls(triangle, target)[0] / size
+        q, triangle = np.linalg.qr(rows / size)  # a square system of the same solution
+        variances = nnls(triangle, q.T @ squares.ravel())[0] / size
         expected = np.einsum("s,psij->pij", variances, sources)
     # What remains over all components is a common factor.
-    whiten = np.linalg.inv(np.linalg.cholesky(_whole(expected, seen)))
+    whiten = whitener_of(_whole(expected, seen))
     white = np.einsum("pij,pj->pi", whiten, difference)
     return variances * float(np.sum(white**2) / seen.sum())
-
-
-def _compressed(rows: Array, target: Array) -> tuple[Array, Array]:
-    """Return a square system with the same least squares solution."""
-    q, triangle = np.linalg.qr(rows)
-    return triangle, q.T @ target
 
 
 # Noise of logged torques where repeats do not show it: it moves predictions through springs.
@@ -437,7 +432,7 @@ AS_FOUND = Widening()
 def unweighted(measured: Instrument) -> PoseWeights:
     """Return the weights by what the instrument states alone."""
     stated = measured.stated_covariance
-    return PoseWeights(np.linalg.inv(np.linalg.cholesky(stated)), np.ones(len(stated)))
+    return PoseWeights(whitener_of(stated), np.ones(len(stated)))
 
 
 def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeights:
@@ -464,7 +459,7 @@ def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeigh
         else:
             at = range(residual.shape[1])[kind]
             covariance[:, at, at] += (found - said) * here
-    whitener = np.linalg.inv(np.linalg.cholesky(covariance))
+    whitener = whitener_of(covariance)
     distance = np.linalg.norm((whitener @ residual[:, :, None])[:, :, 0], axis=1)
     limit = np.sqrt(chdtri(np.maximum(seen.sum(axis=1), 1), _HUBER_TAIL))
     return PoseWeights(whitener, np.minimum(1.0, limit / np.maximum(distance, limit)))

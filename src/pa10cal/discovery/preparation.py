@@ -14,7 +14,7 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.finding import Fault, NotTestable, faults_of_input
-from pa10cal.discovery.row_faults import RowFaults, held_out_faults, row_faults
+from pa10cal.discovery.row_faults import held_out_faults, row_faults
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
@@ -209,12 +209,14 @@ def prepared(
     whole = complete(readings, as_calibrated, setup)
     found = row_faults(whole, as_calibrated, setup.payload, torques)
     single = every.of_kind("holdout")
-    held_out, held_out_found = None, None
+    held_out, held_out_found, suspected = None, None, None
     if len(single):
         held_out, _ = with_their_torques(average_repeats(single).turned(model.R_ee_target))
         alone, _ = with_their_torques(single.turned(model.R_ee_target))
         alone = complete(alone, as_calibrated, setup)
         held_out_found = held_out_faults(alone, as_calibrated, whole.take(~found.excluded))
+        if held_out_found.excluded.any():
+            suspected = np.bincount(reading_groups(single), held_out_found.excluded) > 0.0
     if torques == "masses" and setup.payload is not None:
         model = with_uncertain_weights(model, setup.payload)
     return Prepared(
@@ -231,7 +233,7 @@ def prepared(
             *(held_out_found.faults if held_out_found else ()),
         ),
         excluded=found.excluded,
-        suspected=_averages_with(single, held_out_found),
+        suspected=suspected,
     )
 
 
@@ -244,14 +246,6 @@ def _direction(joint: int) -> Fault:
         "nearly always, and the other joints are not; its directions were reversed",
         remedy=f"check the sign of q{joint}_deg in the log of approaches",
     )
-
-
-def _averages_with(single: Observations, found: RowFaults | None) -> NDArray[np.bool_] | None:
-    """Return which averages of readings have a suspected one among them."""
-    if found is None or not found.excluded.any():
-        return None
-    group = reading_groups(single)
-    return np.bincount(group, found.excluded) > 0.0
 
 
 def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup) -> Observations:

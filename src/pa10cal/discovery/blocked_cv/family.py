@@ -61,21 +61,14 @@ class Candidate:
 def map_candidates(rows: Rows) -> list[Candidate]:
     """Return maps of every revolute joint in all spacings, smoothnesses and sizes."""
     found = []
-    for joint in rows.joints:
-        for (knots, half_order), size_rad in product(SPACINGS, SIZES_RAD):
-            effect = JointErrorMap(f"joint {joint}", knots, Fading(size_rad, half_order))
-            found.append(map_candidate(effect, rows))
+    for joint, (knots, half_order), size_rad in product(rows.joints, SPACINGS, SIZES_RAD):
+        spectrum = Fading(size_rad, half_order)
+        # Of the highest order of an even number of knots only one part is there.
+        harmonics = knots - (1 if knots == rows.knots else 2)
+        sizes_rad = spectrum.sizes_rad(harmonic_orders(rows.knots)[1 : 1 + harmonics])
+        shaped = ShapedEffect(JointErrorMap(f"joint {joint}", knots, spectrum))
+        found.append(Candidate(shaped, Columns(rows.of_map(joint)[:harmonics], sizes_rad)))
     return found
-
-
-def map_candidate(effect: JointErrorMap, rows: Rows) -> Candidate:
-    """Return a map in the harmonics of rows, whose knots are at least as many."""
-    assert effect.spectrum is not None
-    # Of the highest order of an even number of knots only one part is there.
-    harmonics = effect.knots - (1 if effect.knots == rows.knots else 2)
-    orders = harmonic_orders(rows.knots)[1 : 1 + harmonics]
-    columns = Columns(rows.of_map(effect.joint)[:harmonics], effect.spectrum.sizes_rad(orders))
-    return Candidate(ShapedEffect(effect), columns)
 
 
 @dataclass(frozen=True, eq=False)

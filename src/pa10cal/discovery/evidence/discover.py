@@ -52,7 +52,7 @@ from pa10cal.discovery.lack_of_fit import (
 from pa10cal.discovery.linear import by_every_joint, possible_sizes, residual
 from pa10cal.discovery.next_poses.contest import Pair
 from pa10cal.discovery.next_poses.separate import plan
-from pa10cal.discovery.noise import same_circumstances
+from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.preparation import (
     Prepared,
     complete,
@@ -307,7 +307,7 @@ def _whitener(problem: Problem) -> Array:
     """
     stated = problem.readings.measured.stated_covariance
     cov = problem.noise.cov + _OF_STATED**2 * stated
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)), dtype=np.float64)
+    return whitener_of(cov)
 
 
 def compare(
@@ -473,7 +473,10 @@ def arena_by_repeats(verdict: VerdictByRepeats, held: Sequence[Effect]) -> Arena
         verdict: on the campaign.
         held: maps and smooth unknown functions.
     """
-    found = _forgetful(verdict.judgement.found)
+    found = verdict.judgement.found
+    # Its model does not keep what each of many forms makes.
+    model = replace(found.fit.model, kept=None)
+    found = replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
     if not held:
         found = replace(found, score=replace(found.score, pose_variance=0.0))
     problem = found.problem
@@ -493,12 +496,6 @@ def arena_by_repeats(verdict: VerdictByRepeats, held: Sequence[Effect]) -> Arena
         problem.cells.states,
         None,
     )
-
-
-def _forgetful(found: EndOfSearch) -> EndOfSearch:
-    """Return the end of a search whose model does not keep what each of many forms makes."""
-    model = replace(found.fit.model, kept=None)
-    return replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
 
 
 # The model fitted with effects that are given, weighed as the evidence weighs them.

@@ -372,11 +372,12 @@ def _unexplained(
 ) -> tuple[Unexplained, ...]:
     """Return what generic effects hold, or what poses still share, beyond the repeatability."""
     problem = found.problem
-    floor = floor_mm(problem)
+    floor, group = floor_mm(problem), reading_groups(problem.readings)
+    of_averages = np.mean(1.0 / np.bincount(group)[group])  # variance, in those of one reading
     places = []
     for effect, without in zip(found.fit.effects, found.without, strict=True):
         shared_mm = shared_error_mm(problem, without.pose_variance)
-        counts = shared_mm > floor or without.torque_variance > _of_averages(problem)
+        counts = shared_mm > floor or without.torque_variance > of_averages
         if effect.generic and counts and confirmations[effect].p_sign_flips_max_t <= FLIP_RATE:
             why = (
                 f"a smooth unknown function ({effect.id}) of {effect.of} predicts it better than "
@@ -435,9 +436,3 @@ def floor_mm(problem: Problem, repeats: NDArray[np.int64] | None = None) -> floa
 
 def _position_noise(problem: Problem) -> Array:
     return position_noise(problem.readings.measured, problem.noise.cov)
-
-
-def _of_averages(problem: Problem) -> float:
-    """Return the variance of an averaged pose in those of one reading."""
-    group = reading_groups(problem.readings)
-    return float(np.mean(1.0 / np.bincount(group)[group]))

@@ -13,7 +13,13 @@ from pa10cal.arm.statics import Payload, Statics
 from pa10cal.arrays import Array
 from pa10cal.discovery.in_time.wander import STILL, InTime
 from pa10cal.discovery.linear import by_every_joint, residual
-from pa10cal.discovery.noise import Noise, mean_covariance, noise_of_repeats, same_circumstances
+from pa10cal.discovery.noise import (
+    Noise,
+    mean_covariance,
+    noise_of_repeats,
+    same_circumstances,
+    whitener_of,
+)
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of, static_loads
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import unknown_tool
@@ -310,7 +316,7 @@ def noise_models(
     common = setup.apparatus_m * cells.measured.by_stated_targets
     if in_time.wander is not None:
         common = np.concatenate([common, in_time.wander.columns(about, cells)], axis=2)
-    pose = NoiseModel.of(np.linalg.inv(np.linalg.cholesky(cell_cov)), shared, common)
+    pose = NoiseModel.of(whitener_of(cell_cov), shared, common)
     if setup.payload is None or torque_u_Nm is None:
         return pose, None, np.zeros_like(cells.states.q_rad)
     weights = static_loads(cells.states, about, setup.payload)
