@@ -67,7 +67,6 @@ class NotSought(Verdict[object]):
 
     reason: TooLittle  # what the campaign lacks
     calibrated: FittedModel  # the calibrated model
-    poses: Observations  # the averaged poses of the fit, complete
     cov: Array  # (P, b, b) covariance of their components by noise
     noise: Noise  # of single readings: of nearly equal poses, or as stated
 
@@ -111,7 +110,7 @@ class NotSought(Verdict[object]):
 
     @override
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
-        found = lack_of_fit(CellResiduals.about(self.baseline, self.poses, self.cov))
+        found = lack_of_fit(CellResiduals.about(self.baseline, self.train.poses, self.cov))
         return found, found
 
     @override
@@ -164,7 +163,6 @@ def not_sought(
         steps=(),
         reason=reason,
         calibrated=calibrated,
-        poses=poses,
         cov=cov,
         noise=noise,
     )

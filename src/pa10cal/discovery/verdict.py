@@ -323,6 +323,21 @@ def no_name(finding: Finding[object], left_mm: float, why: str) -> Unexplained:
     return Unexplained(of=finding.of, form=finding.id, shared_error_mm=left_mm, why=said)
 
 
+def smooth_unknown(effect: Effect, left_mm: float, what: str) -> Unexplained:
+    """Return what a smooth unknown function holds.
+
+    Args:
+        effect: the function.
+        left_mm: position error that goes with it.
+        what: what it predicts.
+    """
+    why = (
+        f"a smooth unknown function ({effect.id}) of {effect.of} predicts {what} better than "
+        f"any name{effect.advice}"
+    )
+    return Unexplained(of=effect.of, form=effect.id, shared_error_mm=left_mm, why=why)
+
+
 def is_named(effect: Effect) -> bool:
     """Return whether an effect says what is wrong, and not only where."""
     return not (effect.generic or effect.id == MAP or isinstance(effect, LogFault))

@@ -13,10 +13,9 @@ from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.blocked_cv import discover as by_blocks
 from pa10cal.discovery.blocked_cv.bands import in_bands
-from pa10cal.discovery.blocked_cv.family import Candidate
+from pa10cal.discovery.blocked_cv.family import Candidate, Columns
 from pa10cal.discovery.blocked_cv.finest import level
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
-from pa10cal.discovery.blocked_cv.selection import Columns
 from pa10cal.discovery.blocked_cv.survey import ShapedEffect
 from pa10cal.discovery.records import discovery_records, summary, verdict_keys
 from pa10cal.discovery.verdict import Plan

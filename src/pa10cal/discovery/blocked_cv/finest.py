@@ -11,9 +11,14 @@ from scipy.linalg import block_diag
 from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.blocked_cv.family import SPACINGS, Candidate, standard_error
+from pa10cal.discovery.blocked_cv.family import (
+    SPACINGS,
+    Candidate,
+    predicted_squares,
+    solve,
+    standard_error,
+)
 from pa10cal.discovery.blocked_cv.search import Step
-from pa10cal.discovery.blocked_cv.selection import predicted_squares, solve
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
     BlockRows,
@@ -23,7 +28,7 @@ from pa10cal.discovery.blocked_cv.survey import (
     map_columns,
     products,
 )
-from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
+from pa10cal.terms.effects.joint_error_map import JointErrorMap, Spectrum, b_splines_by_knots
 
 #: Spacings beyond those of the search, tried once it is known which joints have a map.
 FINER_KNOTS = (216, 360)
@@ -70,7 +75,9 @@ def finest(rows: Rows, members: tuple[Candidate, ...]) -> tuple[Level, tuple[Ste
     for knots in FINER_KNOTS:
         if not any(_has_finest(member) for member in members):
             break
-        ahead = level(rows, tuple(_with_knots(member, knots) for member in members))
+        ahead = level(
+            rows, tuple(with_form(each, knots) if _has_finest(each) else each for each in members)
+        )
         gain = best.squares - ahead.squares
         if gain.sum() <= standard_error(gain):
             break
@@ -167,9 +174,10 @@ def _has_finest(member: Candidate) -> bool:
     return isinstance(effect, JointErrorMap) and effect.knots >= SPACINGS[-1][0]
 
 
-def _with_knots(member: Candidate, knots: int) -> Candidate:
-    """Return a map with so many knots, if it had as many as the search has; others as they are."""
+def with_form(member: Candidate, knots: int, spectrum: Spectrum | None = None) -> Candidate:
+    """Return a map with so many knots, and with a spectrum if one is given; others as they are."""
     effect = member.effect
-    if not (_has_finest(member) and isinstance(effect, JointErrorMap)):
+    if not isinstance(effect, JointErrorMap):
         return member
-    return Candidate(ShapedEffect(replace(effect, knots=knots)), member.columns)
+    effect = replace(effect, knots=knots, spectrum=spectrum or effect.spectrum)
+    return Candidate(ShapedEffect(effect), member.columns)

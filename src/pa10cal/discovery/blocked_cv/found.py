@@ -13,6 +13,7 @@ from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
 from pa10cal.discovery.blocked_cv.family import (
     SPACINGS,
     Candidate,
+    Columns,
     below_detection_limit,
     family,
     standard_error,
@@ -30,7 +31,6 @@ from pa10cal.discovery.blocked_cv.judge import (
 )
 from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
 from pa10cal.discovery.blocked_cv.search import Search, Step
-from pa10cal.discovery.blocked_cv.selection import Columns
 from pa10cal.discovery.blocked_cv.survey import Rows, ShapedEffect, Survey
 from pa10cal.discovery.finding import NotTestable
 from pa10cal.discovery.noise import AS_FOUND, noise_of_near_poses, with_torque_noise

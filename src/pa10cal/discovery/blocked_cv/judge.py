@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.family import Chosen, both_kinds_agree, standard_error
+from pa10cal.discovery.blocked_cv.family import Chosen, both_kinds_agree, solve, standard_error
 from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS, Search
-from pa10cal.discovery.blocked_cv.selection import solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Rows, Survey
 from pa10cal.discovery.finding import CARRIED, MayHaveCarrier
 from pa10cal.discovery.in_time.channel import like_a_scan
 from pa10cal.discovery.linear import by_terms, error_mm, possible_sizes
 from pa10cal.discovery.preparation import computable, sought
+from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.in_time import BaseDrift
@@ -201,16 +201,7 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
     if not remaining.over_floor:
         return ()
     left_mm, others = remaining.mean_mm, remaining.tried
-    places = [
-        Unexplained(
-            of=effect.of,
-            form=effect.id,
-            shared_error_mm=left_mm,
-            why=f"a smooth unknown function ({effect.id}) of {effect.of} predicts held-out blocks "
-            f"better than any name{effect.advice}",
-        )
-        for effect in nameless
-    ]
+    places = [smooth_unknown(each, left_mm, "held-out blocks") for each in nameless]
     places += [
         Unexplained(
             of=entry.of,

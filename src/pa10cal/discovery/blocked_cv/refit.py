@@ -13,7 +13,7 @@ from scipy.linalg.lapack import dpotri
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.selection import no_wider_than, solve
+from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
     Rows,

@@ -24,7 +24,7 @@ from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, evidence_ab
 from pa10cal.discovery.finding import CARRIED, Finding, MayHaveCarrier
 from pa10cal.discovery.linear import mean_length, position_noise
 from pa10cal.discovery.preparation import effects_in, is_fault
-from pa10cal.discovery.verdict import MAP, Word, is_named, word_of
+from pa10cal.discovery.verdict import MAP, Word, is_named, smooth_unknown, word_of
 from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import CrossValidation, EvidenceByRepeats, Unexplained
 from pa10cal.terms.effects.effect import Effect
@@ -379,13 +379,7 @@ def _unexplained(
         shared_mm = shared_error_mm(problem, without.pose_variance)
         counts = shared_mm > floor or without.torque_variance > of_averages
         if effect.generic and counts and confirmations[effect].p_sign_flips_max_t <= FLIP_RATE:
-            why = (
-                f"a smooth unknown function ({effect.id}) of {effect.of} predicts it better than "
-                f"any name{effect.advice}"
-            )
-            places.append(
-                Unexplained(of=effect.of, form=effect.id, shared_error_mm=shared_mm, why=why)
-            )
+            places.append(smooth_unknown(effect, shared_mm, "it"))
     left_mm = shared_error_mm(problem, found.score.pose_variance)
     if not places and left_mm > floor:
         why = "no effect of the vocabulary explains what the readings of a pose share"
