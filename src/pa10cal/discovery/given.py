@@ -57,7 +57,6 @@ class CalibratedWith:
     """A campaign calibrated with effects."""
 
     model: FittedModel
-    converged: bool  # whether the fit came to rest
     poses: Observations  # averaged poses that were fitted, with what the model needs
     found: Deviations  # its deviations there
     ended: FitSummary  # how the fit ended
@@ -95,8 +94,7 @@ def calibrate_with(
             judged, chosen, tuple(effect.starts[0] for effect in chosen), rows.weights
         )
         used, covariance = judged.poses, found.covariance
-        root = np.sqrt(found.weights.weight)[:, None, None]
-        whitener, off_m = root * found.weights.whitener, np.zeros(0)
+        whitener, off_m = found.weights.whiteners(), np.zeros(0)
     else:
         readings = campaign.trusted
         problem = prepare(readings, campaign.baseline, setup, torques_logged=logged)
@@ -132,7 +130,6 @@ def calibrate_with(
     summary = _summary(fitted, used, whitener, covariance)
     return CalibratedWith(
         model=calibrated,
-        converged=fitted.converged,
         poses=poses,
         found=deviations,
         ended=summary,
@@ -235,7 +232,6 @@ def _summary(
     white = whitener @ jacobian
     rank = identify(white.reshape(-1, white.shape[2]), scale)
     columns = poses.measured.position_columns
-    names = {parameter.name for parameter in parameters}
     return FitSummary(
         converged=fitted.converged,
         reason="the last step was small" if fitted.converged else "steps were not enough",
@@ -247,7 +243,7 @@ def _summary(
         identifiability=rank,
         white=white,
         position=jacobian[:, columns],
-        not_identifiable=not_identifiable(rank, parameters) & names,
+        not_identifiable=not_identifiable(rank, parameters),
         x=np.concatenate([fitted.at.x, fitted.at.targets_m])[: len(parameters)],
     )
 
@@ -269,11 +265,11 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
     model = replace(found.model, fitted_to=about)
     load_N = found.poses.states.load_N
     after = summarise_by_load(found.found, load_N)
-    converged = "converged" if found.converged else "not converged"
+    ended = found.ended
     return record.model_copy(
         update={
-            "status": converged,
-            "reason": found.ended.reason,
+            "status": "converged" if ended.converged else "not converged",
+            "reason": ended.reason,
             "parameters": _parameters(found),
             "covariance": Covariance(
                 names=(*(p.name for p in model.model.parameters), *_BASE),
@@ -281,10 +277,10 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
             ),
             "T_instr_base": model.T_instr_base,
             "fitted_model": model_to_plain(model),
-            "rank": found.ended.identifiability.rank,
-            "unknowns": len(found.ended.parameters),
-            "condition": found.ended.identifiability.condition,
-            "singular_values": found.ended.identifiability.singular_values,
+            "rank": ended.identifiability.rank,
+            "unknowns": len(ended.parameters),
+            "condition": ended.identifiability.condition,
+            "singular_values": ended.identifiability.singular_values,
             "errors": {
                 load: errors.model_copy(update={"after": after[load]}) if load in after else errors
                 for load, errors in record.errors.items()
@@ -313,14 +309,11 @@ def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
     for term in model.model.terms:
         columns = model.model.columns_of(term)
         report = term.report(model.x[columns])
-        solved = {parameter.name for parameter in term.parameters}
-        place = f"{term.id}_{term.of.removeprefix('joint ')}_" if isinstance(term, Effect) else ""
-        touched = report.jacobian != 0.0
         names = [parameter.name for parameter in term.parameters]
-        for row, (name, keys) in zip(
-            touched, reported_keys(report, model.covariance[columns, columns]).items(), strict=True
-        ):
-            held = {names[k] for k in np.flatnonzero(row)} & openly & solved
+        place = f"{term.id}_{term.of.removeprefix('joint ')}_" if isinstance(term, Effect) else ""
+        of_term = reported_keys(report, model.covariance[columns, columns])
+        for row, (name, keys) in zip(report.jacobian != 0.0, of_term.items(), strict=True):
+            held = not openly.isdisjoint(names[k] for k in np.flatnonzero(row))
             parameters[f"{place}{name}"] = CalibratedParameter(
                 **keys, identifiable=not held, at_bound=False
             )

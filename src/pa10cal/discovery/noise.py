@@ -401,8 +401,8 @@ class PoseWeights:
     whitener: Array  # (P, b, b) makes the residuals of each pose independent and of unit size
     weight: Array  # (P,) 1, or less far outside the scatter
 
-    def whiteners(self, rows: Index) -> Array:
-        """Return the whiteners of some poses times the roots of their weights."""
+    def whiteners(self, rows: Index | slice = slice(None)) -> Array:
+        """Return the whiteners of all or some poses times the roots of their weights."""
         found: Array = np.sqrt(self.weight[rows])[:, None, None] * self.whitener[rows]
         return found
 

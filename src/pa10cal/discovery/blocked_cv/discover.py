@@ -341,7 +341,7 @@ def _in_time(judged: Survey, found: Refit) -> InTime:
     return in_time_of(
         found.at,
         judged.poses,
-        found.weights.whiteners(np.arange(len(judged.poses))),
+        found.weights.whiteners(),
         sought(judged.context, judged.baseline.model.terms),
         logged=judged.torques_logged,
         weights=True,
@@ -394,7 +394,7 @@ def _causes(found: VerdictByBlocks) -> dict[int, JointCause]:
         at,
         survey.poses,
         survey.left_by(at),
-        found.extended.weights.whiteners(np.arange(len(survey.poses))),
+        found.extended.weights.whiteners(),
         joints,
     )
     said = witnesses(series, at.arm.gear_ratio)

@@ -270,7 +270,7 @@ class HeldPoses:
         """
         self._least_gain = least_gain
         self._survey, self._at = survey, found.at
-        self._whiteners = found.weights.whiteners(np.arange(len(survey.poses)))
+        self._whiteners = found.weights.whiteners()
         self._block = np.arange(len(survey.poses)) % BLOCKS
         at, poses = found.at, survey.poses
         self._left = -survey.left_by(at)

@@ -266,7 +266,7 @@ class _Fit:
     def equations(self, x: Array, weights: PoseWeights) -> Equations:
         """Return the problem at a point."""
         at, poses = self.place(x), self._survey.poses
-        whiten = weights.whiteners(np.arange(len(poses)))
+        whiten = weights.whiteners()
         points = [x[place] for place in self._dense_at]
         of_terms = by_terms(at, poses, self._dense, points)
         dense = whiten @ np.concatenate([*of_terms, by_targets(at, poses)], axis=2)
@@ -292,8 +292,7 @@ class _Fit:
 
     def cost(self, x: Array, weights: PoseWeights) -> float:
         """Return the sum of squares at a point."""
-        every = np.arange(len(self._survey.poses))
-        white = weights.whiteners(every) @ self._survey.left_by(self.place(x))[:, :, None]
+        white = weights.whiteners() @ self._survey.left_by(self.place(x))[:, :, None]
         off = x - self._middle
         return float(np.sum(white**2) + off @ self.prior @ off)
 
@@ -369,7 +368,7 @@ def model_with(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> F
     middle[len(own) - len(baseline.targets_m) : len(own)] = baseline.targets_m
     sizes = block_diag(expected, *(each.prior_factor for each in joined))
     free = np.concatenate([own, *places])
-    whiten = extended.weights.whiteners(np.arange(len(poses)))
+    whiten = extended.weights.whiteners()
     bounds = Bounds.of((*extended.model.parameters, *measured.target_parameters))
     for _ in range(_STEPS):
         at = at_unknowns(extended.at, x)
