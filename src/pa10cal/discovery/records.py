@@ -5,7 +5,7 @@ What they hold comes from the functions that found it; here it is gathered, and 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.uncertainty import reported_keys
-from pa10cal.discovery.finding import Finding, GivesWay, name_of, sized, steps_told, with_a_name
+from pa10cal.discovery.finding import Finding, name_of, sized, steps_told, with_a_name
 from pa10cal.discovery.gap import Gap, Named
 from pa10cal.discovery.linear import possible_sizes
 from pa10cal.discovery.verdict import Plan, Verdict, without_a_cause
@@ -380,54 +380,38 @@ def explained(found: Verdict[object]) -> Explained | None:
         rows = ~found.prepared.suspected
     if not rows.any():
         return None
-    over: Literal["held-out poses", "fitted poses"] = "held-out poses"
-    if held_out is None:
-        over = "fitted poses"
+    over: Literal["held-out poses", "fitted poses"] = (
+        "fitted poses" if held_out is None else "held-out poses"
+    )
     before_mm = gap.found_before.distance_mm[rows]
     after_mm = gap.found_after.distance_mm[rows]
-    giving_way = tuple(_giving_way(found.gives_way, after_mm))
-    if giving_way:
-        proof = found.gives_way[0].proof
-        assert isinstance(proof, GivesWay)
+    joining = []
+    for each in found.gives_way:
+        proof = each.proof
+        weights: Literal["assumed"] | None = None
+        if proof.weights in ("assumed", "total"):
+            weights = "assumed"
+        joining.append(_joining(each, proof.without_each_mm, after_mm, weights))
         before_mm = proof.all_rigid_each_mm
-    joining = (*giving_way, *_joining(found, rows))
+    findings = {each.effect: each for each in found.findings}
+    *_, last = found.naming
+    after_mm = _errors(last, rows)
+    for effect, without in zip(last.effects, last.without, strict=True):
+        joining.append(_joining(findings[effect], _errors(without, rows), after_mm))
     return explained_by(joining, before_mm, gap.noise_rms_mm, over)
 
 
-def _giving_way(findings: Sequence[Finding[object]], after_mm: Array) -> Iterator[Joining]:
-    """Yield the joints that give way, with the model with each rigid and as it is exported."""
-    for each in findings:
-        assert isinstance(each.proof, GivesWay)
-        here, elsewhere = _alternatives(each)
-        weights = each.proof.weights
-        yield Joining(
-            ids=here,
-            of=each.of,
-            before_mm=each.proof.without_each_mm,
-            after_mm=after_mm,
-            elsewhere=elsewhere,
-            weights="assumed" if weights in ("assumed", "total") else None,
-        )
-
-
-def _alternatives(
+def _joining(
     finding: Finding[object],
-) -> tuple[tuple[str, ...], tuple[EffectName, ...]]:
-    """Return the ids of an effect and its alternatives at its place, and those elsewhere."""
+    before_mm: Array,
+    after_mm: Array,
+    weights: Literal["assumed"] | None = None,
+) -> Joining:
+    """Return a finding and its alternatives, those at its place and those elsewhere."""
     rivals = finding.alternatives
     here = dict.fromkeys((finding.id, *(each.id for each in rivals if each.of == finding.of)))
-    elsewhere = (EffectName(id=each.id, of=each.of) for each in rivals if each.of != finding.of)
-    return tuple(here), tuple(elsewhere)
-
-
-def _joining(found: Verdict[object], rows: NDArray[np.bool_]) -> Iterator[Joining]:
-    """Yield the effects of a verdict, with the exported model without each and with it."""
-    findings = {each.effect: each for each in found.findings}
-    *_, last = found.naming
-    after = _errors(last, rows)
-    for effect, without in zip(last.effects, last.without, strict=True):
-        here, elsewhere = _alternatives(findings[effect])
-        yield Joining(here, effect.of, _errors(without, rows), after, elsewhere)
+    elsewhere = tuple(name_of(each) for each in rivals if each.of != finding.of)
+    return Joining(tuple(here), finding.of, before_mm, after_mm, elsewhere, weights)
 
 
 def _errors(found: Named, rows: NDArray[np.bool_]) -> Array:

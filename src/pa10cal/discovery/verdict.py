@@ -13,7 +13,15 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.discovery.finding import Fault, Finding, NotTestable, fault_of, sized, to_check
+from pa10cal.discovery.finding import (
+    Fault,
+    Finding,
+    GivesWay,
+    NotTestable,
+    fault_of,
+    sized,
+    to_check,
+)
 from pa10cal.discovery.gap import Gap, Named, in_order
 from pa10cal.discovery.linear import ModelWithEffects
 from pa10cal.discovery.noise import Scatter
@@ -97,7 +105,7 @@ class Verdict(ABC, Generic[P_co]):
     proposed: tuple[Proposal, ...] = ()  # formulas for what has no name; they name nothing
     # joints that give way under weights that nobody stated. Their springs are part of the
     # calibrated model already.
-    gives_way: tuple[Finding[object], ...] = ()
+    gives_way: tuple[Finding[GivesWay], ...] = ()
 
     #: How effects are judged; None where they are not sought.
     method: ClassVar[str | None]
