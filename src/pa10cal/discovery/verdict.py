@@ -247,7 +247,7 @@ class Verdict(ABC, Generic[P_co]):
         Args:
             findings: some of its own, each with its own effect or one of its alternatives.
         """
-        found = self.refitted(tuple(each.effect for each in findings))
+        found = self._refitted(tuple(each.effect for each in findings))
         held_out, reported = self.prepared.held_out, found.extended.reported
         parameters = [reported(each.effect, found.covariance) for each in findings]
         return replace(
@@ -256,26 +256,26 @@ class Verdict(ABC, Generic[P_co]):
                 replace(each, x=x, covariance=covariance)
                 for each, (x, covariance) in zip(findings, parameters, strict=True)
             ),
-            train=found.gap_on(found.fitted_poses),
-            holdout=None if held_out is None else found.gap_on(held_out),
+            train=found._gap_on(found._fitted_poses),
+            holdout=None if held_out is None else found._gap_on(held_out),
         )
 
     # What each way of judging has of its own; nobody needs it where nothing was sought.
 
-    def refitted(self, effects: tuple[Effect, ...]) -> Self:
+    def _refitted(self, effects: tuple[Effect, ...]) -> Self:
         """Return the verdict with the calibrated model and these effects as extended model."""
         raise NotImplementedError
 
     @property
-    def fitted_poses(self) -> Observations:
+    def _fitted_poses(self) -> Observations:
         """Return the averaged poses of the fit."""
         raise NotImplementedError
 
-    def gap_on(self, poses: Observations) -> Gap:
+    def _gap_on(self, poses: Observations) -> Gap:
         """Return the gap of the calibrated and the extended model on averaged poses."""
         raise NotImplementedError
 
-    def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
         """Return the extended model with some of its effects, all else fitted again."""
         raise NotImplementedError
 
@@ -302,7 +302,7 @@ class Verdict(ABC, Generic[P_co]):
 
     def errors_by_name(self) -> tuple[Named, ...]:
         """Return the errors that remain as the effects join the model one by one."""
-        return in_order(self.train, self.holdout, self.extended.effects, self.model_with)
+        return in_order(self.train, self.holdout, self.extended.effects, self._model_with)
 
     @cached_property
     def naming(self) -> tuple[Named, ...]:

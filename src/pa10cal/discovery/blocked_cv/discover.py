@@ -179,7 +179,7 @@ class VerdictByBlocks(Verdict[Prediction]):
         return super().with_findings(findings).beside(self)
 
     @override
-    def refitted(self, effects: tuple[Effect, ...]) -> VerdictByBlocks:
+    def _refitted(self, effects: tuple[Effect, ...]) -> VerdictByBlocks:
         known = self.extended
         starts = tuple(
             known.of(effect) if effect in known.effects else effect.starts[0] for effect in effects
@@ -189,15 +189,15 @@ class VerdictByBlocks(Verdict[Prediction]):
 
     @property
     @override
-    def fitted_poses(self) -> Observations:
+    def _fitted_poses(self) -> Observations:
         return self.survey.poses
 
     @override
-    def gap_on(self, poses: Observations) -> Gap:
+    def _gap_on(self, poses: Observations) -> Gap:
         return compare(self.survey, self.extended, poses, self.noise_floor_mm)
 
     @override
-    def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
         return model_with(self.survey, self.extended, effects)
 
     def beside(self, other: VerdictByBlocks) -> VerdictByBlocks:

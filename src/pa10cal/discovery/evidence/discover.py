@@ -176,7 +176,7 @@ class VerdictByRepeats(Verdict[Confirmation]):
         return arena_by_repeats(self, held)
 
     @override
-    def refitted(self, effects: tuple[Effect, ...]) -> VerdictByRepeats:
+    def _refitted(self, effects: tuple[Effect, ...]) -> VerdictByRepeats:
         size = dict(zip(self.extended.effects, self.extended.sizes, strict=True))
         for finding in self.findings:
             for other in finding.alternatives:
@@ -189,15 +189,15 @@ class VerdictByRepeats(Verdict[Confirmation]):
 
     @property
     @override
-    def fitted_poses(self) -> Observations:
+    def _fitted_poses(self) -> Observations:
         return average_repeats(self.prepared.trusted)
 
     @override
-    def gap_on(self, poses: Observations) -> Gap:
+    def _gap_on(self, poses: Observations) -> Gap:
         return compare(self.problem, self.extended, poses, self.judgement.found.fit)
 
     @override
-    def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
         return model_with(self.problem, self.extended, effects)
 
     def unresolved(self) -> tuple[Pair, ...]:
