@@ -79,8 +79,8 @@ def commanded(instrument, robot, flexible, hidden):
     import numpy as np
 
     from benchmarks.planned import command, simulated_model
+    from pa10cal.calibration.options import EffectOfPlace
     from pa10cal.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
-    from pa10cal.discovery.given import Place
 
     plan = TrackerOptions(
         instrument=instrument,
@@ -95,7 +95,8 @@ def commanded(instrument, robot, flexible, hidden):
     settings = SimulateOptions(
         random_seed=5, robot=robot, without_touches=plan, hidden_effects=effects
     )
-    made, _, model = simulated_model(settings, [Place(name, of) for name, of, _ in hidden])
+    known = [EffectOfPlace(id=name, of=of) for name, of, _ in hidden]
+    made, _, model = simulated_model(settings, known)
     low, high = np.clip(model.arm.limits_rad, -2.6, 2.6).T
     q = np.random.default_rng(9).uniform(low, high, (TARGETS, len(low)))
     return command(made, model, q, LOAD_N)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.campaign import read
 from pa10cal.cell.campaign import Campaign, simulate_campaign
 from pa10cal.cell.effects.effect import DriveEffect, Motion
@@ -19,7 +19,7 @@ from pa10cal.cell.instruments.instrument import rest_poses
 from pa10cal.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
 from pa10cal.cell.poses import place_poses
 from pa10cal.cell.robot import Departures, Mechanism, ring_of_targets, tool_payload
-from pa10cal.discovery.given import Place, calibrate_with
+from pa10cal.discovery.given import calibrate_with
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
@@ -176,7 +176,7 @@ class Commanded:
 
 
 def simulated_model(
-    settings: SimulateOptions, effects: Sequence[Place] = ()
+    settings: SimulateOptions, effects: Sequence[EffectOfPlace] = ()
 ) -> tuple[Campaign, read.Campaign, FittedModel]:
     """Measure a robot of the virtual cell and calibrate it, with effects that are known.
 

@@ -23,8 +23,8 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.datasets.campaign_folder import write_campaigns
 from pa10cal.datasets.importing import dataset_named, import_campaigns
 from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
+from pa10cal.discovery.noise import share_inside
 from pa10cal.discovery.preparation import setup_of
-from pa10cal.discovery.weights import share_inside
 from pa10cal.evaluation.holdout import prepared
 from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.observe.order import with_arrivals

@@ -13,8 +13,8 @@ import pytest
 from benchmarks.planned import command, simulated_model, true_frame
 
 from pa10cal.arm.exports import urdf_text
+from pa10cal.calibration.options import EffectOfPlace
 from pa10cal.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
-from pa10cal.discovery.given import Place
 from pa10cal.fit.forward import pose_difference
 from pa10cal.fit.model_file import rigid_part
 from pa10cal.frame.rigid_fit import fit_rigid
@@ -54,7 +54,8 @@ def case(name):
             HiddenEffectOptions(id=name, of=of, parameters=sizes) for name, of, sizes in hidden
         ),
     )
-    made, _, model = simulated_model(settings, [Place(name, of) for name, of, _ in hidden])
+    effects = [EffectOfPlace(id=name, of=of) for name, of, _ in hidden]
+    made, _, model = simulated_model(settings, effects)
     low, high = np.clip(model.arm.limits_rad, -2.6, 2.6).T
     return made, model, np.random.default_rng(9).uniform(low, high, (60, len(low)))
 

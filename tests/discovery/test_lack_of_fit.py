@@ -1,6 +1,7 @@
 """Where model and data disagree is found where it was put, and nowhere where nothing was put."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,9 +9,10 @@ import pytest
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload, PoseStates, statics
-from pa10cal.discovery.evidence.discover import compare, errors_by_name, evidence_lack_of_fit
+from pa10cal.discovery.evidence.discover import compare, evidence_lack_of_fit, model_with
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.problem import prepare
+from pa10cal.discovery.gap import in_order
 from pa10cal.discovery.lack_of_fit import mean, periodogram, slope
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
@@ -226,7 +228,7 @@ def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(harmon
     problem, start = harmonic
     extended = fit(problem, (FRICTION, HARMONIC), (1, 1), (0.0, 0.0), start)
     train = compare(problem, extended, average_repeats(problem.readings))
-    steps = errors_by_name(problem, extended, train, None)
+    steps = in_order(train, None, extended.effects, partial(model_with, problem, extended))
     # What takes most away joins first.
     assert [step.effects for step in steps] == [(), (HARMONIC,), (HARMONIC, FRICTION)]
     assert isinstance(steps[1].train, Accuracy)
@@ -239,7 +241,7 @@ def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(harmon
 def test_without_effects_there_is_the_baseline_alone(harmonic):
     problem, start = harmonic
     train = compare(problem, start, average_repeats(problem.readings))
-    steps = errors_by_name(problem, start, train, train)
+    steps = in_order(train, train, start.effects, partial(model_with, problem, start))
     assert [step.effects for step in steps] == [()]
     assert steps[0].holdout == train.before
 

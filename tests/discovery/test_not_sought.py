@@ -80,7 +80,7 @@ class TestVerdict:
         assert found.effects == found.next_poses(3).poses == ()
         assert found.holdout is None
         assert found.train.before == found.train.after
-        expected = left_by(made.baseline, found.poses).distance_mm
+        expected = left_by(made.baseline, found.train.poses).distance_mm
         assert found.train.before.mean_mm == pytest.approx(expected.mean())
 
     def test_it_shows_itself_in_a_notebook(self, found):

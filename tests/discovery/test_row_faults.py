@@ -11,7 +11,7 @@ from pa10cal.campaign.raw_rows import quarantined
 from pa10cal.campaign.read import wrong_rows
 from pa10cal.campaign.screens import OFF_REPEATS
 from pa10cal.discovery import discover as search
-from pa10cal.discovery.evidence.confirm import confirm
+from pa10cal.discovery.evidence.judge import confirm
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.row_faults import (
     carries,

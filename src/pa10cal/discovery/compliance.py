@@ -22,9 +22,9 @@ from pa10cal.arrays import Array
 from pa10cal.discovery.finding import Finding, GivesWay
 from pa10cal.discovery.gap import trusted
 from pa10cal.discovery.linear import by_terms, error_mm, possible_sizes, residual_and_jacobian
+from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import sought, why_unknown
 from pa10cal.discovery.verdict import Verdict, is_named
-from pa10cal.discovery.weights import pose_weights
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.observe.observations import Observations

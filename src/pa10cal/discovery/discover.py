@@ -15,7 +15,7 @@ from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.formulas import with_lines_named, with_proposals
-from pa10cal.discovery.gap import Gap, Named, gap
+from pa10cal.discovery.gap import gap
 from pa10cal.discovery.gates import gated
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import (
@@ -67,7 +67,6 @@ class NotSought(Verdict[object]):
 
     reason: TooLittle  # what the campaign lacks
     calibrated: FittedModel  # the calibrated model
-    poses: Observations  # the averaged poses of the fit, complete
     cov: Array  # (P, b, b) covariance of their components by noise
     noise: Noise  # of single readings: of nearly equal poses, or as stated
 
@@ -111,18 +110,13 @@ class NotSought(Verdict[object]):
 
     @override
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
-        found = lack_of_fit(CellResiduals.about(self.baseline, self.poses, self.cov))
+        found = lack_of_fit(CellResiduals.about(self.baseline, self.train.poses, self.cov))
         return found, found
 
     @override
-    def errors_by_name(self) -> tuple[Named, ...]:
-        return (
-            Named(
-                (),
-                self.train.found_before,
-                None if self.holdout is None else self.holdout.found_before,
-            ),
-        )
+    def with_findings(self, findings: Sequence[Finding[object]]) -> NotSought:
+        assert not findings, "nothing was sought"
+        return self
 
     @override
     def _repr_html_(self) -> str:
@@ -150,9 +144,6 @@ def not_sought(
     poses = complete(average_repeats(readings), baseline, setup)
     floor_mm = mean_error_of_noise_mm(poses.measured, cov)
 
-    def unchanged(poses: Observations) -> Gap:
-        return gap(poses, baseline, baseline, floor_mm)
-
     held_out = campaign.held_out
     x = np.concatenate([baseline.x, np.zeros(6)])
     return NotSought(
@@ -165,12 +156,13 @@ def not_sought(
         not_testable=(),
         extended=ModelWithEffects((), replace(baseline, model=with_base_term(baseline), x=x), True),
         noise_floor_mm=floor_mm,
-        train=unchanged(poses),
-        holdout=None if held_out is None else unchanged(complete(held_out, baseline, setup)),
+        train=gap(poses, baseline, baseline, floor_mm),
+        holdout=None
+        if held_out is None
+        else gap(complete(held_out, baseline, setup), baseline, baseline, floor_mm),
         steps=(),
         reason=reason,
         calibrated=calibrated,
-        poses=poses,
         cov=cov,
         noise=noise,
     )
@@ -224,14 +216,10 @@ def discover(
         without = _judged(campaign, model, error_rate)
         if without.unexplained:
             # The rest does not fit either: nothing says that this pose is worse than the others.
-            return with_compliance(_with_formulas(gated(without_names(found, carried))))
+            found = without_names(found, carried)
+            break
         found = without
-    return with_compliance(_with_formulas(gated(found)))
-
-
-def _with_formulas(found: Verdict[object]) -> Verdict[object]:
-    """Return a verdict with formulas proposed, and maps named that are one line."""
-    return with_lines_named(with_proposals(found))
+    return with_compliance(with_lines_named(with_proposals(gated(found))))
 
 
 def without_names(found: Verdict[object], carried: Sequence[Finding[object]]) -> Verdict[object]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
@@ -15,8 +15,10 @@ from pa10cal.results import discovery as results
 from pa10cal.results.discovery import EvidenceOfSag
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.health import InputFinding
-from pa10cal.results.record import EffectName, FaultKind, Numbers
+from pa10cal.results.maps import JointWitness, MapForm
+from pa10cal.results.record import EffectName, FaultKind, Numbers, Part
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_error_map import Band, JointErrorMap
 from pa10cal.terms.log_faults import LogFault
 from pa10cal.terms.term import Term
 
@@ -35,6 +37,21 @@ class GivesWay(EvidenceOfSag):
     )
     weights: Literal["assumed", "total", "logged"] = Field(
         exclude=True, description="where the weights come from"
+    )
+
+
+#: A name without one pose keeps more of what speaks for it than this, or that pose carries it.
+CARRIED = 0.5
+
+
+class MayHaveCarrier(Part):
+    """Statistics that one pose may make, as a gross error does; that is not written."""
+
+    carrier: str | None = Field(
+        default=None,
+        exclude=True,
+        description="the one pose without which not half of this would be left, and too "
+        "little for a name; None where there is no such pose",
     )
 
 
@@ -76,6 +93,34 @@ class Finding(Generic[P_co]):
         """Return its reported parameters by name."""
         return effect_parameters(self.effect, self.x, self.covariance)
 
+    def record(self, witness: JointWitness | None = None) -> results.FoundEffect:
+        """Return it as it is written.
+
+        Args:
+            witness: what says whose error a joint's error by its angle is.
+        """
+        proof = self.proof
+        return results.FoundEffect(
+            id=self.id,
+            of=self.of,
+            form=_form(self.effect) if isinstance(self.effect, JointErrorMap) else None,
+            parameters=self.parameters,
+            alternatives=tuple(map(name_of, self.alternatives)),
+            evidence=results.EvidenceByBlocks(cross_validation_over_blocks=proof)
+            if isinstance(proof, results.BlockedCrossValidation)
+            else proof,
+            witness=witness,
+            weights=proof.weights if isinstance(proof, GivesWay) else None,
+        )
+
+
+def _form(effect: JointErrorMap) -> MapForm | None:
+    """Return spacing and spectrum of a map that has its own."""
+    if effect.spectrum is None:
+        return None
+    kind = "band" if isinstance(effect.spectrum, Band) else "fading"
+    return MapForm.model_validate({"knots": effect.knots, kind: asdict(effect.spectrum)})
+
 
 def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, EffectParameter]:
     """Return the parameters of an effect or a form by name.
@@ -92,6 +137,15 @@ def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, Effe
     }
 
 
+def sized(parameters: Mapping[str, EffectParameter]) -> str:
+    """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
+    return ", ".join(
+        f"{key} = {entry.value:.4g} ± {2.0 * entry.std:.1g} {entry.unit}"
+        for key, entry in parameters.items()
+        if not key.startswith("knot")
+    )
+
+
 def name_of(effect: Effect) -> EffectName:
     """Return an effect's name and place."""
     return EffectName(id=effect.id, of=effect.of)
@@ -105,6 +159,15 @@ class NotTestable:
     why: str  # the reason
     # whether other poses might show it; not where what it needs was not logged
     by_these_poses: bool = True
+
+
+def with_a_name(entries: Sequence[NotTestable]) -> tuple[results.NotTestable, ...]:
+    """Return the effects with a name among those that the data cannot show."""
+    return tuple(
+        results.NotTestable(id=each.effect.id, of=each.effect.of, why=each.why)
+        for each in entries
+        if not each.effect.generic
+    )
 
 
 # Faults of a log that discovery finds: what is wrong, where, and what to do.
@@ -138,9 +201,6 @@ class Fault(results.Fault):
         description="of a step that is told as a fact, its most likely time; readings before and "
         "after have bases of their own",
     )
-
-    def __str__(self) -> str:
-        return f"{self.where}: {self.what}; {self.remedy}"
 
 
 def steps_told(faults: Sequence[Fault]) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, stdtrit
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.uncertainty import summarise
+from pa10cal.calibration.uncertainty import summarise, summarise_by_load
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -84,15 +84,6 @@ class Gap:
             before=summarise(self.found_before, rows), after=summarise(self.found_after, rows)
         )
 
-    def at_load(self, load_N: float) -> LoadGap:
-        """Return the gap at one load."""
-        rows = self.poses.states.load_N == load_N
-        return LoadGap(
-            before=summarise(self.found_before, rows),
-            after=summarise(self.found_after, rows),
-            reduction=self.reduction_of(rows),
-        )
-
     def record(self, suspected: Rows | None = None) -> SetGap:
         """Return the gap as it is written: over all loads, by load, and by what the fit saw.
 
@@ -100,14 +91,22 @@ class Gap:
             suspected: (P,) configurations that have a suspected reading.
         """
         less, still = trusted(self, suspected), self.without_motion
+        load_N = self.poses.states.load_N
+        before, after = (
+            summarise_by_load(each, load_N) for each in (self.found_before, self.found_after)
+        )
         return SetGap(
             before=self.before,
             after=self.after,
             noise_floor_mm=self.noise_floor_mm,
             reduction=self.reduction,
             per_load={
-                f"{load:g}N": self.at_load(load)
-                for load in np.unique(self.poses.states.load_N).tolist()
+                f"{load:g}N": LoadGap(
+                    before=before[f"{load:g}N"],
+                    after=after[f"{load:g}N"],
+                    reduction=self.reduction_of(load_N == load),
+                )
+                for load in np.unique(load_N)
             },
             inside=self.accuracies(self.inside),
             outside=None if self.inside is None else self.accuracies(~self.inside),
@@ -261,18 +260,11 @@ def in_order(
 
     def with_only(some: tuple[Effect, ...]) -> Named:
         model = fitted_with(some)
-        held_out = None if holdout is None else left_by(model, holdout.poses)
-        return Named(some, left_by(model, train.poses), held_out)
+        on_holdout = None if holdout is None else left_by(model, holdout.poses)
+        return Named(some, left_by(model, train.poses), on_holdout)
 
-    def ends(after: bool) -> tuple[Deviations, Deviations | None]:
-        pairs = [
-            None if each is None else (each.found_after if after else each.found_before)
-            for each in (train, holdout)
-        ]
-        assert pairs[0] is not None
-        return pairs[0], pairs[1]
-
-    steps = [Named((), *ends(after=False))]
+    held_out = None if holdout is None else holdout.found_before
+    steps = [Named((), train.found_before, held_out)]
     without = dict.fromkeys(effects, steps[0])
     if len(effects) > 1:
         rest = {each: tuple(other for other in effects if other != each) for each in effects}
@@ -281,8 +273,9 @@ def in_order(
         steps += [with_only(effects[:count]) for count in range(1, len(effects) - 1)]
         steps.append(replace(without[effects[-1]], effects=effects[:-1]))
     if effects:
+        held_out = None if holdout is None else holdout.found_after
         every = tuple(without[each] for each in effects)
-        steps.append(Named(effects, *ends(after=True), every))
+        steps.append(Named(effects, train.found_after, held_out, every))
     return tuple(steps)
 
 

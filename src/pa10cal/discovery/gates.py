@@ -7,7 +7,7 @@ model is fitted anew without it, and what it stood for is unexplained.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -25,7 +25,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.order import drivers, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
-from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.evaluation import BeforeAfter
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.effects.in_time import BaseDrift
 from pa10cal.terms.effects.joint_angle import ArrivalError, Backlash, GearRatioError
@@ -269,26 +269,6 @@ TRIFLING = 1.005
 CONTRADICTED = 1.5
 
 
-@dataclass(frozen=True)
-class _Harm:
-    """Held-out poses that are predicted worse than before: errors before and after."""
-
-    before: Accuracy
-    after: Accuracy
-
-    def over(self, factor: float) -> bool:
-        """Return whether their mean or their root mean square is larger by more than a factor."""
-        return (
-            self.after.mean_mm > factor * self.before.mean_mm
-            or self.after.rms_mm > factor * self.before.rms_mm
-        )
-
-    @property
-    def errors(self) -> str:
-        """Return both errors in words."""
-        return f"{self.before.rms_mm:.4f} mm rms before and {self.after.rms_mm:.4f} mm with it"
-
-
 def harmless(found: V) -> V:
     """Return a verdict whose extended model predicts held-out poses no worse than before."""
     if found.holdout is None:
@@ -307,7 +287,7 @@ def harmless(found: V) -> V:
     return _falling_back(found, nothing_seen(len(visited.turns)), all_over or there)
 
 
-def _falling_back(found: V, within: AnglesSeen, harm: _Harm | None) -> V:
+def _falling_back(found: V, within: AnglesSeen, harm: BeforeAfter | None) -> V:
     """Return the verdict with a model that holds within some joint positions alone."""
     assert harm is not None
     everywhere = not any(len(stretches) for stretches in within.intervals)
@@ -342,7 +322,7 @@ def _without_contradicted(found: V, visited: AnglesSeen) -> V:
         every: Rows = np.ones(len(q_rad), dtype=bool)
         for rows in (~visited.inside(q_rad), every):
             harm = _harm(held_out, rows)
-            if harm is None or not harm.over(MUCH_WORSE):
+            if harm is None or not _is_over(MUCH_WORSE, harm):
                 continue
             if _beyond_uncertainty(found, held_out, rows):
                 break
@@ -354,7 +334,10 @@ def _without_contradicted(found: V, visited: AnglesSeen) -> V:
             break
         kept = [each for each in found.findings if each not in names]
         found = found.with_findings(kept)
-        why = f"held-out poses contradict it, {harm.errors}"
+        why = (
+            f"held-out poses contradict it, {harm.before.rms_mm:.4f} mm rms before and "
+            f"{harm.after.rms_mm:.4f} mm with it"
+        )
         unknown += [no_name(each, found.train.after.mean_mm, why) for each in names]
     return replace(found, unexplained=(*found.unexplained, *unknown)) if unknown else found
 
@@ -375,18 +358,24 @@ def _suspects(findings: Sequence[Finding[object]], left: Rows) -> list[Finding[o
     return of_joints or names
 
 
-def _harm(gap: Gap, rows: Rows) -> _Harm | None:
-    """Return how much worse some configurations (P,) are predicted; None where they are not.
+def _harm(gap: Gap, rows: Rows) -> BeforeAfter | None:
+    """Return the errors of configurations (P,) that are predicted worse; None where they are not.
 
     They are by more than chance, or by more than two parts in a hundred.
     """
-    if not rows.any():
+    harm = gap.accuracies(rows)
+    if harm is None:
         return None
-    harm = _Harm(summarise(gap.found_before, rows), summarise(gap.found_after, rows))
     paired = gap.reduction_of(rows)
     worse = harm.after.mean_mm > TRIFLING * harm.before.mean_mm
     surely = worse and paired.poses > 1 and paired.interval95_mm[1] < 0.0
-    return harm if harm.over(WORSE) or surely else None
+    return harm if _is_over(WORSE, harm) or surely else None
+
+
+def _is_over(factor: float, harm: BeforeAfter) -> bool:
+    """Return whether the mean or the root mean square is larger by more than a factor."""
+    before, after = harm.before, harm.after
+    return after.mean_mm > factor * before.mean_mm or after.rms_mm > factor * before.rms_mm
 
 
 def _beyond_uncertainty(found: Verdict[object], gap: Gap, rows: Rows) -> bool:

@@ -18,10 +18,15 @@ from pa10cal.calibration.grade import Errors, FitSummary, HeldOut
 from pa10cal.calibration.health import health
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.load_case import COMBINED, rows_of_load
-from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.uncertainty import reported_keys, summarise, summarise_by_load
+from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
+from pa10cal.calibration.uncertainty import (
+    calibrated_parameters,
+    reported_keys,
+    summarise,
+    summarise_by_load,
+)
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.discovery.blocked_cv.family import SPACINGS, computable
+from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
 from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
 from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.discover import judged_by_blocks
@@ -29,6 +34,7 @@ from pa10cal.discovery.evidence.discover import fit_given
 from pa10cal.discovery.evidence.fit import apparatus_m, covariance_of
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
+from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
 from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.angles_seen import AnglesSeen
@@ -46,20 +52,11 @@ from pa10cal.results.record import Campaign
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
 
 
-@dataclass(frozen=True)
-class Place:
-    """An effect by its id and place."""
-
-    id: str  # of the vocabulary
-    of: str  # where it sits: `joint 2`, `forearm`, `base`, ..
-
-
 @dataclass(frozen=True, eq=False)
 class CalibratedWith:
     """A campaign calibrated with effects."""
 
     model: FittedModel
-    converged: bool  # whether the fit came to rest
     poses: Observations  # averaged poses that were fitted, with what the model needs
     found: Deviations  # its deviations there
     ended: FitSummary  # how the fit ended
@@ -70,7 +67,7 @@ def calibrate_with(
     every: Observations,
     model: FittedModel,
     setup: MeasurementSetup,
-    effects: Sequence[Place | Effect],
+    effects: Sequence[EffectOfPlace | Effect],
 ) -> CalibratedWith:
     """Fit a calibrated model with effects, all parameters anew.
 
@@ -92,20 +89,19 @@ def calibrate_with(
         readings = campaign.readings
         judged = survey(readings, campaign.baseline, setup, torques_logged=logged)
         chosen = _effects(effects, judged.context)
-        rows = weighted_rows(judged, computable(judged)[0], SPACINGS[-1][0])
+        rows = weighted_rows(judged, computable_shapes(judged)[0], SPACINGS[-1][0])
         fitted = found = refit(
             judged, chosen, tuple(effect.starts[0] for effect in chosen), rows.weights
         )
         used, covariance = judged.poses, found.covariance
-        root = np.sqrt(found.weights.weight)[:, None, None]
-        whitener, off_m = root * found.weights.whitener, np.zeros(0)
+        whitener, off_m = found.weights.whiteners(), np.zeros(0)
     else:
         readings = campaign.trusted
         problem = prepare(readings, campaign.baseline, setup, torques_logged=logged)
         problem, fit = fit_given(problem, _effects(effects, problem.context))
         fitted, used = fit, problem.cells
         covariance, off_m = covariance_of(problem, fit), apparatus_m(problem, fit)
-        whitener = np.linalg.inv(np.linalg.cholesky(problem.cell_cov))
+        whitener = whitener_of(problem.cell_cov)
     calibrated = replace(fitted.fitted(covariance), targets_off_m=off_m)
 
     def ready(poses: Observations) -> Observations:
@@ -134,7 +130,6 @@ def calibrate_with(
     summary = _summary(fitted, used, whitener, covariance)
     return CalibratedWith(
         model=calibrated,
-        converged=fitted.converged,
         poses=poses,
         found=deviations,
         ended=summary,
@@ -142,7 +137,7 @@ def calibrate_with(
     )
 
 
-def listed(options: CalibrationOptions) -> list[Place | Effect]:
+def listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
     """Return the effects that the options list.
 
     Raises:
@@ -156,11 +151,11 @@ def listed(options: CalibrationOptions) -> list[Place | Effect]:
             allowed="the extended model of a search, with --named",
             remedy="give discovery/extended.json with --named, or list the effects",
         )
-    return [Place(each.id, each.of) for each in options.effects]
+    return options.effects
 
 
 def calibrated_with(
-    effects: Sequence[Place | Effect],
+    effects: Sequence[EffectOfPlace | Effect],
     record: R,
     campaign: CampaignDescription,
     arm: Arm,
@@ -202,7 +197,9 @@ def _noise_mm(poses: Observations, whitener: Array) -> float:
     return float(1e3 * np.sqrt(variances.sum(axis=1).mean()))
 
 
-def _effects(wanted: Sequence[Place | Effect], context: CandidateContext) -> tuple[Effect, ...]:
+def _effects(
+    wanted: Sequence[EffectOfPlace | Effect], context: CandidateContext
+) -> tuple[Effect, ...]:
     """Return the effects that are wanted, in the form that the campaign gives them."""
     known = {
         (effect.id, effect.of): effect for effect in everywhere_but(every_effect(), context, ())
@@ -235,7 +232,6 @@ def _summary(
     white = whitener @ jacobian
     rank = identify(white.reshape(-1, white.shape[2]), scale)
     columns = poses.measured.position_columns
-    names = {parameter.name for parameter in parameters}
     return FitSummary(
         converged=fitted.converged,
         reason="the last step was small" if fitted.converged else "steps were not enough",
@@ -247,7 +243,7 @@ def _summary(
         identifiability=rank,
         white=white,
         position=jacobian[:, columns],
-        not_identifiable=not_identifiable(rank, parameters) & names,
+        not_identifiable=not_identifiable(rank, parameters),
         x=np.concatenate([fitted.at.x, fitted.at.targets_m])[: len(parameters)],
     )
 
@@ -269,11 +265,11 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
     model = replace(found.model, fitted_to=about)
     load_N = found.poses.states.load_N
     after = summarise_by_load(found.found, load_N)
-    converged = "converged" if found.converged else "not converged"
+    ended = found.ended
     return record.model_copy(
         update={
-            "status": converged,
-            "reason": found.ended.reason,
+            "status": "converged" if ended.converged else "not converged",
+            "reason": ended.reason,
             "parameters": _parameters(found),
             "covariance": Covariance(
                 names=(*(p.name for p in model.model.parameters), *_BASE),
@@ -281,10 +277,10 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
             ),
             "T_instr_base": model.T_instr_base,
             "fitted_model": model_to_plain(model),
-            "rank": found.ended.identifiability.rank,
-            "unknowns": len(found.ended.parameters),
-            "condition": found.ended.identifiability.condition,
-            "singular_values": found.ended.identifiability.singular_values,
+            "rank": ended.identifiability.rank,
+            "unknowns": len(ended.parameters),
+            "condition": ended.identifiability.condition,
+            "singular_values": ended.identifiability.singular_values,
             "errors": {
                 load: errors.model_copy(update={"after": after[load]}) if load in after else errors
                 for load, errors in record.errors.items()
@@ -313,22 +309,16 @@ def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
     for term in model.model.terms:
         columns = model.model.columns_of(term)
         report = term.report(model.x[columns])
-        solved = {parameter.name for parameter in term.parameters}
-        place = f"{term.id}_{term.of.removeprefix('joint ')}_" if isinstance(term, Effect) else ""
-        touched = report.jacobian != 0.0
         names = [parameter.name for parameter in term.parameters]
-        for row, (name, keys) in zip(
-            touched, reported_keys(report, model.covariance[columns, columns]).items(), strict=True
-        ):
-            held = {names[k] for k in np.flatnonzero(row)} & openly & solved
+        place = f"{term.id}_{term.of.removeprefix('joint ')}_" if isinstance(term, Effect) else ""
+        of_term = reported_keys(report, model.covariance[columns, columns])
+        for row, (name, keys) in zip(report.jacobian != 0.0, of_term.items(), strict=True):
+            held = not openly.isdisjoint(names[k] for k in np.flatnonzero(row))
             parameters[f"{place}{name}"] = CalibratedParameter(
                 **keys, identifiable=not held, at_bound=False
             )
-    base = reported_keys(report_base(model.T_instr_base), model.covariance[-6:, -6:])
-    return parameters | {
-        name: CalibratedParameter(**keys, identifiable=True, at_bound=False)
-        for name, keys in base.items()
-    }
+    of_base = report_base(model.T_instr_base)
+    return parameters | calibrated_parameters(of_base, model.covariance[-6:, -6:])
 
 
 # The calibrated model with the effects that were found missing.

@@ -15,6 +15,7 @@ from scipy.special import fdtrc
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.discovery.linear import by_joints, error_mm, position_m, position_noise, residual
+from pa10cal.discovery.noise import whitener_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import (
@@ -93,32 +94,21 @@ _STEPS_A_PEAK = 5
 _LARGEST_STEP = 0.25
 
 
-@dataclass(frozen=True)
-class JointErrors:
-    """By how much further joints stand than the model says, in C cells."""
-
-    error_rad: Array  # (C, n) joint angle error (m for a prismatic joint)
-    std_rad: Array  # (C, n) its standard deviation by the noise of the cell
-
-    @property
-    def weight(self) -> Array:
-        """(C, n) by which means over cells are weighted."""
-        return np.asarray(self.std_rad**-2.0)
-
-
-def joint_errors(screws: Array, left: Array) -> JointErrors:
+def joint_errors(screws: Array, left: Array) -> tuple[Array, Array]:
     """Turn what the model leaves at every cell into errors of the joints, by least squares.
 
     Args:
         screws: (C, b, n) how whitened components follow the joints.
         left: (C, b, 1) components measured less predicted, whitened by the noise of each cell.
+
+    Returns:
+        By how much further joints stand than the model says (C, n) [rad; m of a prismatic joint],
+        and the standard deviation of that by the noise of the cell.
     """
     across = screws.transpose(0, 2, 1)
     covariance = np.linalg.inv(across @ screws + np.eye(screws.shape[2]) / POSSIBLE_RAD**2)
-    return JointErrors(
-        error_rad=(covariance @ (across @ left))[:, :, 0],
-        std_rad=np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
-    )
+    std_rad: Array = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    return (covariance @ (across @ left))[:, :, 0], std_rad
 
 
 def periodogram(
@@ -242,7 +232,7 @@ def lack_of_fit(
     last, most = len(cells) - 1, min(len(cells), MOST_CELLS)
     shown = np.unique(np.linspace(0, last, most).round().astype(int))
     some = cells.take(shown)
-    white = np.linalg.inv(np.linalg.cholesky(left.cov[shown]))
+    white = whitener_of(left.cov[shown])
     joints = joint_errors(white @ left.screws[shown], white @ left.components[shown, :, None])
     arm = left.at.model.chain.arm
     return LackOfFit(
@@ -261,19 +251,23 @@ def lack_of_fit(
             )
             for k, axis in enumerate(AXES)
         ),
-        by_joint=tuple(_joint_part(arm, some, joints, j) for j in range(n)),
+        by_joint=tuple(_joint_part(arm, some, *joints, j) for j in range(n)),
         by_torque=()
         if torques is None
         else tuple(_torque_part(cells, torques, j) for j in range(n)),
         drifts=tuple(_drift(cells, axis, position_mm[:, k]) for k, axis in enumerate(AXES)),
         cells=_cells(
-            some, position_mm[shown], joints, None if torques is None else torques.torque_Nm[shown]
+            some, position_mm[shown], *joints, None if torques is None else torques.torque_Nm[shown]
         ),
     )
 
 
 def _cells(
-    cells: Observations, position_mm: Array, joints: JointErrors, torque_Nm: Array | None
+    cells: Observations,
+    position_mm: Array,
+    error_rad: Array,
+    std_rad: Array,
+    torque_Nm: Array | None,
 ) -> Cells:
     """Return what is drawn of every cell, with as many digits as a picture shows."""
     states = cells.states
@@ -292,8 +286,8 @@ def _cells(
                 joint=j + 1,
                 q_rad=rounded(states.q_rad[:, j]),
                 arrival=rounded(states.arrival[:, j]),
-                error_rad=rounded(joints.error_rad[:, j]),
-                std_rad=rounded(joints.std_rad[:, j]),
+                error_rad=rounded(error_rad[:, j]),
+                std_rad=rounded(std_rad[:, j]),
                 torque_residual_Nm=None if torque_Nm is None else rounded(torque_Nm[:, j]),
             )
             for j in range(states.n)
@@ -307,13 +301,15 @@ def rounded(values: Array) -> Array:
     return np.array(flat).reshape(np.shape(values))
 
 
-def _joint_part(arm: Arm, cells: Observations, joints: JointErrors, j: int) -> JointPart:
-    error, weight = joints.error_rad[:, j], joints.weight[:, j]
+def _joint_part(
+    arm: Arm, cells: Observations, error_rad: Array, std_rad: Array, j: int
+) -> JointPart:
+    error, weight = error_rad[:, j], std_rad[:, j] ** -2.0
     share = weight / weight.sum()
     return JointPart(
         joint=j + 1,
         rms_rad=float(np.sqrt(share @ error**2)),
-        floor_rad=float(np.sqrt(share @ joints.std_rad[:, j] ** 2)),
+        floor_rad=float(np.sqrt(share @ std_rad[:, j] ** 2)),
         arrivals=tuple(
             JointArrival(direction=sign, cells=count, mean_rad=of.value, std_rad=of.std)
             for sign, count, of in _arrivals(cells, error, weight, j)

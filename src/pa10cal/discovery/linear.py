@@ -252,6 +252,17 @@ class ModelWithEffects:
         """Return the parameters of one of its effects."""
         return self.at.x[self.columns_of(effect)]
 
+    def reported(self, effect: Effect, covariance: Array) -> tuple[Array, Array]:
+        """Return the reported parameters of one of its effects, and their covariance.
+
+        Args:
+            effect: which.
+            covariance: (k, k) of all unknowns.
+        """
+        columns = self.columns_of(effect)
+        report = effect.report(self.at.x[columns])
+        return report.values, report.jacobian @ covariance[columns, columns] @ report.jacobian.T
+
     def fitted(self, covariance: Array | None = None) -> FittedModel:
         """Return the model with its base where it is found to stand, the base's own term gone.
 

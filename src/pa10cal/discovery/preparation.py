@@ -13,8 +13,8 @@ from pa10cal.arm.statics import Payload, PoseStates, Statics
 from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.discovery.finding import Fault, faults_of_input
-from pa10cal.discovery.row_faults import RowFaults, held_out_faults, row_faults
+from pa10cal.discovery.finding import Fault, NotTestable, faults_of_input
+from pa10cal.discovery.row_faults import held_out_faults, row_faults
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
@@ -80,6 +80,20 @@ def why_unknown(effect: Effect, states: PoseStates, *, logged: bool, weights: bo
         if not np.all(np.isfinite(effect.torque_derivative(states, start))):
             return "what it depends on was not logged"
     return None
+
+
+def computable(
+    effects: Iterable[Effect], states: PoseStates, *, logged: bool, weights: bool
+) -> tuple[list[Effect], list[NotTestable]]:
+    """Divide effects into those that can be predicted, and the others; see `why_unknown`."""
+    known, refused = [], []
+    for effect in effects:
+        why = why_unknown(effect, states, logged=logged, weights=weights)
+        if why is None:
+            known.append(effect)
+        else:
+            refused.append(NotTestable(effect, why, by_these_poses=False))
+    return known, refused
 
 
 def why_hidden(share: float, signal: float) -> str | None:
@@ -195,12 +209,14 @@ def prepared(
     whole = complete(readings, as_calibrated, setup)
     found = row_faults(whole, as_calibrated, setup.payload, torques)
     single = every.of_kind("holdout")
-    held_out, held_out_found = None, None
+    held_out, held_out_found, suspected = None, None, None
     if len(single):
         held_out, _ = with_their_torques(average_repeats(single).turned(model.R_ee_target))
         alone, _ = with_their_torques(single.turned(model.R_ee_target))
         alone = complete(alone, as_calibrated, setup)
         held_out_found = held_out_faults(alone, as_calibrated, whole.take(~found.excluded))
+        if held_out_found.excluded.any():
+            suspected = np.bincount(reading_groups(single), held_out_found.excluded) > 0.0
     if torques == "masses" and setup.payload is not None:
         model = with_uncertain_weights(model, setup.payload)
     return Prepared(
@@ -217,7 +233,7 @@ def prepared(
             *(held_out_found.faults if held_out_found else ()),
         ),
         excluded=found.excluded,
-        suspected=_averages_with(single, held_out_found),
+        suspected=suspected,
     )
 
 
@@ -230,14 +246,6 @@ def _direction(joint: int) -> Fault:
         "nearly always, and the other joints are not; its directions were reversed",
         remedy=f"check the sign of q{joint}_deg in the log of approaches",
     )
-
-
-def _averages_with(single: Observations, found: RowFaults | None) -> NDArray[np.bool_] | None:
-    """Return which averages of readings have a suspected one among them."""
-    if found is None or not found.excluded.any():
-        return None
-    group = reading_groups(single)
-    return np.bincount(group, found.excluded) > 0.0
 
 
 def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup) -> Observations:

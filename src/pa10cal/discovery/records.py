@@ -5,16 +5,18 @@ What they hold comes from the functions that found it; here it is gathered, and 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.uncertainty import reported_keys
-from pa10cal.discovery.explained import explained
-from pa10cal.discovery.finding import Finding, GivesWay, NotTestable, name_of, steps_told
-from pa10cal.discovery.gap import Gap
+from pa10cal.discovery.finding import Finding, name_of, sized, steps_told, with_a_name
+from pa10cal.discovery.gap import Gap, Named
 from pa10cal.discovery.linear import possible_sizes
 from pa10cal.discovery.verdict import Plan, Verdict, without_a_cause
 from pa10cal.fit.fitted_model import FittedModel
@@ -22,26 +24,17 @@ from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results import discovery as parts
 from pa10cal.results import maps
 from pa10cal.results.analysis import (
-    AnalysisKeys,
     AnalysisRecord,
     GapField,
     GapRows,
     NamingStep,
     ParameterShift,
 )
-from pa10cal.results.discovery import (
-    ExtendedKeys,
-    ExtendedRecord,
-    FoundEffect,
-    NamedEffect,
-    VerdictKeys,
-    VerdictRecord,
-)
-from pa10cal.results.evaluation import EffectParameter, Parameter
+from pa10cal.results.discovery import ExtendedRecord, VerdictKeys, VerdictRecord
+from pa10cal.results.evaluation import Parameter
+from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.results.maps import JointWitness
-from pa10cal.results.record import Campaign
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import Band, JointErrorMap
+from pa10cal.results.record import Campaign, EffectName
 
 
 @dataclass(frozen=True)
@@ -66,6 +59,7 @@ def discovery_records(
     """
     name, provenance = campaign.name, campaign.provenance
     keys, from_order = verdict_keys(found, ahead), found.prepared.arrivals_from_order
+    parameters, (before, after) = model_parameters(found), found.lack_of_fit()
     return DiscoveryRecords(
         VerdictRecord(
             **dict(keys),
@@ -76,26 +70,41 @@ def discovery_records(
             by_campaign=found.by_campaign(),
         ),
         ExtendedRecord(
-            **dict(_extended(found)),
             campaign=name,
             provenance=provenance,
+            parameters=parameters,
+            T_instr_base=found.model.T_instr_base,
+            fitted_model=model_to_plain(found.model),
+            angles_seen=keys.angles_seen,
             robot=campaign.robot,
             calibration=calibration,
             verdict=keys.verdict,
             arrival_from_order=from_order,
             steps_s=steps_told(found.faults) or None,
-            named=tuple(
-                NamedEffect(
-                    id=effect.id,
-                    of=effect.of,
-                    parameters=effect.parameters,
-                    alternatives=effect.alternatives,
-                )
-                for effect in keys.effects
-            ),
+            named=keys.effects,
             warnings=warnings_of(keys),
         ),
-        AnalysisRecord(**dict(analysis_keys(found)), campaign=name, provenance=provenance),
+        AnalysisRecord(
+            campaign=name,
+            provenance=provenance,
+            before=before,
+            after=after,
+            steps=found.steps,
+            naming=tuple(
+                NamingStep(
+                    effects=tuple(map(name_of, step.effects)),
+                    train=step.train,
+                    holdout=step.holdout,
+                )
+                for step in found.naming
+            ),
+            parameter_shifts=parameter_shifts(found.baseline, parameters),
+            gap=GapField(
+                train=gap_rows(found.train, found.baseline),
+                holdout=None if found.holdout is None else gap_rows(found.holdout, found.baseline),
+            ),
+            noise_floor_mm=found.noise_floor_mm,
+        ),
     )
 
 
@@ -109,18 +118,17 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         method=found.method,
         explained=explained(found),
         effects=tuple(
-            found_effect(finding, found) for finding in (*found.gives_way, *found.effects)
+            finding.record(found.witness(finding.effect))
+            for finding in (*found.gives_way, *found.effects)
         ),
         faults=found.faults,
         unexplained=parts.AllUnexplained(**dict(places[0]), all=places) if places else None,
         proposed=tuple(each.record for each in found.proposed) or None,
-        not_testable=not_testable(found.not_testable),
+        not_testable=with_a_name(found.not_testable),
         below_detection_limit=None
         if found.below_detection_limit is None
-        else not_testable(found.below_detection_limit),
-        indistinguishable=tuple(
-            tuple(name_of(effect) for effect in group) for group in found.indistinguishable
-        ),
+        else with_a_name(found.below_detection_limit),
+        indistinguishable=tuple(tuple(map(name_of, group)) for group in found.indistinguishable),
         gap=parts.Gap(
             noise_floor_mm=found.noise_floor_mm,
             noise_floor_from=found.noise_floor_from,
@@ -139,16 +147,6 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
     )
 
 
-def _extended(found: Verdict[object]) -> ExtendedKeys:
-    """Return the extended model, and its parameters with uncertainties."""
-    return ExtendedKeys(
-        parameters=model_parameters(found),
-        T_instr_base=found.model.T_instr_base,
-        fitted_model=model_to_plain(found.model),
-        angles_seen=None if found.seen is None else found.seen.record,
-    )
-
-
 def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     """Return what a reader should know before trusting the extended model."""
     found = []
@@ -159,7 +157,7 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     if verdict.verdict == "unexplained" and verdict.unexplained is not None:
         place = verdict.unexplained.of or "unknown place"
         found.append(f"an unidentified effect of {place} is missing: uncertainties do not cover it")
-    found += [f"{fault.where}: {fault.what}; {fault.remedy}" for fault in verdict.faults]
+    found += map(str, verdict.faults)
     if verdict.falls_back is not None:
         found.append(verdict.falls_back.why)
     search = verdict.search
@@ -174,7 +172,7 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
 
 def summary(verdict: VerdictKeys) -> list[str]:
     """Return the verdict in a few lines; in one where effects were not sought."""
-    told = [f"  {fault.where}: {fault.what}; {fault.remedy}" for fault in verdict.faults]
+    told = [f"  {fault}" for fault in verdict.faults]
     if verdict.verdict == "not_sought":
         return [f"effects were not sought: {verdict.why}; {verdict.remedy}", *told]
     word, lead = verdict.verdict, verdict.explained
@@ -201,15 +199,6 @@ def summary(verdict: VerdictKeys) -> list[str]:
     return lines
 
 
-def sized(parameters: Mapping[str, EffectParameter]) -> str:
-    """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
-    return ", ".join(
-        f"{key} = {entry.value:.4g} ± {2.0 * entry.std:.1g} {entry.unit}"
-        for key, entry in parameters.items()
-        if not key.startswith("knot")
-    )
-
-
 def _gap_lines(kind: str, gap: parts.SetGap) -> list[str]:
     low, high = gap.reduction.interval95_mm
     lines = [
@@ -222,42 +211,6 @@ def _gap_lines(kind: str, gap: parts.SetGap) -> list[str]:
         for name, part in (("inside", gap.inside), ("outside", gap.outside))
         if part is not None
     ]
-
-
-def found_effect(finding: Finding[object], found: Verdict[object]) -> FoundEffect:
-    """Return a finding with the statistics that decided."""
-    proof = finding.proof
-    return FoundEffect(
-        id=finding.id,
-        of=finding.of,
-        form=form_of(finding.effect),
-        parameters=finding.parameters,
-        alternatives=tuple(map(name_of, finding.alternatives)),
-        evidence=parts.EvidenceByBlocks(cross_validation_over_blocks=proof)
-        if isinstance(proof, parts.BlockedCrossValidation)
-        else proof,
-        witness=found.witness(finding.effect),
-        weights=proof.weights if isinstance(proof, GivesWay) else None,
-    )
-
-
-def form_of(effect: Effect) -> maps.MapForm | None:
-    """Return spacing and spectrum of a map that has its own; None for every other effect."""
-    if not isinstance(effect, JointErrorMap) or effect.spectrum is None:
-        return None
-    expected = asdict(effect.spectrum)
-    if isinstance(effect.spectrum, Band):
-        return maps.MapForm(knots=effect.knots, band=maps.Band(**expected))
-    return maps.MapForm(knots=effect.knots, fading=maps.Fading(**expected))
-
-
-def not_testable(entries: Iterable[NotTestable]) -> tuple[parts.NotTestable, ...]:
-    """Return the effects with a name that the data cannot show."""
-    return tuple(
-        parts.NotTestable(id=entry.effect.id, of=entry.effect.of, why=entry.why)
-        for entry in entries
-        if not entry.effect.generic
-    )
 
 
 def ripple_words(witness: JointWitness) -> str:
@@ -276,31 +229,6 @@ def ripple_words(witness: JointWitness) -> str:
 
 #: A parameter known no better than this part of what is possible is not identified by the data.
 _IDENTIFIED = 1.0 / 3.0
-
-
-def analysis_keys(found: Verdict[object]) -> AnalysisKeys:
-    """Return all that the figures of discovery show."""
-    before, after = found.lack_of_fit()
-    baseline = found.baseline
-    return AnalysisKeys(
-        before=before,
-        after=after,
-        steps=found.steps,
-        naming=tuple(
-            NamingStep(
-                effects=tuple(name_of(effect) for effect in step.effects),
-                train=step.train,
-                holdout=step.holdout,
-            )
-            for step in found.naming
-        ),
-        parameter_shifts=parameter_shifts(baseline, model_parameters(found)),
-        gap=GapField(
-            train=gap_rows(found.train, baseline),
-            holdout=None if found.holdout is None else gap_rows(found.holdout, baseline),
-        ),
-        noise_floor_mm=found.noise_floor_mm,
-    )
 
 
 def model_parameters(found: Verdict[object]) -> dict[str, Parameter]:
@@ -358,3 +286,139 @@ def gap_rows(gap: Gap, baseline: FittedModel) -> GapRows:
         after_mm=gap.found_after.position_mm,
         extrapolated=None if gap.inside is None else ~gap.inside,
     )
+
+
+# How much of the error beyond noise is explained, and by what.
+#
+# The share of all effects is what the mean square error over held-out poses falls by, from the
+# calibrated model to the one that is exported, as part of what it had beyond noise. It is divided
+# among them by what the exported model loses without each, all else fitted again: joining one by
+# one, an effect may be masked by another. Shares sum to the whole. Errors without one are told as
+# no larger than those without any.
+
+#: Without an effect found, errors so many times as large as those of noise, root mean squares, are
+#: more than noise.
+_MORE_THAN_NOISE = 1.15
+
+
+@dataclass(frozen=True)
+class Joining:
+    """An effect that joins a model."""
+
+    ids: tuple[str, ...]  # of the effect, then of its alternatives at the same place
+    of: str  # where it sits
+    # before_mm and after_mm: (P,) position errors without it and with it, over the same poses
+    before_mm: Array
+    after_mm: Array
+    elsewhere: tuple[EffectName, ...] = ()  # alternatives at other places
+    # `assumed` where its size is relative to weights that nobody stated
+    weights: Literal["assumed"] | None = None
+
+
+def explained_by(
+    joining: Sequence[Joining],
+    before_mm: Array,
+    noise_rms_mm: float,
+    over: Literal["held-out poses", "fitted poses"] = "held-out poses",
+) -> Explained | None:
+    """Return what effects take away; None where there is no more than noise to explain.
+
+    Args:
+        joining: the effects; the last of them ends at the model with all.
+        before_mm: (P,) position errors of the model without any.
+        noise_rms_mm: root mean square error that noise alone would leave.
+        over: what the poses are.
+    """
+    noise = noise_rms_mm**2
+    first = _squared(before_mm)
+    beyond = first - noise
+    least = 1.0 if joining else _MORE_THAN_NOISE**2
+    if not beyond > (least - 1.0) * noise or not first > 0.0:
+        return None
+    last = _squared(joining[-1].after_mm) if joining else first
+    share = float(np.clip((first - last) / beyond, 0.0, 1.0))
+    taken = np.array(
+        [max(_squared(each.before_mm) - _squared(each.after_mm), 0.0) for each in joining]
+    )
+    shares = taken * (share / taken.sum()) if taken.sum() > 0.0 else np.zeros(len(joining))
+    entries = [
+        ExplainedEffect(
+            ids=each.ids,
+            of=each.of,
+            elsewhere=each.elsewhere,
+            weights=each.weights,
+            share=float(own),
+            before_mm=min(_squared(each.before_mm), first) ** 0.5,
+            after_mm=_squared(each.after_mm) ** 0.5,
+        )
+        for each, own in zip(joining, shares, strict=True)
+    ]
+    return Explained(
+        share=share,
+        of=tuple(sorted(entries, key=lambda each: -each.share)),
+        without_a_name=1.0 - share,
+        over=over,
+        before_mm=first**0.5,
+        after_mm=last**0.5,
+        noise_mm=noise_rms_mm,
+    )
+
+
+def explained(found: Verdict[object]) -> Explained | None:
+    """Return what the effects of a verdict take away; None where not sought, or nothing is missing.
+
+    Held-out poses with a suspected reading do not count; without held-out poses it is counted over
+    those fitted. Joints that give way under weights that nobody stated joined the geometry in the
+    calibration already: errors before are those of the geometry alone.
+    """
+    calibrated = found.gives_way
+    if (found.method is None or found.verdict == "none") and not calibrated:
+        return None
+    gap = found.train if (held_out := found.holdout) is None else held_out
+    rows = np.ones(len(gap.poses), dtype=bool)
+    if held_out is not None and found.prepared.suspected is not None:
+        rows = ~found.prepared.suspected
+    if not rows.any():
+        return None
+    over: Literal["held-out poses", "fitted poses"] = (
+        "fitted poses" if held_out is None else "held-out poses"
+    )
+    before_mm = gap.found_before.distance_mm[rows]
+    after_mm = gap.found_after.distance_mm[rows]
+    joining = []
+    for each in found.gives_way:
+        proof = each.proof
+        weights: Literal["assumed"] | None = None
+        if proof.weights in ("assumed", "total"):
+            weights = "assumed"
+        joining.append(_joining(each, proof.without_each_mm, after_mm, weights))
+        before_mm = proof.all_rigid_each_mm
+    findings = {each.effect: each for each in found.findings}
+    *_, last = found.naming
+    after_mm = _errors(last, rows)
+    for effect, without in zip(last.effects, last.without, strict=True):
+        joining.append(_joining(findings[effect], _errors(without, rows), after_mm))
+    return explained_by(joining, before_mm, gap.noise_rms_mm, over)
+
+
+def _joining(
+    finding: Finding[object],
+    before_mm: Array,
+    after_mm: Array,
+    weights: Literal["assumed"] | None = None,
+) -> Joining:
+    """Return a finding and its alternatives, those at its place and those elsewhere."""
+    rivals = finding.alternatives
+    here = dict.fromkeys((finding.id, *(each.id for each in rivals if each.of == finding.of)))
+    elsewhere = tuple(name_of(each) for each in rivals if each.of != finding.of)
+    return Joining(tuple(here), finding.of, before_mm, after_mm, elsewhere, weights)
+
+
+def _errors(found: Named, rows: NDArray[np.bool_]) -> Array:
+    """Return position errors of some poses, held out where there are such."""
+    left = found.on_train if found.on_holdout is None else found.on_holdout
+    return left.distance_mm[rows]
+
+
+def _squared(errors_mm: Array) -> float:
+    return float(np.mean(errors_mm**2))

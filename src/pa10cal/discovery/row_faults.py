@@ -18,8 +18,7 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.finding import Fault
 from pa10cal.discovery.in_time.wander import moved_between_repeats
 from pa10cal.discovery.linear import by_every_joint, residual
-from pa10cal.discovery.noise import MEDIAN_TO_SIGMA, compared, noise_of_repeats
-from pa10cal.discovery.weights import pose_weights
+from pa10cal.discovery.noise import MEDIAN_TO_SIGMA, compared, noise_of_repeats, pose_weights
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques

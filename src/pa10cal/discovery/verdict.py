@@ -13,15 +13,24 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.discovery.finding import Fault, Finding, NotTestable, fault_of, to_check
-from pa10cal.discovery.gap import Gap, Named
+from pa10cal.discovery.finding import (
+    Fault,
+    Finding,
+    GivesWay,
+    NotTestable,
+    fault_of,
+    sized,
+    to_check,
+)
+from pa10cal.discovery.gap import Gap, Named, in_order
 from pa10cal.discovery.linear import ModelWithEffects
+from pa10cal.discovery.noise import Scatter
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.short_forms import Arena, Proposal
-from pa10cal.discovery.weights import Scatter
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit, PureErrorTest, SearchStep
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import (
@@ -96,7 +105,7 @@ class Verdict(ABC, Generic[P_co]):
     proposed: tuple[Proposal, ...] = ()  # formulas for what has no name; they name nothing
     # joints that give way under weights that nobody stated. Their springs are part of the
     # calibrated model already.
-    gives_way: tuple[Finding[object], ...] = ()
+    gives_way: tuple[Finding[GivesWay], ...] = ()
 
     #: How effects are judged; None where they are not sought.
     method: ClassVar[str | None]
@@ -202,16 +211,8 @@ class Verdict(ABC, Generic[P_co]):
     def _repr_html_(self) -> str:
         """Return the verdict as a notebook shows it."""
         found = "".join(
-            f"<li>{escape(label_of(finding.effect, None))}: "
-            + escape(
-                ", ".join(
-                    f"{name} = {value.value:.4g} ± {2.0 * value.std:.1g} {value.unit}"
-                    for name, value in finding.parameters.items()
-                    if not name.startswith("knot")
-                )
-            )
-            + "</li>"
-            for finding in self.effects
+            f"<li>{escape(label_of(each.effect, None))}: {escape(sized(each.parameters))}</li>"
+            for each in self.effects
         )
         found += "".join(
             f"<li>proposed, no name: {escape(each.form.formula)}</li>" for each in self.proposed
@@ -246,8 +247,37 @@ class Verdict(ABC, Generic[P_co]):
         Args:
             findings: some of its own, each with its own effect or one of its alternatives.
         """
-        assert not findings, "nothing was sought"
-        return self
+        found = self._refitted(tuple(each.effect for each in findings))
+        held_out, reported = self.prepared.held_out, found.extended.reported
+        parameters = [reported(each.effect, found.covariance) for each in findings]
+        return replace(
+            found,
+            findings=tuple(
+                replace(each, x=x, covariance=covariance)
+                for each, (x, covariance) in zip(findings, parameters, strict=True)
+            ),
+            train=found._gap_on(found._fitted_poses),
+            holdout=None if held_out is None else found._gap_on(held_out),
+        )
+
+    # What each way of judging has of its own; nobody needs it where nothing was sought.
+
+    def _refitted(self, effects: tuple[Effect, ...]) -> Self:
+        """Return the verdict with the calibrated model and these effects as extended model."""
+        raise NotImplementedError
+
+    @property
+    def _fitted_poses(self) -> Observations:
+        """Return the averaged poses of the fit."""
+        raise NotImplementedError
+
+    def _gap_on(self, poses: Observations) -> Gap:
+        """Return the gap of the calibrated and the extended model on averaged poses."""
+        raise NotImplementedError
+
+    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+        """Return the extended model with some of its effects, all else fitted again."""
+        raise NotImplementedError
 
     @abstractmethod
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
@@ -270,9 +300,9 @@ class Verdict(ABC, Generic[P_co]):
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
         """Return where data and model disagree, before and after."""
 
-    @abstractmethod
     def errors_by_name(self) -> tuple[Named, ...]:
         """Return the errors that remain as the effects join the model one by one."""
+        return in_order(self.train, self.holdout, self.extended.effects, self._model_with)
 
     @cached_property
     def naming(self) -> tuple[Named, ...]:
@@ -301,15 +331,24 @@ def no_name(finding: Finding[object], left_mm: float, why: str) -> Unexplained:
     return Unexplained(of=finding.of, form=finding.id, shared_error_mm=left_mm, why=said)
 
 
+def smooth_unknown(effect: Effect, left_mm: float, what: str) -> Unexplained:
+    """Return what a smooth unknown function holds.
+
+    Args:
+        effect: the function.
+        left_mm: position error that goes with it.
+        what: what it predicts.
+    """
+    why = (
+        f"a smooth unknown function ({effect.id}) of {effect.of} predicts {what} better than "
+        f"any name{effect.advice}"
+    )
+    return Unexplained(of=effect.of, form=effect.id, shared_error_mm=left_mm, why=why)
+
+
 def is_named(effect: Effect) -> bool:
     """Return whether an effect says what is wrong, and not only where."""
     return not (effect.generic or effect.id == MAP or isinstance(effect, LogFault))
-
-
-def reported(effect: Effect, x: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return the reported parameters of an effect, and their covariance, from those solved."""
-    report = effect.report(x)
-    return report.values, report.jacobian @ covariance @ report.jacobian.T
 
 
 def word_of(findings: Sequence[Finding[object]], unexplained: Sequence[Unexplained]) -> Word:

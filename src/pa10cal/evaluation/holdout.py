@@ -17,7 +17,7 @@ from pa10cal.calibration.uncertainty import summarise, summarise_by_load
 from pa10cal.discovery.finding import steps_told
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time
 from pa10cal.discovery.linear import residual, with_base_term
-from pa10cal.discovery.noise import same_circumstances
+from pa10cal.discovery.noise import pose_weights, same_circumstances
 from pa10cal.discovery.preparation import (
     MeasurementSetup,
     complete,
@@ -25,7 +25,6 @@ from pa10cal.discovery.preparation import (
     context_of,
     sought,
 )
-from pa10cal.discovery.weights import pose_weights
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.instrument import group_means

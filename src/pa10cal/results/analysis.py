@@ -219,8 +219,12 @@ class GapField(Part):
     holdout: GapRows | None = Field(description="held-out poses; null without any")
 
 
-class AnalysisKeys(Part):
-    """What the figures of discovery show, whoever's it is."""
+class AnalysisRecord(MeasuredRecord):
+    """`discovery/analysis.json`."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-analysis/1"
+    FILE: ClassVar[str] = "discovery/analysis.json"
+    COMMAND: ClassVar[str] = "discover"
 
     before: LackOfFit = Field(description="lack of fit of the calibrated model")
     after: LackOfFit = Field(description="lack of fit with the named effects")
@@ -241,11 +245,3 @@ class AnalysisKeys(Part):
     def effects(self) -> tuple[EffectName, ...]:
         """Return the effects named, in the order found."""
         return self.naming[-1].effects
-
-
-class AnalysisRecord(AnalysisKeys, MeasuredRecord):
-    """`discovery/analysis.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-analysis/1"
-    FILE: ClassVar[str] = "discovery/analysis.json"
-    COMMAND: ClassVar[str] = "discover"

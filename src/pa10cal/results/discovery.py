@@ -159,6 +159,9 @@ class Fault(Part):
         "where that was not tried"
     )
 
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what}; {self.remedy}"
+
 
 class AllUnexplained(Unexplained):
     """Everything without a name; the keys beside `all` are those of the largest."""
@@ -422,8 +425,12 @@ class VerdictRecord(VerdictKeys, MeasuredRecord):
     )
 
 
-class ExtendedKeys(Part):
-    """The extended model: parameters with uncertainties, and the fitted model."""
+class ExtendedRecord(MeasuredRecord):
+    """`discovery/extended.json`."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-extended/1"
+    FILE: ClassVar[str] = "discovery/extended.json"
+    COMMAND: ClassVar[str] = "discover"
 
     parameters: Mapping[ParameterKey, Parameter] = Field(
         description="every parameter of the calibrated model and the base frame, with the effects"
@@ -437,15 +444,6 @@ class ExtendedKeys(Part):
         "values of each joint seen by the fit, where effects were judged by blocks and a map was "
         "found: it holds there"
     )
-
-
-class ExtendedRecord(ExtendedKeys, MeasuredRecord):
-    """`discovery/extended.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-extended/1"
-    FILE: ClassVar[str] = "discovery/extended.json"
-    COMMAND: ClassVar[str] = "discover"
-
     robot: str = Field(description="name of the arm")
     calibration: str = Field(description="load case of the calibration it began with")
     verdict: Verdict = Field(description="the verdict")

@@ -7,10 +7,12 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.options import DiscoveryOptions
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from pa10cal.arm.description import Arm
     from pa10cal.campaign.description import CampaignDescription
     from pa10cal.observe.observations import Observations
@@ -145,14 +147,14 @@ def _with_effects(
     if not options.effects:
         return record
 
-    from pa10cal.discovery.given import Place, calibrated_with, listed
+    from pa10cal.discovery.given import calibrated_with, listed
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
     from pa10cal.stages.extended import effects_of, read_extended
 
     if options.effects == "named" and named is not None:
         known = read_extended(named, campaign.name).model
-        effects: list[Place | Effect] = [*effects_of(known)]
+        effects: Sequence[EffectOfPlace | Effect] = effects_of(known)
     else:
         effects = listed(options)
     if named is not None and not effects:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pa10cal.discovery.blocked_cv.alone import ANGLES_RAD, Curve, pair_of, visited
+from pa10cal.discovery.blocked_cv.refit import ANGLES_RAD, Curve, pair_of, visited
 
 EVERYWHERE = np.ones(len(ANGLES_RAD), dtype=bool)
 

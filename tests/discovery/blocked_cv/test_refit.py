@@ -6,7 +6,7 @@ import pytest
 from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.blocked_cv.refit import refit
 from pa10cal.discovery.linear import at_unknowns, moved_base, residual
-from pa10cal.discovery.weights import unweighted
+from pa10cal.discovery.noise import unweighted
 from pa10cal.terms.effects.joint_angle import EncoderEccentricity
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
 from pa10cal.terms.effects.joint_torque import JointCompliance, SoftWindup

@@ -11,13 +11,19 @@ import pa10cal
 from made_up_survey import observe
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.write import write_campaign
-from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable, family
+from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable_shapes, family
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
-from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect, in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.search import Search
-from pa10cal.discovery.blocked_cv.survey import survey
+from pa10cal.discovery.blocked_cv.survey import (
+    Rows,
+    ShapedEffect,
+    in_terms_of,
+    map_columns,
+    products,
+    survey,
+)
 from pa10cal.discovery.linear import by_joints, by_terms, residual
-from pa10cal.discovery.weights import unweighted
+from pa10cal.discovery.noise import unweighted
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.studies.blind_trials import draw
@@ -39,7 +45,9 @@ def few():
 @pytest.fixture(scope="module")
 def rows(few):
     wanted = {("encoder_eccentricity", "joint 2"), ("cmm_squareness", "instrument")}
-    shaped = [each for each in computable(few)[0] if (each.effect.id, each.effect.of) in wanted]
+    shaped = [
+        each for each in computable_shapes(few)[0] if (each.effect.id, each.effect.of) in wanted
+    ]
     return Rows(few, unweighted(few.poses.measured), tuple(shaped), 36)
 
 
@@ -128,7 +136,7 @@ def test_columns_stand_where_rows_say(rows):
 
 
 def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
-    shaped, unknown = computable(few)
+    shaped, unknown = computable_shapes(few)
     assert all(isinstance(each, ShapedEffect) for each in shaped)
     assert {entry.why for entry in unknown} == {"the torques were not logged"}
     rows = Rows(few, unweighted(few.poses.measured), shaped, 144)
@@ -153,7 +161,7 @@ def test_a_gain_of_logged_torques_is_taken_up_by_the_springs_that_take_the_log(f
 
 
 def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(few):
-    shaped, _ = computable(few)
+    shaped, _ = computable_shapes(few)
     rows = Rows(few, unweighted(few.poses.measured), shaped, 36)
     weights = replace(rows.weights, weight=np.full(len(few.poses), 2e-3))
     name, found = ("cmm_squareness", "instrument"), []
@@ -178,6 +186,6 @@ def test_distances_too_few_for_maps_of_all_joints_are_weighed_by_their_noise(tmp
     )
     campaign = pa10cal.read_campaign(tmp_path / "raw")
     judged = pa10cal.discover(campaign, pa10cal.calibrate(campaign)).survey
-    found = weighted_rows(judged, computable(judged)[0], 72)
+    found = weighted_rows(judged, computable_shapes(judged)[0], 72)
     noise_mm = 1e3 / np.median(found.weights.whitener)
     assert noise_mm == pytest.approx(trial.settings.without_touches.position_mm, rel=0.25)

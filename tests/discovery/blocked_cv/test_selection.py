@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pa10cal.discovery.blocked_cv.rows import Products
-from pa10cal.discovery.blocked_cv.selection import Columns, start
+from pa10cal.discovery.blocked_cv.family import Columns, start
+from pa10cal.discovery.blocked_cv.survey import Products
 
 BLOCKS, ROWS = 5, 40
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_arm import forced, measure
-from pa10cal.discovery.evidence.confirm import FLIPS, confirm
-from pa10cal.discovery.evidence.judge import FLIP_RATE
+from pa10cal.discovery.evidence.judge import FLIP_RATE, FLIPS, confirm
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.evidence.search import evidence_about
 

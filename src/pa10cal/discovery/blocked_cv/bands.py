@@ -15,18 +15,17 @@ import numpy as np
 from scipy.linalg import block_diag, lapack
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.family import Candidate, standard_error
+from pa10cal.discovery.blocked_cv.family import Candidate, solve, standard_error
 from pa10cal.discovery.blocked_cv.finest import (
     FINER_KNOTS,
     Level,
     level_of,
     maps_among,
     products_by_kind,
+    with_form,
 )
-from pa10cal.discovery.blocked_cv.rows import Products, Rows, ShapedEffect, in_terms_of
-from pa10cal.discovery.blocked_cv.selection import solve
-from pa10cal.discovery.blocked_cv.survey import BLOCKS
-from pa10cal.discovery.weights import Widening
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, Products, Rows, in_terms_of
+from pa10cal.discovery.noise import Widening
 from pa10cal.results import maps as results
 from pa10cal.terms.effects.joint_error_map import (
     FINE,
@@ -98,12 +97,13 @@ def in_bands(rows: Rows, fine: Level) -> InBands | None:
         return None
     shaped = tuple(member.shaped for member in fine.members if not member.is_map)
     rows = replace(rows, shaped=shaped)
-    members = tuple(_with_form(member, FINE) for member in fine.members)
+    members = tuple(with_form(member, FINE) for member in fine.members)
     waves = _Waves(rows, maps)
-    splines, by_kind = _Weighed(), []
+    splines: tuple[Products, ...] = ()  # of all blocks, of positions and of other rows
+    by_kind = []
     for b in range(BLOCKS):
         kinds = products_by_kind(rows, maps_among(members), b)
-        splines.add(kinds)
+        splines = tuple(map(_sum, zip(splines, kinds, strict=True))) if splines else kinds
         by_kind.append(tuple(waves.of(each) for each in kinds))
     share = _attitudes(by_kind, waves, len(maps))
     blocks = [_weighed(kinds, share) for kinds in by_kind]
@@ -127,32 +127,15 @@ def in_bands(rows: Rows, fine: Level) -> InBands | None:
         return None
     bands = iter(found.bands)
     members = tuple(
-        _with_form(member, FINE, next(bands)) if member.is_map else member for member in members
+        with_form(member, FINE, next(bands)) if member.is_map else member for member in members
     )
     return InBands(
-        level_of(splines.total(share), rows, members, of_time[:, 1]),
+        level_of(_weighed(splines, share), rows, members, of_time[:, 1]),
         found,
         of_time,
         of_angles,
         Widening(found.scatter, share, tuple(measured.position_columns.tolist())),
     )
-
-
-class _Weighed:
-    """Products of all blocks, of positions and of other rows apart."""
-
-    def __init__(self) -> None:
-        self._kinds: tuple[Products, ...] | None = None
-
-    def add(self, kinds: tuple[Products, ...]) -> None:
-        """Add a block."""
-        before = self._kinds
-        self._kinds = kinds if before is None else tuple(map(_sum, zip(before, kinds, strict=True)))
-
-    def total(self, share: float) -> Products:
-        """Return all of them, with a weight of what is no position."""
-        assert self._kinds is not None
-        return _weighed(self._kinds, share)
 
 
 def _attitudes(by_kind: Sequence[tuple[Products, ...]], waves: _Waves, maps: int) -> float:
@@ -287,15 +270,6 @@ def _sum(parts: Sequence[Products]) -> Products:
         np.sum([each.projection for each in parts], axis=0),
         np.sum([each.squares for each in parts], axis=0),
     )
-
-
-def _with_form(member: Candidate, knots: int, spectrum: Spectrum | None = None) -> Candidate:
-    """Return a map with so many knots, and with a spectrum if one is given; others as they are."""
-    effect = member.effect
-    if not isinstance(effect, JointErrorMap):
-        return member
-    effect = replace(effect, knots=knots, spectrum=spectrum or effect.spectrum)
-    return Candidate(ShapedEffect(effect), member.columns)
 
 
 # The band of a joint's error, found from the data by marginal likelihood.

@@ -12,23 +12,27 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.alone import by_campaign
 from pa10cal.discovery.blocked_cv.bands import InBands
-from pa10cal.discovery.blocked_cv.family import SPACINGS, computable
-from pa10cal.discovery.blocked_cv.finest import Level
+from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
 from pa10cal.discovery.blocked_cv.found import found_in, with_more
-from pa10cal.discovery.blocked_cv.held_poses import slow_drift
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
     remaining_error,
+    slow_drift,
     unexplained,
 )
-from pa10cal.discovery.blocked_cv.refit import Refit, compare, errors_by_name, refit
-from pa10cal.discovery.blocked_cv.rows import ShapedEffect
+from pa10cal.discovery.blocked_cv.refit import (
+    Refit,
+    by_campaign,
+    compare,
+    model_with,
+    refit,
+    seen_by_maps,
+)
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey, survey
 from pa10cal.discovery.finding import Finding, name_of
-from pa10cal.discovery.gap import Gap, Named, left_by
+from pa10cal.discovery.gap import Gap, left_by
 from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
 from pa10cal.discovery.in_time.wander import InTime
@@ -41,13 +45,21 @@ from pa10cal.discovery.next_poses import (
     unresolved,
     without_repeats,
 )
-from pa10cal.discovery.noise import Noise, noise_of_near_poses, with_torque_noise
+from pa10cal.discovery.noise import (
+    AS_FOUND,
+    Noise,
+    Scatter,
+    noise_of_near_poses,
+    scatter_of,
+    share_inside,
+    with_torque_noise,
+)
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
 from pa10cal.discovery.short_forms import Arena, Contest
-from pa10cal.discovery.verdict import Plan, Verdict, reported
-from pa10cal.discovery.weights import AS_FOUND, Scatter, scatter_of, share_inside
+from pa10cal.discovery.verdict import Plan, Verdict
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
+from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit, SearchStep
 from pa10cal.results.calibration import EffectByCampaign
@@ -74,7 +86,6 @@ class VerdictByBlocks(Verdict[Prediction]):
     least_gain: float  # sum of squares by which one must help at least
     extended: Refit  # the model with the effects found
     noise: Noise  # of single readings
-    finest: Level  # the effects, by linear least squares
     causes: tuple[JointCause, ...] = ()  # what is known of the cause of each map, joint by joint
     bands: InBands | None = None  # of maps that have one; None where none has
 
@@ -88,7 +99,7 @@ class VerdictByBlocks(Verdict[Prediction]):
     @cached_property
     @override
     def seen(self) -> AnglesSeen | None:
-        return _seen(self.survey, self.extended.effects)
+        return seen_by_maps(self.survey, self.extended.effects)
 
     @cached_property
     @override
@@ -170,35 +181,29 @@ class VerdictByBlocks(Verdict[Prediction]):
 
     @override
     def with_findings(self, findings: Sequence[Finding[Prediction]]) -> VerdictByBlocks:
-        effects = tuple(finding.effect for finding in findings)
-        known = set(self.extended.effects)
+        return super().with_findings(findings).beside(self)
+
+    @override
+    def _refitted(self, effects: tuple[Effect, ...]) -> VerdictByBlocks:
+        known = self.extended
         starts = tuple(
-            self.extended.x[self.extended.columns_of(effect)]
-            if effect in known
-            else effect.starts[0]
-            for effect in effects
+            known.of(effect) if effect in known.effects else effect.starts[0] for effect in effects
         )
         widening = AS_FOUND if self.bands is None else self.bands.widening
-        extended = refit(self.survey, effects, starts, self.extended.weights, widening)
-        fitted, seen = extended.fitted(), _seen(self.survey, effects)
-        anew = []
-        for finding in findings:
-            x, covariance = _reported(extended, finding.effect)
-            anew.append(replace(finding, x=x, covariance=covariance))
+        return replace(self, extended=refit(self.survey, effects, starts, known.weights, widening))
 
-        def gap_on(poses: Observations) -> Gap:
-            return compare(self.survey, fitted, seen, poses, self.noise_floor_mm)
+    @property
+    @override
+    def _fitted_poses(self) -> Observations:
+        return self.survey.poses
 
-        held_out = self.prepared.held_out
-        refitted = replace(
-            self,
-            findings=tuple(anew),
-            extended=extended,
-            train=gap_on(self.survey.poses),
-            holdout=None if held_out is None else gap_on(held_out),
-            finest=self.finest.with_only(effects),
-        )
-        return refitted.beside(self)
+    @override
+    def _gap_on(self, poses: Observations) -> Gap:
+        return compare(self.survey, self.extended, poses, self.noise_floor_mm)
+
+    @override
+    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+        return model_with(self.survey, self.extended, effects)
 
     def beside(self, other: VerdictByBlocks) -> VerdictByBlocks:
         """Return the verdict with what another has that is in no model: motion and rivals."""
@@ -220,7 +225,7 @@ class VerdictByBlocks(Verdict[Prediction]):
             if told.poses:
                 return told
             separations = told.separations
-        unseen = poses_at_unseen_angles(self.survey, _every_seen(self.survey), count, random_seed)
+        unseen = poses_at_unseen_angles(self.survey, self.survey.angles_seen, count, random_seed)
         return Plan(unseen, separations)
 
     @override
@@ -230,10 +235,6 @@ class VerdictByBlocks(Verdict[Prediction]):
             for at in (self.baseline, self.extended.fitted())
         )
         return before, after
-
-    @override
-    def errors_by_name(self) -> tuple[Named, ...]:
-        return errors_by_name(self.survey, self.extended, self.train, self.holdout)
 
 
 def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks:
@@ -252,7 +253,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         campaign.setup,
         torques_logged=campaign.torques == "logged",
     )
-    shaped, unknown = computable(judged)
+    shaped, unknown = computable_shapes(judged)
     found = found_in(judged, shaped, error_rate)
     in_time = _in_time(found.rows.survey, found.extended)
     wander = in_time.wander
@@ -260,8 +261,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         found = found_in(judged.moving(wander), shaped, error_rate)
     found = with_more(found, slow_drift(found.survey, found.held_poses, found.extended.effects))
     judged, rows, searched = found.survey, found.rows, found.searched
-    fine, extended = found.fine, found.extended
-    effects = tuple(member.effect for member in fine.members)
+    extended = found.extended
     fitted, poses = extended.fitted(), judged.poses
     noise = noise_of_near_poses(poses, judged.left_by(fitted))
     if judged.torques_logged:
@@ -269,12 +269,12 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
     floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
     remaining = remaining_error(rows, searched.errors_mm, floor_mm, searched.tried)
     findings = tuple(
-        Finding(effect, *_reported(extended, effect), others, proof)
-        for effect, others, proof in zip(
-            effects, searched.alternatives, searched.predictions, strict=True
+        Finding(
+            effect, *extended.reported(effect, extended.covariance), each.alternatives, each.proof
         )
+        for effect, each in zip(extended.effects, searched.judged, strict=True)
     )
-    seen, held_out = _seen(judged, effects), campaign.held_out
+    held_out = campaign.held_out
     components = poses.measured.components_seen.size
     found_by_blocks = VerdictByBlocks(
         prepared=campaign,
@@ -292,8 +292,8 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         below_detection_limit=searched.below_detection_limit,
         extended=extended,
         noise_floor_mm=floor_mm,
-        train=compare(judged, fitted, seen, poses, floor_mm),
-        holdout=None if held_out is None else compare(judged, fitted, seen, held_out, floor_mm),
+        train=compare(judged, extended, poses, floor_mm),
+        holdout=None if held_out is None else compare(judged, extended, held_out, floor_mm),
         steps=tuple(
             SearchStep(
                 effects=tuple(name_of(member.effect) for member in step.members),
@@ -309,7 +309,6 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         remaining=remaining,
         least_gain=searched.least_gain,
         noise=noise,
-        finest=fine,
         bands=found.bands,
     )
     return with_causes(_motion_aside(_with_rivals(found_by_blocks)))
@@ -345,13 +344,7 @@ def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
     wander = found.survey.wander
     if wander is None:
         return found
-    own = len(found.baseline.x) + 6 + len(found.baseline.targets_m)
-    of_motion = np.arange(own, own + len(wander.sizes))
-    still = replace(
-        found,
-        survey=replace(found.survey, wander=None),
-        finest=found.finest.without(of_motion),
-    ).with_findings(found.findings)
+    still = replace(found, survey=replace(found.survey, wander=None)).with_findings(found.findings)
     components = max(int(found.survey.poses.measured.components_seen.sum()), 1)
     by_chance = min(2.0 * len(found.extended.x) / components, _MOST_BY_CHANCE)
     least_mm = np.sqrt(1.0 - by_chance) / WORSE * found.train.after.rms_mm
@@ -365,27 +358,11 @@ def _in_time(judged: Survey, found: Refit) -> InTime:
     return in_time_of(
         found.at,
         judged.poses,
-        found.weights.whiteners(np.arange(len(judged.poses))),
+        found.weights.whiteners(),
         sought(judged.context, judged.baseline.model.terms),
         logged=judged.torques_logged,
         weights=True,
     )
-
-
-def _reported(extended: Refit, effect: Effect) -> tuple[Array, Array]:
-    """Return the reported parameters of an effect, and their covariance."""
-    columns = extended.columns_of(effect)
-    return reported(effect, extended.x[columns], extended.covariance[columns, columns])
-
-
-def _seen(judged: Survey, effects: tuple[Effect, ...]) -> AnglesSeen | None:
-    """Return the joint positions seen where the model has learnt an error by them: in a map."""
-    maps = any(isinstance(effect, JointErrorMap) for effect in effects)
-    return _every_seen(judged) if maps else None
-
-
-def _every_seen(judged: Survey) -> AnglesSeen:
-    return angles_seen(judged.poses.states.q_rad, ~judged.context.arm.prismatic)
 
 
 # Maps whose cause the motor's ripple says, under the name of that cause.
@@ -434,7 +411,7 @@ def _causes(found: VerdictByBlocks) -> dict[int, JointCause]:
         at,
         survey.poses,
         survey.left_by(at),
-        found.extended.weights.whiteners(np.arange(len(survey.poses))),
+        found.extended.weights.whiteners(),
         joints,
     )
     said = witnesses(series, at.arm.gear_ratio)
@@ -453,7 +430,7 @@ def _renamed(
     def name_of(effect: Effect) -> Effect:
         return names.get(effect, effect)
 
-    extended, fine = found.extended, found.finest
+    extended = found.extended
     terms = tuple(names.get(term, term) for term in extended.model.terms)  # type: ignore[call-overload]
     return replace(
         found,
@@ -469,16 +446,6 @@ def _renamed(
             extended,
             effects=tuple(map(name_of, extended.effects)),
             at=replace(extended.at, model=Model(extended.model.chain, terms)),
-        ),
-        finest=replace(
-            fine,
-            members=tuple(
-                replace(
-                    each,
-                    shaped=ShapedEffect(name_of(each.shaped.effect), each.shaped.shape),
-                )
-                for each in fine.members
-            ),
         ),
     )
 

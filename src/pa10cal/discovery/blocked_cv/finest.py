@@ -11,8 +11,16 @@ from scipy.linalg import block_diag
 from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.blocked_cv.family import SPACINGS, Candidate, standard_error
-from pa10cal.discovery.blocked_cv.rows import (
+from pa10cal.discovery.blocked_cv.family import (
+    SPACINGS,
+    Candidate,
+    predicted_squares,
+    solve,
+    standard_error,
+)
+from pa10cal.discovery.blocked_cv.search import Step
+from pa10cal.discovery.blocked_cv.survey import (
+    BLOCKS,
     BlockRows,
     Products,
     Rows,
@@ -20,11 +28,7 @@ from pa10cal.discovery.blocked_cv.rows import (
     map_columns,
     products,
 )
-from pa10cal.discovery.blocked_cv.search import Step
-from pa10cal.discovery.blocked_cv.selection import predicted_squares, solve
-from pa10cal.discovery.blocked_cv.survey import BLOCKS
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
+from pa10cal.terms.effects.joint_error_map import JointErrorMap, Spectrum, b_splines_by_knots
 
 #: Spacings beyond those of the search, tried once it is known which joints have a map.
 FINER_KNOTS = (216, 360)
@@ -41,50 +45,21 @@ class Level:
     prior: Array  # (N, N) precision expected of these columns
     at: tuple[Index, ...]  # columns of each member
 
-    def with_only(self, effects: tuple[Effect, ...]) -> Level:
-        """Return the level with some of its members alone; of held-out blocks it knows no more."""
-        stay = [k for k, member in enumerate(self.members) if member.effect in effects]
-        gone = [self.at[k] for k in range(len(self.members)) if k not in stay]
-        fewer = replace(
-            self,
-            members=tuple(self.members[k] for k in stay),
-            at=tuple(self.at[k] for k in stay),
-        )
-        return fewer.without(np.concatenate([np.zeros(0, int), *gone]))
-
-    def without(self, columns: Index) -> Level:
-        """Return the level without some columns, none of them a member's."""
-        rest = np.setdiff1d(np.arange(len(self.prior)), columns)
-        there = np.ix_(rest, rest)
-        return replace(
-            self,
-            total=replace(
-                self.total,
-                gram=self.total.gram[there],
-                projection=self.total.projection[rest],
-            ),
-            prior=self.prior[there],
-            at=tuple(np.searchsorted(rest, columns) for columns in self.at),
-        )
-
-    def fit(self, count: int) -> tuple[Array, tuple[Array, ...]]:
-        """Solve the first few members.
-
-        Args:
-            count: how many.
+    def fit(self) -> tuple[Array, tuple[Array, ...]]:
+        """Solve for all columns.
 
         Returns:
             Own parameters (k,), beyond those calibrated and in their possible sizes; parameters of
             each member's effect.
         """
         own = np.setdiff1d(np.arange(len(self.prior)), np.concatenate([np.zeros(0, int), *self.at]))
-        at = np.concatenate([own, *self.at[:count]])
+        at = np.concatenate([own, *self.at])
         there = np.ix_(at, at)
         x = np.zeros(len(self.prior))
         x[at] = solve(self.total.gram[there], self.total.projection[at], self.prior[there])
         return x[own], tuple(
             _amounts(member.shaped, x[columns])
-            for member, columns in zip(self.members[:count], self.at, strict=False)
+            for member, columns in zip(self.members, self.at, strict=True)
         )
 
 
@@ -100,7 +75,9 @@ def finest(rows: Rows, members: tuple[Candidate, ...]) -> tuple[Level, tuple[Ste
     for knots in FINER_KNOTS:
         if not any(_has_finest(member) for member in members):
             break
-        ahead = level(rows, tuple(_with_knots(member, knots) for member in members))
+        ahead = level(
+            rows, tuple(with_form(each, knots) if _has_finest(each) else each for each in members)
+        )
         gain = best.squares - ahead.squares
         if gain.sum() <= standard_error(gain):
             break
@@ -197,9 +174,10 @@ def _has_finest(member: Candidate) -> bool:
     return isinstance(effect, JointErrorMap) and effect.knots >= SPACINGS[-1][0]
 
 
-def _with_knots(member: Candidate, knots: int) -> Candidate:
-    """Return a map with so many knots, if it had as many as the search has; others as they are."""
+def with_form(member: Candidate, knots: int, spectrum: Spectrum | None = None) -> Candidate:
+    """Return a map with so many knots, and with a spectrum if one is given; others as they are."""
     effect = member.effect
-    if not (_has_finest(member) and isinstance(effect, JointErrorMap)):
+    if not isinstance(effect, JointErrorMap):
         return member
-    return Candidate(ShapedEffect(replace(effect, knots=knots)), member.columns)
+    effect = replace(effect, knots=knots, spectrum=spectrum or effect.spectrum)
+    return Candidate(ShapedEffect(effect), member.columns)

@@ -13,28 +13,27 @@ from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
 from pa10cal.discovery.blocked_cv.family import (
     SPACINGS,
     Candidate,
+    Columns,
     below_detection_limit,
     family,
     standard_error,
     surely_worse,
 )
 from pa10cal.discovery.blocked_cv.finest import Level, finest, level
-from pa10cal.discovery.blocked_cv.held_poses import FoundAfter, HeldPoses, Squares, proof_of
 from pa10cal.discovery.blocked_cv.judge import (
-    Prediction,
-    alternatives,
-    predictions,
+    HeldPoses,
+    Judged,
+    Squares,
+    judged_members,
+    proof_of,
     tried,
     without_rivals,
 )
 from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
-from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.search import Search, Step
-from pa10cal.discovery.blocked_cv.selection import Columns
-from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.blocked_cv.survey import Rows, ShapedEffect, Survey
 from pa10cal.discovery.finding import NotTestable
-from pa10cal.discovery.noise import noise_of_near_poses, with_torque_noise
-from pa10cal.discovery.weights import AS_FOUND
+from pa10cal.discovery.noise import AS_FOUND, noise_of_near_poses, with_torque_noise
 from pa10cal.results.discovery import Tried
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.effect import Effect
@@ -57,7 +56,7 @@ class Found:
     def extended(self) -> Refit:
         """Return the model with the effects, fitted."""
         effects = tuple(member.effect for member in self.fine.members)
-        _, amounts = self.fine.fit(len(effects))
+        _, amounts = self.fine.fit()
         widening = AS_FOUND if self.bands is None else self.bands.widening
         return refit(self.survey, effects, amounts, self.rows.weights, widening)
 
@@ -70,8 +69,8 @@ class Found:
 def found_in(judged: Survey, shaped: tuple[ShapedEffect, ...], error_rate: float) -> Found:
     """Search a survey."""
     rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
-    searched = searched_rows(rows, error_rate)
-    found = _settled(Found(judged, rows, searched, *finest(rows, searched.members)))
+    searched, members = searched_rows(rows, error_rate)
+    found = _settled(Found(judged, rows, searched, *finest(rows, members)))
     if judged.context.commanded:
         found = with_more(found, arrivals(judged, found.held_poses, found.extended.effects))
     found = _settled(_with_bands(found))
@@ -97,11 +96,11 @@ def _settled(found: Found) -> Found:
     beside = sum(len(each.sizes) for each in found.survey.nuisances)
     if not beside:
         return found
-    own, _ = found.fine.fit(len(found.fine.members))
+    own, _ = found.fine.fit()
     return replace(found, survey=found.survey.with_amounts(own[len(own) - beside :]))
 
 
-def with_more(found: Found, more: Sequence[FoundAfter]) -> Found:
+def with_more(found: Found, more: Sequence[Judged]) -> Found:
     """Return what was found with effects beside it; a slow drift takes the place of a constant."""
     if not more:
         return found
@@ -120,7 +119,7 @@ def with_more(found: Found, more: Sequence[FoundAfter]) -> Found:
         found,
         searched=replace(
             searched,
-            members=members,
+            judged=(*(searched.judged[k] for k in stays), *more),
             # The same motion is not told twice.
             nameless=tuple(
                 each for each in searched.nameless if not (in_time and each.goes_with_time)
@@ -130,14 +129,6 @@ def with_more(found: Found, more: Sequence[FoundAfter]) -> Found:
                 each
                 for each in searched.tried
                 if (each.id, each.of) not in names and not (by_arrival(each) and each.of in places)
-            ),
-            predictions=(
-                *(searched.predictions[k] for k in stays),
-                *(each.proof for each in more),
-            ),
-            alternatives=(
-                *(searched.alternatives[k] for k in stays),
-                *(each.alternatives for each in more),
             ),
         ),
         fine=fine,
@@ -155,7 +146,7 @@ def with_more(found: Found, more: Sequence[FoundAfter]) -> Found:
 _MOST_LOST = 0.1
 
 
-def arrivals(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[FoundAfter, ...]:
+def arrivals(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[Judged, ...]:
     """Return the arrival errors beside the effects found that help together.
 
     Args:
@@ -177,7 +168,7 @@ def arrivals(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[
     if not chosen or not held.helps(nothing, every):
         return ()
     return tuple(
-        FoundAfter(each, proof_of(without[each], every), _instead(held, chosen, each, every))
+        Judged(each, proof_of(without[each], every), _instead(held, chosen, each, every))
         for each in chosen
     )
 
@@ -217,22 +208,19 @@ def _instead(
 class Searched:
     """What the search found, without its products, which are large."""
 
-    members: tuple[Candidate, ...]
+    judged: tuple[Judged, ...]
     nameless: tuple[Effect, ...]
     tried: tuple[Tried, ...]
-    predictions: tuple[Prediction, ...]
-    alternatives: tuple[tuple[Effect, ...], ...]
     errors_mm: Array
     hidden: tuple[NotTestable, ...]
     below_detection_limit: tuple[NotTestable, ...]
     steps: tuple[Step, ...]
     candidates: int
     least_gain: float
-    noise: float
 
 
-def searched_rows(rows: Rows, error_rate: float) -> Searched:
-    """Search, and judge what was found."""
+def searched_rows(rows: Rows, error_rate: float) -> tuple[Searched, tuple[Candidate, ...]]:
+    """Search, and judge what was found: return it, and the members of the search."""
     products = rows.products()
     known = family(rows, products)
     poses = rows.survey.poses
@@ -246,20 +234,16 @@ def searched_rows(rows: Rows, error_rate: float) -> Searched:
     others = tried(search, chosen)
     nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
     chosen = without_rivals(chosen)
-    proofs, errors_mm = predictions(rows, chosen, search.least_gain)
-    return Searched(
-        members=chosen.members,
+    judged, errors_mm = judged_members(rows, search, chosen)
+    found = Searched(
+        judged=judged,
         nameless=nameless,
         tried=others,
-        predictions=proofs,
-        alternatives=tuple(
-            alternatives(search, chosen, member) for member in range(len(chosen.members))
-        ),
         errors_mm=errors_mm,
         hidden=known.hidden,
         below_detection_limit=below_detection_limit(known, search.is_surely_found),
         steps=tuple(search.steps),
         candidates=search.effects,
         least_gain=search.least_gain,
-        noise=search.noise,
     )
+    return found, chosen.members

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, block_diag, cho_factor
 from scipy.linalg.lapack import dpotri
 
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect, in_terms_of, map_columns, products
-from pa10cal.discovery.blocked_cv.selection import no_wider_than, solve
-from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
-from pa10cal.discovery.gap import Gap, Named, gap, in_order
+from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
+from pa10cal.discovery.blocked_cv.survey import (
+    BLOCKS,
+    Rows,
+    ShapedEffect,
+    Survey,
+    in_terms_of,
+    map_columns,
+    products,
+)
+from pa10cal.discovery.gap import Gap, gap
 from pa10cal.discovery.in_time.wander import moved_frames
 from pa10cal.discovery.linear import (
     ModelWithEffects,
@@ -25,13 +34,18 @@ from pa10cal.discovery.linear import (
     possible_sizes,
     residual,
 )
-from pa10cal.discovery.noise import Noise
+from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.discovery.preparation import complete_about
-from pa10cal.discovery.weights import AS_FOUND, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.observe.observations import Observations
+from pa10cal.results.calibration import (
+    CampaignsAgree,
+    EffectByCampaign,
+    JointErrorAlone,
+    ParameterAlone,
+)
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
     Fading,
@@ -39,7 +53,8 @@ from pa10cal.terms.effects.joint_error_map import (
     b_splines_by_knots,
     harmonic_orders,
 )
-from pa10cal.terms.term import Term
+from pa10cal.terms.of_campaign import OfCampaign
+from pa10cal.terms.term import Report, Term
 
 # Rows weighed by what a model leaves that lacks nothing of the vocabulary.
 
@@ -251,7 +266,7 @@ class _Fit:
     def equations(self, x: Array, weights: PoseWeights) -> Equations:
         """Return the problem at a point."""
         at, poses = self.place(x), self._survey.poses
-        whiten = weights.whiteners(np.arange(len(poses)))
+        whiten = weights.whiteners()
         points = [x[place] for place in self._dense_at]
         of_terms = by_terms(at, poses, self._dense, points)
         dense = whiten @ np.concatenate([*of_terms, by_targets(at, poses)], axis=2)
@@ -277,8 +292,7 @@ class _Fit:
 
     def cost(self, x: Array, weights: PoseWeights) -> float:
         """Return the sum of squares at a point."""
-        every = np.arange(len(self._survey.poses))
-        white = weights.whiteners(every) @ self._survey.left_by(self.place(x))[:, :, None]
+        white = weights.whiteners() @ self._survey.left_by(self.place(x))[:, :, None]
         off = x - self._middle
         return float(np.sum(white**2) + off @ self.prior @ off)
 
@@ -310,54 +324,28 @@ def _inverse(information: Array, prior: Array, free: NDArray[np.bool_]) -> Array
 _STEPS = 3
 
 
-def compare(
-    campaign: Survey,
-    extended: FittedModel,
-    seen: AnglesSeen | None,
-    poses: Observations,
-    noise_floor_mm: float,
-) -> Gap:
+def compare(campaign: Survey, extended: Refit, poses: Observations, noise_floor_mm: float) -> Gap:
     """Return the gap of calibrated and extended model on some poses.
 
     Args:
         campaign: whose model it is.
         extended: the model with effects.
-        seen: joint positions that its maps have learnt from; None without a map.
         poses: measured poses, attitudes and torques as the model has them.
         noise_floor_mm: mean error that noise alone would leave.
     """
-    poses = complete_about(poses, campaign.baseline, extended, campaign.setup)
-    T_moved = _moved(campaign, poses)
-    return gap(poses, campaign.baseline, extended, noise_floor_mm, seen, T_moved)
+    after, seen = extended.fitted(), seen_by_maps(campaign, extended.effects)
+    poses, wander = complete_about(poses, campaign.baseline, after, campaign.setup), campaign.wander
+    T_moved = None if wander is None else moved_frames(wander.motions(poses.states.time_s))
+    return gap(poses, campaign.baseline, after, noise_floor_mm, seen, T_moved)
 
 
-def _moved(campaign: Survey, poses: Observations) -> Array | None:
-    """Return how the base had moved at poses, (P, 4, 4); None where it had not."""
-    if campaign.wander is None:
-        return None
-    return moved_frames(campaign.wander.motions(poses.states.time_s))
+def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AnglesSeen | None:
+    """Return the joint positions from which maps have learnt an error; None without a map."""
+    maps = any(isinstance(effect, JointErrorMap) for effect in effects)
+    return campaign.angles_seen if maps else None
 
 
-def errors_by_name(
-    campaign: Survey, extended: Refit, train: Gap, holdout: Gap | None
-) -> tuple[Named, ...]:
-    """Return the errors of the calibrated model, and as each effect joins it.
-
-    What all together would miss most joins first. Between first and last, which are the fits
-    themselves, maps are as the extended model has them, and all else is fitted again.
-
-    Args:
-        campaign: whose model it is.
-        extended: the model with all effects.
-        train, holdout: the gap before and with all effects.
-    """
-
-    return in_order(
-        train, holdout, extended.effects, lambda some: _with_only(campaign, extended, some)
-    )
-
-
-def _with_only(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> FittedModel:
+def model_with(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> FittedModel:
     """Return the model with some of its effects, maps as they are, all else fitted again."""
     poses, own = campaign.poses, extended.own_columns()
     x = extended.x.copy()
@@ -380,7 +368,7 @@ def _with_only(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> F
     middle[len(own) - len(baseline.targets_m) : len(own)] = baseline.targets_m
     sizes = block_diag(expected, *(each.prior_factor for each in joined))
     free = np.concatenate([own, *places])
-    whiten = extended.weights.whiteners(np.arange(len(poses)))
+    whiten = extended.weights.whiteners()
     bounds = Bounds.of((*extended.model.parameters, *measured.target_parameters))
     for _ in range(_STEPS):
         at = at_unknowns(extended.at, x)
@@ -398,3 +386,154 @@ def _with_only(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> F
         x[free] -= sizes @ step
         x = bounds.clip(x)
     return replace(extended, at=at_unknowns(extended.at, x)).fitted()
+
+
+# Each effect fitted to each campaign of a group alone, and how well campaigns agree.
+#
+# A step of the fit by the poses of one campaign, from what all of them give: other parameters of
+# the model, and what is expected of effects, are as in the fit itself. Errors by a joint's angle
+# are compared over the angles that two campaigns both visited, less their means there: a constant
+# is the joint's zero. Neighbouring angles go together, so uncertainties are by leaving out arcs.
+
+#: Angles of a turn at which errors are compared.
+ANGLES_RAD = np.radians(np.arange(360.0))
+#: An angle was visited by a campaign with so many poses within so much of it.
+_LEAST_POSES, _WITHIN_RAD = 10, np.radians(1.5)
+#: Arc that is left out at a time, and arcs without which no interval is given.
+_ARC_RAD = np.radians(7.5)
+_LEAST_ARCS = 3
+#: Correlations are kept from one, where their transform has no end.
+_MOST = 1.0 - 1e-9
+_HALF_WIDTH_95 = 1.96
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The error of a joint by its angle, as one campaign has it."""
+
+    error_rad: Array  # (A,) at `ANGLES_RAD`
+    visited: NDArray[np.bool_]  # (A,) whether the campaign has poses there
+
+
+def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
+    """Return every effect as each campaign of a group alone has it; none of a single campaign."""
+    campaign = survey.poses.states.campaign
+    shared = [each for each in found.effects if not isinstance(each, OfCampaign)]
+    if campaign is None or not shared:
+        return ()
+    names = [name for name, _ in survey.poses.measured.campaigns]
+    alone = {
+        name: one_step(survey, found, np.flatnonzero(campaign == number))
+        for number, name in enumerate(names)
+        if np.any(campaign == number)
+    }
+    each = []
+    for effect in shared:
+        at = found.columns_of(effect)
+        curves = {}
+        if isinstance(effect, JointErrorMap):
+            for name, (x, _) in alone.items():
+                q_rad = survey.poses.states.q_rad[campaign == names.index(name), effect.joint - 1]
+                curves[name] = Curve(_error_rad(effect, x[at]), visited(q_rad))
+        each.append(
+            EffectByCampaign(
+                id=effect.id,
+                of=effect.of,
+                parameters=None
+                if curves
+                else {
+                    name: _parameters(effect.report(x[at]), covariance[at, at])
+                    for name, (x, covariance) in alone.items()
+                },
+                errors={
+                    name: JointErrorAlone(error_mrad=1e3 * curve.error_rad, visited=curve.visited)
+                    for name, curve in curves.items()
+                }
+                or None,
+                agreement=tuple(
+                    pair_of((first, curves[first]), (second, curves[second]))
+                    for first, second in combinations(curves, 2)
+                ),
+            )
+        )
+    return tuple(each)
+
+
+def _parameters(report: Report, covariance: Array) -> dict[str, ParameterAlone]:
+    std = np.sqrt(np.diag(report.jacobian @ covariance @ report.jacobian.T))
+    return {
+        parameter.name: ParameterAlone(value=float(value), std=float(sigma))
+        for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
+    }
+
+
+def visited(q_rad: Array) -> NDArray[np.bool_]:
+    """Return at which of `ANGLES_RAD` there are enough joint angles (P,), by the turn."""
+    turn = 2.0 * np.pi
+    sorted_rad = np.sort(np.mod(q_rad, turn))
+    around = np.concatenate([sorted_rad - turn, sorted_rad, sorted_rad + turn])
+    first = np.searchsorted(around, ANGLES_RAD - _WITHIN_RAD)
+    last = np.searchsorted(around, ANGLES_RAD + _WITHIN_RAD, side="right")
+    return np.asarray(last - first >= _LEAST_POSES)
+
+
+def pair_of(first: tuple[str, Curve], second: tuple[str, Curve]) -> CampaignsAgree:
+    """Compare the curves of two campaigns, each given with its name.
+
+    Slopes are of the second by the first, both uncertain alike.
+    """
+    (one, a), (two, b) = first, second
+    both = a.visited & b.visited
+    x, y = a.error_rad[both], b.error_rad[both]
+    arc = (ANGLES_RAD[both] // _ARC_RAD).astype(int)
+    arcs = np.unique(arc)
+    if len(arcs) < _LEAST_ARCS or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
+        nothing = dict.fromkeys(CampaignsAgree.model_fields)
+        named = {"first": one, "second": two, "share_of_turn": float(both.mean())}
+        return CampaignsAgree(**(nothing | named))
+
+    def interval(of: Callable[[Array, Array], float]) -> tuple[float, float, float]:
+        """Return a quantity and its interval, by leaving out arc by arc (jackknife)."""
+        whole = of(x, y)
+        without = np.array([of(x[arc != k], y[arc != k]) for k in arcs])
+        spread = (len(arcs) - 1) / len(arcs) * np.sum((without - without.mean()) ** 2)
+        half = _HALF_WIDTH_95 * float(np.sqrt(spread))
+        return whole, whole - half, whole + half
+
+    z, z_low, z_high = interval(lambda x, y: float(np.arctanh(_correlation(x, y))))
+    slope, low, high = interval(_slope)
+    x, y = x - x.mean(), y - y.mean()
+    return CampaignsAgree(
+        first=one,
+        second=two,
+        correlation=float(np.tanh(z)),
+        correlation95=(float(np.tanh(z_low)), float(np.tanh(z_high))),
+        slope=slope,
+        slope95=(low, high),
+        first_rms_mrad=1e3 * _rms(x),
+        second_rms_mrad=1e3 * _rms(y),
+        difference_rms_mrad=1e3 * _rms(x - y),
+        share_of_turn=float(both.mean()),
+    )
+
+
+def _error_rad(effect: JointErrorMap, x: Array) -> Array:
+    """Return the error at `ANGLES_RAD`."""
+    q_rad = np.zeros((len(ANGLES_RAD), effect.joint))
+    q_rad[:, -1] = ANGLES_RAD
+    zeros, zero = np.zeros_like(q_rad), np.zeros(len(q_rad))
+    return effect.shift(PoseStates(q_rad, zeros, zeros, zero, zero, zero), x)[:, 0]
+
+
+def _correlation(x: Array, y: Array) -> float:
+    return float(np.clip(np.corrcoef(x, y)[0, 1], -_MOST, _MOST))
+
+
+def _slope(x: Array, y: Array) -> float:
+    """Return the slope of y by x where both are uncertain alike (Deming)."""
+    (xx, xy), (_, yy) = np.cov(x, y)
+    return float((yy - xx + np.hypot(yy - xx, 2.0 * xy)) / (2.0 * xy)) if xy else np.nan
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))

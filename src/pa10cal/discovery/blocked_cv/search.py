@@ -17,12 +17,13 @@ from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.family import (
     Candidate,
     Chosen,
+    Columns,
     both_kinds_agree,
     standard_error,
+    start,
     within_bounds,
 )
-from pa10cal.discovery.blocked_cv.rows import Products, ShapedEffect
-from pa10cal.discovery.blocked_cv.selection import Columns, start
+from pa10cal.discovery.blocked_cv.survey import Products, ShapedEffect
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.preparation import is_fault
 from pa10cal.terms.effects.effect import Effect

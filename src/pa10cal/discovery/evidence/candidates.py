@@ -17,7 +17,7 @@ from pa10cal.discovery.evidence.likelihood import Block
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.finding import NotTestable
 from pa10cal.discovery.linear import by_end, possible_sizes
-from pa10cal.discovery.preparation import why_hidden, why_unknown
+from pa10cal.discovery.preparation import computable, why_hidden
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
 from pa10cal.terms.weights import Weights
@@ -121,18 +121,12 @@ def testable(
     problem: Problem, found: Fit, effects: tuple[Effect, ...]
 ) -> tuple[tuple[Effect, ...], tuple[NotTestable, ...]]:
     """Divide effects into those that these data can show and those that they cannot."""
-    known, refused = [], []
-    for effect in effects:
-        why = why_unknown(
-            effect,
-            problem.cells.states,
-            logged=problem.torques_logged,
-            weights=problem.torque is not None,
-        )
-        if why is None:
-            known.append(effect)
-        else:
-            refused.append(NotTestable(effect, why, by_these_poses=False))
+    known, refused = computable(
+        effects,
+        problem.cells.states,
+        logged=problem.torques_logged,
+        weights=problem.torque is not None,
+    )
     lin = linearise(problem, found, tuple(known))
     pose = problem.pose.whitening(0.0)
     own, _ = np.linalg.qr(np.concatenate([pose(lin.own), np.eye(lin.own.shape[1])]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,7 +15,6 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.evidence.candidates import testable
-from pa10cal.discovery.evidence.confirm import Confirmation, weighed_rows
 from pa10cal.discovery.evidence.fit import (
     Fit,
     apparatus_m,
@@ -24,7 +23,14 @@ from pa10cal.discovery.evidence.fit import (
     pose_rows,
     torque_rows,
 )
-from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge, shared_error_mm
+from pa10cal.discovery.evidence.judge import (
+    Confirmation,
+    Judgement,
+    floor_mm,
+    judge,
+    shared_error_mm,
+    weighed_rows,
+)
 from pa10cal.discovery.evidence.problem import NoiseModel, Problem, prepare
 from pa10cal.discovery.evidence.search import (
     EndOfSearch,
@@ -34,8 +40,7 @@ from pa10cal.discovery.evidence.search import (
     search,
     threshold,
 )
-from pa10cal.discovery.finding import Fault, Finding
-from pa10cal.discovery.gap import Gap, Named, gap, in_order, left_by
+from pa10cal.discovery.gap import Gap, gap, left_by
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
 from pa10cal.discovery.in_time.wander import STILL, moved_between_repeats, moved_frames
 from pa10cal.discovery.lack_of_fit import (
@@ -46,7 +51,7 @@ from pa10cal.discovery.lack_of_fit import (
 )
 from pa10cal.discovery.linear import by_every_joint, possible_sizes, residual
 from pa10cal.discovery.next_poses import separating_poses, unresolved
-from pa10cal.discovery.noise import same_circumstances
+from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.preparation import (
     Prepared,
     complete,
@@ -56,13 +61,13 @@ from pa10cal.discovery.preparation import (
     sought,
 )
 from pa10cal.discovery.short_forms import Arena, Contest
-from pa10cal.discovery.verdict import Plan, Verdict, reported
+from pa10cal.discovery.verdict import Plan, Verdict
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.results.analysis import Channel, LackOfFit, PureErrorTest
-from pa10cal.results.discovery import SearchByRepeats, SharedError, Unexplained
+from pa10cal.results.discovery import SearchByRepeats, SharedError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
 
@@ -132,10 +137,6 @@ class VerdictByRepeats(Verdict[Confirmation]):
             evidence_lack_of_fit(self.problem, self.extended),
         )
 
-    @override
-    def errors_by_name(self) -> tuple[Named, ...]:
-        return errors_by_name(self.problem, self.extended, self.train, self.holdout)
-
     @property
     @override
     def torque_test(self) -> PureErrorTest | None:
@@ -174,38 +175,29 @@ class VerdictByRepeats(Verdict[Confirmation]):
         return arena_by_repeats(self, held)
 
     @override
-    def with_findings(self, findings: Sequence[Finding[Confirmation]]) -> VerdictByRepeats:
+    def _refitted(self, effects: tuple[Effect, ...]) -> VerdictByRepeats:
         size = dict(zip(self.extended.effects, self.extended.sizes, strict=True))
         for finding in self.findings:
             for other in finding.alternatives:
                 size.setdefault(other, size[finding.effect])
-        effects, score = tuple(each.effect for each in findings), self.judgement.found.score
-        extended = fit(
-            self.problem,
-            effects,
-            tuple(size[effect] for effect in effects),
-            (score.pose_variance, score.torque_variance),
-            self.judgement.found.fit,
-        )
-        covariance = covariance_of(self.problem, extended)
-        anew = []
-        for finding, columns in zip(findings, extended.effect_columns(), strict=True):
-            at, effect = slice(*columns), finding.effect
-            x, of_x = reported(effect, extended.of(effect), covariance[at, at])
-            anew.append(replace(finding, x=x, covariance=of_x))
-        held_out, searched = self.prepared.held_out, self.judgement.found.fit
-
-        def gap_on(poses: Observations) -> Gap:
-            return _with_rivals(self.problem, searched, compare(self.problem, extended, poses))
-
+        found = self.judgement.found
+        sizes = tuple(size[effect] for effect in effects)
         return replace(
-            self,
-            findings=tuple(anew),
-            judgement=replace(self.judgement, findings=tuple(anew)),
-            extended=extended,
-            train=gap_on(average_repeats(self.prepared.trusted)),
-            holdout=None if held_out is None else gap_on(held_out),
+            self, extended=fit(self.problem, effects, sizes, found.score.variances, found.fit)
         )
+
+    @property
+    @override
+    def _fitted_poses(self) -> Observations:
+        return average_repeats(self.prepared.trusted)
+
+    @override
+    def _gap_on(self, poses: Observations) -> Gap:
+        return compare(self.problem, self.extended, poses, self.judgement.found.fit)
+
+    @override
+    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+        return model_with(self.problem, self.extended, effects)
 
 
 def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepeats:
@@ -228,27 +220,29 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
     judgement = judge(search(problem, family, error_rate, start), needed)
     problem = judgement.found.problem
     extended = _extended(problem, judgement)
-    held_out = campaign.held_out
-
-    def gap_on(poses: Observations) -> Gap:
-        found = compare(problem, extended, poses)
-        return _with_rivals(problem, judgement.found.fit, found)
-
+    gap_on = partial(compare, problem, extended, searched=judgement.found.fit)
+    held_out, wander, floor = campaign.held_out, problem.in_time.wander, floor_mm(problem)
     return VerdictByRepeats(
         prepared=campaign,
         context=problem.context,
         error_rate=error_rate,
         candidates=effects_in(family),
         findings=judgement.findings,
-        unexplained=(*judgement.unexplained, *_wandering(problem)),
+        unexplained=(
+            *judgement.unexplained,
+            *(() if wander is None else wandering(wander, floor)),
+            *told_with_rivals(problem.in_time, floor),
+        ),
         not_testable=tuple(each for each in refused if not is_fault(each.effect)),
         indistinguishable=_groups(judgement.found),
         extended=extended,
-        noise_floor_mm=floor_mm(problem),
+        noise_floor_mm=floor,
         train=gap_on(average_repeats(readings)),
         holdout=None if held_out is None else gap_on(held_out),
         steps=judgement.found.steps,
-        faults_of_rows=_steps_in_time(problem, extended),
+        faults_of_rows=()
+        if wander is None
+        else steps_in_time(wander, extended.at, problem.readings),
         problem=problem,
         start=start,
         family=family,
@@ -297,33 +291,27 @@ def _whitener(problem: Problem) -> Array:
     """
     stated = problem.readings.measured.stated_covariance
     cov = problem.noise.cov + _OF_STATED**2 * stated
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)), dtype=np.float64)
+    return whitener_of(cov)
 
 
-def _wandering(problem: Problem) -> tuple[Unexplained, ...]:
-    found, floor = problem.in_time, floor_mm(problem)
-    moved = () if found.wander is None else wandering(found.wander, floor)
-    return (*moved, *told_with_rivals(found, floor))
+def compare(
+    problem: Problem, extended: Fit, poses: Observations, searched: Fit | None = None
+) -> Gap:
+    """Return the gap of baseline and extended model on averaged poses.
 
-
-def _steps_in_time(problem: Problem, found: Fit) -> tuple[Fault, ...]:
-    wander = problem.in_time.wander
-    return () if wander is None else steps_in_time(wander, found.at, problem.readings)
-
-
-def compare(problem: Problem, extended: Fit, poses: Observations) -> Gap:
-    """Return the gap of baseline and extended model on averaged poses."""
+    Args:
+        problem: the campaign.
+        extended: the model with the effects found.
+        poses: the averaged poses.
+        searched: the model at the end of the search, which may hold what has no name, too.
+    """
     poses = complete_about(poses, problem.baseline, extended.at, problem.setup)
     floor = floor_mm(problem, poses.readings)
     after, T_moved = _exported(problem, extended), _moved(problem, poses)
-    return gap(poses, problem.baseline, after, floor, T_moved=T_moved)
-
-
-def _with_rivals(problem: Problem, searched: Fit, found: Gap) -> Gap:
-    """Return the gap with what a model leaves that holds what has no name, too."""
-    if not any(effect.generic for effect in searched.effects):
+    found = gap(poses, problem.baseline, after, floor, T_moved=T_moved)
+    if searched is None or not any(effect.generic for effect in searched.effects):
         return found
-    poses = complete_about(found.poses, problem.baseline, searched.at, problem.setup)
+    poses = complete_about(poses, problem.baseline, searched.at, problem.setup)
     return replace(found, with_rivals=left_by(_exported(problem, searched), poses))
 
 
@@ -344,26 +332,11 @@ def _moved(problem: Problem, poses: Observations) -> Array | None:
     return moved_frames(wander.motions(poses.states.time_s))
 
 
-def errors_by_name(
-    problem: Problem, extended: Fit, train: Gap, holdout: Gap | None
-) -> tuple[Named, ...]:
-    """Return the errors of the calibrated baseline, and as each effect is added, all refitted.
-
-    What all together would miss most is added first.
-
-    Args:
-        problem: the campaign.
-        extended: the model with all effects.
-        train, holdout: the gap on averaged poses, before and with all effects.
-    """
-    variances = (extended.pose_variance, extended.torque_variance)
+def model_with(problem: Problem, extended: Fit, effects: tuple[Effect, ...]) -> FittedModel:
+    """Return an extended model with some of its effects, all fitted again."""
     size = dict(zip(extended.effects, extended.sizes, strict=True))
-
-    def fitted_with(some: tuple[Effect, ...]) -> FittedModel:
-        sizes = tuple(size[each] for each in some)
-        return _exported(problem, fit(problem, some, sizes, variances, extended))
-
-    return in_order(train, holdout, extended.effects, fitted_with)
+    sizes = tuple(size[each] for each in effects)
+    return _exported(problem, fit(problem, effects, sizes, extended.variances, extended))
 
 
 def _extended(problem: Problem, judgement: Judgement) -> Fit:
@@ -373,8 +346,9 @@ def _extended(problem: Problem, judgement: Judgement) -> Fit:
     if named == found.fit.effects:
         return found.fit
     sizes = dict(zip(found.fit.effects, found.fit.sizes, strict=True))
-    variances = (found.score.pose_variance, found.score.torque_variance)
-    return fit(problem, named, tuple(sizes[effect] for effect in named), variances, found.fit)
+    return fit(
+        problem, named, tuple(sizes[each] for each in named), found.score.variances, found.fit
+    )
 
 
 def _groups(found: EndOfSearch) -> tuple[tuple[Effect, ...], ...]:
@@ -483,7 +457,10 @@ def arena_by_repeats(verdict: VerdictByRepeats, held: Sequence[Effect]) -> Arena
         verdict: on the campaign.
         held: maps and smooth unknown functions.
     """
-    found = _forgetful(verdict.judgement.found)
+    found = verdict.judgement.found
+    # Its model does not keep what each of many forms makes.
+    model = replace(found.fit.model, kept=None)
+    found = replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
     if not held:
         found = replace(found, score=replace(found.score, pose_variance=0.0))
     problem = found.problem
@@ -503,12 +480,6 @@ def arena_by_repeats(verdict: VerdictByRepeats, held: Sequence[Effect]) -> Arena
         problem.cells.states,
         None,
     )
-
-
-def _forgetful(found: EndOfSearch) -> EndOfSearch:
-    """Return the end of a search whose model does not keep what each of many forms makes."""
-    model = replace(found.fit.model, kept=None)
-    return replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
 
 
 # The model fitted with effects that are given, weighed as the evidence weighs them.
@@ -539,8 +510,7 @@ def fit_given(problem: Problem, effects: tuple[Effect, ...]) -> tuple[Problem, F
         _, sizes = resized(evidence, members, sizes)
         score = evidence.score(members, sizes)
         choice = (sizes, score.nearest)
-        variances = (score.pose_variance, score.torque_variance)
-        problem, current = refit(problem, effects, sizes, variances, current)
+        problem, current = refit(problem, effects, sizes, score.variances, current)
         if choice == settled:
             break
         settled = choice

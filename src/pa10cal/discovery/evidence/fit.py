@@ -24,7 +24,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.least_squares import Bounds, Equations, minimise
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Parameter, shows_torque
+from pa10cal.terms.term import shows_torque
 
 #: A step that lowers the sum of squares by less than this part is the last.
 _PRECISION = 1e-8
@@ -40,6 +40,11 @@ class Fit(ModelWithEffects):
     # pose_variance and torque_variance: shared errors by which it was weighed
     pose_variance: float
     torque_variance: float
+
+    @property
+    def variances(self) -> tuple[float, float]:
+        """Return both variances."""
+        return self.pose_variance, self.torque_variance
 
 
 def fit(
@@ -81,7 +86,8 @@ def _fit_from(
         replace(problem.baseline, model=model, x=np.zeros(len(model.parameters))), x_start
     )
     weighed = _Weighed(problem, effects, sizes, variances, at)
-    bounds = Bounds.of(_parameters(problem, model))
+    targets = problem.cells.measured.target_parameters[: len(problem.baseline.targets_m)]
+    bounds = Bounds.of((*model.parameters, *targets))
     found = minimise(
         bounds.clip(x_start),
         weighed.equations,
@@ -99,8 +105,7 @@ def _fit_from(
 
 def covariance_of(problem: Problem, found: Fit) -> Array:
     """Return the covariance (k, k) that data and expected sizes leave of all parameters."""
-    variances = (found.pose_variance, found.torque_variance)
-    weighed = _Weighed(problem, found.effects, found.sizes, variances, found.at)
+    weighed = _Weighed(problem, found.effects, found.sizes, found.variances, found.at)
     information = weighed.equations(found.x).normal
     size = 1.0 / np.sqrt(np.diag(information))
     inverse: Array = np.linalg.inv(information * np.outer(size, size)) * np.outer(size, size)
@@ -246,8 +251,3 @@ def expected_middle(problem: Problem, model: Model) -> Array:
         if parameter.name.startswith("tool"):
             middle[k] = baseline.x[k]
     return np.concatenate([middle, baseline.targets_m])
-
-
-def _parameters(problem: Problem, model: Model) -> tuple[Parameter, ...]:
-    targets = problem.cells.measured.target_parameters
-    return (*model.parameters, *targets[: len(problem.baseline.targets_m)])

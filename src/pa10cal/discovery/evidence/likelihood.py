@@ -50,8 +50,12 @@ class Score:
     # pose_variance and torque_variance: shared errors that go with it, in variances of a reading
     pose_variance: float
     torque_variance: float
-    sizes: tuple[int, ...]  # index of the size in `SIZES`, for each member
     nearest: tuple[int, int]  # of the variances tried, those next to the two
+
+    @property
+    def variances(self) -> tuple[float, float]:
+        """Return the variances of the shared errors of poses and of torques."""
+        return self.pose_variance, self.torque_variance
 
 
 @dataclass(frozen=True)
@@ -207,19 +211,28 @@ class Evidence:
         shows = bool(self._shows_in_torque[list(members)].any())
         if self._last is None or self._last[0] != members:  # often asked at other sizes
             self._last = members, self._pose.of(columns), self._torque.of(columns)
-        _, pose, torque = self._last
-        of_set = _OfSet(
-            pose.scaled(scale), torque.scaled(scale) if shows else torque, shows_in_torque=shows
-        )
+        pose, torque = self._last[1].scaled(scale), self._last[2]
+        # Of torques that say nothing of the set only the constant is looked at.
+        torque = torque.scaled(scale) if shows else torque
+        by_pose = None if shows else _minus_twice_log(pose.gram, pose.projection, pose.constant)
+
+        @cache
+        def over_pose(h: int) -> Array:
+            return _together(pose, torque, h) if by_pose is None else by_pose + torque.constant[h]
+
+        @cache
+        def over_torque(g: int) -> Array:
+            return _together(torque, pose, g) if by_pose is None else by_pose[g] + torque.constant
+
         g, last = 0, np.inf
         while True:  # one variance after the other: they hardly depend on each other
-            h = int(np.argmin(of_set.over_torque(g)))
-            over_g = of_set.over_pose(h)
+            h = int(np.argmin(over_torque(g)))
+            over_g = over_pose(h)
             g = int(np.argmin(over_g))
             if not over_g[g] < last - 1e-9:
                 break
             last = float(over_g[g])
-        over_h = of_set.over_torque(g)
+        over_h = over_torque(g)
         pose_gain, pose_variance = _between(over_g, g)
         torque_gain, torque_variance = _between(over_h, h)
         return Score(
@@ -227,7 +240,6 @@ class Evidence:
             - float(np.log(len(SIZES))) * len(members),
             pose_variance=pose_variance,
             torque_variance=torque_variance,
-            sizes=sizes,
             nearest=(g, h),
         )
 
@@ -239,38 +251,6 @@ class Evidence:
             np.concatenate([np.zeros(0, dtype=np.intp), *columns]),
             np.concatenate([np.zeros(0), *scale]),
         )
-
-
-class _OfSet:
-    """Minus twice the log evidence of one set, at all variances of a channel; each found once."""
-
-    def __init__(self, pose: Reduced, torque: Reduced, *, shows_in_torque: bool) -> None:
-        """Take the products of the columns of the set in both channels.
-
-        Of torques that say nothing of the set only the constant is looked at.
-        """
-        self._pose, self._torque = pose, torque
-        self._by_pose: Array | None = None
-        if not shows_in_torque:
-            self._by_pose = _minus_twice_log(pose.gram, pose.projection, pose.constant)
-        self._over_pose: dict[int, Array] = {}
-        self._over_torque: dict[int, Array] = {}
-
-    def over_pose(self, h: int) -> Array:
-        """Return it at every variance of poses, and one of torques, (G,)."""
-        if self._by_pose is not None:
-            return np.asarray(self._by_pose + self._torque.constant[h])
-        if h not in self._over_pose:
-            self._over_pose[h] = _together(self._pose, self._torque, h)
-        return self._over_pose[h]
-
-    def over_torque(self, g: int) -> Array:
-        """Return it at every variance of torques, and one of poses, (H,)."""
-        if self._by_pose is not None:
-            return np.asarray(self._by_pose[g] + self._torque.constant)
-        if g not in self._over_torque:
-            self._over_torque[g] = _together(self._torque, self._pose, g)
-        return self._over_torque[g]
 
 
 def _together(channel: Reduced, other: Reduced, k: int) -> Array:

@@ -13,7 +13,13 @@ from pa10cal.arm.statics import Payload, Statics
 from pa10cal.arrays import Array
 from pa10cal.discovery.in_time.wander import STILL, InTime
 from pa10cal.discovery.linear import by_every_joint, residual
-from pa10cal.discovery.noise import Noise, mean_covariance, noise_of_repeats, same_circumstances
+from pa10cal.discovery.noise import (
+    Noise,
+    mean_covariance,
+    noise_of_repeats,
+    same_circumstances,
+    whitener_of,
+)
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of, static_loads
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import unknown_tool
@@ -161,19 +167,9 @@ class NoiseModel:
     def whitening(self, variance: float) -> Whitening:
         """Return the weights for a variance of the shared error, in those of one reading."""
         if variance not in self._whitenings:
-            self._whitenings[variance] = self._whitening_for(variance)
+            scale = 1.0 / np.sqrt(1.0 + variance * self.shared_size)
+            self._whitenings[variance] = Whitening.of(scale, self.common)
         return self._whitenings[variance]
-
-    def _whitening_for(self, variance: float) -> Whitening:
-        total = 1.0 + variance * self.shared_size
-        scale = 1.0 / np.sqrt(total)
-        left, sizes, _ = np.linalg.svd(scale[:, None] * self.common, full_matrices=False)
-        return Whitening(
-            scale=scale,
-            directions=left,
-            shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes**2),
-            log_determinant=float(np.log(total).sum() + np.log1p(sizes**2).sum()),
-        )
 
 
 @dataclass(frozen=True)
@@ -183,7 +179,12 @@ class Whitening:
     scale: Array  # (R,) by which each row is scaled
     directions: Array  # (R, c) orthonormal directions of the common errors in scaled rows
     shrink: Array  # (c,) part by which rows shrink along them
-    log_determinant: float  # of the covariance of the rows
+
+    @classmethod
+    def of(cls, scale: Array, common: Array) -> Whitening:
+        """Return it for rows scaled (R,) and common errors of unit size (R, c)."""
+        left, sizes, _ = np.linalg.svd(scale[:, None] * common, full_matrices=False)
+        return cls(scale, left, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2))
 
     def __call__(self, rows: Array) -> Array:
         """Weigh rows (R, k)."""
@@ -315,7 +316,7 @@ def noise_models(
     common = setup.apparatus_m * cells.measured.by_stated_targets
     if in_time.wander is not None:
         common = np.concatenate([common, in_time.wander.columns(about, cells)], axis=2)
-    pose = NoiseModel.of(np.linalg.inv(np.linalg.cholesky(cell_cov)), shared, common)
+    pose = NoiseModel.of(whitener_of(cell_cov), shared, common)
     if setup.payload is None or torque_u_Nm is None:
         return pose, None, np.zeros_like(cells.states.q_rad)
     weights = static_loads(cells.states, about, setup.payload)

@@ -84,7 +84,7 @@ def search(
             problem,
             tuple(family[k] for k in members),
             sizes,
-            (score.pose_variance, score.torque_variance),
+            score.variances,
             current,
         )
         steps.append(
