@@ -375,7 +375,7 @@ def position_covariance(
         own[rows] = to_splines @ own[rows]
         own[:, rows] = own[:, rows] @ to_splines.T
         splines = b_splines(knots, each.q_rad)
-        at.append(first + splines.indices.reshape(-1, 4))
+        at.append(first + splines.indices.astype(np.intp).reshape(-1, 4))
         by.append(each.moved[:, :, None] * splines.data.reshape(-1, 1, 4))
         first += knots
     touched, velocity = np.concatenate(at, axis=1), np.concatenate(by, axis=2)

@@ -8,17 +8,15 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arm.chain import BASE
-from pa10cal.arm.description import Arm, weights_known
+from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.apart import apart, contradictions
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
 from pa10cal.calibration.general.fit import Fit
 from pa10cal.calibration.general.prior import calibrate_from, prior_of
-from pa10cal.calibration.grade import Errors, FitSummary
-from pa10cal.calibration.health import case_keys, fit_keys, health, held_out_errors
+from pa10cal.calibration.health import Errors, FitSummary, health, held_out_errors
 from pa10cal.calibration.levels import report_base
-from pa10cal.calibration.load_case import COMBINED, rows_of_load
-from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.load_case import LoadCase, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
     calibrated_parameters,
     scatter_of_repeats,
@@ -26,7 +24,6 @@ from pa10cal.calibration.uncertainty import (
     summarise_by_load,
     suspected_held_out,
 )
-from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
 from pa10cal.fit.fitted import FittedTo
@@ -48,7 +45,7 @@ from pa10cal.results.calibration import (
     Spring,
     SuspectedOutlier,
 )
-from pa10cal.results.health import Health, InputFinding
+from pa10cal.results.health import Health
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
@@ -106,37 +103,24 @@ _NO_FIT = 0.05
 
 
 def general_case(
-    campaign: CampaignDescription,
-    arm: Arm,
-    every: Observations,
-    start: Start,
-    load: str,
-    options: CalibrationOptions,
-    findings: tuple[InputFinding, ...] = (),
-    prior: FittedModel | None = None,
+    case: LoadCase, start: Start
 ) -> tuple[GeneralCalibrationRecord, GeneralCalibration]:
     """Compute a load case with every parameter that arm and instrument can identify.
 
     Args:
-        campaign: description of the campaign.
-        arm: the nominal arm.
-        every: single readings of all kinds.
+        case: the load case.
         start: about where frames and targets are.
-        load: `combined` or `general` for all loads together, or a load such as `44N`.
-        options: how to calibrate.
-        findings: what checks of the input found.
-        prior: fitted model of the arm to start from; None for none.
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
             does not fit the readings at all, or the prior is of another arm.
     """
+    arm, every, options, prior = case.arm, case.every, case.options, case.prior
     if prior is not None:  # effects of it may need to know from where a joint arrived
         every, _ = with_arrivals(every)
-    single, payload = every.of_kind("grid"), campaign.payload(arm)
+    single, payload = every.of_kind("grid"), case.payload
     grid, held_out = average_repeats(single), average_repeats(every.of_kind("holdout"))
-    case = COMBINED if load == "general" else load
-    rows = rows_of_load(grid.states.load_N, case)
+    rows = case.rows(grid.states.load_N)
     used, rigid = grid.take(rows), options.with_springs(())
     nominal = calibrate_general(arm, used, start, payload, rigid, links=False).without_rows()
     if prior is None:
@@ -172,10 +156,9 @@ def general_case(
     doubts, known = suspected_outliers(full.problem, full.fit), weights_known(arm)
     trusted = np.setdiff1d(np.flatnonzero(rows), np.flatnonzero(rows)[[d.row for d in doubts]])
     group = apart(full.problem, full.fit)
-    if group is not None:
-        findings = (*findings, *contradictions(group))
+    findings = case.findings if group is None else (*case.findings, *contradictions(group))
     rigid_left = fitted(geometry).deviations(grid)
-    readings = single.take(rows_of_load(single.states.load_N, case))
+    readings = single.take(case.rows(single.states.load_N))
     errors = Errors(
         train_rms_mm=summarise(found.take(trusted)).rms_mm,
         held_out=off,
@@ -190,13 +173,11 @@ def general_case(
     )
     ended = _fit_summary(full)
     judged = health(ended, errors)
-    about = FittedTo.of(full.problem.observations, load, judged, campaign)
+    about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign)
     before = summarise_by_load(fitted(nominal).deviations(grid), load_N)
     of_geometry = summarise_by_load(rigid_left, load_N)
     record = GeneralCalibrationRecord(
-        **case_keys(
-            campaign, load, options, ended, judged, replace(calibrated, fitted_to=about), grid
-        ),
+        **case_keys(case, ended, judged, replace(calibrated, fitted_to=about), grid),
         **_general_fit_keys(full, about),
         starts=1,
         starts_agreeing=1,
