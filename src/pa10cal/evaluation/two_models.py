@@ -83,14 +83,11 @@ def compare_models(
 
 def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
     """Refuse arms whose nominal chains differ."""
-    differs = [
-        f"{name}: {mine!r} and {theirs!r}"
-        for name, mine, theirs in (
-            ("joints", one.n, other.n),
-            ("convention", one.convention, other.convention),
-        )
-        if mine != theirs
-    ]
+    differs = []
+    if one.n != other.n:
+        differs.append(f"joints: {one.n!r} and {other.n!r}")
+    if one.convention != other.convention:
+        differs.append(f"convention: {one.convention!r} and {other.convention!r}")
     if not differs:
         for name in _LAYOUT:
             mine, theirs = (np.asarray(getattr(arm, name), dtype=float) for arm in (one, other))
