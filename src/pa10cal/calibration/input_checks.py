@@ -244,7 +244,6 @@ def _exchanged(swapped: str, shown: str) -> InputFinding:
 
 
 def _temperature(campaign: CampaignDescription, every: Observations) -> Iterator[InputFinding]:
-    """Find temperatures that no laboratory has, but degrees Fahrenheit would."""
     reference_C = campaign.reference_temperature_C
     measured_C = every.states.temperature_C
     known_C = measured_C[np.isfinite(measured_C)]

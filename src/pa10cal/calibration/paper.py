@@ -138,7 +138,6 @@ def paper_case(
 
 
 def _paper_fit_keys(calibration: Calibration, model: FittedModel) -> dict[str, Any]:
-    """Return what a record holds of a fit on two levels."""
     report = calibration.level.model.report(calibration.solution.x)
     return {
         **fit_keys(
@@ -167,7 +166,6 @@ def parameter_records(calibration: Calibration) -> dict[str, CalibratedParameter
 def _warnings(
     cubic: Calibration, noise: Observations[Pose], seed_angle_deg: float
 ) -> tuple[str, ...]:
-    """Return what a reader should know before trusting the fit."""
     found = []
     if not cubic.converged:
         found.append(f"not converged: {cubic.solution.reason}")

@@ -82,7 +82,6 @@ def compare_models(
 
 
 def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
-    """Refuse arms whose nominal chains differ."""
     differs = []
     if one.n != other.n:
         differs.append(f"joints: {one.n!r} and {other.n!r}")
@@ -112,7 +111,6 @@ def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
 
 
 def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, ...]:
-    """Return what two descriptions say differently beside the layout."""
     pairs: list[tuple[str, object, object]] = [
         (name, getattr(first.arm, name), getattr(second.arm, name)) for name in _OTHERS
     ]

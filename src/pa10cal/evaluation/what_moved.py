@@ -19,6 +19,7 @@ from scipy.special import chdtrc
 from pa10cal.arm.chain import TOOL
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.prior import of_arm
+from pa10cal.calibration.general.transfer import is_tool
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.moved import (
     BASE_MOVED,
@@ -89,7 +90,6 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
 
 
 def _verdict(kinds: Sequence[str]) -> str:
-    """Return the verdict of what was found, the clearest first."""
     own = [kind for kind in kinds if kind not in _PLACES]
     if not own:
         return "base_or_tool_moved" if kinds else "unchanged"
@@ -252,7 +252,7 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
     others = {(term.id, term.of): term for term in second.model.terms}
     for term in first.model.terms:
         other = others.get((term.id, term.of))
-        if other is None or isinstance(term, Weights) or _is_tool(term) or not of_arm(term):
+        if other is None or isinstance(term, Weights) or is_tool(term) or not of_arm(term):
             continue
         a = np.arange(len(first.x))[first.model.columns_of(term)]
         b = np.arange(len(second.x))[second.model.columns_of(other)]
@@ -323,17 +323,13 @@ def _as_solved_by(mine: JointSpring, other: JointSpring, x: Array) -> tuple[Arra
     return same, np.asarray(change, dtype=np.float64)
 
 
-def _is_tool(term: Term) -> bool:
-    return bool(term.coordinates) and set(term.coordinates) <= set(TOOL)
-
-
 def _gone(model: FittedModel, other: FittedModel) -> NDArray[np.intp]:
     """Return departures that the other model has not: it holds them at zero."""
     theirs = {parameter.name for term in other.model.terms for parameter in term.parameters}
     gone = [
         k
         for term in model.model.terms
-        if isinstance(term, Offsets) and not _is_tool(term)
+        if isinstance(term, Offsets) and not is_tool(term)
         for k, parameter in zip(
             np.arange(len(model.x))[model.model.columns_of(term)], term.parameters, strict=True
         )
@@ -366,7 +362,7 @@ def _tools(
     places, turns = [], []
     columns = []
     for model in (first, second):
-        term = next((term for term in model.model.terms if _is_tool(term)), None)
+        term = next((term for term in model.model.terms if is_tool(term)), None)
         if term is None or isinstance(term, OfCampaign):
             return none
         at = np.arange(len(model.x))[model.model.columns_of(term)]

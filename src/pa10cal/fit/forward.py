@@ -167,7 +167,8 @@ class Forward:
             ModelError: when the model has springs and the masses that load them are not known.
         """
         whole, payload = self.whole, self.whole.payload
-        states = PoseStates(q, np.full_like(q, np.nan), given.arrival, *_of_pose(given))
+        of_pose = given.load_N, given.temperature_C, given.time_s
+        states = PoseStates(q, np.full_like(q, np.nan), given.arrival, *of_pose)
         states, source = with_torques(whole.model, whole.x, states, payload)
         if source == "none" or payload is None:
             self._refuse_springs()
@@ -285,7 +286,6 @@ class Forward:
         return np.stack(columns, axis=-1)
 
     def _refuse_springs(self) -> None:
-        """Refuse to predict springs whose torques are not known."""
         springs = [term for term in self.physical.terms if yields(term)]
         if springs:
             raise ModelError(
@@ -317,10 +317,6 @@ def T_base_away(away: FallBack, model: Fitted) -> Array:
     """Return the base of what a model falls back to, in the model's own base, (4, 4)."""
     T: Array = np.linalg.inv(model.T_instr_base) @ away.model.T_instr_base
     return T
-
-
-def _of_pose(given: Conditions) -> tuple[Array, Array, Array]:
-    return given.load_N, given.temperature_C, given.time_s
 
 
 def pose_difference(T: Array, T_wanted: Array) -> Array:

@@ -200,7 +200,6 @@ def general_case(
 
 
 def _warnings(full: GeneralCalibration, judged: Health) -> tuple[str, ...]:
-    """Return what a reader should know before trusting the fit."""
     found = []
     if not full.fit.converged:
         found.append(f"not converged: {full.fit.reason}")
@@ -230,7 +229,6 @@ def as_load(record: GeneralCalibrationRecord, load: str) -> GeneralCalibrationRe
 
 
 def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str, Any]:
-    """Return how a fit ended, its parameters, and what it takes to build it again."""
     found, problem, model = general.fit, general.problem, fitted(general)
     names = [parameter.name for parameter in problem.parameters]
     model = replace(model, fitted_to=about)
@@ -254,7 +252,6 @@ def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str,
 
 
 def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, CalibratedParameter]:
-    """Return every parameter with value, standard uncertainty, unit and tolerance."""
     problem, found, count = general.problem, general.fit, len(model.x)
     openly = not_identifiable(found.identifiability, problem.parameters)
     is_open = np.array([parameter.name in openly for parameter in problem.parameters])
@@ -298,7 +295,6 @@ def _base_parameters(
 
 
 def _refuse_another_arm(general: GeneralCalibration, left_mm: float, spread_mm: float) -> None:
-    """Refuse readings that are not of the arm described."""
     rank = general.fit.identifiability.rank
     if rank and left_mm < _NO_FIT * spread_mm:
         return
@@ -414,7 +410,6 @@ def _noise_mm(general: GeneralCalibration) -> float:
 
 
 def _targets_seen(problem: Problem) -> Array:
-    """Return how many targets were seen in each pose, (P,)."""
     columns = problem.measured.position_columns
     targets: Array = np.maximum(1.0, problem.components_seen[:, columns].sum(axis=1) // 3)
     return targets
