@@ -49,7 +49,7 @@ from pa10cal.results.calibration import (
     PaperErrors,
     SeedDifference,
 )
-from pa10cal.results.health import Health, InputFinding
+from pa10cal.results.health import Health
 from pa10cal.terms.joint_spring import baseline, nominal
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report
@@ -109,7 +109,7 @@ def paper_case(
     noise = with_own_scatter(used, chosen, cubic.level.model, cubic.solution.x)
     stated = poses_of(every, "grid", average=False, covariance="instrument").take(rows)
     ended = _fit_summary(cubic, noise)
-    found = _health(cubic, ended, noise, every, stated, errors.u_apparatus_m, case.findings)
+    found = _health(case, cubic, ended, noise, stated)
     about, payload = FittedTo.of(used, case.load, found, campaign), case.payload
     model = replace(fitted_model(cubic, payload), fitted_to=about)
     away = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base
@@ -132,7 +132,7 @@ def paper_case(
             **_paper_fit_keys(linear, replace(fitted_model(linear, payload), fitted_to=about)),
             after=summarise_by_load(model_deviations(linear, grid), load_N),
         ),
-        warnings=_warnings(cubic, noise, seed_angle_deg),
+        warnings=_warnings(cubic, found, seed_angle_deg),
     )
     return record, model
 
@@ -163,12 +163,10 @@ def parameter_records(calibration: Calibration) -> dict[str, CalibratedParameter
     }
 
 
-def _warnings(
-    cubic: Calibration, noise: Observations[Pose], seed_angle_deg: float
-) -> tuple[str, ...]:
-    found = []
+def _warnings(cubic: Calibration, found: Health, seed_angle_deg: float) -> tuple[str, ...]:
+    told = []
     if not cubic.converged:
-        found.append(f"not converged: {cubic.solution.reason}")
+        told.append(f"not converged: {cubic.solution.reason}")
     bound = sorted(_at_bound(cubic, cubic.level.model.report(cubic.solution.x)))
     if bound:
         pull = float(pull_beyond_bounds(cubic).max())
@@ -178,31 +176,21 @@ def _warnings(
             if pull > _PULL_OF_NOISE
             else "indistinguishable from the bound with these data"
         )
-        found.append(
+        told.append(
             f"{', '.join(bound)} at the end of the physical range, {pull:.1f} standard "
             f"uncertainties beyond it: {meaning}"
         )
-    over = _over_repeats(cubic, noise)
+    over = found.train_rms_mm / found.noise_mm if found.noise_mm else 0.0
     if over > _INCOMPLETE:
-        found.append(
+        told.append(
             f"the remaining error is {over:.0f} times the noise of the readings: the model is "
             "incomplete, and the uncertainties do not cover the missing effect"
         )
     if cubic.starts_agreeing < 2 <= len(cubic.starts):
-        found.append(f"only one of {len(cubic.starts)} starts found this minimum")
+        told.append(f"only one of {len(cubic.starts)} starts found this minimum")
     if seed_angle_deg > _FAR_FROM_SEED_DEG:
-        found.append(f"the base frame is {seed_angle_deg:.2f} deg from its seed")
-    return tuple(found)
-
-
-def _over_repeats(cubic: Calibration, noise: Observations[Pose]) -> float:
-    """Return the position error of the poses fitted over the part that their noise explains."""
-    level = cubic.level
-    noise_m2 = np.trace(noise.measured.cov[:, :3, :3], axis1=1, axis2=2).mean()
-    if not noise_m2 > 0:
-        return 0.0
-    residuals = level.residual(cubic.solution.x)[:, :3] * level.r_max_m
-    return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)) / noise_m2))
+        told.append(f"the base frame is {seed_angle_deg:.2f} deg from its seed")
+    return tuple(told)
 
 
 def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:
@@ -278,13 +266,11 @@ def _fit_summary(cubic: Calibration, noise: Observations[Pose]) -> FitSummary:
 
 
 def _health(
+    case: LoadCase,
     cubic: Calibration,
     ended: FitSummary,
     noise: Observations[Pose],
-    every: Observations,
     stated: Observations[Pose],
-    u_apparatus_m: float,
-    findings: tuple[InputFinding, ...],
 ) -> Health:
     """Judge the calibration; `stated` are the readings with the covariance of the instrument."""
     level, used = cubic.level, cubic.level.observations
@@ -292,8 +278,7 @@ def _health(
     noise_mm = 1e3 * float(
         np.sqrt(np.trace(noise.measured.cov[:, :3, :3], axis1=1, axis2=2).mean())
     )
-    p_instr_m = used.measured.T_instr_target[:, :3, 3]
-    held_out, off = poses_of(every, "holdout"), None
+    held_out, off = poses_of(case.every, "holdout"), None
     if len(held_out):
         off = held_out_errors(
             model_deviations(cubic, held_out),
@@ -301,20 +286,21 @@ def _health(
             held_out,
             replace(whole, observations=held_out).rows(ended.x).jacobian[:, :3],
             ended.covariance,
-            suspected_held_out(every, model),
+            suspected_held_out(case.every, model),
         )
-    scatter = scatter_of_repeats(stated, model)
+    scatter, findings = scatter_of_repeats(stated, model), case.findings
     if scatter:
         usual_mm = 1e3 * scatter[0].found * np.sqrt(3.0 * np.mean(1.0 / used.readings))
         findings = (*findings, *gross_errors_of_repeats(noise_mm, float(usual_mm)))
     jacobian = whole.rows(ended.x).jacobian
+    u_apparatus_m = 1e-3 * case.options.apparatus_uncertainty_mm
     return health(
         ended,
         Errors(
             train_rms_mm=summarise(model_deviations(cubic, used)).rms_mm,
             held_out=off,
             noise_mm=noise_mm,
-            spread_mm=1e3 * float(np.sqrt(np.sum(np.var(p_instr_m, axis=0)))),
+            spread_mm=used.measured.spread_mm,
             noise_is_found=bool(scatter),
             apparatus_mm=1e3 * _left_by_apparatus_m(level, jacobian, u_apparatus_m),
             repeats=scatter,

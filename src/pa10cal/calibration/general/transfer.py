@@ -227,8 +227,8 @@ def _with_frames(problem: Problem, x: Array, of_arm: Array, base: tuple[str, ...
     terms = len(problem.model.parameters) - len(base)
     found = np.zeros((terms + len(BASE),) * 2)
     at = np.concatenate([np.arange(terms), terms + np.array([BASE.index(name) for name in base])])
-    kept = np.arange(len(problem.model.parameters))
-    found[np.ix_(at, at)] = whole[np.ix_(kept, kept)]
+    kept = slice(0, len(problem.model.parameters))
+    found[np.ix_(at, at)] = whole[kept, kept]
     return found
 
 
