@@ -144,11 +144,6 @@ class Evidence:
     u_model_mm: float
 
     @property
-    def poses(self) -> int:
-        """Return how many poses were fitted."""
-        return len(self.ended.white)
-
-    @property
     def rank(self) -> int:
         """Return how many directions are identified."""
         return self.ended.identifiability.rank
@@ -445,7 +440,7 @@ def _few(evidence: Evidence) -> str:
         return f"not identifiable with these poses: {_listed(names)} ({told}); {remedy}"
     u_mm, wanted_mm = evidence.u_model_mm, SMALL_SHARE * evidence.error_mm
     if u_mm > wanted_mm:
-        more = int(np.ceil(evidence.poses * ((u_mm / wanted_mm) ** 2 - 1.0)))
+        more = int(np.ceil(len(evidence.ended.white) * ((u_mm / wanted_mm) ** 2 - 1.0)))
         return (
             f"predicted positions have a standard uncertainty of {u_mm:.3f} mm; measure about "
             f"{more} more poses to reduce it to {wanted_mm:.3f} mm"

@@ -279,19 +279,14 @@ def _base_parameters(
     general: GeneralCalibration, model: FittedModel
 ) -> dict[str, CalibratedParameter]:
     """Return the base frame's parameters; of a distance only the fixed point's place."""
-    names = [parameter.name for parameter in general.unknowns.base.parameters]
-    motions = [name.replace(".", "_") for name in BASE]
-    base, first = report_base(model.T_instr_base), len(model.x)
-    covariance = np.zeros((6, 6))
-    at = [motions.index(name) for name in names]
-    width = slice(first, first + len(names))
-    covariance[np.ix_(at, at)] = general.fit.covariance[width, width]
+    assert model.covariance is not None
+    base = report_base(model.T_instr_base)
     # The motions are along axes of the base as it was put; those of the report the instrument's.
     along = np.eye(6)
     along[:3, :3] = general.problem.T_instr_base[:3, :3]
-    whole = len(names) == len(motions)
+    whole = len(general.unknowns.base.parameters) == len(BASE)
     held = [each.name for each in base.parameters if not whole and each.unit != "m"]
-    return calibrated_parameters(base, along @ covariance @ along.T, held)
+    return calibrated_parameters(base, along @ model.covariance[-6:, -6:] @ along.T, held)
 
 
 def _refuse_another_arm(general: GeneralCalibration, left_mm: float, spread_mm: float) -> None:
