@@ -11,6 +11,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.calibrate import find_start
 from pa10cal.calibration.general.case import general_case
 from pa10cal.calibration.general.problem import tool_frame
+from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
@@ -89,4 +90,4 @@ def case_of(arm, every):
         name="made-up", provenance="made up", robot=arm.name, payload=lambda _arm: None
     )
     start = find_start(arm, every)
-    return general_case(campaign, arm, every, start, "combined", CalibrationOptions())
+    return general_case(LoadCase(campaign, arm, every, "combined", CalibrationOptions()), start)

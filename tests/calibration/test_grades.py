@@ -15,7 +15,7 @@ from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.preparation import setup_of
-from pa10cal.evaluation.compared import judged_models
+from pa10cal.evaluation.compared import Evaluation
 from pa10cal.files.arms import load_arm
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.health import UNRESERVED, InputFinding
@@ -64,7 +64,7 @@ def test_a_held_out_reading_that_is_wrong_does_not_count(campaign, instrument, p
     assert "held-out poses without 1 with a suspected reading" in model.fitted_to.health
     setup = setup_of(found.description, found.arm, CalibrationOptions(), DiscoveryOptions())
     models = {"uncalibrated": model.nominal(), "linear": model}
-    judged = judged_models(found.observations, models, None, setup)["linear"]
+    judged = Evaluation(found.observations, models, None, setup).judge()["linear"]
     assert judged.rms_mm > 2.0 * judged.trusted.rms_mm
     assert f", {judged.trusted.rms_mm:.3f} mm over held-out" in model.fitted_to.health
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.grade import Errors, FitSummary, HeldOut
-from pa10cal.calibration.health import health, poses_needed
+from pa10cal.calibration.health import Errors, FitSummary, HeldOut, health, poses_needed
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.results.evaluation import Accuracy
 from pa10cal.results.health import InputFinding, RepeatScatter

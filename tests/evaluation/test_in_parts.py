@@ -16,8 +16,8 @@ from pa10cal.cell.options import TrackerOptions
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.evaluation.compared import (
+    Evaluation,
     held_out_record,
-    judged_models,
     said_of_parts,
     transfer_record,
 )
@@ -55,7 +55,7 @@ def knocked(every):
 
 def elsewhere(carried, every):
     model, _, setup = carried
-    return transfer_record(CAMPAIGN, "a", every, {"linear": model}, None, setup)
+    return transfer_record(CAMPAIGN, "a", Evaluation(every, {"linear": model}, None, setup))
 
 
 @pytest.fixture(scope="module", name="in_parts")
@@ -117,11 +117,11 @@ def test_in_its_own_campaign_a_model_is_parted_where_the_verdict_tells_a_step(ca
     times_s = every.states.time_s
     step_s = 0.5 * (times_s[KNOCKED_AT - 1] + times_s[KNOCKED_AT])
     models, extended = {"linear": model}, Extended(model, steps_s=(step_s,))
-    found = held_out_record(CAMPAIGN, "combined", every, models, extended, setup)
+    found = held_out_record(CAMPAIGN, "combined", Evaluation(every, models, extended, setup))
     assert [part.poses + part.held_out for part in found.parts] == [KNOCKED_AT, POSES - KNOCKED_AT]
-    whole = judged_models(every, {"linear": model}, None, setup, elsewhere=True)
+    whole = Evaluation(every, {"linear": model}, None, setup).judge(elsewhere=True)
     assert found.by_parts["linear"].rms_mm < 0.7 * whole["linear"].rms_mm
-    still = held_out_record(CAMPAIGN, "combined", every, models, Extended(model), setup)
+    still = held_out_record(CAMPAIGN, "combined", Evaluation(every, models, Extended(model), setup))
     assert still.by_parts is None
     assert still.parts is None
 

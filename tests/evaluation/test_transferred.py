@@ -13,7 +13,7 @@ from pa10cal.calibration.general.case import fitted
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
-from pa10cal.evaluation.compared import judged_models
+from pa10cal.evaluation.compared import Evaluation
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.studies.simulated import measured, observations_of, payload_of_individual
@@ -52,7 +52,7 @@ def with_map(model, knots):
 
 def judge(campaigns, extended):
     model, every, setup = campaigns
-    return judged_models(every, {"linear": model}, extended, setup, elsewhere=True)
+    return Evaluation(every, {"linear": model}, extended, setup).judge(elsewhere=True)
 
 
 def test_all_models_are_judged_apart_where_the_source_saw_no_such_angle(campaigns):

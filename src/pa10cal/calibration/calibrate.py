@@ -69,8 +69,6 @@ def calibrate(
     observations: Observations[Pose],
     options: CalibrationOptions,
     errors: ErrorSources,
-    *,
-    inner_poses: tuple[str, ...] | None = None,
 ) -> Calibration:
     """Calibrate a model on two levels, from several starts (paper, Section II.C).
 
@@ -79,14 +77,13 @@ def calibrate(
         observations: N measured poses.
         options: how to calibrate.
         errors: what is known of the errors of the measured poses.
-        inner_poses: labels of the M poses; None chooses them spread out.
 
     Raises:
         CalibrationError: when there are fewer equations than unknowns.
     """
     _check_enough(model, observations)
     check_torques(model, observations)
-    poses = inner_poses or spread_poses(observations, options.inner_poses)
+    poses = spread_poses(observations, options.inner_poses)
     level = TwoLevel(model, observations, rows_of(observations, poses), options.r_max_m)
     starts = random_starts(model, options.starts, options.random_seed)
     starts[0] = _from_linear_springs(level, starts[0], options)
@@ -193,14 +190,21 @@ def solve_one_level(
 
 
 def tolerance_rows(level: TwoLevel, x: Array, options: CalibrationOptions) -> Array:
-    """Return the tolerance rows (r, k) of the options, at parameters x."""
-    weight = residual_weight(options.epsilon, options.epsilon_acts_on)
-    parameters = level.model.parameters
-    if options.tolerance_terms == "all":
-        return all_terms(parameters, weight)
+    """Return the tolerance rows W (r, k) of paper equation (2), at parameters x; W x are residuals.
+
+    As printed they act on every departure and so pull identified parameters towards nominal. Their
+    use is to fix directions that the data do not identify: on the null space they do no more.
+    """
+    on_residual = options.epsilon_acts_on == "residual"
+    weight = options.epsilon if on_residual else float(np.sqrt(options.epsilon))
     scale = level.model.scale
+    if options.tolerance_terms == "all":
+        tolerances = [parameter.tolerance for parameter in level.model.parameters]
+        rows = np.array([0.0 if size is None else weight / size for size in tolerances])
+        return np.diag(rows)[rows > 0]
     jacobian = level.rows(x).jacobian.reshape(-1, len(x))
-    return null_space_terms(identify(jacobian, scale), scale, weight)
+    null: Array = weight * identify(jacobian, scale).null_space.T / scale
+    return null
 
 
 def _same_span(first: Array, second: Array) -> bool:
@@ -433,35 +437,3 @@ def random_starts(model: Model, count: int, random_seed: int) -> list[Array]:
                 parts.append(5.0 * spread * sizes * generator.standard_normal(len(sizes)))
         starts.append(np.concatenate(parts))
     return starts
-
-
-# The tolerance terms of paper equation (2): their weight, and the directions on which they act.
-#
-# As printed they act on every departure and so pull identified parameters towards nominal. Their
-# use is to fix directions that the data do not identify; `null_space_terms` does that and no more.
-
-
-def all_terms(parameters: tuple[Parameter, ...], weight: float) -> Array:
-    """Return rows W (r, k) such that W x are the tolerance terms on every departure.
-
-    Args:
-        parameters: the k parameters; those without a tolerance have no term.
-        weight: factor on the residual, epsilon or its square root (see `residual_weight`).
-    """
-    rows = np.array(
-        [
-            0.0 if parameter.tolerance is None else weight / parameter.tolerance
-            for parameter in parameters
-        ]
-    )
-    return np.diag(rows)[rows > 0]
-
-
-def null_space_terms(identifiability: Identifiability, scale: Array, weight: float) -> Array:
-    """Return rows W (r, k) that act only on the r directions that the data do not identify."""
-    return weight * identifiability.null_space.T / scale
-
-
-def residual_weight(epsilon: float, acts_on: str) -> float:
-    """Return the factor on the residuals for either reading of epsilon."""
-    return epsilon if acts_on == "residual" else float(np.sqrt(epsilon))

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.general.calibrate import start_of
 from pa10cal.calibration.general.case import general_case
-from pa10cal.calibration.load_case import COMBINED, paper_case
+from pa10cal.calibration.load_case import COMBINED, LoadCase
 from pa10cal.calibration.options import CalibrationOptions, takes_general_model
+from pa10cal.calibration.paper import paper_case
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
@@ -48,51 +49,27 @@ def calibrated_record(
     lines, name = base_frame or BaseFrameOptions(), campaign.name
     seed = locate_base(every, arm, lines, name, name, campaign.provenance)
     return calibration_record(
-        campaign,
-        arm,
-        every,
-        seed,
-        load,
-        options,
-        general=general,
-        findings=findings,
-        prior=prior,
+        LoadCase(campaign, arm, every, load, options, findings, prior), seed, general=general
     )
 
 
 def calibration_record(
-    campaign: CampaignDescription,
-    arm: Arm,
-    every: Observations,
-    seed: BaseFrameRecord,
-    load: str,
-    options: CalibrationOptions,
-    *,
-    general: bool,
-    findings: tuple[InputFinding, ...] = (),
-    prior: FittedModel | None = None,
+    case: LoadCase, seed: BaseFrameRecord, *, general: bool
 ) -> CalibrationRecord:
     """Calibrate a load case, and return its record.
 
     Args:
-        campaign: description of the campaign.
-        arm: the nominal arm.
-        every: single readings of all kinds.
+        case: the load case.
         seed: about where base, tool and targets are.
-        load: `combined`, `general`, or a load such as `44N`.
-        options: how to calibrate.
         general: whether with all that can be identified, or with the paper's unknowns.
-        findings: what checks of the input found.
-        prior: fitted model of the arm to start from; None for none.
 
     Raises:
         CalibrationError: see `paper_case` and `general_case`.
     """
     if general:
-        start = start_of(seed, every.measured)
-        return general_case(campaign, arm, every, start, load, options, findings, prior)[0]
-    refuse_prior(prior)
-    return paper_case(campaign, arm, every, seed.T_instr_base, load, options, findings)[0]
+        return general_case(case, start_of(seed, case.every.measured))[0]
+    refuse_prior(case.prior)
+    return paper_case(case, seed.T_instr_base)[0]
 
 
 def refuse_prior(prior: FittedModel | None) -> None:

@@ -1,36 +1,241 @@
-"""Whether a calibration is good: its convergence, rank, errors and grade, and what all record."""
+"""Whether a calibration is good: its convergence, rank and errors, and the grade they give.
+
+A grade is one word, and one sentence that says what to do. The rule stands in `docs/general.md`;
+thresholds and their reasons stand here and there.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.statics import reported_name
 from pa10cal.arrays import Array
-from pa10cal.calibration.calibrate import Solution
-from pa10cal.calibration.general.fit import Fit
-from pa10cal.calibration.grade import SMALL_SHARE, Errors, Evidence, FitSummary, HeldOut, graded
-from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import summarise
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.identifiability import observability, unidentified_directions
-from pa10cal.fit.model_file import model_to_plain
+from pa10cal.fit.identifiability import Identifiability
 from pa10cal.numerics.exchange import Information, one_by_one
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
-from pa10cal.results.calibration import CalibratedParameter, Covariance
-from pa10cal.results.evaluation import ResidualRows
-from pa10cal.results.health import CorrelatedPair, ExpectedUncertainty, Health, PosesNeeded
-from pa10cal.results.record import Campaign
+from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.health import (
+    CorrelatedPair,
+    ExpectedUncertainty,
+    Grade,
+    Health,
+    InputFinding,
+    PosesNeeded,
+    RepeatScatter,
+)
 from pa10cal.terms.joint_spring import stiffness_by_solved
+from pa10cal.terms.term import Parameter
 
+#: Remaining error over the noise above which a model lacks something.
+OVER_NOISE = 1.25
+#: Standard deviations by which chance may exceed a limit.
+BY_CHANCE = 3.0
+#: What the places of the targets of one apparatus leave, over what is to be expected: they are few
+#: numbers, drawn once, and may be twice as large by chance.
+OF_ONE_APPARATUS = 2.0
+#: Held-out over expected error above which the model does not predict as it promises.
+OVER_EXPECTED = 1.3
+#: Stated over found uncertainty, either way, above which one of them is wrong; of attitudes, whose
+#: uncertainty is mostly not stated but taken from that of positions, above which a unit is.
+STATED_OFF = 3.0
+#: So many times the noise is more than the noise alone explains; the grade says so.
+NOTICED = 1.1
+ATTITUDE_OFF = 30.0
+#: The same of a stated uncertainty of touched balls that is larger: it holds what all touches of a
+#: ball share (form of ball and stylus), which repeats do not show.
+TOUCHES_SHARE = 15.0
+#: Remaining error over a stated noise that nothing else confirms, above which the unit is in doubt:
+#: a unit is off by 1000, an effect of the arm leaves less than 100 times the noise.
+UNIT_OFF = 300.0
+#: Remaining error over a stated noise below which readings were computed, without any noise.
+EXACT = 1e-5
+#: What the reading of a joint may scatter by [rad]: encoders of arms resolve 1e-5 rad and less.
+JOINT_RAD = 1e-5
+#: Departure over tolerance that no arm was built with.
+FAR_OFF = 20.0
+#: Remaining error, as part of the spread of the measured positions, that no calibrated arm has.
+FITS_NOT = 0.01
+#: Part of the squared error that springs leave where they explain the larger part of it. That of a
+#: robot soft by a hundredth of its reach counts as a missing effect, not as another robot.
+MOSTLY = 0.7
+#: Largest uncertainty of the model as part of the remaining error: it then adds 5 % to it.
+SMALL_SHARE = 0.3
+#: Condition number in scaled parameters above which some direction is poorly determined.
+ILL_CONDITIONED = 1e5
+_MOST_NAMES = 4
 #: Correlation above which two parameters are nearly inseparable, and how many pairs to list.
 _CORRELATED = 0.95
 _MOST_PAIRS = 20
+
+
+@dataclass(frozen=True)
+class FitSummary:
+    """How a fit ended, whichever fit it was."""
+
+    converged: bool  # whether it stopped at a stationary point
+    reason: str  # why it stopped
+    iterations: int  # steps taken
+    at_bound: tuple[str, ...]  # names of parameters at the end of their physical range
+    pose: NDArray[np.str_]  # (P,) labels of the poses fitted
+    parameters: tuple[Parameter, ...]  # the k parameters it was solved in
+    covariance: Array  # (k, k) theirs
+    identifiability: Identifiability  # rank of the rows
+    white: Array  # (P, b, k) rows of unit variance
+    position: Array  # (P, c, k) derivative of the predicted position [m]
+    not_identifiable: frozenset[str]  # names of those that the data do not identify
+    x: Array  # (k,) values of the parameters
+    # names of those that no pose of this instrument can determine
+    hidden: frozenset[str] = frozenset()
+    # names of those that the mounting of base or tool moves as well, so that they say nothing of
+    # how the arm was built
+    of_mounting: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Remaining errors of held-out poses."""
+
+    accuracy: Accuracy  # the errors
+    u_mm: float | None = None  # standard uncertainty of the predictions there; None where not known
+    repeats: float = 1.0  # readings behind a held-out pose over those behind a fitted one
+    suspected: int = 0  # further held-out poses, with a suspected reading, that do not count
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Remaining errors of a calibrated model."""
+
+    # root mean square position error of the poses fitted, suspected outliers aside
+    train_rms_mm: float
+    held_out: HeldOut | None  # errors of poses held out, None where there are none
+    noise_mm: float | None  # the part that the noise of readings explains, None where not known
+    spread_mm: float  # root mean square distance of the measured positions from their mean
+    suspected_outliers: int = 0  # poses far outside the scatter of the others
+    # whether that noise is what readings scatter by, and not what is stated
+    noise_is_found: bool = False
+    # error that the targets' places on an apparatus leave in all poses alike, and that no
+    # parameter takes up
+    apparatus_mm: float = 0.0
+    # what repeats show of the stated uncertainty, by kind
+    repeats: tuple[RepeatScatter, ...] = ()
+    from_touches: bool = False  # whether the instrument touches balls
+    findings: tuple[InputFinding, ...] = ()  # what checks of the input found
+    # the same as `train_rms_mm` with rigid joints; None where the model has no springs
+    without_springs_mm: float | None = None
+    # where weights come from that nobody stated: `assumed` from the lengths of the links, or from
+    # the mass of the whole arm (`total`); else nothing
+    weights: str = ""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a grade rests on."""
+
+    ended: FitSummary  # how the fit ended
+    left: Errors  # what it left
+    # standard uncertainty of a predicted position; inf where it is not determined
+    u_model_mm: float
+
+    @property
+    def rank(self) -> int:
+        """Return how many directions are identified."""
+        return self.ended.identifiability.rank
+
+    @cached_property
+    def rows(self) -> int:
+        """Return how many components were fitted."""
+        return int(np.count_nonzero(np.any(self.ended.white != 0.0, axis=2)))
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Return what these poses do not determine, and others of the arm could."""
+        return tuple(sorted(self.ended.not_identifiable - self.ended.hidden))
+
+    @property
+    def far_off(self) -> list[tuple[float, str]]:
+        """Return departures that no arm was built with, over their tolerance, the largest first."""
+        ended, over = self.ended, max(self.over_noise or 1.0, 1.0)
+        std = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
+        apart = ended.not_identifiable | ended.of_mounting
+        found = [
+            (abs(float(value)) / each.tolerance, float(sigma) / each.tolerance, each.name)
+            for each, value, sigma in zip(ended.parameters, ended.x, std, strict=True)
+            if each.tolerance and each.name not in apart
+        ]
+        far = [(size, name) for size, u, name in found if size - BY_CHANCE * over * u > FAR_OFF]
+        return sorted(far, key=lambda each: -each[0])
+
+    @property
+    def soft(self) -> bool:
+        """Return whether springs explain the larger part of what rigid joints leave."""
+        rigid_mm = self.left.without_springs_mm
+        return rigid_mm is not None and self.left.train_rms_mm**2 < MOSTLY * rigid_mm**2
+
+    @property
+    def error_mm(self) -> float:
+        """Return the remaining error without what the fit has taken up of it."""
+        taken = min(self.rank / max(self.rows, 1), 0.9)
+        return self.left.train_rms_mm / float(np.sqrt(1.0 - taken))
+
+    @property
+    def own_noise_mm(self) -> float | None:
+        """Return the error that readings and apparatus explain; None where it is not known."""
+        noise_mm = self.reading_noise_mm
+        return None if noise_mm is None else float(np.hypot(noise_mm, self.left.apparatus_mm))
+
+    @property
+    def reading_noise_mm(self) -> float | None:
+        """Return the noise of the poses fitted: as repeats show it, else as stated."""
+        if self.left.noise_mm is None or self.left.noise_is_found or not self.left.repeats:
+            return self.left.noise_mm
+        return self.left.noise_mm * self.left.repeats[0].ratio
+
+    @property
+    def over_noise(self) -> float | None:
+        """Return the remaining error over the noise; None where that is not known."""
+        noise_mm = self.own_noise_mm
+        return self.error_mm / noise_mm if noise_mm else None
+
+    @property
+    def most_over_noise(self) -> float:
+        """Return how many times the noise the remaining error may be."""
+        own_mm, reading_mm = self.own_noise_mm, self.reading_noise_mm
+        limit = OVER_NOISE * _by_chance(self.rows - self.rank)
+        if not own_mm or reading_mm is None:
+            return limit
+        of_targets_mm = OF_ONE_APPARATUS * self.left.apparatus_mm
+        return limit * float(np.hypot(reading_mm, of_targets_mm)) / own_mm
+
+    @property
+    def expected_held_out_mm(self) -> float:
+        """Return the error that the fit promises of held-out poses.
+
+        Noise grows where fewer readings were averaged; what the model lacks does not.
+        """
+        noise_mm = min(self.reading_noise_mm or self.error_mm, self.error_mm)
+        lacking = self.error_mm**2 - noise_mm**2
+        away = self.left.held_out
+        u_mm = self.u_model_mm if away is None or away.u_mm is None else away.u_mm
+        repeats = 1.0 if away is None else away.repeats
+        return float(np.sqrt(lacking + noise_mm**2 / repeats + u_mm**2))
+
+    @property
+    def over_expected(self) -> float | None:
+        """Return the held-out error over the one promised, where chance does not explain it."""
+        if self.left.held_out is None:
+            return None
+        found = self.left.held_out.accuracy
+        ratio = found.rms_mm / self.expected_held_out_mm
+        count = max(found.configurations, 1)
+        at_most = max(OVER_EXPECTED, 1.0 + BY_CHANCE / np.sqrt(2.0 * count))
+        return ratio if ratio > at_most else None
 
 
 def health(ended: FitSummary, errors: Errors) -> Health:
@@ -94,79 +299,188 @@ def held_out_errors(
     )
 
 
-def fit_keys(
-    ended: Solution | Fit,
-    model: FittedModel,
-    parameters: Mapping[str, CalibratedParameter],
-    names: Sequence[str],
-    covariance: Array,
-) -> dict[str, Any]:
-    """Return what a record holds of every fit.
+def graded(evidence: Evidence) -> tuple[Grade, str, tuple[InputFinding, ...]]:
+    """Grade a calibration.
 
-    Args:
-        ended: where it ended.
-        model: the fitted model, and what it was fitted to.
-        parameters: all parameters by name.
-        names: of those of the covariance.
-        covariance: (k, k) theirs.
+    Returns:
+        The grade, one sentence with the reason and the remedy, and what is suspected of the input.
     """
-    return {
-        "status": "converged" if ended.converged else "not converged",
-        "reason": ended.reason,
-        "cost": ended.cost,
-        "iterations": ended.iterations,
-        "parameters": parameters,
-        "covariance": Covariance(names=tuple(names), matrix=covariance),
-        "T_instr_base": model.T_instr_base,
-        "fitted_model": model_to_plain(model),
-    }
+    if not evidence.ended.converged:
+        remedy = "raise calibration.max_iterations, or measure more poses"
+        return "not_converged", f"the fit did not converge: {evidence.ended.reason}; {remedy}", ()
+    errors = _errors(evidence)
+    if findings := (*evidence.left.findings, *_suspected(evidence)):
+        more = f"; {len(findings) - 1} more in health.findings" if findings[1:] else ""
+        return "suspect_input", f"{errors}; check the input: {findings[0]}{more}", findings
+    beside = "".join(f"; {remark}" for remark in _remarks(evidence))
+    if lacks := _lacking(evidence):
+        return "incomplete", f"{errors}, {lacks}{beside}", ()
+    if few := _few(evidence):
+        return "few_poses", f"{errors}; {few}{beside}", ()
+    noise_mm = evidence.own_noise_mm
+    over = evidence.over_noise
+    agrees = "" if noise_mm is None else f", as the noise of {noise_mm:.3f} mm explains"
+    if noise_mm is not None and over is not None and over > NOTICED:
+        agrees = f", {over:.2g} times the noise of {noise_mm:.3f} mm"
+    return (
+        "good",
+        f"{errors}{agrees}; everything that such an instrument can determine is determined"
+        f" (rank {evidence.rank}){beside}",
+        (),
+    )
 
 
-def case_keys(
-    campaign: Campaign,
-    load: str,
-    options: CalibrationOptions,
-    ended: FitSummary,
-    found: Health,
-    model: FittedModel,
-    grid: Observations,
-) -> dict[str, Any]:
-    """Return what the record of a load case holds whatever the model.
+def most_stated(factor: float = STATED_OFF, *, from_touches: bool) -> float:
+    """Return how many times the scatter of repeats a stated uncertainty may be."""
+    return max(factor, TOUCHES_SHARE) if from_touches else factor
 
-    Args:
-        campaign: whose it is.
-        load: the load case.
-        options: what it was computed with.
-        ended: how the fit ended.
-        found: whether it is good.
-        model: the fitted model, and what it was fitted to.
-        grid: grid poses of every load, as the model takes them.
-    """
-    identified, left = ended.identifiability, model.deviations(grid)
-    return {
-        "campaign": campaign.name,
-        "provenance": campaign.provenance,
-        "robot": campaign.robot,
-        "load": load,
-        "loads_fitted": () if model.fitted_to is None else model.fitted_to.loads_N,
-        "rank": identified.rank,
-        "unknowns": len(ended.parameters),
-        "condition": identified.condition,
-        "singular_values": identified.singular_values,
-        "null_directions": unidentified_directions(identified, ended.parameters),
-        "observability": observability(identified, len(ended.pose)),
-        # place, position and rotation residual along base axes
-        "residuals": ResidualRows(
-            pose=grid.pose,
-            load_N=grid.states.load_N,
-            place_mm=1e3 * model.model.predict(grid.states, model.x)[:, :3, 3],
-            position_mm=left.position_mm,
-            rotation_deg=left.rotation_deg,
-        ),
-        "health": found,
-        "seconds": None,
-        "settings": options.model_dump(mode="json"),
-    }
+
+def _errors(evidence: Evidence) -> str:
+    text = f"remaining error {evidence.left.train_rms_mm:.3f} mm rms over the poses fitted"
+    if (away := evidence.left.held_out) is not None:
+        text += f", {away.accuracy.rms_mm:.3f} mm over held-out poses"
+        if away.suspected:
+            text += f" without {away.suspected} with a suspected reading"
+    return text
+
+
+def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
+    """Return what the fit itself shows to be wrong in the input."""
+    if evidence.left.train_rms_mm > FITS_NOT * evidence.left.spread_mm and not evidence.soft:
+        yield InputFinding(
+            what="the arm as described does not fit the readings",
+            where="the whole campaign",
+            remedy="check robot, order, signs and zeros of the joints, and units",
+            kind="other_arm",
+            would_leave_mm=None,
+        )
+    yield from _stated(evidence)
+    for size, name in evidence.far_off:
+        yield InputFinding(
+            what=f"{size:.0f} tolerances from nominal",
+            where=name,
+            remedy="check this value in the description of the arm, and the zero of its joint in "
+            "the log",
+            kind="departure",
+            would_leave_mm=None,
+        )
+
+
+def _stated(evidence: Evidence) -> Iterator[InputFinding]:
+    """Return where stated and found uncertainty are off by more than a factor."""
+    for scatter in evidence.left.repeats:
+        turns = scatter.kind.startswith("attitude")
+        unit, off = ("mrad", ATTITUDE_OFF) if turns else ("mm", STATED_OFF)
+        joints = JOINT_RAD * (1.0 if turns else 1e-3 * evidence.left.spread_mm)
+        too_small = scatter.found > off * np.hypot(scatter.stated, joints)
+        most = most_stated(off, from_touches=evidence.left.from_touches)
+        too_large = scatter.stated > most * scatter.found
+        if too_small or too_large:
+            yield InputFinding(
+                what=f"{1e3 * scatter.stated:.2g} {unit} is stated, repeats scatter by "
+                f"{1e3 * scatter.found:.2g} {unit}",
+                where=f"stated uncertainty of the {scatter.kind}",
+                remedy="check its unit and value, and whether readings were copied or averaged",
+                kind="stated_uncertainty",
+                would_leave_mm=None,
+            )
+    if evidence.left.repeats or evidence.left.noise_is_found or not evidence.left.noise_mm:
+        return
+    ratio = evidence.error_mm / evidence.left.noise_mm
+    if EXACT < ratio < 1.0 / STATED_OFF or ratio > UNIT_OFF:
+        yield InputFinding(
+            what=f"{evidence.left.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
+            where="stated uncertainty of the position",
+            remedy="check its unit and value",
+            kind="stated_uncertainty",
+            would_leave_mm=None,
+        )
+
+
+def _lacking(evidence: Evidence) -> str:
+    """Return what shows that the model lacks something; nothing where it does not."""
+    parts = []
+    over = evidence.over_noise
+    if over is not None and over > evidence.most_over_noise:
+        known = "" if evidence.left.noise_is_found or evidence.left.repeats else "stated "
+        parts.append(
+            f"{over:.2g} times the {known}noise of {evidence.own_noise_mm:.3f} mm: the model is "
+            "missing an effect"
+            + (", or the stated uncertainty is too small" if known and over < STATED_OFF else "")
+            + (", or the instrument moved between readings" if over >= STATED_OFF else "")
+        )
+    if (ratio := evidence.over_expected) is not None:
+        parts.append(
+            f"{ratio:.2g} times the error that the fit promises for held-out poses: they differ "
+            "from the poses fitted, or the model is missing an effect"
+        )
+    rigid_mm = evidence.left.without_springs_mm
+    if parts and evidence.soft and rigid_mm is not None:
+        parts.append(
+            f"a soft arm: with rigid joints {rigid_mm:.3f} mm remain, springs explain the larger "
+            "part"
+        )
+    return "; ".join(parts) + "; see the verdict" if parts else ""
+
+
+def _few(evidence: Evidence) -> str:
+    """Return what more poses would bring; nothing where there are enough."""
+    names, unknowns = evidence.undetermined, len(evidence.ended.parameters)
+    told = f"the poses identify {evidence.rank} of {unknowns} unknowns"
+    if not np.isfinite(evidence.u_model_mm):
+        return f"{told}; measure at least {-(-unknowns // 2)} poses, well spread"
+    if names:
+        weights = all(name.startswith("weight_") for name in names)
+        remedy = (
+            "state the mass of the tool and its centre (tool in campaign.yaml), or measure under "
+            "loads: joints as stiff as these hardly show weights"
+            if weights
+            else "measure poses that move every joint over its range"
+        )
+        return f"not identifiable with these poses: {_listed(names)} ({told}); {remedy}"
+    u_mm, wanted_mm = evidence.u_model_mm, SMALL_SHARE * evidence.error_mm
+    if u_mm > wanted_mm:
+        more = int(np.ceil(len(evidence.ended.white) * ((u_mm / wanted_mm) ** 2 - 1.0)))
+        return (
+            f"predicted positions have a standard uncertainty of {u_mm:.3f} mm; measure about "
+            f"{more} more poses to reduce it to {wanted_mm:.3f} mm"
+        )
+    return ""
+
+
+def _remarks(evidence: Evidence) -> Iterator[str]:
+    """Return what a reader should know besides."""
+    # A linear spring at its bound is a joint as rigid as the readings can show: no remark.
+    held = tuple(name for name in evidence.ended.at_bound if not name.startswith("windup"))
+    if held:
+        yield f"{_listed(held)} at the end of the physical range"
+    if evidence.left.weights:
+        yield (
+            "no masses are stated, so weights are assumed "
+            + (
+                "from the lengths of the links"
+                if evidence.left.weights == "assumed"
+                else "from the mass of the whole arm"
+            )
+            + ": stiffness is relative to them"
+        )
+    if evidence.ended.identifiability.condition > ILL_CONDITIONED:
+        yield f"condition number {evidence.ended.identifiability.condition:.1e}"
+    if count := evidence.left.suspected_outliers:
+        many = "s have" if count > 1 else " has"
+        yield (
+            f"{count} suspected outlier{many} less weight in the fit and no part in the remaining "
+            "error; see tables/suspected_outliers"
+        )
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(map(reported_name, names[:_MOST_NAMES]))
+    return shown + (" and others" if names[_MOST_NAMES:] else "")
+
+
+def _by_chance(dof: int) -> float:
+    return 1.0 + BY_CHANCE / float(np.sqrt(2.0 * max(dof, 1)))
 
 
 def _correlated(ended: FitSummary) -> tuple[CorrelatedPair, ...]:

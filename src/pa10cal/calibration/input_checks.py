@@ -217,39 +217,33 @@ def _shape(
             Chain.of(arm).forward(some.states.q_rad), target_places(some), stated_mm
         )
         if order is not None:
-            swapped = exchange_text(order, names)
-            yield InputFinding(
-                kind="target_label",
-                where=f"tool.balls_mm: {swapped}",
-                what=f"the names of {swapped} seem exchanged: the nominal arm carries each of them "
-                "where the other is stated to be",
-                remedy="exchange their stated places, or rename their columns",
-                would_leave_mm=None,
-            )
-        return
-    if off.order is not None:
-        swapped = exchange_text(off.order, names)
+            shown = "the nominal arm carries each of them where the other is stated to be"
+            yield _exchanged(exchange_text(order, names), shown)
+    elif off.order is not None:
+        shown = f"distances between targets are up to {off.largest_mm:.3g} mm off as stated"
+        yield _exchanged(exchange_text(off.order, names), shown)
+    else:
         yield InputFinding(
-            kind="target_label",
-            where=f"tool.balls_mm: {swapped}",
-            what=f"the names of {swapped} seem exchanged: distances between targets are up to "
-            f"{off.largest_mm:.3g} mm off as stated",
-            remedy="exchange their stated places, or rename their columns",
+            kind="target_places",
+            where=f"tool.balls_mm: {names[off.target]}",
+            what=f"target {names[off.target]} is not where it is stated to be: its distance from "
+            f"another is {off.largest_mm:.3g} mm off, known to {off.u_mm:.2g} mm",
+            remedy="check its stated place",
             would_leave_mm=None,
         )
-        return
-    yield InputFinding(
-        kind="target_places",
-        where=f"tool.balls_mm: {names[off.target]}",
-        what=f"target {names[off.target]} is not where it is stated to be: its distance from "
-        f"another is {off.largest_mm:.3g} mm off, known to {off.u_mm:.2g} mm",
-        remedy="check its stated place",
+
+
+def _exchanged(swapped: str, shown: str) -> InputFinding:
+    return InputFinding(
+        kind="target_label",
+        where=f"tool.balls_mm: {swapped}",
+        what=f"the names of {swapped} seem exchanged: {shown}",
+        remedy="exchange their stated places, or rename their columns",
         would_leave_mm=None,
     )
 
 
 def _temperature(campaign: CampaignDescription, every: Observations) -> Iterator[InputFinding]:
-    """Find temperatures that no laboratory has, but degrees Fahrenheit would."""
     reference_C = campaign.reference_temperature_C
     measured_C = every.states.temperature_C
     known_C = measured_C[np.isfinite(measured_C)]

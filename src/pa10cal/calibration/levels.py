@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.problem import Problem, Rows
-from pa10cal.frame.rigid_fit import cross_matrix, pose_error
+from pa10cal.frame.rigid_fit import PoseError, cross_matrix, pose_error
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
@@ -39,10 +39,21 @@ def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) 
     Raises:
         CalibrationError: when there are fewer poses than requested.
     """
-    labels, places = _places(observations)
-    _check(count, len(labels))
+    labels, codes = np.unique(observations.pose, return_inverse=True)
     if count == "all" or count == len(labels):
         return tuple(str(label) for label in labels)
+    if count > len(labels):
+        raise CalibrationError(
+            "more inner poses than measured poses",
+            where="calibration.inner_poses",
+            value=count,
+            allowed=f"1 to {len(labels)}, or 'all'",
+            remedy="lower inner_poses",
+        )
+    # Each label at the mean place of its rows.
+    p_instr_m = observations.measured.T_instr_target[:, :3, 3]
+    sums_m = np.stack([np.bincount(codes, weights=along) for along in p_instr_m.T], axis=1)
+    places = sums_m / np.bincount(codes)[:, None]
     from_centre = np.linalg.norm(places - places.mean(axis=0), axis=1)
     chosen = [int(np.argmax(from_centre))]
     nearest = np.linalg.norm(places - places[chosen[0]], axis=1)
@@ -55,31 +66,6 @@ def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) 
 def rows_of(observations: Observations[Pose], poses: tuple[str, ...]) -> NDArray[np.intp]:
     """Return the rows of the named poses, at every load."""
     return np.flatnonzero(np.isin(observations.pose, poses))
-
-
-def _places(observations: Observations[Pose]) -> tuple[NDArray[np.str_], Array]:
-    """Return each label with the mean place of its rows."""
-    labels, codes = np.unique(observations.pose, return_inverse=True)
-    counts = np.bincount(codes)
-    places = np.stack(
-        [
-            np.bincount(codes, weights=observations.measured.T_instr_target[:, axis, 3]) / counts
-            for axis in range(3)
-        ],
-        axis=1,
-    )
-    return labels, places
-
-
-def _check(count: int | Literal["all"], available: int) -> None:
-    if count != "all" and count > available:
-        raise CalibrationError(
-            "more inner poses than measured poses",
-            where="calibration.inner_poses",
-            value=count,
-            allowed=f"1 to {available}, or 'all'",
-            remedy="lower inner_poses",
-        )
 
 
 # The inner level, paper equation (4): the base frame that fits M poses best.
@@ -250,30 +236,34 @@ class TwoLevel:
 
     def base(self, x: Array) -> BaseFrame:
         """Return the inner minimum for parameters x."""
-        inner = self.observations.take(self.inner_rows)
-        return fit_base_frame(
-            self.model.predict(inner.states, x),
-            inner.measured.T_instr_target,
-            attitude_weight_m2=self.r_max_m**2,
-        )
+        return self._fit(self.model.predict(self.observations.states, x))
 
     def residual(self, x: Array) -> Array:
         """Return predicted less measured, (N, 6)."""
         T_base_ee = self.model.predict(self.observations.states, x)
-        base = self._fit(T_base_ee, None)
-        return _residuals(
-            base.T_instr_base @ T_base_ee, self.observations.measured.T_instr_target, self.r_max_m
-        )
+        return self._residual(self._error(self._fit(T_base_ee), T_base_ee))
 
     def rows(self, x: Array) -> TwoLevelRows:
         """Return residuals and exact derivatives, by one inner solve."""
         predicted = self.model.predict_with_jacobian(self.observations.states, x)
-        base = self._fit(predicted.T_base_ee, predicted.jacobian)
-        return _linearise(
-            predicted.T_base_ee, predicted.jacobian, base, self.observations, self.r_max_m
-        )
+        T_base_ee, jacobian = predicted.T_base_ee, predicted.jacobian
+        base = self._fit(T_base_ee, jacobian)
+        assert base.jacobian is not None
+        R, error = base.T_instr_base[:3, :3], self._error(base, T_base_ee)
+        # R exp([omega]) p + t: the base moves the point by dt + (R omega) x (R p), turns it by R
+        # omega.
+        p = T_base_ee[:, :3, 3] @ R.T
+        by_base = np.zeros((len(p), 6, 6))
+        by_base[:, :3, :3] = np.eye(3) / self.r_max_m
+        by_base[:, :3, 3:] = np.cross(R.T[None], p[:, None, :]).transpose(0, 2, 1) / self.r_max_m
+        by_base[:, 3:, 3:] = error.by_rotation @ R
+        total = np.empty_like(jacobian)
+        total[:, :3] = (R / self.r_max_m) @ jacobian[:, :3]
+        total[:, 3:] = by_base[:, 3:, 3:] @ jacobian[:, 3:]
+        total += by_base @ base.jacobian
+        return TwoLevelRows(self._residual(error), total, by_base, base.T_instr_base, base.jacobian)
 
-    def _fit(self, T_base_ee: Array, jacobian: Array | None) -> BaseFrame:
+    def _fit(self, T_base_ee: Array, jacobian: Array | None = None) -> BaseFrame:
         rows = self.inner_rows
         return fit_base_frame(
             T_base_ee[rows],
@@ -282,32 +272,8 @@ class TwoLevel:
             jacobian=None if jacobian is None else jacobian[rows],
         )
 
+    def _error(self, base: BaseFrame, T_base_ee: Array) -> PoseError:
+        return pose_error(base.T_instr_base @ T_base_ee, self.observations.measured.T_instr_target)
 
-def _residuals(T_predicted: Array, T_measured: Array, r_max_m: float) -> Array:
-    error = pose_error(T_predicted, T_measured)
-    return np.concatenate([error.position_m / r_max_m, error.chord], axis=1)
-
-
-def _linearise(
-    T_base_ee: Array,
-    jacobian: Array,
-    base: BaseFrame,
-    observations: Observations[Pose],
-    r_max_m: float,
-) -> TwoLevelRows:
-    T_instr_base = base.T_instr_base
-    R = T_instr_base[:3, :3]
-    assert base.jacobian is not None
-    error = pose_error(T_instr_base @ T_base_ee, observations.measured.T_instr_target)
-    # R exp([omega]) p + t: the base moves the point by dt + (R omega) x (R p), turns it by R omega.
-    p = T_base_ee[:, :3, 3] @ R.T
-    by_base = np.zeros((len(p), 6, 6))
-    by_base[:, :3, :3] = np.eye(3) / r_max_m
-    by_base[:, :3, 3:] = np.cross(R.T[None], p[:, None, :]).transpose(0, 2, 1) / r_max_m
-    by_base[:, 3:, 3:] = error.by_rotation @ R
-    total = np.empty_like(jacobian)
-    total[:, :3] = (R / r_max_m) @ jacobian[:, :3]
-    total[:, 3:] = by_base[:, 3:, 3:] @ jacobian[:, 3:]
-    total += by_base @ base.jacobian
-    residuals = np.concatenate([error.position_m / r_max_m, error.chord], axis=1)
-    return TwoLevelRows(residuals, total, by_base, T_instr_base, base.jacobian)
+    def _residual(self, error: PoseError) -> Array:
+        return np.concatenate([error.position_m / self.r_max_m, error.chord], axis=1)

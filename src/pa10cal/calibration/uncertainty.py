@@ -103,7 +103,6 @@ class Covariances:
     # [rad]
     base: Array
     cross: Array  # (k, 6) of the outer parameters with the base frame
-    from_apparatus: Array  # (k,) variance that the apparatus alone contributes
 
     def together(self, T_instr_base: Array) -> Array:
         """Return the covariance (k + 6, k + 6) of parameters and small motions of the base.
@@ -187,24 +186,9 @@ def propagate(
     noise = observations.measured.cov * np.outer(unit, unit)
     common = observations.measured.by_apparatus * unit[:, None]
     both = np.concatenate([influence, base_influence], axis=1)
-    from_apparatus = _common(influence, common, u_apparatus_m)
-    return Covariances(
-        parameters=_independent(influence, noise) + from_apparatus,
-        base=_independent(base_influence, noise) + _common(base_influence, common, u_apparatus_m),
-        cross=(_independent(both, noise) + _common(both, common, u_apparatus_m))[:k, k:],
-        from_apparatus=np.diag(from_apparatus).copy(),
-    )
-
-
-def _independent(influence: Array, noise: Array) -> Array:
-    total: Array = np.einsum("nai,nij,nbj->ab", influence, noise, influence, optimize=True)
-    return total
-
-
-def _common(influence: Array, common: Array, u_m: float) -> Array:
-    moved = np.einsum("nai,nij->aj", influence, common, optimize=True)
-    total: Array = u_m**2 * moved @ moved.T
-    return total
+    moved = u_apparatus_m * np.einsum("nai,nij->aj", both, common, optimize=True)
+    whole = np.einsum("nai,nij,nbj->ab", both, noise, both, optimize=True) + moved @ moved.T
+    return Covariances(parameters=whole[:k, :k], base=whole[k:, k:], cross=whole[:k, k:])
 
 
 # Parameters as readers know them.

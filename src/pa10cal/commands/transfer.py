@@ -36,7 +36,7 @@ def transfer(
     from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.errors import CalibrationError, RecordError
-    from pa10cal.evaluation.compared import said_of_parts, transfer_record
+    from pa10cal.evaluation.compared import Evaluation, said_of_parts, transfer_record
     from pa10cal.fit.fitted_model import models_of
     from pa10cal.options import DiscoveryOptions
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
@@ -65,14 +65,13 @@ def transfer(
             remedy="raise calibration.max_iterations, or look at its warnings",
         )
     options = parse_section(CalibrationOptions, record.settings, where=str(calibration))
-    carried = transfer_record(
-        campaign,
-        record.campaign,
+    evaluation = Evaluation(
         every,
         models_of(record, str(calibration)),
         None if extended is None else read_extended(extended, record.campaign),
         setup_of(campaign, arm, options, DiscoveryOptions()),
     )
+    carried = transfer_record(campaign, record.campaign, evaluation)
     write(carried, out)
     summary = ", ".join(f"{name} {model.rms_mm:.3f} mm" for name, model in carried.models.items())
     print(f"{campaign.name}: model of {record.campaign}, base and tool fitted: rms {summary}")

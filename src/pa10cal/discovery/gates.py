@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.calibration.grade import JOINT_RAD, most_stated
+from pa10cal.calibration.health import JOINT_RAD, most_stated
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import Gap, beside_motion, fallen_back, trusted

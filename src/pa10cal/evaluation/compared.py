@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,86 +39,99 @@ _KINDS = ("grid", "holdout")
 UNCALIBRATED, EXTENDED = "uncalibrated", "extended"
 
 
-def judged_models(
-    every: Observations,
-    models: Mapping[str, FittedModel],
-    extended: Extended | None,
-    setup: MeasurementSetup,
-    *,
-    kind: str = "holdout",
-    elsewhere: bool = False,
-    cuts_s: Sequence[float] = (),
-) -> dict[str, HeldOutModel]:
-    """Judge models on poses of a campaign.
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Models to judge, and the campaign to judge them by."""
 
-    Args:
-        every: single readings of the campaign.
-        models: fitted models by name; where none is called `uncalibrated`, the nominal model stands
-            for it, its base aligned once on the unloaded positions.
-        extended: the model with the effects that are missing, or None.
-        setup: what is known of the campaign besides the poses.
-        kind: of the poses to judge by: `holdout`, or `grid` for those of the calibration.
-        elsewhere: whether the models are of another campaign, so that base and tool are fitted
-            anew.
-        cuts_s: times at which the base moved, in order: it is then fitted part by part.
+    every: Observations  # single readings of the campaign
+    # fitted models by name; where none is called `uncalibrated`, the nominal model stands for it,
+    # its base aligned once on the unloaded positions
+    models: Mapping[str, FittedModel]
+    extended: Extended | None  # the model with the effects that are missing, or None
+    setup: MeasurementSetup  # what is known of the campaign besides the poses
 
-    Returns:
-        Errors by model; none where there are no such poses. Elsewhere the extended model is never
-        worse than the last of the others where base and tool were fitted: its effects are left out
-        where they do not help there.
+    def judge(
+        self, *, kind: str = "holdout", elsewhere: bool = False, cuts_s: Sequence[float] = ()
+    ) -> dict[str, HeldOutModel]:
+        """Judge the models.
 
-    Raises:
-        CalibrationError: when base and tool are not determined by the poses.
-    """
-    if not (every.kind == kind).any():
-        return {}
-    if UNCALIBRATED not in models:
-        arm = next(iter(models.values())).arm
-        rigid = nominal(arm)
-        T_instr_base = align_nominal(rigid, poses_of(every, "grid"))
-        models = {UNCALIBRATED: FittedModel(rigid, np.zeros(0), T_instr_base), **models}
+        Args:
+            kind: of the poses to judge by: `holdout`, or `grid` for those of the calibration.
+            elsewhere: whether the models are of another campaign, so that base and tool are fitted
+                anew.
+            cuts_s: times at which the base moved, in order: it is then fitted part by part.
 
-    # Those far from the last model, which knows most, by what its own poses scatter.
-    *_, best = models.values()
-    suspected = None
-    if kind == "holdout" and not elsewhere and (every.kind == "grid").any():
-        suspected = made_ready(every, best, setup).suspected
+        Returns:
+            Errors by model; none where there are no such poses. Elsewhere the extended model is
+            never worse than the last of the others where base and tool were fitted: its effects are
+            left out where they do not help there.
 
-    def judge(model: FittedModel, every: Observations, seen: AnglesSeen | None) -> HeldOutModel:
-        poses = prepared(every, kind, model, setup, cuts_s)
-        beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
-        return judged(model, poses, beyond, suspected)
+        Raises:
+            CalibrationError: when base and tool are not determined by the poses.
+        """
+        every, models, extended, setup = self.every, self.models, self.extended, self.setup
+        if not (every.kind == kind).any():
+            return {}
+        if UNCALIBRATED not in models:
+            rigid = nominal(next(iter(models.values())).arm)
+            T_instr_base = align_nominal(rigid, poses_of(every, "grid"))
+            models = {UNCALIBRATED: FittedModel(rigid, np.zeros(0), T_instr_base), **models}
 
-    learnt = None if extended is None else extended.seen
-    if not elsewhere:
-        found = {name: judge(model, every, None) for name, model in models.items()}
+        # Those far from the last model, which knows most, by what its own poses scatter.
+        *_, best = models.values()
+        suspected = None
+        if kind == "holdout" and not elsewhere and (every.kind == "grid").any():
+            suspected = made_ready(every, best, setup).suspected
+
+        def errors(
+            model: FittedModel, every: Observations, seen: AnglesSeen | None
+        ) -> HeldOutModel:
+            poses = prepared(every, kind, model, setup, cuts_s)
+            beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
+            return judged(model, poses, beyond, suspected)
+
+        learnt = None if extended is None else extended.seen
+        if not elsewhere:
+            found = {name: errors(model, every, None) for name, model in models.items()}
+            if extended is not None:
+                found[EXTENDED] = errors(extended.model, with_arrivals(every)[0], learnt)
+            return found
+
+        # In another campaign what is new is told by the same angles for all models.
+        learnt = learnt or best.seen
+        found, left_mm = {}, np.inf
+        for name, model in models.items():
+            there = placed(model, every, setup, cuts_s)
+            found[name], left_mm = errors(there.model, every, learnt), there.rms_mm
         if extended is not None:
-            found[EXTENDED] = judge(extended.model, with_arrivals(every)[0], learnt)
+            arrived = with_arrivals(every)[0]
+            there = placed(extended.model, arrived, setup, cuts_s)
+            # Effects that do not even help in the poses to which base and tool were fitted stay
+            # away.
+            *_, last = found.values()
+            helps = there.rms_mm < left_mm
+            found[EXTENDED] = errors(there.model, arrived, learnt) if helps else last
         return found
 
-    # In another campaign what is new is told by the same angles for all models.
-    learnt = learnt or best.seen
-    found, left_mm = {}, np.inf
-    for name, model in models.items():
-        there = placed(model, every, setup, cuts_s)
-        found[name], left_mm = judge(there.model, every, learnt), there.rms_mm
-    if extended is not None:
-        arrived = with_arrivals(every)[0]
-        there = placed(extended.model, arrived, setup, cuts_s)
-        # Effects that do not even help in the poses to which base and tool were fitted stay away.
-        *_, last = found.values()
-        found[EXTENDED] = judge(there.model, arrived, learnt) if there.rms_mm < left_mm else last
-    return found
+    def judge_in_parts(
+        self, cuts_s: Sequence[float]
+    ) -> tuple[dict[str, HeldOutModel], tuple[PartOfCampaign, ...]]:
+        """Judge the models with a base for every part of the campaign; return the parts too."""
+        found = self.judge(elsewhere=True, cuts_s=cuts_s)
+        return found, parts_of(*self.best(cuts_s), cuts_s)
+
+    def best(self, cuts_s: Sequence[float] = ()) -> tuple[Placed, Observations]:
+        """Return what leaves least of the calibration poses, and the readings as it takes them."""
+        *_, last = self.models.values()
+        best = placed(last, self.every, self.setup, cuts_s)
+        if self.extended is None:
+            return best, self.every
+        arrived = with_arrivals(self.every)[0]
+        with_effects = placed(self.extended.model, arrived, self.setup, cuts_s)
+        return (with_effects, arrived) if with_effects.rms_mm < best.rms_mm else (best, self.every)
 
 
-def held_out_record(
-    campaign: Campaign,
-    calibration: str,
-    every: Observations,
-    models: Mapping[str, FittedModel],
-    extended: Extended | None,
-    setup: MeasurementSetup,
-) -> HoldoutRecord:
+def held_out_record(campaign: Campaign, calibration: str, own: Evaluation) -> HoldoutRecord:
     """Judge models on held-out poses of their own campaign.
 
     Where the verdict tells steps, they are judged with a base for every part as well.
@@ -125,20 +139,19 @@ def held_out_record(
     Args:
         campaign: whose poses they are.
         calibration: load case of the calibration judged.
-        every, models, extended, setup: see `judged_models`.
+        own: the models and the readings.
 
     Raises:
         CalibrationError: when base and tool are not determined by the poses.
     """
-    found = judged_models(every, models, extended, setup)
+    found = own.judge()
     cuts_s: Sequence[float] = ()
-    if found and extended is not None and not every.measured.campaigns:
-        cuts_s = worth_cutting(every, extended.steps_s)
+    if found and own.extended is not None and not own.every.measured.campaigns:
+        cuts_s = worth_cutting(own.every, own.extended.steps_s)
     parts = by_parts = None
     if cuts_s:
-        in_parts = judged_models(every, models, extended, setup, elsewhere=True, cuts_s=cuts_s)
+        in_parts, parts = own.judge_in_parts(cuts_s)
         by_parts = _errors_of(in_parts)
-        parts = parts_of(*_best(every, models, extended, setup, cuts_s), cuts_s)
     return HoldoutRecord(
         campaign=campaign.name,
         provenance=campaign.provenance,
@@ -151,34 +164,26 @@ def held_out_record(
     )
 
 
-def transfer_record(
-    campaign: Campaign,
-    from_: str,
-    every: Observations,
-    models: Mapping[str, FittedModel],
-    extended: Extended | None,
-    setup: MeasurementSetup,
-) -> TransferRecord:
+def transfer_record(campaign: Campaign, from_: str, there: Evaluation) -> TransferRecord:
     """Judge models of one campaign in another, part by part where instrument or base moved there.
 
     Args:
         campaign: in which they are judged.
         from_: the other.
-        every, models, extended, setup: see `judged_models`.
+        there: the models and the readings.
 
     Raises:
         CalibrationError: when base and tool are not determined by the poses.
     """
-    found = judged_models(every, models, extended, setup, elsewhere=True)
+    found = there.judge(elsewhere=True)
     cuts_s: Sequence[float] = ()
     if found:
-        best, arrived = _best(every, models, extended, setup)
-        cuts_s = steps_elsewhere(best.model, arrived, setup)
+        best, arrived = there.best()
+        cuts_s = steps_elsewhere(best.model, arrived, there.setup)
     parts = one_base = None
     if cuts_s:
         one_base = _errors_of(found)
-        found = judged_models(every, models, extended, setup, elsewhere=True, cuts_s=cuts_s)
-        parts = parts_of(*_best(every, models, extended, setup, cuts_s), cuts_s)
+        found, parts = there.judge_in_parts(cuts_s)
     return TransferRecord(
         campaign=campaign.name,
         provenance=campaign.provenance,
@@ -202,44 +207,22 @@ def _errors_of(models: Mapping[str, HeldOutModel]) -> dict[str, Accuracy]:
     }
 
 
-def _best(
-    every: Observations,
-    models: Mapping[str, FittedModel],
-    extended: Extended | None,
-    setup: MeasurementSetup,
-    cuts_s: Sequence[float] = (),
-) -> tuple[Placed, Observations]:
-    """Return what leaves least of the calibration poses, and the readings as it takes them."""
-    *_, last = models.values()
-    best = placed(last, every, setup, cuts_s)
-    if extended is None:
-        return best, every
-    arrived = with_arrivals(every)[0]
-    with_effects = placed(extended.model, arrived, setup, cuts_s)
-    return (with_effects, arrived) if with_effects.rms_mm < best.rms_mm else (best, every)
-
-
 def judged_where_repeated(
-    every: Observations,
-    models: Mapping[str, FittedModel],
-    extended: Extended | None,
-    setup: MeasurementSetup,
-    *,
-    held_out: Mapping[str, HeldOutModel],
+    own: Evaluation, *, held_out: Mapping[str, HeldOutModel]
 ) -> dict[str, Mapping[str, HeldOutModel]]:
     """Judge models on all configurations of the kinds that have repeats, by kind.
 
     Args:
-        every, models, extended, setup: see `judged_models`.
-        held_out: what that gave of the held-out poses.
+        own: the models and the readings of their campaign.
+        held_out: errors of the held-out poses, as `own.judge()` gave them.
     """
     found: dict[str, Mapping[str, HeldOutModel]] = {}
     for kind in _KINDS:
-        single = every.of_kind(kind)
+        single = own.every.of_kind(kind)
         if len(single) == len(np.unique(reading_groups(single))):
             continue
         known = held_out if kind == "holdout" else None
-        found[kind] = known or judged_models(every, models, extended, setup, kind=kind)
+        found[kind] = known or own.judge(kind=kind)
     return found
 
 

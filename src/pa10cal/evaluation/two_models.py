@@ -9,7 +9,7 @@ motion on either side of the arm explains is taken off before models are judged.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -82,15 +82,11 @@ def compare_models(
 
 
 def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
-    """Refuse arms whose nominal chains differ."""
-    differs = [
-        f"{name}: {mine!r} and {theirs!r}"
-        for name, mine, theirs in (
-            ("joints", one.n, other.n),
-            ("convention", one.convention, other.convention),
-        )
-        if mine != theirs
-    ]
+    differs = []
+    if one.n != other.n:
+        differs.append(f"joints: {one.n!r} and {other.n!r}")
+    if one.convention != other.convention:
+        differs.append(f"convention: {one.convention!r} and {other.convention!r}")
     if not differs:
         for name in _LAYOUT:
             mine, theirs = (np.asarray(getattr(arm, name), dtype=float) for arm in (one, other))
@@ -115,7 +111,6 @@ def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
 
 
 def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, ...]:
-    """Return what two descriptions say differently beside the layout."""
     pairs: list[tuple[str, object, object]] = [
         (name, getattr(first.arm, name), getattr(second.arm, name)) for name in _OTHERS
     ]
@@ -193,13 +188,10 @@ def _parameters(first: FittedModel, second: FittedModel) -> ParameterRows:
 
 
 def _values(model: FittedModel) -> _Values:
-    found = {}
-    for term in model.model.terms:
-        report, std = model.reported(term)
-        for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True):
-            key = term.id, term.of, parameter.name, parameter.unit
-            found[key] = float(value), float(sigma), abs(parameter.scale)
-    return found
+    return {
+        (term.id, term.of, parameter.name, parameter.unit): (value, std, abs(parameter.scale))
+        for term, parameter, value, std in model.every_reported()
+    }
 
 
 def _judged(
@@ -284,19 +276,15 @@ def shared_loads(first: FittedModel, second: FittedModel) -> tuple[float, ...]:
     return (0.0, most_N) if most_N > 0.0 and len(heaviest) == 2 else (0.0,)
 
 
-@dataclass(frozen=True)
-class _Predicted:
-    """A frame as a model predicts it in P postures."""
-
-    T: Array  # (P, 4, 4) its poses [m]
-    # (P, 6, k) its motions under k independent causes of standard size one; None where the
-    # covariance is not known
-    noise: Array | None
-
-
 def _predicted(
     model: FittedModel, frame: str, q: Array, load_N: Array, temperature_C: float | None
-) -> _Predicted:
+) -> tuple[Array, Array | None]:
+    """Predict a frame in P postures.
+
+    Returns:
+        Its poses (P, 4, 4) [m], and its motions (P, 6, k) under k independent causes of standard
+        size one; None where the covariance is not known.
+    """
     forward = Forward.of(model, frame)
     states = forward.states(q, conditions(model, len(q), load_N, temperature_C=temperature_C))
     end = forward.end(states)
@@ -304,7 +292,7 @@ def _predicted(
     if model.covariance is not None:
         variances, axes = np.linalg.eigh(forward.covariance)
         noise = forward.by_parameters(states, end) @ (axes * np.sqrt(np.maximum(variances, 0.0)))
-    return _Predicted(end.T @ forward.T_end_frame, noise)
+    return end.T @ forward.T_end_frame, noise
 
 
 def compared_frame(
@@ -312,15 +300,16 @@ def compared_frame(
 ) -> ComparedFrame:
     """Compare one frame in postures (P, n) under loads (P,)."""
     temperature_C = _temperature(first, second)
-    one, other = (_predicted(m, frame, q, load_N, temperature_C) for m in (first, second))
-    apart_mm, apart_deg = _apart(one.T, other.T)
-    moved = _base_and_tool_fitted(other.T, one.T)
-    left_mm, left_deg = _apart(one.T, moved)
-    explained_mm, _ = _apart(moved, other.T)
+    T_one, noise_one = _predicted(first, frame, q, load_N, temperature_C)
+    T_other, noise_other = _predicted(second, frame, q, load_N, temperature_C)
+    apart_mm, apart_deg = _apart(T_one, T_other)
+    moved = _base_and_tool_fitted(T_other, T_one)
+    left_mm, left_deg = _apart(T_one, moved)
+    explained_mm, _ = _apart(moved, T_other)
     expected_mm = expected_deg = chance = None
-    if one.noise is not None and other.noise is not None:
-        noise = np.concatenate([one.noise, other.noise], axis=2)
-        by_place, by_turn = _without_base_and_tool(noise, one.T)
+    if noise_one is not None and noise_other is not None:
+        noise = np.concatenate([noise_one, noise_other], axis=2)
+        by_place, by_turn = _without_base_and_tool(noise, T_one)
         expected_m, chance_m = _expected(by_place, 1e-3 * left_mm)
         expected_rad, chance_rad = _expected(by_turn, np.radians(left_deg))
         expected_mm, expected_deg = 1e3 * expected_m, float(np.degrees(expected_rad))
@@ -483,25 +472,22 @@ def _rows(models: Sequence[FittedModel], names: Sequence[str]) -> DriftRows:
     rows: list[tuple[str, str, str, str, str]] = []
     numbers: list[tuple[float, float]] = []
     for model, name in zip(models, names, strict=True):
-        for term in model.model.terms:
+        for term, parameter, value, std in model.every_reported():
             frame = isinstance(term, Offsets) and term.of != "links"
-            if frame or isinstance(term, Weights) or len(term.parameters) > _MOST:
-                continue
-            report, std = model.reported(term)
-            for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True):
-                if sigma > 0.0:
-                    rows.append((name, term.id, term.of, parameter.name, parameter.unit))
-                    numbers.append((float(value), float(sigma)))
+            curve = len(term.parameters) > _MOST
+            if std > 0.0 and not frame and not curve and not isinstance(term, Weights):
+                rows.append((name, term.id, term.of, parameter.name, parameter.unit))
+                numbers.append((value, std))
     campaign, term_id, of, parameter_name, unit = np.array(rows, dtype=str).reshape(-1, 5).T
-    value, sigma = np.array(numbers).reshape(-1, 2).T
+    values, stds = np.array(numbers).reshape(-1, 2).T
     return DriftRows(
         campaign=campaign,
         term=term_id,
         of=of,
         parameter=parameter_name,
         unit=unit,
-        value=value,
-        std=sigma,
-        low=value - _HALF_95 * sigma,
-        high=value + _HALF_95 * sigma,
+        value=values,
+        std=stds,
+        low=values - _HALF_95 * stds,
+        high=values + _HALF_95 * stds,
     )

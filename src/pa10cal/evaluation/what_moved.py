@@ -8,7 +8,7 @@ covariances. What moved widens that along its own directions; evidence decides (
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from scipy.special import chdtrc
 from pa10cal.arm.chain import TOOL
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.prior import of_arm
+from pa10cal.calibration.general.transfer import is_tool
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.moved import (
     BASE_MOVED,
@@ -83,18 +84,12 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
         chance=float(chdtrc(dof, square)) if dof else 1.0,
         factor=factor,
         moved=things,
-        only_in_one=tuple(
-            sorted(
-                {f"{term.id} of {term.of}" for term in _effects(first)}
-                ^ {f"{term.id} of {term.of}" for term in _effects(second)}
-            )
-        ),
+        only_in_one=tuple(sorted(_effects(first) ^ _effects(second))),
         line=_line(verdict, things, factor),
     )
 
 
 def _verdict(kinds: Sequence[str]) -> str:
-    """Return the verdict of what was found, the clearest first."""
     own = [kind for kind in kinds if kind not in _PLACES]
     if not own:
         return "base_or_tool_moved" if kinds else "unchanged"
@@ -126,8 +121,8 @@ def _line(verdict: str, things: Sequence[MovedThing], factor: float) -> str:
     return f"{words}: {'; '.join(told)}" if told else words
 
 
-def _effects(model: FittedModel) -> tuple[Term, ...]:
-    return tuple(term for term in model.model.terms if isinstance(term, Effect))
+def _effects(model: FittedModel) -> set[str]:
+    return {f"{term.id} of {term.of}" for term in model.model.terms if isinstance(term, Effect)}
 
 
 def _thing(
@@ -159,7 +154,7 @@ def _thing(
     if len(each.what.columns) == 1:
         by, std = _by(each, others, found, precision)
         (k,) = each.what.columns
-        unit = _units(found)[k]
+        unit = found.units[k]
         if each.what.kind == STIFFNESS:
             by, std, unit = by / found.x[k], abs(std / found.x[k]), "1"
     return MovedThing(
@@ -178,10 +173,6 @@ def _thing(
 
 def _named(kind: str, of: str) -> str:
     return {JOINT_ZERO: f"the zero of {of}", STIFFNESS: f"the stiffness of {of}"}.get(kind, of)
-
-
-def _units(found: Differences) -> list[str]:
-    return [parameter.unit for term in found.terms for parameter in term.parameters]
 
 
 def _by(
@@ -216,13 +207,7 @@ def _possible(first: FittedModel, found: Differences) -> tuple[Hypothesis, ...]:
     arm, count = len(found.x), len(found.by)
     of_arm = hypotheses(first.arm, found.terms, found.x, found.covariance[:arm, :arm])
     padded = [
-        Hypothesis(
-            each.kind,
-            each.of,
-            each.columns,
-            np.vstack([each.directions, np.zeros((count - arm, each.directions.shape[1]))]),
-            each.sizes,
-        )
+        replace(each, directions=np.pad(each.directions, ((0, count - arm), (0, 0))))
         for each in of_arm
     ]
     frames = []
@@ -255,6 +240,11 @@ class Differences:
     tool: NDArray[np.intp]  # columns of the tool
     base: NDArray[np.intp]  # columns of the base
 
+    @property
+    def units(self) -> list[str]:
+        """Return the units of the arm's parameters."""
+        return [parameter.unit for term in self.terms for parameter in term.parameters]
+
 
 def differences(first: FittedModel, second: FittedModel) -> Differences:
     """Return what two models differ by."""
@@ -262,7 +252,7 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
     others = {(term.id, term.of): term for term in second.model.terms}
     for term in first.model.terms:
         other = others.get((term.id, term.of))
-        if other is None or isinstance(term, Weights) or _is_tool(term) or not of_arm(term):
+        if other is None or isinstance(term, Weights) or is_tool(term) or not of_arm(term):
             continue
         a = np.arange(len(first.x))[first.model.columns_of(term)]
         b = np.arange(len(second.x))[second.model.columns_of(other)]
@@ -286,18 +276,11 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
         changes.append(change)
         by.append(x - first.x[a])
     own, away = np.concatenate(mine), np.concatenate(theirs)
-    from_second = np.zeros((len(own), len(away)))
-    at = 0
-    for change in changes:
-        step = slice(at, at + len(change))
-        from_second[step, step] = change
-        at = step.stop
     tool, tool_1, tool_2 = _tools(first, second)
     base_1, base_2 = len(first.x) + np.arange(6), len(second.x) + np.arange(6)
     C1 = _aligned(first, np.concatenate([own, tool_1, base_1]), _gone(first, second))
     C2 = _aligned(second, np.concatenate([away, tool_2, base_2]), _gone(second, first))
-    change = np.eye(len(C2))
-    change[: len(own), : len(own)] = from_second
+    change = block_diag(*changes, np.eye(len(C2) - len(away)))
     arm, frames = len(own), np.arange(len(own), len(C1))
     base = small_motion(np.linalg.inv(first.T_instr_base) @ second.T_instr_base)
     scale = [parameter.scale for term in terms for parameter in term.parameters]
@@ -340,17 +323,13 @@ def _as_solved_by(mine: JointSpring, other: JointSpring, x: Array) -> tuple[Arra
     return same, np.asarray(change, dtype=np.float64)
 
 
-def _is_tool(term: Term) -> bool:
-    return bool(term.coordinates) and set(term.coordinates) <= set(TOOL)
-
-
 def _gone(model: FittedModel, other: FittedModel) -> NDArray[np.intp]:
     """Return departures that the other model has not: it holds them at zero."""
     theirs = {parameter.name for term in other.model.terms for parameter in term.parameters}
     gone = [
         k
         for term in model.model.terms
-        if isinstance(term, Offsets) and not _is_tool(term)
+        if isinstance(term, Offsets) and not is_tool(term)
         for k, parameter in zip(
             np.arange(len(model.x))[model.model.columns_of(term)], term.parameters, strict=True
         )
@@ -383,7 +362,7 @@ def _tools(
     places, turns = [], []
     columns = []
     for model in (first, second):
-        term = next((term for term in model.model.terms if _is_tool(term)), None)
+        term = next((term for term in model.model.terms if is_tool(term)), None)
         if term is None or isinstance(term, OfCampaign):
             return none
         at = np.arange(len(model.x))[model.model.columns_of(term)]

@@ -329,7 +329,6 @@ class _Search:
         return np.asarray(near + _TURN * (near < self._low) * ~self._arm.prismatic)
 
     def _inside(self, q: Array) -> NDArray[np.bool_]:
-        """Return which joint positions (R, n) are within their limits."""
         return np.asarray(
             ((q >= self._low - _AT_LIMIT) & (q <= self._high + _AT_LIMIT)).all(axis=1)
         )

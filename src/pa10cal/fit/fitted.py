@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
@@ -23,7 +24,7 @@ from pa10cal.results.health import Health, InputFinding
 from pa10cal.results.record import Campaign
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import is_constant
-from pa10cal.terms.term import Report, Term
+from pa10cal.terms.term import Parameter, Report, Term
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -198,15 +199,10 @@ class Fitted:
         """Return the parameters as readers know them: term, place, name, value, std and unit."""
         import pandas as pd  # late: a prediction needs none
 
-        rows = []
-        for term in self.model.terms:
-            report, std = self.reported(term)
-            rows += [
-                (term.id, term.of, parameter.name, value, sigma, parameter.unit)
-                for parameter, value, sigma in zip(
-                    report.parameters, report.values, std, strict=True
-                )
-            ]
+        rows = [
+            (term.id, term.of, parameter.name, value, std, parameter.unit)
+            for term, parameter, value, std in self.every_reported()
+        ]
         return pd.DataFrame(rows, columns=["term", "of", "parameter", "value", "std", "unit"])
 
     def reported(self, term: Term) -> tuple[Report, Array]:
@@ -221,6 +217,13 @@ class Fitted:
             return report, np.full(len(report.values), np.nan)
         own = report.jacobian @ self.covariance[columns, columns] @ report.jacobian.T
         return report, np.sqrt(np.maximum(np.diag(own), 0.0))
+
+    def every_reported(self) -> Iterator[tuple[Term, Parameter, float, float]]:
+        """Yield what readers know of all terms: parameter, value, standard uncertainty."""
+        for term in self.model.terms:
+            report, std = self.reported(term)
+            for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True):
+                yield term, parameter, float(value), float(sigma)
 
     def _repr_html_(self) -> str:
         """Return the model as a notebook shows it."""

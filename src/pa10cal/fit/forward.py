@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -168,7 +167,8 @@ class Forward:
             ModelError: when the model has springs and the masses that load them are not known.
         """
         whole, payload = self.whole, self.whole.payload
-        states = PoseStates(q, np.full_like(q, np.nan), given.arrival, *_of_pose(given))
+        of_pose = given.load_N, given.temperature_C, given.time_s
+        states = PoseStates(q, np.full_like(q, np.nan), given.arrival, *of_pose)
         states, source = with_torques(whole.model, whole.x, states, payload)
         if source == "none" or payload is None:
             self._refuse_springs()
@@ -286,7 +286,6 @@ class Forward:
         return np.stack(columns, axis=-1)
 
     def _refuse_springs(self) -> None:
-        """Refuse to predict springs whose torques are not known."""
         springs = [term for term in self.physical.terms if yields(term)]
         if springs:
             raise ModelError(
@@ -320,10 +319,6 @@ def T_base_away(away: FallBack, model: Fitted) -> Array:
     return T
 
 
-def _of_pose(given: Conditions) -> tuple[Array, Array, Array]:
-    return given.load_N, given.temperature_C, given.time_s
-
-
 def pose_difference(T: Array, T_wanted: Array) -> Array:
     """Return the motion (N, 6) from poses to others: of the origin, and about base axes [rad]."""
     R = T_wanted[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
@@ -342,6 +337,9 @@ def pose_difference(T: Array, T_wanted: Array) -> Array:
 #
 # A map has hundreds of knots, and every one of them moves every pose a little. In B-splines only
 # four do: 10 000 poses then take a second, and no matrix of poses by knots is made.
+
+#: Poses whose covariances of parameters are gathered at once.
+_AT_ONCE = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,37 +362,25 @@ def position_covariance(
         moved: (N, 3, d) velocity of the position by each.
         maps: the other parameters.
     """
-    own = covariance[np.ix_(dense, dense)]
-    found = (moved @ own) @ np.swapaxes(moved, 1, 2)
-    splines = [b_splines(len(each.columns), each.q_rad) for each in maps]
-    at = [each.indices.reshape(-1, 4).astype(np.intp) for each in splines]
-    weight = [each.data.reshape(-1, 4) for each in splines]
-    to_splines = [b_splines_by_knots(len(each.columns)) for each in maps]
-    for k, each in enumerate(maps):
-        across = to_splines[k] @ covariance[np.ix_(each.columns, dense)]
-        touched = np.einsum("ps,psd->pd", weight[k], across[at[k]])
-        half = _outer(np.einsum("pid,pd->pi", moved, touched), each.moved)
-        inside = to_splines[k] @ covariance[np.ix_(each.columns, each.columns)] @ to_splines[k].T
-        alone = _touched(inside, at[k], at[k], weight[k], weight[k])
-        found += half + np.swapaxes(half, 1, 2)
-        found += _outer(each.moved, each.moved) * alone[:, None, None]
-    for j, k in combinations(range(len(maps)), 2):
-        between = covariance[np.ix_(maps[j].columns, maps[k].columns)]
-        between = to_splines[j] @ between @ to_splines[k].T
-        both = _touched(between, at[j], at[k], weight[j], weight[k])
-        half = _outer(maps[j].moved, maps[k].moved) * both[:, None, None]
-        found += half + np.swapaxes(half, 1, 2)
-    return np.asarray(found, dtype=np.float64)
-
-
-def _outer(one: Array, other: Array) -> Array:
-    return np.asarray(one[:, :, None] * other[:, None, :])
-
-
-def _touched(between: Array, rows: Index, columns: Index, by_row: Array, by_column: Array) -> Array:
-    """Return the covariance of two maps at each pose, (N,)."""
-    four = between[rows[:, :, None], columns[:, None, :]]
-    return np.asarray(np.einsum("ps,pst,pt->p", by_row, four, by_column))
+    order = np.concatenate([dense, *(each.columns for each in maps)])
+    own, first = covariance[np.ix_(order, order)], len(dense)
+    at, by = [np.tile(np.arange(first), (len(moved), 1))], [moved]
+    for each in maps:
+        knots = len(each.columns)
+        rows, to_splines = slice(first, first + knots), b_splines_by_knots(knots)
+        own[rows] = to_splines @ own[rows]
+        own[:, rows] = own[:, rows] @ to_splines.T
+        splines = b_splines(knots, each.q_rad)
+        at.append(first + splines.indices.astype(np.intp).reshape(-1, 4))
+        by.append(each.moved[:, :, None] * splines.data.reshape(-1, 1, 4))
+        first += knots
+    touched, velocity = np.concatenate(at, axis=1), np.concatenate(by, axis=2)
+    found = np.empty((len(moved), 3, 3))
+    for start in range(0, len(moved), _AT_ONCE):
+        block = slice(start, start + _AT_ONCE)
+        of_pose = own[touched[block, :, None], touched[block, None, :]]
+        found[block] = velocity[block] @ of_pose @ np.swapaxes(velocity[block], 1, 2)
+    return found
 
 
 def T_flange_frame(model: Fitted, frame: str) -> Array:

@@ -10,7 +10,6 @@ from zipfile import BadZipFile
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose
 from pa10cal.arm.description import ROW_FIELDS, Arm, WeightsKnown
@@ -32,6 +31,7 @@ from pa10cal.yaml_file import read_yaml
 F = TypeVar("F", bound=Fitted)
 
 SCHEMA = "pa10cal-model/2"
+_TEXTS = ("campaign", "provenance", "calibration", "instrument", "grade", "health")
 _SUSPICION = ("kind", "where", "what", "remedy", "would_leave_mm")
 _CONVENTIONS = {
     "standard": "T_base_row1, then Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) of every row, then "
@@ -53,16 +53,13 @@ def save_model(model: Fitted, path: Path, **about: Any) -> None:
         OutputError: when it cannot be written there.
     """
     content = model_to_plain(model, **about)
-    beside = covariance_path(path)
-    if model.covariance is not None:
-        content["covariance"] = beside.name
+    beside = () if model.covariance is None else (covariance_path(path),)
+    for covariance in beside:
+        content["covariance"] = covariance.name
     text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
-    if model.covariance is None:
-        with whole_files(path) as (place,):
-            place.write_text(text, encoding="utf-8", newline="\n")
-        return
-    with whole_files(beside, path) as (covariance, place):
-        write_covariance(model, covariance)
+    with whole_files(*beside, path) as (*covariances, place):
+        for covariance in covariances:
+            write_covariance(model, covariance)
         place.write_text(text, encoding="utf-8", newline="\n")
 
 
@@ -257,7 +254,6 @@ def _checked(covariance: Array | None, terms: Any, where: str) -> Array | None:
 
 
 def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Array]:
-    """Return a term and the values of its parameters."""
     term = term_from_plain(content, where=where)
     x = np.array(content["x"], dtype=float)
     if x.shape != (len(term.parameters),) or not np.isfinite(x).all():
@@ -298,27 +294,20 @@ def _arm_to_plain(model: Fitted) -> dict[str, Any]:
 
 def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
     rows = content["rows"]
-
-    def column(name: str, kind: type = float) -> NDArray[Any]:
-        return np.array([np.nan if row[name] is None else row[name] for row in rows], dtype=kind)
-
-    known = all(row["mass_kg"] is not None for row in rows)
+    weighed = all(row["mass_kg"] is not None for row in rows)
+    columns = {
+        name: np.array(
+            [np.nan if row[name] is None else row[name] for row in rows],
+            dtype=bool if name in ("hayati", "prismatic") else float,
+        )
+        for name in ROW_FIELDS
+        if weighed or name not in ("mass_kg", "com_m")
+    }
     return Arm(
         name=str(content["name"]),
         title=str(content["title"]),
         convention=content["convention"],
-        theta_rad=column("theta_rad"),
-        d_m=column("d_m"),
-        a_m=column("a_m"),
-        alpha_rad=column("alpha_rad"),
-        hayati=column("hayati", bool),
-        prismatic=column("prismatic", bool),
-        limits_rad=column("limits_rad"),
-        gear_ratio=column("gear_ratio"),
-        torque_limit_Nm=column("torque_limit_Nm"),
-        mass_kg=column("mass_kg") if known else None,
-        com_m=column("com_m") if known else None,
-        beta_rad=column("beta_rad"),
+        **columns,
         T_base_row1=_frame(content["T_base_row1"], "T_base_row1"),
         T_row_n_ee=_frame(content["T_row_n_flange"], "T_row_n_flange"),
         weights_known=_weights_from_plain(content.get("weights")),
@@ -345,15 +334,10 @@ def _fitted_to(content: Mapping[str, Any]) -> FittedTo:
     temperature_C = content["temperature_C"]
     first, last = content["time_s"]
     return FittedTo(
-        campaign=str(content["campaign"]),
-        provenance=str(content["provenance"]),
-        calibration=str(content["calibration"]),
-        instrument=str(content["instrument"]),
+        **{key: str(content[key]) for key in _TEXTS},
         poses=int(content["poses"]),
         temperature_C=np.nan if temperature_C is None else float(temperature_C),
         time_s=(float(first), float(last)),
-        grade=str(content["grade"]),
-        health=str(content["health"]),
         suspicions=tuple(InputFinding(**each) for each in content.get("suspicions", ())),
         loads_N=tuple(map(float, content.get("loads_N") or ())),
     )

@@ -64,11 +64,6 @@ class Problem:
         return self.measured.stated_covariance
 
     @cached_property
-    def one_covariance(self) -> bool:
-        """Return whether the instrument states the same covariance in every pose."""
-        return bool((self.stated_covariance == self.stated_covariance[:1]).all())
-
-    @cached_property
     def components_seen(self) -> NDArray[np.bool_]:
         """Return which components were seen, (P, b)."""
         return self.measured.components_seen

@@ -177,17 +177,13 @@ def _whitener(problem: Problem, scatter: dict[str, float]) -> Array:
     own = np.zeros(stated.shape[1])
     for kind, rows in problem.measured.component_kinds:
         own[rows] = scatter[kind] ** 2 + _FINEST**2
-    if problem.grouped:
-        whitener = np.zeros_like(stated)
-        for at, columns in problem.measured.parts_seen:
-            block = stated[at, columns, columns]
-            one = bool((block == block[:1]).all())
-            block = (block[:1] if one else block) + np.diag(own[columns])
-            whitener[at, columns, columns] = np.linalg.inv(np.linalg.cholesky(block))
-        return whitener
-    distinct = stated[:1] if problem.one_covariance else stated
-    inverse = np.linalg.inv(np.linalg.cholesky(distinct + np.diag(own)))
-    return np.broadcast_to(inverse, stated.shape)
+    whitener = np.zeros_like(stated)
+    for at, columns in problem.measured.parts_seen:
+        block = stated[at, columns, columns]
+        one = bool((block == block[:1]).all())
+        block = (block[:1] if one else block) + np.diag(own[columns])
+        whitener[at, columns, columns] = np.linalg.inv(np.linalg.cholesky(block))
+    return whitener
 
 
 def _stated_sizes(problem: Problem) -> dict[str, float]:

@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
+from pa10cal.results.calibration import Moved
 from pa10cal.results.record import (
     Column,
     GappyColumn,
@@ -77,20 +78,13 @@ class ComparedFrame(Part):
     )
 
 
-class MovedThing(Part):
+class MovedThing(Moved):
     """Something that moved between two campaigns."""
 
     kind: str = Field(
         description="`joint_zero`, `stiffness`, `link` (another departure), `effect`, `base` or "
         "`tool`"
     )
-    of: str = Field(description="where: a joint, a departure, an effect of a place")
-    by: float | None = Field(
-        description="by how much, of a stiffness the part of the windup; null where that is no one "
-        "number"
-    )
-    std: float | None = Field(description="its standard uncertainty; likewise")
-    unit: str = Field(description="unit of both")
     interval95: tuple[float, float] | None = Field(description="95 % interval; likewise")
     gain: float = Field(description="by how much it raises the evidence [nats]")
     alternatives: tuple[str, ...] = Field(

@@ -61,7 +61,7 @@ def calibrate(
     from pa10cal.calibration.general.case import as_load
     from pa10cal.calibration.general.prior import refuse_unsound
     from pa10cal.calibration.input_checks import check_input, explained
-    from pa10cal.calibration.load_case import load_cases
+    from pa10cal.calibration.load_case import LoadCase, load_cases
     from pa10cal.calibration.options import takes_general_model
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
@@ -93,17 +93,8 @@ def calibrate(
             _say(f"{campaign.name} {case}", records[case], time.perf_counter() - began)
             continue
         try:
-            record = calibration_record(
-                campaign,
-                arm,
-                every,
-                seed,
-                case,
-                settings,
-                general=by_general,
-                findings=findings,
-                prior=known,
-            )
+            whole = LoadCase(campaign, arm, every, case, settings, findings, known)
+            record = calibration_record(whole, seed, general=by_general)
             records[case] = _with_effects(
                 record, campaign, arm, every, case, settings, discovery, named
             )

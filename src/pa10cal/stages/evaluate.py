@@ -34,6 +34,7 @@ def evaluate(
     from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.evaluation.compared import (
+        Evaluation,
         held_out_record,
         judged_where_repeated,
         said_of_parts,
@@ -55,7 +56,8 @@ def evaluate(
     fitted = models_of(record, str(calibration))
     with_effects = None if extended is None else read_extended(extended, campaign.name)
     setup = setup_of(campaign, arm, options, DiscoveryOptions())
-    found = held_out_record(campaign, record.load, every, fitted, with_effects, setup)
+    evaluation = Evaluation(every, fitted, with_effects, setup)
+    found = held_out_record(campaign, record.load, evaluation)
     write(found, out)
     if iso9283 is not None:
         *_, last = fitted.values()
@@ -63,7 +65,7 @@ def evaluate(
             campaign,
             record.load,
             every,
-            judged_where_repeated(every, fitted, with_effects, setup, held_out=found.models),
+            judged_where_repeated(evaluation, held_out=found.models),
             last.T_instr_base[:3, :3],
         )
         write(repeated, iso9283)

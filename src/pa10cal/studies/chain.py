@@ -27,7 +27,7 @@ from pa10cal.curve.angles import chain_arm
 from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.curve.postures import Postures, draw_postures
 from pa10cal.discovery.preparation import setup_of
-from pa10cal.evaluation.compared import UNCALIBRATED, judged_models
+from pa10cal.evaluation.compared import UNCALIBRATED, Evaluation
 from pa10cal.evaluation.known_truth import reported_scores
 from pa10cal.fit.fitted_model import models_of
 from pa10cal.options import DiscoveryOptions
@@ -132,7 +132,7 @@ def _individual(
     setup = setup_of(campaign.description, campaign.arm, options, DiscoveryOptions())
 
     def judged(campaign: Campaign, kind: str) -> dict[str, HeldOutModel]:
-        found = judged_models(campaign.observations, models, None, setup, kind=kind)
+        found = Evaluation(campaign.observations, models, None, setup).judge(kind=kind)
         return {_NOMINAL if name == UNCALIBRATED else name: each for name, each in found.items()}
 
     fitted, held_out = judged(campaign, "grid"), judged(campaign, "holdout")

@@ -22,8 +22,8 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import calibrate
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
 from pa10cal.calibration.general.problem import Unknowns, choose_unknowns
-from pa10cal.calibration.load_case import parameter_records
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.paper import parameter_records
 from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.individual import draw_individual

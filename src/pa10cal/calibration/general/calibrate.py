@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,13 +91,13 @@ def calibrate_general(
             not known.
     """
     options = options or CalibrationOptions()
-    robust, max_iterations = options.general.robust, options.max_iterations
+    fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
     posed = general_problem(arm, observations, start, payload, options, links=links)
     problem, x_start, springs = posed.problem, posed.x_start, posed.springs
     unweighed, source, unknowns = observations.states, posed.torques_from, posed.unknowns
     tau_Nm = problem.observations.states.tau_Nm
     check_enough(problem)
-    found = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
+    found = fitted(problem, x_start)
     if options.general.springs == "auto":
         # Under weights that nobody stated no spring is sure to be there, and any may stand in for
         # another: they go one by one, each with what it takes along.
@@ -106,7 +107,7 @@ def calibrate_general(
             springs = tuple(joint for joint in springs if joint not in rigid)
             problem, kept = _rigid_at(problem, rigid)
             x_start, found = found.x[kept], found.without_rows()
-            found = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
+            found = fitted(problem, x_start)
             if not assumed:
                 break
     settled = tilts_not_shown(problem, found)
@@ -118,22 +119,12 @@ def calibrate_general(
         unknowns = replace(unknowns, links=_links_of(problem))
         if by_masses:
             problem = _weighed(problem, x_start, unweighed, payload)
-        fewer = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
+        fewer = fitted(problem, x_start)
         # That they are zero is not known: what the others are known to is what it was with them.
         found = replace(fewer, covariance=found.covariance[np.ix_(kept, kept)])
     if by_masses:
         covariance = found.covariance
-
-        def again(problem: Problem, before: Fit) -> Fit:
-            return fit(
-                problem,
-                before.x,
-                robust=robust,
-                max_iterations=max_iterations,
-                scatter_start=before.scatter,
-            )
-
-        problem, found = at_rest(problem, found, unweighed, payload, again)
+        problem, found = at_rest(problem, found, unweighed, payload, fitted)
         found = replace(found, covariance=covariance) if settled else found
     return GeneralCalibration(
         arm, start, unknowns, settled, springs, source, payload, problem, found
@@ -145,7 +136,7 @@ def at_rest(
     found: Fit,
     unweighed: PoseStates,
     payload: Payload | None,
-    again: Callable[[Problem, Fit], Fit],
+    fitted: Callable[..., Fit],
 ) -> tuple[Problem, Fit]:
     """Fit again, from where a fit ended, until the torques of weights move nothing any more.
 
@@ -154,7 +145,7 @@ def at_rest(
         found: where that ended.
         unweighed: states without those torques.
         payload: what the arm carries.
-        again: fits a problem from where another fit ended.
+        fitted: fits a problem from a point, with a scatter to set out with; see `fit`.
     """
     for _ in range(_MOST_REFITS):
         weighed = _weighed(problem, found.x, unweighed, payload)
@@ -162,7 +153,7 @@ def at_rest(
             break
         problem, before = weighed, found.without_rows()
         del found
-        found = again(problem, before)
+        found = fitted(problem, before.x, scatter_start=before.scatter)
         found = replace(found, iterations=before.iterations + found.iterations)
     return problem, found
 

@@ -8,17 +8,15 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arm.chain import BASE
-from pa10cal.arm.description import Arm, weights_known
+from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.apart import apart, contradictions
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
 from pa10cal.calibration.general.fit import Fit
 from pa10cal.calibration.general.prior import calibrate_from, prior_of
-from pa10cal.calibration.grade import Errors, FitSummary
-from pa10cal.calibration.health import case_keys, fit_keys, health, held_out_errors
+from pa10cal.calibration.health import Errors, FitSummary, health, held_out_errors
 from pa10cal.calibration.levels import report_base
-from pa10cal.calibration.load_case import COMBINED, rows_of_load
-from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.load_case import LoadCase, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
     calibrated_parameters,
     scatter_of_repeats,
@@ -26,7 +24,6 @@ from pa10cal.calibration.uncertainty import (
     summarise_by_load,
     suspected_held_out,
 )
-from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
 from pa10cal.fit.fitted import FittedTo
@@ -48,7 +45,7 @@ from pa10cal.results.calibration import (
     Spring,
     SuspectedOutlier,
 )
-from pa10cal.results.health import Health, InputFinding
+from pa10cal.results.health import Health
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
@@ -106,37 +103,24 @@ _NO_FIT = 0.05
 
 
 def general_case(
-    campaign: CampaignDescription,
-    arm: Arm,
-    every: Observations,
-    start: Start,
-    load: str,
-    options: CalibrationOptions,
-    findings: tuple[InputFinding, ...] = (),
-    prior: FittedModel | None = None,
+    case: LoadCase, start: Start
 ) -> tuple[GeneralCalibrationRecord, GeneralCalibration]:
     """Compute a load case with every parameter that arm and instrument can identify.
 
     Args:
-        campaign: description of the campaign.
-        arm: the nominal arm.
-        every: single readings of all kinds.
+        case: the load case.
         start: about where frames and targets are.
-        load: `combined` or `general` for all loads together, or a load such as `44N`.
-        options: how to calibrate.
-        findings: what checks of the input found.
-        prior: fitted model of the arm to start from; None for none.
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
             does not fit the readings at all, or the prior is of another arm.
     """
+    arm, every, options, prior = case.arm, case.every, case.options, case.prior
     if prior is not None:  # effects of it may need to know from where a joint arrived
         every, _ = with_arrivals(every)
-    single, payload = every.of_kind("grid"), campaign.payload(arm)
+    single, payload = every.of_kind("grid"), case.payload
     grid, held_out = average_repeats(single), average_repeats(every.of_kind("holdout"))
-    case = COMBINED if load == "general" else load
-    rows = rows_of_load(grid.states.load_N, case)
+    rows = case.rows(grid.states.load_N)
     used, rigid = grid.take(rows), options.with_springs(())
     nominal = calibrate_general(arm, used, start, payload, rigid, links=False).without_rows()
     if prior is None:
@@ -172,10 +156,9 @@ def general_case(
     doubts, known = suspected_outliers(full.problem, full.fit), weights_known(arm)
     trusted = np.setdiff1d(np.flatnonzero(rows), np.flatnonzero(rows)[[d.row for d in doubts]])
     group = apart(full.problem, full.fit)
-    if group is not None:
-        findings = (*findings, *contradictions(group))
+    findings = case.findings if group is None else (*case.findings, *contradictions(group))
     rigid_left = fitted(geometry).deviations(grid)
-    readings = single.take(rows_of_load(single.states.load_N, case))
+    readings = single.take(case.rows(single.states.load_N))
     errors = Errors(
         train_rms_mm=summarise(found.take(trusted)).rms_mm,
         held_out=off,
@@ -190,13 +173,11 @@ def general_case(
     )
     ended = _fit_summary(full)
     judged = health(ended, errors)
-    about = FittedTo.of(full.problem.observations, load, judged, campaign)
+    about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign)
     before = summarise_by_load(fitted(nominal).deviations(grid), load_N)
     of_geometry = summarise_by_load(rigid_left, load_N)
     record = GeneralCalibrationRecord(
-        **case_keys(
-            campaign, load, options, ended, judged, replace(calibrated, fitted_to=about), grid
-        ),
+        **case_keys(case, ended, judged, replace(calibrated, fitted_to=about), grid),
         **_general_fit_keys(full, about),
         starts=1,
         starts_agreeing=1,
@@ -219,7 +200,6 @@ def general_case(
 
 
 def _warnings(full: GeneralCalibration, judged: Health) -> tuple[str, ...]:
-    """Return what a reader should know before trusting the fit."""
     found = []
     if not full.fit.converged:
         found.append(f"not converged: {full.fit.reason}")
@@ -249,7 +229,6 @@ def as_load(record: GeneralCalibrationRecord, load: str) -> GeneralCalibrationRe
 
 
 def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str, Any]:
-    """Return how a fit ended, its parameters, and what it takes to build it again."""
     found, problem, model = general.fit, general.problem, fitted(general)
     names = [parameter.name for parameter in problem.parameters]
     model = replace(model, fitted_to=about)
@@ -273,7 +252,6 @@ def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str,
 
 
 def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, CalibratedParameter]:
-    """Return every parameter with value, standard uncertainty, unit and tolerance."""
     problem, found, count = general.problem, general.fit, len(model.x)
     openly = not_identifiable(found.identifiability, problem.parameters)
     is_open = np.array([parameter.name in openly for parameter in problem.parameters])
@@ -301,23 +279,17 @@ def _base_parameters(
     general: GeneralCalibration, model: FittedModel
 ) -> dict[str, CalibratedParameter]:
     """Return the base frame's parameters; of a distance only the fixed point's place."""
-    names = [parameter.name for parameter in general.unknowns.base.parameters]
-    motions = [name.replace(".", "_") for name in BASE]
-    base, first = report_base(model.T_instr_base), len(model.x)
-    covariance = np.zeros((6, 6))
-    at = [motions.index(name) for name in names]
-    width = slice(first, first + len(names))
-    covariance[np.ix_(at, at)] = general.fit.covariance[width, width]
+    assert model.covariance is not None
+    base = report_base(model.T_instr_base)
     # The motions are along axes of the base as it was put; those of the report the instrument's.
     along = np.eye(6)
     along[:3, :3] = general.problem.T_instr_base[:3, :3]
-    whole = len(names) == len(motions)
+    whole = len(general.unknowns.base.parameters) == len(BASE)
     held = [each.name for each in base.parameters if not whole and each.unit != "m"]
-    return calibrated_parameters(base, along @ covariance @ along.T, held)
+    return calibrated_parameters(base, along @ model.covariance[-6:, -6:] @ along.T, held)
 
 
 def _refuse_another_arm(general: GeneralCalibration, left_mm: float, spread_mm: float) -> None:
-    """Refuse readings that are not of the arm described."""
     rank = general.fit.identifiability.rank
     if rank and left_mm < _NO_FIT * spread_mm:
         return
@@ -433,7 +405,6 @@ def _noise_mm(general: GeneralCalibration) -> float:
 
 
 def _targets_seen(problem: Problem) -> Array:
-    """Return how many targets were seen in each pose, (P,)."""
     columns = problem.measured.position_columns
     targets: Array = np.maximum(1.0, problem.components_seen[:, columns].sum(axis=1) // 3)
     return targets

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -227,7 +228,8 @@ def calibrate_from(
     expected = prior.expected
     possible = hypotheses(arm, terms, expected.mean, expected.covariance)
     released: list[Found] = []
-    found = _fitted(problem, problem.start(x), expected, options, None)
+    fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
+    found = fitted(problem, problem.start(x), expected=expected)
     for _ in range(_MOST_ROUNDS):
         k = len(expected.mean)
         covariance = found.covariance[:k, :k] / found.widening**2
@@ -238,15 +240,10 @@ def calibrate_from(
         released += more
         for each in more:
             expected = expected.widened(each.directions)
-        found = _fitted(problem, found.x, expected, options, None)
+        found = fitted(problem, found.x, expected=expected)
     if source == "masses":
-        problem, found = at_rest(
-            problem,
-            found,
-            observations.states,
-            payload,
-            lambda problem, before: _fitted(problem, before.x, expected, options, before.scatter),
-        )
+        about = partial(fitted, expected=expected)
+        problem, found = at_rest(problem, found, observations.states, payload, about)
     return GeneralCalibration(
         arm=arm,
         start=start,
@@ -258,23 +255,6 @@ def calibrate_from(
         problem=problem,
         fit=found,
         prior=_changed(prior, problem, found, released),
-    )
-
-
-def _fitted(
-    problem: Problem,
-    x: Array,
-    expected: Expected,
-    options: CalibrationOptions,
-    scatter: dict[str, float] | None,
-) -> Fit:
-    return fit(
-        problem,
-        x,
-        robust=options.general.robust,
-        max_iterations=options.max_iterations,
-        scatter_start=scatter,
-        expected=expected,
     )
 
 
@@ -311,7 +291,6 @@ def _changed(prior: Prior, problem: Problem, found: Fit, released: Sequence[Foun
 
 
 def _words(moved: Moved) -> str:
-    """Return what moved, and by how much."""
     what = {JOINT_ZERO: "the zero of ", STIFFNESS: "the stiffness of "}.get(moved.kind, "")
     if moved.by is None or moved.std is None:
         return f"{what}{moved.of} changed"

@@ -145,7 +145,6 @@ def _own_frames(measured: Instrument) -> tuple[Offsets | OfCampaign, ...]:
 
 
 def _only(frame: Offsets | OfCampaign, names: Collection[str]) -> Offsets | OfCampaign:
-    """Return the parameters of a frame that are named."""
     if isinstance(frame, Offsets):
         return frame.only(names)
     assert isinstance(frame.term, Offsets)
@@ -327,7 +326,6 @@ def _springs(
     source: TorqueSource,
     springs: tuple[int, ...] | Literal["auto"],
 ) -> tuple[int, ...]:
-    """Return the joints to give a spring."""
     if springs == ():
         return ()
     if source == "none":

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pa10cal.arm.chain import BASE
+from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.calibrate import find_start
@@ -24,7 +24,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, OfPart, about_moved_base, motion_of_base
-from pa10cal.terms.term import Offsets, fixed
+from pa10cal.terms.term import Offsets, Term, fixed
 from pa10cal.terms.weights import Weights, WeightSizes
 
 F = TypeVar("F", bound=Fitted)
@@ -52,7 +52,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     )
     arm_terms, known, columns = [], [], []
     for term in model.model.terms:
-        if not (_is_tool(term.coordinates) or OF in term.of):
+        if not (is_tool(term) or OF in term.of):
             own = np.arange(len(model.x))[model.model.columns_of(term)]
             arm_terms.append(term)
             known.append(fixed(term, model.x[own]))
@@ -227,10 +227,11 @@ def _with_frames(problem: Problem, x: Array, of_arm: Array, base: tuple[str, ...
     terms = len(problem.model.parameters) - len(base)
     found = np.zeros((terms + len(BASE),) * 2)
     at = np.concatenate([np.arange(terms), terms + np.array([BASE.index(name) for name in base])])
-    kept = np.arange(len(problem.model.parameters))
-    found[np.ix_(at, at)] = whole[np.ix_(kept, kept)]
+    kept = slice(0, len(problem.model.parameters))
+    found[np.ix_(at, at)] = whole[kept, kept]
     return found
 
 
-def _is_tool(coordinates: tuple[str, ...]) -> bool:
-    return bool(coordinates) and all(name.startswith("tool.") for name in coordinates)
+def is_tool(term: Term) -> bool:
+    """Return whether a term moves the tool, and nothing else."""
+    return bool(term.coordinates) and set(term.coordinates) <= set(TOOL)

@@ -1,0 +1,349 @@
+"""A load case with the paper's model: both springs, both levels, what it rests on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pa10cal.arrays import Array
+from pa10cal.calibration.calibrate import (
+    Calibration,
+    calibrate,
+    fitted_model,
+    nominal_start,
+    pull_beyond_bounds,
+    solve,
+    solve_one_level,
+)
+from pa10cal.calibration.health import Errors, FitSummary, health, held_out_errors
+from pa10cal.calibration.levels import TwoLevel, report_base
+from pa10cal.calibration.load_case import LoadCase, case_keys, fit_keys
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.uncertainty import (
+    ErrorSources,
+    align_nominal,
+    calibrated_parameters,
+    deviations,
+    gross_errors_of_repeats,
+    scatter_of_repeats,
+    summarise,
+    summarise_by_load,
+    suspected_held_out,
+    with_own_scatter,
+)
+from pa10cal.errors import CalibrationError
+from pa10cal.fit.fitted import FittedTo
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.identifiability import identify, not_identifiable
+from pa10cal.fit.problem import Problem
+from pa10cal.observe.observations import Observations, average_repeats, poses_of
+from pa10cal.observe.pose import Pose
+from pa10cal.observe.quantities import Deviations
+from pa10cal.results.calibration import (
+    CalibratedParameter,
+    LinearFit,
+    OneLevel,
+    PaperCalibrationRecord,
+    PaperErrors,
+    SeedDifference,
+)
+from pa10cal.results.health import Health
+from pa10cal.terms.joint_spring import baseline, nominal
+from pa10cal.terms.model import Model
+from pa10cal.terms.term import Report
+
+#: Random postures at which it is found what no pose determines.
+_POSTURES = 60
+
+
+#: The straight lines give the base frame to about the nominal model's own error, near 1 deg.
+_FAR_FROM_SEED_DEG = 3.0
+#: Standard uncertainties beyond a bound that noise reaches in one case of twenty.
+_PULL_OF_NOISE = 2.0
+#: Root mean square error over that of the noise above which the model lacks something.
+_INCOMPLETE = 3.0
+
+
+def paper_case(
+    case: LoadCase, T_instr_base_seed: Array
+) -> tuple[PaperCalibrationRecord, FittedModel]:
+    """Compute a load case on two levels, with the paper's unknowns.
+
+    Args:
+        case: the load case.
+        T_instr_base_seed: (4, 4) about where the base is.
+
+    Raises:
+        CalibrationError: when the instrument measures no poses, no grid pose has that load, or
+            there are too few of them.
+    """
+    campaign, arm, every, options = case.campaign, case.arm, case.every, case.options
+    if not every.measured.measures_pose:
+        raise CalibrationError(
+            "the paper's model needs positions and attitudes of one campaign",
+            where="calibration.model",
+            value=options.model,
+            allowed=f"auto or general for {campaign.instrument_kinds}",
+            remedy="set calibration.model to auto",
+        )
+    readings = poses_of(every, "grid", average=False)
+    rows = case.rows(readings.states.load_N)
+    chosen = readings.take(rows)
+    grid, used = average_repeats(readings), average_repeats(chosen)
+    errors = ErrorSources(chosen, 1e-3 * options.apparatus_uncertainty_mm)
+    joints, tau_ref_Nm = options.flexible_joints, np.abs(used.states.tau_Nm).max(axis=0)
+
+    def calibrated(*, cubic: bool) -> Calibration:
+        model = baseline(arm, joints, options.tolerances, cubic=cubic, tau_ref_Nm=tau_ref_Nm)
+        return calibrate(model, used, options, errors)
+
+    cubic = calibrated(cubic=True)
+    linear = calibrated(cubic=False) if joints else cubic
+    rigid, load_N = nominal(arm), grid.states.load_N
+    T_rigid = rigid.predict(grid.states, np.zeros(0))
+    before = summarise_by_load(deviations(T_rigid, align_nominal(rigid, grid), grid), load_N)
+    from_seed = summarise_by_load(deviations(T_rigid, T_instr_base_seed, grid), load_N)
+    after = summarise_by_load(model_deviations(cubic, grid), load_N)
+    noise = with_own_scatter(used, chosen, cubic.level.model, cubic.solution.x)
+    stated = poses_of(every, "grid", average=False, covariance="instrument").take(rows)
+    ended = _fit_summary(cubic, noise)
+    found = _health(case, cubic, ended, noise, stated)
+    about, payload = FittedTo.of(used, case.load, found, campaign), case.payload
+    model = replace(fitted_model(cubic, payload), fitted_to=about)
+    away = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base
+    seed_angle_deg = float(np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1))))
+    record = PaperCalibrationRecord(
+        **case_keys(case, ended, found, model, grid),
+        **_paper_fit_keys(cubic, model),
+        errors={
+            load: PaperErrors(
+                before=before[load], before_seed_frame=from_seed[load], after=after[load]
+            )
+            for load in after
+        },
+        inner_poses=cubic.inner_poses,
+        one_level=_one_level(cubic, T_instr_base_seed, options),
+        seed_difference=SeedDifference(
+            angle_deg=seed_angle_deg, distance_mm=float(1e3 * np.linalg.norm(away[:3, 3]))
+        ),
+        linear=LinearFit(
+            **_paper_fit_keys(linear, replace(fitted_model(linear, payload), fitted_to=about)),
+            after=summarise_by_load(model_deviations(linear, grid), load_N),
+        ),
+        warnings=_warnings(cubic, found, seed_angle_deg),
+    )
+    return record, model
+
+
+def _paper_fit_keys(calibration: Calibration, model: FittedModel) -> dict[str, Any]:
+    report = calibration.level.model.report(calibration.solution.x)
+    return {
+        **fit_keys(
+            calibration.solution,
+            model,
+            parameter_records(calibration),
+            [parameter.name for parameter in report.parameters],
+            report.jacobian @ calibration.covariances.parameters @ report.jacobian.T,
+        ),
+        "starts": len(calibration.starts),
+        "starts_agreeing": calibration.starts_agreeing,
+    }
+
+
+def parameter_records(calibration: Calibration) -> dict[str, CalibratedParameter]:
+    """Return every parameter with value, standard uncertainty, unit and tolerance."""
+    outer = calibration.level.model.report(calibration.solution.x)
+    covariances = calibration.covariances
+    held, at_bound = calibration.not_identifiable, _at_bound(calibration, outer)
+    return {
+        **calibrated_parameters(outer, covariances.parameters, held, at_bound),
+        **calibrated_parameters(report_base(calibration.T_instr_base), covariances.base),
+    }
+
+
+def _warnings(cubic: Calibration, found: Health, seed_angle_deg: float) -> tuple[str, ...]:
+    told = []
+    if not cubic.converged:
+        told.append(f"not converged: {cubic.solution.reason}")
+    bound = sorted(_at_bound(cubic, cubic.level.model.report(cubic.solution.x)))
+    if bound:
+        pull = float(pull_beyond_bounds(cubic).max())
+        meaning = (
+            "the data fit best with a stiffness that is not positive, as happens when an effect is "
+            "missing from the model"
+            if pull > _PULL_OF_NOISE
+            else "indistinguishable from the bound with these data"
+        )
+        told.append(
+            f"{', '.join(bound)} at the end of the physical range, {pull:.1f} standard "
+            f"uncertainties beyond it: {meaning}"
+        )
+    over = found.train_rms_mm / found.noise_mm if found.noise_mm else 0.0
+    if over > _INCOMPLETE:
+        told.append(
+            f"the remaining error is {over:.0f} times the noise of the readings: the model is "
+            "incomplete, and the uncertainties do not cover the missing effect"
+        )
+    if cubic.starts_agreeing < 2 <= len(cubic.starts):
+        told.append(f"only one of {len(cubic.starts)} starts found this minimum")
+    if seed_angle_deg > _FAR_FROM_SEED_DEG:
+        told.append(f"the base frame is {seed_angle_deg:.2f} deg from its seed")
+    return tuple(told)
+
+
+def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:
+    """Return the reported parameters that depend on a parameter at its bound.
+
+    A linear spring's K_cub is at its end, zero, while its K_lin is an ordinary number.
+    """
+    held = np.flatnonzero(calibration.solution.at_bound)
+    touched = np.abs(report.jacobian[:, held]).sum(axis=1) > 0
+    at_zero = touched & (report.values == 0.0)
+    names = (parameter.name for parameter in report.parameters)
+    flagged = at_zero if at_zero.any() else touched
+    return frozenset(name for name, is_held in zip(names, flagged, strict=True) if is_held)
+
+
+def model_deviations(calibration: Calibration, poses: Observations[Pose]) -> Deviations:
+    """Return predicted minus measured of a calibrated model."""
+    T_base_ee = calibration.level.model.predict(poses.states, calibration.solution.x)
+    return deviations(T_base_ee, calibration.T_instr_base, poses)
+
+
+def _one_level(
+    cubic: Calibration, T_instr_base_seed: Array, options: CalibrationOptions
+) -> OneLevel:
+    """Solve on one level from the seed, and on two with all poses inside."""
+    level, terms = cubic.level, cubic.terms
+    start = nominal_start(level.model)
+    one = solve_one_level(level, T_instr_base_seed, start, terms, options.max_iterations)
+    x = one.x[:-6]
+    all_inside = replace(level, inner_rows=np.arange(len(level.observations)))
+    two = solve(all_inside, start, terms, options.max_iterations)
+    names = [parameter.name for parameter in level.model.parameters]
+    known = np.array([name not in cubic.not_identifiable for name in names])
+    # A parameter counts by its value, or by its scale where that is larger.
+    size = np.maximum(np.abs(two.x), level.model.scale)
+    T_base_ee = level.model.predict(level.observations.states, x)
+    found = deviations(T_base_ee, all_inside.base(x).T_instr_base, level.observations)
+    std = np.sqrt(np.diag(cubic.covariances.parameters))
+    shift = np.where(known, (x - cubic.solution.x) / np.where(std > 0, std, 1.0), 0.0)
+    return OneLevel(
+        largest_difference=float((np.abs(x - two.x) / size)[known].max()),
+        mean_mm=float(found.distance_mm.mean()),
+        shift_over_std=dict(zip(names, shift.tolist(), strict=True)),
+    )
+
+
+def _fit_summary(cubic: Calibration, noise: Observations[Pose]) -> FitSummary:
+    """Return how the fit ended, base frame included."""
+    level, solution = cubic.level, cubic.solution
+    whole, x = level.one_level(cubic.T_instr_base), np.concatenate([solution.x, np.zeros(6)])
+    jacobian = whole.rows(x).jacobian
+    hidden = _hidden(whole, x)
+    return FitSummary(
+        converged=solution.converged,
+        reason=solution.reason,
+        iterations=solution.iterations,
+        at_bound=tuple(
+            parameter.name
+            for parameter, at_bound in zip(level.model.parameters, solution.at_bound, strict=True)
+            if at_bound
+        ),
+        pose=level.observations.pose,
+        parameters=whole.parameters,
+        covariance=cubic.covariances.together(cubic.T_instr_base),
+        identifiability=cubic.identifiability,
+        white=np.linalg.inv(np.linalg.cholesky(noise.measured.cov)) @ jacobian,
+        position=jacobian[:, :3],
+        not_identifiable=cubic.not_identifiable,
+        x=x,
+        hidden=hidden,
+        of_mounting=hidden | _of_last_row(level.model),
+    )
+
+
+def _health(
+    case: LoadCase,
+    cubic: Calibration,
+    ended: FitSummary,
+    noise: Observations[Pose],
+    stated: Observations[Pose],
+) -> Health:
+    """Judge the calibration; `stated` are the readings with the covariance of the instrument."""
+    level, used = cubic.level, cubic.level.observations
+    whole, model = level.one_level(cubic.T_instr_base), fitted_model(cubic, None)
+    noise_mm = 1e3 * float(
+        np.sqrt(np.trace(noise.measured.cov[:, :3, :3], axis1=1, axis2=2).mean())
+    )
+    held_out, off = poses_of(case.every, "holdout"), None
+    if len(held_out):
+        off = held_out_errors(
+            model_deviations(cubic, held_out),
+            used,
+            held_out,
+            replace(whole, observations=held_out).rows(ended.x).jacobian[:, :3],
+            ended.covariance,
+            suspected_held_out(case.every, model),
+        )
+    scatter, findings = scatter_of_repeats(stated, model), case.findings
+    if scatter:
+        usual_mm = 1e3 * scatter[0].found * np.sqrt(3.0 * np.mean(1.0 / used.readings))
+        findings = (*findings, *gross_errors_of_repeats(noise_mm, float(usual_mm)))
+    jacobian = whole.rows(ended.x).jacobian
+    u_apparatus_m = 1e-3 * case.options.apparatus_uncertainty_mm
+    return health(
+        ended,
+        Errors(
+            train_rms_mm=summarise(model_deviations(cubic, used)).rms_mm,
+            held_out=off,
+            noise_mm=noise_mm,
+            spread_mm=used.measured.spread_mm,
+            noise_is_found=bool(scatter),
+            apparatus_mm=1e3 * _left_by_apparatus_m(level, jacobian, u_apparatus_m),
+            repeats=scatter,
+            from_touches=stated.measured.from_touches,
+            findings=findings,
+        ),
+    )
+
+
+def _left_by_apparatus_m(level: TwoLevel, jacobian: Array, u_m: float) -> float:
+    """Return the position error that targets off their places leave after the fit [m]."""
+    weights = level.weights[:, None]
+    moved = u_m * weights * level.observations.measured.by_apparatus
+    rows = (weights * jacobian).reshape(-1, jacobian.shape[2])
+    columns = moved.reshape(len(rows), -1)
+    taken = rows @ np.linalg.lstsq(rows, columns, rcond=None)[0]
+    left = (columns - taken).reshape(moved.shape)[:, :3] * level.r_max_m
+    return float(np.sqrt(np.sum(left**2) / len(left)))
+
+
+def _hidden(problem: Problem, x: Array) -> frozenset[str]:
+    """Return the parameters that no pose determines: they move what the base moves."""
+    generator = np.random.default_rng(0)
+    observations = problem.observations.take(
+        generator.integers(len(problem.observations), size=_POSTURES)
+    )
+    states, arm = observations.states, problem.model.chain.arm
+    low, high = arm.limits_rad.T
+    drawn = replace(
+        states,
+        q_rad=generator.uniform(low, high, (_POSTURES, arm.n)),
+        tau_Nm=generator.permuted(states.tau_Nm, axis=0),
+    )
+    rows = replace(problem, observations=observations.with_states(drawn)).rows(x).jacobian
+    rank = identify(rows.reshape(-1, len(x)), problem.scale)
+    names = {parameter.name for parameter in problem.parameters}
+    return not_identifiable(rank, problem.parameters) & names
+
+
+def _of_last_row(model: Model) -> frozenset[str]:
+    """Return the departures of the last row, which hold how the apparatus is mounted as well."""
+    return frozenset(
+        parameter.name
+        for parameter in model.parameters
+        if parameter.name.startswith("delta_") and parameter.name.endswith(f"_{model.chain.arm.n}")
+    )
