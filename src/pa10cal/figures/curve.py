@@ -35,9 +35,8 @@ class CurveResults:
     p_m: Array  # (T, n + 1, 3) where links join
     z_axis: Array  # (T, n, 3) z axes of the links
     curve_m: Array  # (T, k, 3) places along the curve
-    # a_deg and b_deg: (T, n - 1) joint angles
-    a_deg: Array
-    b_deg: Array
+    a_deg: Array  # (T, n - 1) joint angles about z
+    b_deg: Array  # (T, n - 1) joint angles about y
 
     @property
     def moves(self) -> bool:
@@ -47,10 +46,9 @@ class CurveResults:
     @property
     def limits_deg(self) -> list[float]:
         """The limits of the joints; none where none are set."""
-        limits = self.record.settings.get("limits")
-        if not isinstance(limits, dict):
-            return []
-        return [float(str(end)) for ends in limits.values() for end in _entries(ends)]
+        limits: Any = self.record.settings.get("limits")
+        every = limits.values() if isinstance(limits, dict) else ()
+        return [float(end) for ends in every if isinstance(ends, list | tuple) for end in ends]
 
 
 def read_curve(folder: Path) -> CurveResults:
@@ -86,10 +84,6 @@ def read_curve(folder: Path) -> CurveResults:
         a_deg=angles_deg[..., 0],
         b_deg=angles_deg[..., 1],
     )
-
-
-def _entries(value: object) -> list[object]:
-    return list(value) if isinstance(value, list | tuple) else []
 
 
 # What pictures and films of a chain are made of: it in space beside its curve, and its angles.
@@ -228,18 +222,12 @@ def draw_curve_gait(results: CurveResults) -> Figure:
     joints = results.a_deg.shape[1]
     most = float(np.abs([results.a_deg, results.b_deg]).max(initial=1e-3))
     named = (("a, about z", results.a_deg), ("b, about y", results.b_deg))
+    over = (results.time_s[0], results.time_s[-1], 0.5, joints + 0.5)
+    looks: dict[str, Any] = {"cmap": _COLOURS, "vmin": -most, "vmax": most}
+    looks |= {"aspect": "auto", "origin": "lower", "interpolation": "nearest"}
     for column, (name, angle_deg) in enumerate(named):
         axes = panel(figure, 14.0 + 48.0 * column, 18.0, 42.0, 40.0)
-        image = axes.imshow(
-            angle_deg.T,
-            aspect="auto",
-            origin="lower",
-            extent=(results.time_s[0], results.time_s[-1], 0.5, joints + 0.5),
-            cmap=_COLOURS,
-            vmin=-most,
-            vmax=most,
-            interpolation="nearest",
-        )
+        image = axes.imshow(angle_deg.T, extent=over, **looks)
         axes.grid(visible=False)
         axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
         axes.set_title(name)

@@ -11,7 +11,6 @@ from typing import get_args
 
 from pa10cal.errors import ALLOWED, Pa10calError, SettingsError, fits_a_folder
 from pa10cal.files.output import csv_cell
-from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import (
     Attention,
@@ -22,7 +21,6 @@ from pa10cal.results.fleet import (
     FleetRecord,
 )
 from pa10cal.results.health import UNRESERVED
-from pa10cal.running.display import summarise
 
 #: A table of campaigns larger than this is none [bytes].
 _MOST_BYTES = 64 * 1024**2
@@ -293,16 +291,17 @@ def became(results: Path, name: str, calibration: str) -> ChainRecord:
     Raises:
         RecordError: when a result is missing.
     """
+    from pa10cal.reports.summary import summarise  # late: planning a run reads no results
+
     found = summarise(results, calibration)
-    fitted = read(CalibrationRecord, results / f"calibration/{calibration}.json")
     _, *notes = found.notes
     return ChainRecord(
         campaign=name,
         status="done",
-        robot=fitted.robot,
-        provenance=fitted.provenance,
+        robot=found.robot,
+        provenance=found.provenance,
         grade=found.grade,
-        line=fitted.health.line,
+        line=found.line,
         verdict=found.verdict,
         notes=tuple(notes),
         before_mm=found.before,

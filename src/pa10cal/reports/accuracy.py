@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.reports.blocks import Beside, Block, Callout, Folded, Grid, Paragraph, Section, grid
+from pa10cal.reports.blocks import Beside, Block, Callout, Folded, Grid, Paragraph, grid
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     count,
@@ -18,7 +18,6 @@ from pa10cal.reports.formatting import (
     with_interval,
     written,
 )
-from pa10cal.reports.gathered import Gathered
 from pa10cal.reports.pictures import (
     ALL,
     FITTED,
@@ -33,6 +32,7 @@ from pa10cal.reports.pictures import (
     shares_drawing,
     tolerances_drawing,
 )
+from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.analysis import ParameterShift
 from pa10cal.results.discovery import Reduction, VerdictRecord
 from pa10cal.results.evaluation import (
@@ -44,12 +44,8 @@ from pa10cal.results.evaluation import (
 )
 
 
-def accuracy(found: Gathered) -> Section:
-    """Return what calibration and effects gained."""
-    return Section("accuracy", "Before and after", tuple(_blocks(found)))
-
-
-def _blocks(found: Gathered) -> Iterator[Block]:
+def accuracy(found: ResultsBundle) -> Iterator[Block]:
+    """Yield what calibration and effects gained."""
     every = errors_of(found)
     if not every:
         yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
@@ -58,9 +54,9 @@ def _blocks(found: Gathered) -> Iterator[Block]:
     if ends is not None:
         before, after = ends
         yield Paragraph(
-            f"Over the {before.kind} poses the position error fell from {mm(before.rms_mm)} mm "
-            f"to {mm(after.rms_mm)} mm rms, its peak from {mm(before.peak_mm)} mm to "
-            f"{mm(after.peak_mm)} mm.",
+            f"Over the {before.kind} poses the position error fell from {mm(before.of.rms_mm)} mm "
+            f"to {mm(after.of.rms_mm)} mm rms, its peak from {mm(before.of.peak_mm)} mm to "
+            f"{mm(after.of.peak_mm)} mm.",
             lead=True,
         )
     yield Paragraph(
@@ -95,7 +91,7 @@ def _blocks(found: Gathered) -> Iterator[Block]:
         yield Paragraph(f"Noise alone would leave a mean error of {mm(floor)} mm.")
 
 
-def _noise_mm(found: Gathered) -> dict[str, float]:
+def _noise_mm(found: ResultsBundle) -> dict[str, float]:
     """Return the mean error that noise alone leaves, of fitted and of held-out poses."""
     if found.verdict is None:
         return {}
@@ -114,9 +110,9 @@ def errors_grids(every: Iterable[Errors]) -> list[Grid]:
     rows = [
         (
             *(each.poses, each.load, each.model),
-            *(mm(each.rms_mm), mm(each.peak_mm), mm(each.mean_mm)),
-            deg(each.orientation_deg),
-            str(each.configurations),
+            *(mm(each.of.rms_mm), mm(each.of.peak_mm), mm(each.of.mean_mm)),
+            deg(each.of.orientation_deg),
+            str(each.of.configurations),
         )
         for each in every
     ]
@@ -190,12 +186,8 @@ _GROUPS = (
 )
 
 
-def parameters(found: Gathered) -> Section:
-    """Return the parameters of the model that is exported."""
-    return Section("parameters", "Parameters", tuple(_blocks_of_parameters(found)))
-
-
-def _blocks_of_parameters(found: Gathered) -> Iterator[Block]:
+def parameters(found: ResultsBundle) -> Iterator[Block]:
+    """Yield the parameters of the model that is exported."""
     if found.calibration is None:
         yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
         return
@@ -238,7 +230,7 @@ def parameter_grids(parameters: Mapping[str, Parameter]) -> Iterator[Grid]:
             yield grid(title, header, rows, (1, 3))
 
 
-def _shifts(found: Gathered) -> list[ParameterShift]:
+def _shifts(found: ResultsBundle) -> list[ParameterShift]:
     """Return what the effects changed, the largest part of its interval first."""
     if found.analysis is None or not found.analysis.effects:
         return []
@@ -281,14 +273,8 @@ _STANDARD_REPEATS = 30
 _MOST_ROWS = 120
 
 
-def repeats(found: Gathered) -> Section:
-    """Return accuracy and repeatability of the poses that were repeated."""
-    return Section(
-        "iso9283", "Pose accuracy and repeatability (ISO 9283)", tuple(_blocks_of_repeats(found))
-    )
-
-
-def _blocks_of_repeats(found: Gathered) -> Iterator[Block]:
+def repeats(found: ResultsBundle) -> Iterator[Block]:
+    """Yield accuracy and repeatability of the poses that were repeated."""
     record = found.iso9283
     if record is None:
         yield Callout("missing", found.why_absent(Iso9283Record.FILE))
@@ -314,7 +300,7 @@ def _blocks_of_repeats(found: Gathered) -> Iterator[Block]:
     yield Folded("Every configuration", (_every(record, rows),))
 
 
-def _accuracy(found: Gathered, record: Iso9283Record) -> Iterator[tuple[str, ...]]:
+def _accuracy(found: ResultsBundle, record: Iso9283Record) -> Iterator[tuple[str, ...]]:
     for name, of in (record.accuracy or {}).items():
         title = model_title(name, found, record.accuracy or {})
         if title is None:

@@ -19,12 +19,11 @@ from pa10cal.reports.blocks import (
     Folded,
     Items,
     Paragraph,
-    Section,
     grid,
 )
 from pa10cal.reports.formatting import count, listed, mm, sentence
-from pa10cal.reports.gathered import MODEL, POSES, Gathered
 from pa10cal.reports.pictures import motion_drawing
+from pa10cal.reports.results_bundle import MODEL, POSES, ResultsBundle
 from pa10cal.results.health import UNRESERVED
 
 #: Characters that a line of a fact holds.
@@ -49,12 +48,8 @@ _FRAMES = {
 _NOT_SOUGHT = "; rows give an order alone, and no step, drift or wander is sought"
 
 
-def measured(found: Gathered) -> Section:
-    """Return what was measured, and where the data come from."""
-    return Section("measured", "What was measured", tuple(_blocks(found)))
-
-
-def _blocks(found: Gathered) -> Iterator[Block]:
+def measured(found: ResultsBundle) -> Iterator[Block]:
+    """Yield what was measured, and where the data come from."""
     yield Facts(tuple(_facts(found)))
     words = _provenance(found)
     if words is not None and _in_one_line(words) != words:
@@ -81,7 +76,7 @@ def _blocks(found: Gathered) -> Iterator[Block]:
         yield Callout("note", f"{total} not used, see ingest/quarantine.csv: {reasons}.")
 
 
-def _facts(found: Gathered) -> Iterator[tuple[str, str]]:
+def _facts(found: ResultsBundle) -> Iterator[tuple[str, str]]:
     yield "Campaign", found.campaign
     words = _provenance(found)
     if words is not None:
@@ -102,7 +97,7 @@ def _facts(found: Gathered) -> Iterator[tuple[str, str]]:
         yield "Base frame found from", f"{_FRAMES.get(frame.method, frame.method)}; {scatter}"
 
 
-def _provenance(found: Gathered) -> str | None:
+def _provenance(found: ResultsBundle) -> str | None:
     return None if found.provenance is None else " ".join(found.provenance.split())
 
 
@@ -147,7 +142,7 @@ def _long(times_s: pd.Series) -> str:
     return f"{long} from the first reading to the last" if seconds else ""
 
 
-def _arm(found: Gathered) -> str:
+def _arm(found: ResultsBundle) -> str:
     if found.calibration is None:
         return "not known" if found.description is None else found.description.robot
     arm = found.calibration.fitted_model.get("arm")
@@ -156,7 +151,7 @@ def _arm(found: Gathered) -> str:
     return f"{title} ({name})" if title and title != name else name
 
 
-def _instrument(found: Gathered) -> str:
+def _instrument(found: ResultsBundle) -> str:
     stated = ""
     if found.description is not None:
         uncertainty = found.description.instrument.uncertainty_mm
@@ -196,12 +191,8 @@ _FILES = {
 }
 
 
-def use(found: Gathered) -> Section:
-    """Return what to type to predict and to compensate."""
-    return Section("use", "How to use the model", tuple(_blocks_of_use(found)))
-
-
-def _blocks_of_use(found: Gathered) -> Iterator[Block]:
+def use(found: ResultsBundle) -> Iterator[Block]:
+    """Yield what to type to predict and to compensate."""
     if found.model is None:
         yield Callout("missing", found.why_absent(MODEL))
     else:

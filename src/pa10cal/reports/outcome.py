@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from pa10cal.reports.blocks import Block, Callout, Grid, Items, Paragraph, Section, grid
+from pa10cal.reports.blocks import Block, Callout, Grid, Items, Paragraph, grid
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     listed,
@@ -15,7 +15,7 @@ from pa10cal.reports.formatting import (
     sized,
     unbroken,
 )
-from pa10cal.reports.gathered import Gathered
+from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.explained import ProposedFormula, percent
 from pa10cal.results.health import UNRESERVED, Health
@@ -40,12 +40,8 @@ MEANINGS = {
 _MOST_PARAMETERS = 6
 
 
-def grade(found: Gathered) -> Section:
-    """Return the grade with its sentence, and what it stands on."""
-    return Section("grade", "Grade of the calibration", tuple(_grade(found)))
-
-
-def _grade(found: Gathered) -> Iterator[Block]:
+def grade(found: ResultsBundle) -> Iterator[Block]:
+    """Yield the grade with its sentence, and what it stands on."""
     if found.calibration is None:
         yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
         return
@@ -79,12 +75,8 @@ def grade_sentence(health: Health) -> str:
     return _GRADES[health.grade]
 
 
-def verdict(found: Gathered) -> Section:
-    """Return what is missing from the model, or wrong with the log."""
-    return Section("verdict", "Verdict: what the model lacks", tuple(_verdict(found)))
-
-
-def _verdict(found: Gathered) -> Iterator[Block]:
+def verdict(found: ResultsBundle) -> Iterator[Block]:
+    """Yield what is missing from the model, or wrong with the log."""
     record = found.verdict
     if record is None:
         yield Callout("missing", found.why_absent(VerdictRecord.FILE))
@@ -247,7 +239,7 @@ def _size(effect: NamedEffect | ProposedFormula) -> str:
     return "; ".join(f"{name} = {sized(each)}" for name, each in effect.parameters.items())
 
 
-def formulas_of(found: Gathered) -> dict[tuple[str, str], str]:
+def formulas_of(found: ResultsBundle) -> dict[tuple[str, str], str]:
     """Return formulas of terms, as the fitted model states them, by id and place."""
     terms = found.extended.fitted_model.get("terms") if found.extended is not None else None
     if not isinstance(terms, list):

@@ -16,28 +16,28 @@ from pa10cal.files.output import write_text
 from pa10cal.reports.accuracy import accuracy, parameters, repeats
 from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Folded, Paragraph, Section, grid
 from pa10cal.reports.formatting import count, mm
-from pa10cal.reports.gathered import Gathered, gather, is_synthetic
 from pa10cal.reports.measured import measured, use
 from pa10cal.reports.outcome import grade, grade_sentence, verdict, verdict_glance
 from pa10cal.reports.pictures import headline
 from pa10cal.reports.residuals import residuals
+from pa10cal.reports.results_bundle import ResultsBundle, is_synthetic, results_bundle
 from pa10cal.reports.theme import BLUE, VERMILLION, drawn, library, new_figure
 from pa10cal.reports.trust import missing, next_poses, trust
 from pa10cal.results.fleet import FleetArm, FleetCampaign, FleetRecord
 
-#: The sections, in the order of reading.
+#: The sections in the order of reading: id in the page, heading, and what yields their blocks.
 _SECTIONS = (
-    measured,
-    grade,
-    verdict,
-    accuracy,
-    repeats,
-    residuals,
-    parameters,
-    missing,
-    next_poses,
-    trust,
-    use,
+    ("measured", "What was measured", measured),
+    ("grade", "Grade of the calibration", grade),
+    ("verdict", "Verdict: what the model lacks", verdict),
+    ("accuracy", "Before and after", accuracy),
+    ("iso9283", "Pose accuracy and repeatability (ISO 9283)", repeats),
+    ("residuals", "Where the model is off", residuals),
+    ("parameters", "Parameters", parameters),
+    ("missing", "What is missing", missing),
+    ("next", "What to measure next", next_poses),
+    ("trust", "How far to trust it", trust),
+    ("use", "How to use the model", use),
 )
 SYNTHETIC = "Synthetic data: simulated, no robot was measured."
 
@@ -57,25 +57,25 @@ def write_page(
     """Write the page of a results folder, and return the campaign's name and the size in bytes.
 
     Args:
-        results, load_case, campaign_dir: see `gather`.
+        results, load_case, campaign_dir: see `results_bundle`.
         out: page to write.
 
     Raises:
-        RecordError, RawDataError: as `gather`.
+        RecordError, RawDataError: as `results_bundle`.
         OutputError: when the page cannot be written.
     """
-    found = gather(results, load_case, campaign_dir)
+    found = results_bundle(results, load_case, campaign_dir)
     text = page_text(found)
     write_text(out, text)
     return found.campaign, len(text.encode())
 
 
-def page_text(found: Gathered) -> str:
+def page_text(found: ResultsBundle) -> str:
     """Return the page of a campaign as HTML, everything in it that it needs."""
     return rendered(
         found.campaign,
         list(_glances(found)),
-        [section(found) for section in _SECTIONS],
+        [Section(id, title, tuple(blocks(found))) for id, title, blocks in _SECTIONS],
         synthetic=found.synthetic,
     )
 
@@ -119,7 +119,7 @@ def rendered(
     return text
 
 
-def _glances(found: Gathered) -> Iterator[Glance]:
+def _glances(found: ResultsBundle) -> Iterator[Glance]:
     if found.calibration is None:
         yield Glance("Grade", "none", "There is no calibration.")
     else:
@@ -135,9 +135,9 @@ def _glances(found: Gathered) -> Iterator[Glance]:
     ends = headline(found)
     if ends is not None:
         before, after = ends
-        over = f"rms over {count(before.configurations, f'{before.kind} configuration')}"
-        peaks = f"peak {mm(before.peak_mm)} to {mm(after.peak_mm)} mm"
-        said = f"{mm(before.rms_mm)} → {mm(after.rms_mm)} mm"
+        over = f"rms over {count(before.of.configurations, f'{before.kind} configuration')}"
+        peaks = f"peak {mm(before.of.peak_mm)} to {mm(after.of.peak_mm)} mm"
+        said = f"{mm(before.of.rms_mm)} → {mm(after.of.rms_mm)} mm"
         yield Glance("Position error", said, f"{over}; {peaks}.")
 
 

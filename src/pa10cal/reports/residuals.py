@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Paragraph, Section, grid
+from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Paragraph, grid
 from pa10cal.reports.formatting import mm
-from pa10cal.reports.gathered import Gathered
+from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.theme import BLUE, VERMILLION, new_space
 
 #: The longest line is this part of what the positions span.
@@ -38,12 +38,8 @@ class _Field:
     residual_mm: dict[str, Array]
 
 
-def residuals(found: Gathered) -> Section:
-    """Return the residual field, before and after effects joined the model."""
-    return Section("residuals", "Where the model is off", tuple(_blocks(found)))
-
-
-def _blocks(found: Gathered) -> Iterator[Block]:
+def residuals(found: ResultsBundle) -> Iterator[Block]:
+    """Yield the residual field, before and after effects joined the model."""
     fields = _fields(found)
     if not fields:
         yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
@@ -68,11 +64,11 @@ def _blocks(found: Gathered) -> Iterator[Block]:
     )
 
 
-def _arrows(found: Gathered) -> str:
+def _arrows(found: ResultsBundle) -> str:
     return "" if found.words is None else f" {found.words.arrows.replace('Arrows', 'Lines')}"
 
 
-def _fields(found: Gathered) -> list[_Field]:
+def _fields(found: ResultsBundle) -> list[_Field]:
     before, after = "calibrated", "with the effects found"
     if found.analysis is not None:
         gap = found.analysis.gap

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from pa10cal.reports.blocks import Block, Callout, Folded, Grid, Items, Paragraph, Section, grid
+from pa10cal.reports.blocks import Block, Callout, Folded, Grid, Items, Paragraph, grid
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     count,
@@ -17,8 +17,8 @@ from pa10cal.reports.formatting import (
     sentence,
     written,
 )
-from pa10cal.reports.gathered import Gathered
 from pa10cal.reports.pictures import poses_drawing
+from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.discovery import (
     EvidenceByBlocks,
@@ -30,12 +30,8 @@ from pa10cal.results.discovery import (
 from pa10cal.results.health import Health
 
 
-def trust(found: Gathered) -> Section:
-    """Return what to check before the model is relied on."""
-    return Section("trust", "How far to trust it", tuple(_blocks(found)))
-
-
-def _blocks(found: Gathered) -> Iterator[Block]:
+def trust(found: ResultsBundle) -> Iterator[Block]:
+    """Yield what to check before the model is relied on."""
     if found.calibration is None:
         yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
         return
@@ -154,7 +150,7 @@ def _evidence(effect: FoundEffect) -> str:
     )
 
 
-def _limits(found: Gathered) -> Iterator[str]:
+def _limits(found: ResultsBundle) -> Iterator[str]:
     assert found.calibration is not None
     if found.synthetic:
         yield "The data are synthetic: nothing here was measured on a real robot."
@@ -173,7 +169,7 @@ def _limits(found: Gathered) -> Iterator[str]:
     )
 
 
-def _seen(found: Gathered) -> Iterator[tuple[str, str, str]]:
+def _seen(found: ResultsBundle) -> Iterator[tuple[str, str, str]]:
     model = found.calibration if found.extended is None else found.extended
     assert model is not None
     seen, arm = model.fitted_model.get("seen"), model.fitted_model.get("arm")
@@ -210,14 +206,10 @@ _MOST_LISTED = 2
 _UNSEEN = re.compile(r"angle of joint (\d+) not seen")
 
 
-def missing(found: Gathered) -> Section:
-    """Return what these data do not show."""
-    return Section("missing", "What is missing", tuple(_missing(found)))
-
-
-def _missing(found: Gathered) -> Iterator[Block]:
-    for each in found.absent:
-        yield Callout("missing", f"{each.why} {each.remedy}")
+def missing(found: ResultsBundle) -> Iterator[Block]:
+    """Yield what these data do not show."""
+    for why in found.absent.values():
+        yield Callout("missing", why)
     told = tuple(_told(found))
     if told:
         yield Items(told)
@@ -230,7 +222,7 @@ def _missing(found: Gathered) -> Iterator[Block]:
         yield Paragraph("Nothing is missing that these data could have shown.")
 
 
-def _told(found: Gathered) -> Iterator[str]:
+def _told(found: ResultsBundle) -> Iterator[str]:
     if found.calibration is not None:
         health = found.calibration.health
         if health.not_identifiable:
@@ -305,12 +297,8 @@ def _places(places: Sequence[str]) -> str:
     return ", ".join([f"joint{'s' * (len(joints) > 1)} {told}"] * bool(joints) + others)
 
 
-def next_poses(found: Gathered) -> Section:
-    """Return what to measure next, and what for."""
-    return Section("next", "What to measure next", tuple(_next(found)))
-
-
-def _next(found: Gathered) -> Iterator[Block]:
+def next_poses(found: ResultsBundle) -> Iterator[Block]:
+    """Yield what to measure next, and what for."""
     if found.calibration is not None:
         poses = found.calibration.health.poses
         now = f"{poses.measured} poses give a standard uncertainty of {mm(poses.u_model_mm)} mm"
