@@ -208,21 +208,6 @@ def learnt(sighted, tmp_path_factory) -> Results:
 
 
 @pytest.fixture
-def copied(tmp_path):
-    """Copy results, with changes to one of their JSON files."""
-
-    def copy(source, name, change) -> Results:
-        folder = tmp_path / "copied"
-        shutil.copytree(source.folder, folder)
-        record = json.loads((folder / name).read_text("utf-8"))
-        change(record)
-        (folder / name).write_text(json.dumps(record), encoding="utf-8")
-        return elsewhere(source, folder)
-
-    return copy
-
-
-@pytest.fixture
 def project_looks():
     with looks():
         yield

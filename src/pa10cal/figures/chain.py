@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pa10cal.figures.registry import picture
-from pa10cal.figures.style import evenly, new_figure, panel, plain_log
+from pa10cal.figures.style import evenly, label_space, new_figure, panel, plain_log
 from pa10cal.figures.table import Row, Table, frame_of
 from pa10cal.reports.blocks import grid
 from pa10cal.reports.formatting import written
@@ -70,14 +70,7 @@ def _draw_postures(axes: Axes, study: CurveCalibrationRecord) -> None:
     for shape, colour in _COLOURS.items():
         axes.plot([], [], color=colour, label=shape)
     axes.plot([0.0], [0.0], [0.0], color=BLACK, marker="s", linestyle="none", label="base")
-    solid = cast(Any, axes)  # matplotlib's axes in space are not typed
-    for name, low, high in zip(
-        "xyz", places_m.min(axis=(0, 1)), places_m.max(axis=(0, 1)), strict=True
-    ):
-        getattr(solid, f"set_{name}label")(f"{name} [m]")
-        getattr(solid, f"set_{name}lim")(low, high)
-        getattr(solid, f"{name}axis").get_major_locator().set_params(nbins=3)
-    solid.set_box_aspect(np.ptp(places_m, axis=(0, 1)))
+    label_space(axes, places_m.min(axis=(0, 1)), places_m.max(axis=(0, 1)))
     axes.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.04), ncols=2, columnspacing=1.0)
 
 

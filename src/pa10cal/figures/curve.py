@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from pa10cal.arrays import Array
 from pa10cal.errors import OutputError, RecordError
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.style import evenly, new_figure, panel
+from pa10cal.figures.style import evenly, label_space, new_figure, panel
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SKY, VERMILLION
 from pa10cal.results.codec import read
 from pa10cal.results.studies import CurveRecord
@@ -119,15 +119,7 @@ def space(
     reach = float((high - low).max())
     middle, half = (low + high) / 2.0, np.maximum(high - low, 0.25 * reach) / 2.0
     half = half + _MARGIN * reach
-    solid = cast(Any, axes)  # matplotlib's axes in space are not typed
-    for name, m, h in zip("xyz", middle, half, strict=True):
-        getattr(solid, f"set_{name}lim")(m - h, m + h)
-        if numbers:
-            getattr(solid, f"set_{name}label")(f"{name} [m]")
-            getattr(solid, f"{name}axis").get_major_locator().set_params(nbins=3)
-        else:
-            getattr(solid, f"{name}axis").set_ticklabels([])
-    solid.set_box_aspect(half)
+    label_space(axes, middle - half, middle + half, numbers=numbers)
     return axes
 
 

@@ -115,6 +115,19 @@ def panel(
     return figure.add_axes(box, **options)
 
 
+def label_space(axes: Axes, low_m: ArrayLike, high_m: ArrayLike, *, numbers: bool = True) -> None:
+    """Give axes in space their limits, (3,) each, and names and a few numbers, or neither."""
+    solid: Any = axes  # matplotlib's axes in space are not typed
+    for name, low, high in zip("xyz", np.asarray(low_m), np.asarray(high_m), strict=True):
+        getattr(solid, f"set_{name}lim")(low, high)
+        if numbers:
+            getattr(solid, f"set_{name}label")(f"{name} [m]")
+            getattr(solid, f"{name}axis").get_major_locator().set_params(nbins=3)
+        else:
+            getattr(solid, f"{name}axis").set_ticklabels([])
+    solid.set_box_aspect(np.subtract(high_m, low_m))
+
+
 def plain_log(axes: Axes, along: Literal["x", "y"], low: float, high: float) -> None:
     """Make an axis logarithmic from low to high, with plain numbers and always some of them.
 

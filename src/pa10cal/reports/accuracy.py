@@ -44,13 +44,13 @@ from pa10cal.results.evaluation import (
 )
 
 
-def accuracy(found: ResultsBundle) -> Iterator[Block]:
+def accuracy(results: ResultsBundle) -> Iterator[Block]:
     """Yield what calibration and effects gained."""
-    every = errors_of(found)
+    every = errors_of(results)
     if not every:
-        yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
+        yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    ends = headline(found)
+    ends = headline(results)
     if ends is not None:
         before, after = ends
         yield Paragraph(
@@ -60,42 +60,42 @@ def accuracy(found: ResultsBundle) -> Iterator[Block]:
             lead=True,
         )
     yield Paragraph(
-        f"{'' if found.words is None else f'{found.words.of} '}"
+        f"{'' if results.words is None else f'{results.words.of} '}"
         "Repeats of a configuration are averaged. Held-out poses are only used "
         "to judge."
     )
     whole = [each for each in every if each.load == each.part == ALL]
-    yield errors_drawing(whole, _noise_mm(found))
+    yield errors_drawing(whole, _noise_mm(results))
     first, *by_load = errors_grids(every)
     yield first
     for each in by_load:
         yield Folded(each.caption, (each,))
-    if found.held_out is None:
-        yield Callout("missing", found.why_absent(HoldoutRecord.FILE))
-    elif not found.held_out.models:
+    if results.held_out is None:
+        yield Callout("missing", results.why_absent(HoldoutRecord.FILE))
+    elif not results.held_out.models:
         yield Callout(
             "missing",
-            f"Nothing was held out ({found.held_out.note or 'no such rows'}): how well the model "
+            f"Nothing was held out ({results.held_out.note or 'no such rows'}): how well the model "
             "predicts new poses is not tested. Measure some poses more and mark them as held out.",
         )
     else:
-        beside = found.held_out.models
-        titles = {name: model_title(name, found, beside) for name in beside}
+        beside = results.held_out.models
+        titles = {name: model_title(name, results, beside) for name in beside}
         shown = {name: title for name, title in titles.items() if title is not None}
-        shares = [shares_drawing(found.held_out, shown, unit) for unit in ("mm", "deg")]
+        shares = [shares_drawing(results.held_out, shown, unit) for unit in ("mm", "deg")]
         yield Beside(tuple(each for each in shares if each is not None))
-    if found.verdict is not None and found.verdict.effects:
-        yield gap_grid(found.verdict)
-    elif found.verdict is not None:
-        floor = found.verdict.gap.noise_floor_mm
+    if results.verdict is not None and results.verdict.effects:
+        yield gap_grid(results.verdict)
+    elif results.verdict is not None:
+        floor = results.verdict.gap.noise_floor_mm
         yield Paragraph(f"Noise alone would leave a mean error of {mm(floor)} mm.")
 
 
-def _noise_mm(found: ResultsBundle) -> dict[str, float]:
+def _noise_mm(results: ResultsBundle) -> dict[str, float]:
     """Return the mean error that noise alone leaves, of fitted and of held-out poses."""
-    if found.verdict is None:
+    if results.verdict is None:
         return {}
-    gap = found.verdict.gap
+    gap = results.verdict.gap
     sets = {FITTED: gap.train, HELD_OUT: gap.holdout}
     return {poses: of.noise_floor_mm for poses, of in sets.items() if of is not None}
 
@@ -186,21 +186,21 @@ _GROUPS = (
 )
 
 
-def parameters(found: ResultsBundle) -> Iterator[Block]:
+def parameters(results: ResultsBundle) -> Iterator[Block]:
     """Yield the parameters of the model that is exported."""
-    if found.calibration is None:
-        yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
+    if results.calibration is None:
+        yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    shown: Mapping[str, Parameter] = found.calibration.parameters
+    shown: Mapping[str, Parameter] = results.calibration.parameters
     of = "calibrated model"
-    if found.extended is not None and found.extended.named:
-        shown, of = found.extended.parameters, "model with the effects found"
+    if results.extended is not None and results.extended.named:
+        shown, of = results.extended.parameters, "model with the effects found"
     yield Paragraph(
         f"Parameters of the {of}, with 95 % intervals. An interval holds what the noise of the "
         "measurement leaves open; it holds no effect that the model lacks. A tolerance is what a "
         "maker is expected to keep."
     )
-    shifts = _shifts(found)
+    shifts = _shifts(results)
     drawing = tolerances_drawing(shown, {each.name: each.before for each in shifts})
     if drawing is not None:
         yield drawing
@@ -230,13 +230,13 @@ def parameter_grids(parameters: Mapping[str, Parameter]) -> Iterator[Grid]:
             yield grid(title, header, rows, (1, 3))
 
 
-def _shifts(found: ResultsBundle) -> list[ParameterShift]:
+def _shifts(results: ResultsBundle) -> list[ParameterShift]:
     """Return what the effects changed, the largest part of its interval first."""
-    if found.analysis is None or not found.analysis.effects:
+    if results.analysis is None or not results.analysis.effects:
         return []
     moved = [
         each
-        for each in found.analysis.parameter_shifts
+        for each in results.analysis.parameter_shifts
         if each.identifiable and each.std and each.before != each.after
     ]
     return sorted(moved, key=lambda each: -abs(each.after - each.before) / each.std)
@@ -273,11 +273,11 @@ _STANDARD_REPEATS = 30
 _MOST_ROWS = 120
 
 
-def repeats(found: ResultsBundle) -> Iterator[Block]:
+def repeats(results: ResultsBundle) -> Iterator[Block]:
     """Yield accuracy and repeatability of the poses that were repeated."""
-    record = found.iso9283
+    record = results.iso9283
     if record is None:
-        yield Callout("missing", found.why_absent(Iso9283Record.FILE))
+        yield Callout("missing", results.why_absent(Iso9283Record.FILE))
         return
     rows = record.repeatability
     if rows is None or record.accuracy is None:
@@ -290,19 +290,24 @@ def repeats(found: ResultsBundle) -> Iterator[Block]:
         "three standard deviations. It does not depend on the model, and holds the noise of the "
         "instrument too."
     )
+    fitted = int((rows.kind == "grid").sum())
+    parts = [(fitted, "used for the fit"), (len(rows) - fitted, "held out")]
+    which = listed(f"{count(k, 'configuration')} {what}" for k, what in parts if k)
+    least, most = int(rows.repeats.min()), int(rows.repeats.max())
+    span = str(least) if least == most else f"{least} to {most}"
     yield grid(
-        f"Over {_which(rows)} with {_span(rows.repeats)} readings each",
+        f"Over {which} with {span} readings each",
         ("quantity", "mean position [mm]", "largest [mm]", "mean angle [deg]", "largest [deg]"),
-        [*_accuracy(found, record), _repeatability(rows)],
+        [*_accuracy(results, record), _repeatability(rows)],
         range(1, 5),
     )
     yield from _conditions(rows)
     yield Folded("Every configuration", (_every(record, rows),))
 
 
-def _accuracy(found: ResultsBundle, record: Iso9283Record) -> Iterator[tuple[str, ...]]:
+def _accuracy(results: ResultsBundle, record: Iso9283Record) -> Iterator[tuple[str, ...]]:
     for name, of in (record.accuracy or {}).items():
-        title = model_title(name, found, record.accuracy or {})
+        title = model_title(name, results, record.accuracy or {})
         if title is None:
             continue
         command = "nominal model" if title == UNCALIBRATED else f"model {title}"
@@ -364,15 +369,3 @@ def _every(record: Iso9283Record, rows: RepeatabilityRows) -> Block:
 
 def _angles(abc: NDArray[np.float64] | None) -> str:
     return NOT_KNOWN if abc is None else ", ".join(f"{angle:.3f}" for angle in abc)
-
-
-def _which(rows: RepeatabilityRows) -> str:
-    """Say how many configurations they are, and what they are used for."""
-    fitted = int((rows.kind == "grid").sum())
-    parts = [(fitted, "used for the fit"), (len(rows) - fitted, "held out")]
-    return listed(f"{count(k, 'configuration')} {what}" for k, what in parts if k)
-
-
-def _span(repeats: NDArray[np.int64]) -> str:
-    least, most = int(repeats.min()), int(repeats.max())
-    return str(least) if least == most else f"{least} to {most}"

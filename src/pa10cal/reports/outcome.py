@@ -40,15 +40,15 @@ MEANINGS = {
 _MOST_PARAMETERS = 6
 
 
-def grade(found: ResultsBundle) -> Iterator[Block]:
+def grade(results: ResultsBundle) -> Iterator[Block]:
     """Yield the grade with its sentence, and what it stands on."""
-    if found.calibration is None:
-        yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
+    if results.calibration is None:
+        yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    health = found.calibration.health
+    health = results.calibration.health
     yield Paragraph(grade_sentence(health), lead=True)
     yield Paragraph(sentence(f"{health.grade.replace('_', ' ')}: {health.line}"))
-    if found.verdict is not None and found.verdict.effects:
+    if results.verdict is not None and results.verdict.effects:
         yield Paragraph(
             "This is the grade of the calibrated model, before the effects found joined it."
         )
@@ -75,11 +75,11 @@ def grade_sentence(health: Health) -> str:
     return _GRADES[health.grade]
 
 
-def verdict(found: ResultsBundle) -> Iterator[Block]:
+def verdict(results: ResultsBundle) -> Iterator[Block]:
     """Yield what is missing from the model, or wrong with the log."""
-    record = found.verdict
+    record = results.verdict
     if record is None:
-        yield Callout("missing", found.why_absent(VerdictRecord.FILE))
+        yield Callout("missing", results.why_absent(VerdictRecord.FILE))
         return
     lead = record.explained
     if lead is not None:
@@ -87,7 +87,7 @@ def verdict(found: ResultsBundle) -> Iterator[Block]:
         if lead.sentences:
             yield Items(lead.sentences)
     yield Paragraph(verdict_sentence(record), lead=lead is None)
-    faults, effects, no_name, proposed = verdict_grids(record, formulas_of(found))
+    faults, effects, no_name, proposed = verdict_grids(record, formulas_of(results))
     if record.faults:
         yield faults
     if record.effects:
@@ -120,6 +120,9 @@ def verdict_grids(
         formulas: what effects add, by id and place.
     """
     no_name = () if record.unexplained is None else record.unexplained.all
+    taken: tuple[str, ...] = ()
+    if (explained := record.explained) is not None:
+        taken = (f"takes away, over {explained.over} [mm rms]", "of the error beyond noise")
     return (
         grid(
             "Faults of the log",
@@ -131,7 +134,7 @@ def verdict_grids(
         ),
         grid(
             "Effects, those that take most away first, with 95 % intervals",
-            ("effect", "at", "size", "what it adds", "could also be", *_taken_header(record)),
+            ("effect", "at", "size", "what it adds", "could also be", *taken),
             [
                 (
                     each.id.replace("_", " "),
@@ -164,12 +167,6 @@ def verdict_grids(
             ],
         ),
     )
-
-
-def _taken_header(record: VerdictRecord) -> tuple[str, ...]:
-    if record.explained is None:
-        return ()
-    return (f"takes away, over {record.explained.over} [mm rms]", "of the error beyond noise")
 
 
 def _taken(record: VerdictRecord, effect: FoundEffect) -> tuple[str, ...]:
@@ -239,9 +236,9 @@ def _size(effect: NamedEffect | ProposedFormula) -> str:
     return "; ".join(f"{name} = {sized(each)}" for name, each in effect.parameters.items())
 
 
-def formulas_of(found: ResultsBundle) -> dict[tuple[str, str], str]:
+def formulas_of(results: ResultsBundle) -> dict[tuple[str, str], str]:
     """Return formulas of terms, as the fitted model states them, by id and place."""
-    terms = found.extended.fitted_model.get("terms") if found.extended is not None else None
+    terms = results.extended.fitted_model.get("terms") if results.extended is not None else None
     if not isinstance(terms, list):
         return {}
     return {

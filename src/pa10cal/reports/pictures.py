@@ -320,17 +320,17 @@ class Errors:
         return self.poses.replace(" ", "-")
 
 
-def errors_of(found: ResultsBundle) -> list[Errors]:
+def errors_of(results: ResultsBundle) -> list[Errors]:
     """Return the errors of every model, over all loads first, then load by load."""
-    every = [*_fitted(found), *_held_out(found)]
+    every = [*_fitted(results), *_held_out(results)]
     return [each for each in every if each.load == ALL] + [
         each for each in every if each.load != ALL
     ]
 
 
-def headline(found: ResultsBundle) -> tuple[Errors, Errors] | None:
+def headline(results: ResultsBundle) -> tuple[Errors, Errors] | None:
     """Return the errors before and after that count: held out where there are such poses."""
-    every = [each for each in errors_of(found) if each.load == each.part == ALL]
+    every = [each for each in errors_of(results) if each.load == each.part == ALL]
     for poses in (HELD_OUT, FITTED):
         of = [each for each in every if each.poses == poses]
         if of:
@@ -338,23 +338,23 @@ def headline(found: ResultsBundle) -> tuple[Errors, Errors] | None:
     return None
 
 
-def model_title(name: str, found: ResultsBundle, beside: Iterable[str]) -> str | None:
+def model_title(name: str, results: ResultsBundle, beside: Iterable[str]) -> str | None:
     """Return what readers call a model; None of one that is the calibrated one once more.
 
     Args:
         name: in the records.
-        found: what was gathered.
+        results: of the campaign.
         beside: names of the models that it is compared with.
     """
     if name == "extended":
-        return EXTENDED if found.verdict is None or found.verdict.effects else None
+        return EXTENDED if results.verdict is None or results.verdict.effects else None
     if name == "uncalibrated":
         return UNCALIBRATED
     return _SPRINGS.get(name, name) if {"geometry", "cubic"} & set(beside) else CALIBRATED
 
 
-def _fitted(found: ResultsBundle) -> Iterator[Errors]:
-    if (record := found.calibration) is None:
+def _fitted(results: ResultsBundle) -> Iterator[Errors]:
+    if (record := results.calibration) is None:
         return
     sprung = bool(getattr(record, "springs", True))
     last = "cubic" if record.model == "paper" else "linear"
@@ -371,19 +371,19 @@ def _fitted(found: ResultsBundle) -> Iterator[Errors]:
         yield Errors(FITTED, ALL, name, title, _together(list(known.values())))
         for load, part in known.items():
             yield Errors(FITTED, load, name, title, part)
-    if found.verdict is not None and found.verdict.effects:
-        gap = found.verdict.gap.train
+    if results.verdict is not None and results.verdict.effects:
+        gap = results.verdict.gap.train
         parts = {"inside": gap.inside, "extrapolated": gap.outside}
         after = {part: of.after for part, of in parts.items() if of is not None}
         per_load = {load: part.after for load, part in gap.per_load.items()}
         yield from _model(FITTED, "extended", EXTENDED, gap.after, per_load, after)
 
 
-def _held_out(found: ResultsBundle) -> Iterator[Errors]:
-    if found.held_out is None:
+def _held_out(results: ResultsBundle) -> Iterator[Errors]:
+    if results.held_out is None:
         return
-    for name, model in found.held_out.models.items():
-        title = model_title(name, found, found.held_out.models)
+    for name, model in results.held_out.models.items():
+        title = model_title(name, results, results.held_out.models)
         if title is not None:
             parts = {"inside": model.inside, "extrapolated": model.outside}
             known = {part: of for part, of in parts.items() if of is not None}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -45,6 +45,16 @@ _STAGES = {
 }
 
 
+def _record(kind: type[_R], file: str | None = None) -> Callable[[ResultsBundle], _R | None]:
+    """Return what reads a record of a results folder: None where there is none."""
+
+    def read_it(results: ResultsBundle) -> _R | None:
+        there = (results.folder / (file or kind.FILE)).exists()
+        return results.read(kind, file) if there else None
+
+    return read_it
+
+
 @dataclass(frozen=True)
 class ResultsBundle:
     """The results of one campaign, each read when it is first used; what is not there is None."""
@@ -69,10 +79,6 @@ class ResultsBundle:
         if key not in self._records:
             self._records[key] = read(kind, *key)
         return cast(_R, self._records[key])
-
-    def _optional(self, kind: type[_R], file: str | None = None) -> _R | None:
-        there = (self.folder / (file or kind.FILE)).exists()
-        return self.read(kind, file) if there else None
 
     @cached_property
     def campaign(self) -> str:
@@ -110,8 +116,13 @@ class ResultsBundle:
 
     @cached_property
     def quarantined(self) -> Mapping[str, int]:
-        """How many raw rows are not used, by reason."""
-        return _quarantined(self.folder / "ingest/quarantine.csv")
+        """How many raw rows are not used, by reason, the most frequent first."""
+        path = self.folder / "ingest/quarantine.csv"
+        if not path.is_file():
+            return {}
+        with path.open(encoding="utf-8", newline="") as rows:
+            reasons = [row.get("reason") or "no reason given" for row in csv.DictReader(rows)]
+        return dict(Counter(reasons).most_common())
 
     @cached_property
     def absent(self) -> Mapping[str, str]:
@@ -122,45 +133,19 @@ class ResultsBundle:
             if not (self.folder / file).exists()
         }
 
-    @cached_property
-    def base_frame(self) -> BaseFrameRecord | None:
-        """The base frame, before calibration."""
-        return self._optional(BaseFrameRecord)
+    base_frame = cached_property(_record(BaseFrameRecord))  # before calibration
+    #: The general model beside the paper's.
+    general = cached_property(_record(CalibrationRecord, "calibration/general.json"))
+    verdict = cached_property(_record(VerdictRecord))
+    analysis = cached_property(_record(AnalysisRecord))  # what the search for effects saw
+    extended = cached_property(_record(ExtendedRecord))  # the model with the effects found
+    held_out = cached_property(_record(HoldoutRecord))  # errors of held-out poses
+    iso9283 = cached_property(_record(Iso9283Record))  # accuracy and repeatability
 
     @cached_property
     def calibration(self) -> CalibrationRecord | None:
         """The calibration that was evaluated."""
-        return self._optional(CalibrationRecord, f"calibration/{self.load_case}.json")
-
-    @cached_property
-    def general(self) -> CalibrationRecord | None:
-        """The general model beside the paper's."""
-        return self._optional(CalibrationRecord, "calibration/general.json")
-
-    @cached_property
-    def verdict(self) -> VerdictRecord | None:
-        """The verdict."""
-        return self._optional(VerdictRecord)
-
-    @cached_property
-    def analysis(self) -> AnalysisRecord | None:
-        """What the search for effects saw."""
-        return self._optional(AnalysisRecord)
-
-    @cached_property
-    def extended(self) -> ExtendedRecord | None:
-        """The model with the effects found."""
-        return self._optional(ExtendedRecord)
-
-    @cached_property
-    def held_out(self) -> HoldoutRecord | None:
-        """Errors of held-out poses."""
-        return self._optional(HoldoutRecord)
-
-    @cached_property
-    def iso9283(self) -> Iso9283Record | None:
-        """Accuracy and repeatability after ISO 9283."""
-        return self._optional(Iso9283Record)
+        return _record(CalibrationRecord, f"calibration/{self.load_case}.json")(self)
 
     @cached_property
     def records(self) -> tuple[CampaignRecord, ...]:
@@ -250,12 +235,3 @@ def _why_absent(folder: Path, file: str, command: str, log: str) -> str:
         f"There is no {file}: pa10cal {command} was not run, or did not come to its end. "
         "pa10cal run makes it."
     )
-
-
-def _quarantined(path: Path) -> Mapping[str, int]:
-    """Return how many raw rows are not used, by reason, the most frequent first."""
-    if not path.is_file():
-        return {}
-    with path.open(encoding="utf-8", newline="") as rows:
-        reasons = Counter(row.get("reason") or "no reason given" for row in csv.DictReader(rows))
-    return dict(reasons.most_common())

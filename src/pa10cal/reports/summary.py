@@ -13,17 +13,17 @@ from pa10cal.results.discovery import VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import Accuracy, HoldoutRecord
 
 _HEAD = ("campaign", "grade", "verdict", "before", "after", "mean error over")
-#: What a campaign's folder holds for its reader, the first that is there of each line.
+#: What a campaign's folder holds for its reader.
 _PATHS = {
-    "report": ("report.html",),
-    "model": ("model/model.yaml",),
-    "URDF": ("model/robot.urdf",),
-    "table of link parameters": ("model/dh.csv",),
-    "kinematics of the UR driver": ("model/ur_kinematics.yaml",),
-    "figures": ("figures",),
-    "tables": ("tables",),
-    "rows not used": ("ingest/quarantine.csv",),
-    "poses to measure next": ("discovery/suggested_poses.csv",),
+    "report": "report.html",
+    "model": "model/model.yaml",
+    "URDF": "model/robot.urdf",
+    "table of link parameters": "model/dh.csv",
+    "kinematics of the UR driver": "model/ur_kinematics.yaml",
+    "figures": "figures",
+    "tables": "tables",
+    "rows not used": "ingest/quarantine.csv",
+    "poses to measure next": "discovery/suggested_poses.csv",
 }
 
 
@@ -138,8 +138,7 @@ def paths(results: Path) -> str:
     """Return what a campaign's folder holds, one line each."""
     found = [
         (title, results / name)
-        for title, names in _PATHS.items()
-        for name in names
+        for title, name in _PATHS.items()
         if _holds_something(results / name)
     ]
     width = max((len(title) for title, _ in found), default=0)

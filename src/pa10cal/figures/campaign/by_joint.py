@@ -139,7 +139,7 @@ def draw_where_joints(results: Results) -> Figure:
     joints = found.before.cells.joints
     figure = new_figure(_HEIGHT_MM, "Error of each joint angle, and its orders in the angle")
     fits = ((found.before, BEFORE, _BROAD), (found.after, AFTER, 1.0))
-    limit = max(_limit(joint) for fit, _, _ in fits for joint in fit.cells.joints)
+    limit = max(_limit_urad(joint) for fit, _, _ in fits for joint in fit.cells.joints)
     upper = joint_panels(figure, len(joints), 76.0, 43.0, "angle error [µrad]")
     orders = joint_panels(figure, len(joints), 29.0, 30.0, "explained, rms [µrad]")
     for k, joint in enumerate(joints):
@@ -169,8 +169,8 @@ def draw_where_joints(results: Results) -> Figure:
     return figure
 
 
-def _limit(joint: CellJoint) -> float:
-    """Return how far points reach [µrad], without uncertain ones."""
+def _limit_urad(joint: CellJoint) -> float:
+    """Return how far points reach, without uncertain ones."""
     error, std = np.abs(joint.error_rad), joint.std_rad
     return float(1.1e6 * error[std <= _POOR * np.median(std)].max())
 
@@ -198,7 +198,8 @@ def _draw_orders(axes: Axes, fits: _Fits, k: int) -> None:
         axes.plot(found.marked, marked, linestyle="none", ms=2.0 + broad, **look)
     axes.set_xlim(found.orders[0], last)
     axes.xaxis.set_major_locator(FixedLocator(list(found.marked)))
-    axes.xaxis.set_major_formatter(FixedFormatter(_names(found)))
+    names = ["1", "2", "N", "\n2N"] if _geared(found) else [f"{order:g}" for order in found.marked]
+    axes.xaxis.set_major_formatter(FixedFormatter(names))
     axes.xaxis.set_minor_locator(NullLocator())
 
 
@@ -216,13 +217,6 @@ def _highest_by_band(orders: Array, explained: Array) -> tuple[Array, Array]:
 def _geared(found: Periodogram) -> bool:
     """Return whether the gear ratio of the joint is known."""
     return len(found.marked) == _KNOWN_WITH_RATIO
-
-
-def _names(found: Periodogram) -> list[str]:
-    """Return the marked orders as they are written: once and twice a turn, N and 2N."""
-    if not _geared(found):
-        return [f"{order:g}" for order in found.marked]
-    return ["1", "2", "N", "\n2N"]
 
 
 # Residual torque of every joint, by direction of arrival and joint angle.
@@ -273,7 +267,10 @@ def draw_where_torque(results: Results) -> Figure:
             axes.set_ylim(-limit, limit)
             axes.set_title(f"joint {joint.joint}" if when == "before" else "")
     label_below(figure, 13.5, "joint angle [deg]")
-    legend_at(figure, LEFT_MM, 6.0, _legend(found.before), ncols=4)
+    sides = {int(side) for joint in joints for side in np.sign(joint.arrival)}
+    shown = [mark(label, **look) for sign, look, label in _SIDES if sign in sides]
+    band = Line2D([], [], color=SEPARATOR, linewidth=5.0, label="noise, ± 2 standard deviations")
+    legend_at(figure, LEFT_MM, 6.0, [*shown, band], ncols=4)
     return figure
 
 
@@ -293,11 +290,3 @@ def _draw_torques(axes: Axes, joint: CellJoint) -> None:
             axes.plot(q_deg[rows], residual_Nm[rows], markersize=2.5, linestyle="none", **look)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     over_angle(axes, q_deg)
-
-
-def _legend(fit: LackOfFit) -> list[Any]:
-    """Return what the markers mean, those that occur."""
-    sides = {int(side) for joint in fit.cells.joints for side in np.sign(joint.arrival)}
-    shown = [mark(label, **look) for sign, look, label in _SIDES if sign in sides]
-    band = Line2D([], [], color=SEPARATOR, linewidth=5.0, label="noise, ± 2 standard deviations")
-    return [*shown, band]

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
 from pa10cal.figures.registry import NothingToShowError, picture
@@ -119,7 +118,8 @@ def _draw_map(axes: Axes, each: _Map, stretches: Array | None) -> None:
     angle, line, half = each.angle_deg, each.line_mrad, each.half_width_mrad
     unseen = np.zeros(len(angle), dtype=bool)
     if stretches is not None:
-        unseen = ~_within(angle, np.degrees(stretches))
+        low, high = np.degrees(stretches).T[:, None]
+        unseen = ~((angle[:, None] >= low) & (angle[:, None] <= high)).any(axis=1)
     axes.fill_between(
         angle, 0.0, 1.0, where=unseen, transform=axes.get_xaxis_transform(), color=SEPARATOR,
         alpha=0.45, linewidth=0.0,
@@ -137,12 +137,6 @@ def _draw_map(axes: Axes, each: _Map, stretches: Array | None) -> None:
     )
     functions = (lambda mrad: _ARC_SECONDS_A_MRAD * mrad, lambda arc: arc / _ARC_SECONDS_A_MRAD)
     axes.secondary_yaxis("right", functions=functions).set_ylabel("arc seconds")
-
-
-def _within(angle: Array, stretches: Array) -> NDArray[np.bool_]:
-    """Return which angles (N,) lie in any of the stretches (m, 2)."""
-    low, high = stretches.T[:, None]
-    return np.asarray(((angle[:, None] >= low) & (angle[:, None] <= high)).any(axis=1))
 
 
 # Every joint's error by its angle, the campaigns of a group on top of each other.

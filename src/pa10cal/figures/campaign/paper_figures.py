@@ -409,9 +409,8 @@ def _draw_configurations(axes: Axes, held_out: HoldoutRecord) -> None:
     axes.set_ylabel("position error [mm]")
     axes.set_xlabel("held-out configuration: pose, grouped by load")
     axes.grid(visible=False, axis="x")
-    named = len(poses) <= _MOST_NAMES
     axes.set_xticks(range(len(poses)), poses.tolist(), rotation=90.0)
-    axes.tick_params(axis="x", length=0.0, labelbottom=named)
+    axes.tick_params(axis="x", length=0.0, labelbottom=len(poses) <= _MOST_NAMES)
     for load in np.unique(loads):
         at = np.flatnonzero(loads == load)
         axes.text(at.mean(), 1.02, f"{load:g} N", transform=axes.get_xaxis_transform(), ha="center")
@@ -424,10 +423,11 @@ def _draw_summary(axes: Axes, held_out: HoldoutRecord, with_paper: bool) -> None
     paper = published.HELD_OUT if with_paper else {}
     for k, (name, model) in enumerate(held_out.models.items()):
         digits = ".2f" if model.mean_mm > 0.1 else ".3f"
-        _draw_range(axes, k - 0.17, name, model, _text_of_model(model, digits))
+        _draw_range(axes, k - 0.17, model, _text_of_model(model, digits), _dots(name))
         if name in paper:
             text = "paper: " + _text_of_model(paper[name], "g")
-            _draw_range(axes, k + 0.2, name, paper[name], text, face="white")
+            look = _dots(name) | {"markerfacecolor": "white", "marker": "D"}
+            _draw_range(axes, k + 0.2, paper[name], text, look, GREY)
     shown: list[HeldOutModel | published.PublishedError] = [*held_out.models.values()]
     shown += paper.values()
     lowest, highest = min(e.mean_mm for e in shown), max(e.peak_mm for e in shown)
@@ -442,16 +442,15 @@ def _draw_summary(axes: Axes, held_out: HoldoutRecord, with_paper: bool) -> None
 def _draw_range(
     axes: Axes,
     y: float,
-    name: str,
     errors: HeldOutModel | published.PublishedError,
     text: str,
-    face: str | None = None,
+    look: dict[str, Any],
+    color: str = BLACK,
 ) -> None:
-    style = _dots(name) | ({"markerfacecolor": face, "marker": "D"} if face else {})
-    axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=MODELS[name], linewidth=1.4)
-    axes.plot(errors.peak_mm, y, color=MODELS[name], marker="|", markersize=7.0)
-    axes.plot(errors.mean_mm, y, **style)
-    write_beside(axes, y, text, 1.03, color=GREY if face else BLACK)
+    axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=look["color"], linewidth=1.4)
+    axes.plot(errors.peak_mm, y, color=look["color"], marker="|", markersize=7.0)
+    axes.plot(errors.mean_mm, y, **look)
+    write_beside(axes, y, text, 1.03, color=color)
 
 
 def _dots(name: str) -> dict[str, Any]:

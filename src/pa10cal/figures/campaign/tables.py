@@ -21,12 +21,10 @@ from pa10cal.reports.trust import checks_grid, evidence_grid, hidden_grids, pair
 from pa10cal.results.calibration import (
     CalibrationRecord,
     GeneralCalibrationRecord,
-    Redundant,
 )
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import BeforeAfter
 from pa10cal.results.health import Health
-from pa10cal.results.record import EffectName
 
 # Errors of every model at the poses fitted and at those held out.
 
@@ -108,7 +106,11 @@ def tabulate_parameters_general(results: Results) -> Table:
     case = results.general()
     shown = [*parameter_grids(case.parameters)]
     if case.redundant:
-        rows = [(written(entry.name), _combination(entry)) for entry in case.redundant]
+        rows = []
+        for entry in case.redundant:
+            parts = [f"{part:.4g} × {written(name)}" for name, part in entry.replaced_by.items()]
+            same = " + ".join(parts).replace("+ -", "− ")
+            rows.append((written(entry.name), same or "nothing: it has no effect"))
         shown.append(grid("Omitted: redundant parameters", ("omitted", "the same as"), rows))
     return Table(
         title="Parameters of the general model",
@@ -122,11 +124,6 @@ def tabulate_parameters_general(results: Results) -> Table:
             _TORQUES[case.torques_from],
         ),
     )
-
-
-def _combination(entry: Redundant) -> str:
-    parts = [f"{part:.4g} × {written(name)}" for name, part in entry.replaced_by.items()]
-    return " + ".join(parts).replace("+ -", "− ") or "nothing: it has no effect"
 
 
 def _parameter_rows(case: GeneralCalibrationRecord) -> Iterator[tuple[object, ...]]:
@@ -386,15 +383,11 @@ def _statistics(evidence: dict[str, Any], of: str = "") -> Iterator[tuple[str, f
             yield words, float(value)
 
 
-def _together(effects: tuple[EffectName, ...]) -> str:
-    return "; ".join(f"{effect.id} of {effect.of}" for effect in effects)
-
-
 def _verdict_rows(found: VerdictRecord) -> Iterator[Row]:
     why = f"{found.why}; {found.remedy}" if found.why else ""
     yield ("verdict", "", "", "verdict", found.verdict, "", "", why)
     for effect in found.effects:
-        rivals = _together(effect.alternatives)
+        rivals = "; ".join(f"{each.id} of {each.of}" for each in effect.alternatives)
         remark = f"alternatives: {rivals}" if rivals else "stands alone"
         for name, parameter in effect.parameters.items():
             value, std = f"{parameter.value:.8g}", f"{parameter.std:.3g}"

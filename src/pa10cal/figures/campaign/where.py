@@ -178,7 +178,7 @@ def _against_pure_error(found: AnalysisRecord, noise_from: str | None) -> str:
         origin, _, _ = (noise_from or "nearly equal poses").partition(":")
         return f"No pose was repeated: the noise is that of {origin}."
     said = ", ".join(
-        f"{_number(test.F)} {when} "
+        f"{test.F:{'.0f' if test.F >= 100.0 else '.3g'}} {when} "
         f"(p {'< 0.001' if test.p_value < 1e-3 else f'= {test.p_value:.2g}'})"
         for when, test in tests
         if test
@@ -187,10 +187,6 @@ def _against_pure_error(found: AnalysisRecord, noise_from: str | None) -> str:
         "F, variance shared by the readings of a pose over the variance of repeats, is 1 for a "
         f"complete\nmodel: {said}; p: probability of a larger F by chance"
     )
-
-
-def _number(value: float) -> str:
-    return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
 
 
 # Remaining error as the named effects are added one by one, fitted and held out.
@@ -223,10 +219,8 @@ def draw_gap_by_step(results: Results) -> Figure:
     found = results.analysis()
     steps = found.naming
     rows = _ROW_MM * len(steps)
-    figure = new_figure(
-        _BELOW_STEPS_MM + rows + _ABOVE_STEPS_MM,
-        "Gap between model and measurement, effect by effect",
-    )
+    height_mm = _BELOW_STEPS_MM + rows + _ABOVE_STEPS_MM
+    figure = new_figure(height_mm, "Gap between model and measurement, effect by effect")
     axes = panel(figure, 46.0, _BELOW_STEPS_MM, 84.0, rows)
     for k, step in enumerate(steps):
         _draw_errors(axes, k - _ASIDE_OF_STEP, step.train, _TRAIN)
@@ -248,9 +242,8 @@ def draw_gap_by_step(results: Results) -> Figure:
     if steps[0].holdout is not None:
         handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
     floor_is = f"{results.verdict().gap.floor_is} alone: mean"
-    legend_at(
-        figure, 10.0, 11.0, [*handles, Line2D([], [], label=floor_is, **_FLOOR_LINE)], ncols=3
-    )
+    handles.append(Line2D([], [], label=floor_is, **_FLOOR_LINE))
+    legend_at(figure, 10.0, 11.0, handles, ncols=3)
     write_text_at(figure, 10.0, 6.5, _beyond(found), color=GREY)
     return figure
 
