@@ -10,7 +10,7 @@ from made_up_results import elsewhere
 from pa10cal.errors import RecordError
 from pa10cal.figures.registry import entries
 
-NEEDS = {name: {*entry.picture.needs} for name, entry in entries("campaign").items()}
+NEEDS = {name: {*entry.needs} for name, entry in entries("campaign").items()}
 #: Drawn from no calibration.
 OF_NO_FIT = {"fig4_test_path"} | {
     name for name, needs in NEEDS.items() if needs <= {"poses", "base_frame", "planes"}

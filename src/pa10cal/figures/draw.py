@@ -10,7 +10,7 @@ from typing import Any
 from pa10cal.errors import RecordError, SettingsError
 from pa10cal.evaluation.options import FigureOptions, PictureOptions
 from pa10cal.figures.curve import read_curve
-from pa10cal.figures.registry import Entry, NothingToShowError, entries
+from pa10cal.figures.registry import NothingToShowError, Picture, entries
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import looks, name_in_title, write_figure
 from pa10cal.figures.table import write_table
@@ -115,7 +115,7 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesReco
     for place in {_PLACES[entry.kind] for entry in every}:
         (out / place).mkdir(parents=True, exist_ok=True)
     for entry in every:
-        why = next((why for need in entry.picture.needs if (why := source.lacks(need))), None)
+        why = next((why for need in entry.needs if (why := source.lacks(need))), None)
         try:
             if why is None:
                 _write(entry, source, out, settings)
@@ -166,7 +166,7 @@ def draw_one(name: str, source: Source, out: Path, settings: FigureOptions) -> N
         ) from None
 
 
-def _write(entry: Entry, source: Source, out: Path, settings: FigureOptions) -> None:
+def _write(entry: Picture, source: Source, out: Path, settings: FigureOptions) -> None:
     place = out / _PLACES[entry.kind]
     if entry.kind == "table":
         table = entry.make(source.content)
