@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from made_up_records import effect, made_up_gap, names, verdict_keys
@@ -109,3 +110,11 @@ def with_verdict(folder: Path, word: str) -> Path:
     )
     write(made, folder / "discovery/verdict.json")
     return folder
+
+
+def elsewhere(results, folder=None, **described):
+    """The same results in another folder, or of a campaign that is described otherwise."""
+    bundle = results.bundle
+    description = bundle.description.model_copy(update=described)
+    folder = bundle.folder if folder is None else folder
+    return replace(results, bundle=replace(bundle, folder=folder, description=description))

@@ -141,7 +141,7 @@ MAY_IMPORT = {
         "evaluation",
         "files.output",
         "fit",
-        "running.display",
+        "reports.summary",
     },
     "reports": {
         "observe.instrument",

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from pa10cal.__main__ import main
-from pa10cal.running import display, workflow
-from pa10cal.running.display import CampaignSummary
+from pa10cal.reports import summary
+from pa10cal.reports.summary import CampaignSummary
+from pa10cal.running import workflow
 
 
 @pytest.fixture
@@ -25,7 +26,7 @@ def started(monkeypatch):
         )
 
     monkeypatch.setattr(workflow, "run_workflow", run_workflow)
-    monkeypatch.setattr(display, "summarise", summarise)
+    monkeypatch.setattr(summary, "summarise", summarise)
     return found
 
 

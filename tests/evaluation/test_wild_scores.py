@@ -157,7 +157,7 @@ def test_scores_are_drawn_and_listed(tmp_path):
     for name in ("wild_summary", "wild_subjects"):
         assert "Synthetic data" in (tmp_path / f"tables/{name}.md").read_text("utf-8")
     assert (tmp_path / "figures/wild_rates.svg").exists()
-    assert all("ynthetic" in entry.picture.caption for entry in entries("wild").values())
+    assert all("ynthetic" in entry.caption for entry in entries("wild").values())
 
 
 def test_wild_truths_are_scored_as_such(tmp_path):

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 
 from built_once import built_once
 from made_up_records import accuracy, effect, made_up_gap, set_gap, stretches_deg, verdict_keys
+from made_up_results import elsewhere
 from pa10cal.commands.command_line import run_command
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures.results import Results
@@ -84,7 +84,7 @@ def results(folder) -> Results:
 def named(results, tmp_path_factory) -> Results:
     """The same campaign with a kinematic error in joint 2, which discovery names."""
     place = built_once(tmp_path_factory, "named", lambda within: _named(within, results.folder))
-    return replace(results, folder=place)
+    return elsewhere(results, place)
 
 
 def _named(within: Path, calibrated: Path) -> Path:
@@ -119,13 +119,19 @@ def sighted(tmp_path_factory) -> dict[str, Results]:
     Their poses are too few for effects to be sought.
     """
 
-    def build(within: Path) -> dict[str, Results]:
-        return {kind: _sighted(kind, within / kind) for kind in SIGHTED}
+    def build(within: Path) -> Path:
+        for kind in SIGHTED:
+            _sighted(kind, within / kind)
+        return within
 
-    return built_once(tmp_path_factory, "sighted", build)
+    place = built_once(tmp_path_factory, "sighted", build)
+    return {
+        kind: _results(place / kind / "results" / kind, place / kind / "raw" / kind)
+        for kind in SIGHTED
+    }
 
 
-def _sighted(kind, place) -> Results:
+def _sighted(kind, place) -> None:
     raw, folder = place / "raw" / kind, place / "results" / kind
     robot, loads_N = SIGHTED[kind]
     plan = {"instrument": kind, "poses": 60, "loads_N": loads_N}
@@ -144,7 +150,6 @@ def _sighted(kind, place) -> Results:
     extended = ("--extended", folder / "discovery/extended.json")
     out = folder / "evaluation/holdout.json"
     _run("evaluate", *given, "--calibration", combined, *extended, "--out", out)
-    return _results(folder, raw)
 
 
 @pytest.fixture(scope="session")
@@ -199,22 +204,7 @@ def learnt(sighted, tmp_path_factory) -> Results:
         **dict(keys), campaign="pose", provenance="made up", arrival_from_order=False, seconds=None
     )
     write(verdict, place / "discovery/verdict.json")
-    return replace(source, folder=place)
-
-
-@pytest.fixture
-def copied(tmp_path):
-    """Copy results, with changes to one of their JSON files."""
-
-    def copy(source, name, change) -> Results:
-        folder = tmp_path / "copied"
-        shutil.copytree(source.folder, folder)
-        record = json.loads((folder / name).read_text("utf-8"))
-        change(record)
-        (folder / name).write_text(json.dumps(record), encoding="utf-8")
-        return replace(source, folder=folder)
-
-    return copy
+    return elsewhere(source, place)
 
 
 @pytest.fixture
@@ -233,6 +223,6 @@ def changed_from(tmp_path):
         record = json.loads((folder / name).read_text("utf-8"))
         change(record)
         (folder / name).write_text(json.dumps(record), encoding="utf-8")
-        return replace(results, folder=folder)
+        return elsewhere(results, folder)
 
     return copy

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
+from made_up_results import elsewhere
 from pa10cal.figures.campaign import montecarlo, paper_against_ours, paper_figures
 from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.results import PLACE_MM
@@ -37,7 +38,7 @@ def test_the_path_is_that_of_the_arm_in_its_own_frame(results):
     assert grid.shape == (3, 27)
     assert held_out.shape == (3, 10)
     T = results.base_frame()
-    poses = results.poses()
+    poses = results.places()
     first = poses[poses["kind"] == "grid"][list(PLACE_MM)].to_numpy()[0]
     np.testing.assert_allclose(1e3 * T[:3, 3] + T[:3, :3] @ grid[:, 0], first, atol=1e-9)
     # The straight moves run along the axes of the frame that they give, to what the arm errs by.
@@ -70,7 +71,7 @@ def test_an_attitude_that_was_not_seen_has_no_panel(results, tmp_path):
         record = json.loads(path.read_text("utf-8"))
         without_attitude(record)
         path.write_text(json.dumps(record), encoding="utf-8")
-    source = replace(results, folder=folder)
+    source = elsewhere(results, folder)
     figure = paper_figures.draw_fig5_before_after(source)
     assert [axes.get_ylabel() for axes in figure.axes] == ["position error [mm]"]
     assert figure.axes[0].get_xlabel() == "external load"
@@ -95,7 +96,7 @@ def test_held_out_errors_without_attitude(changed):
 
 
 def test_the_papers_figures_stand_beside_its_own_arm_only(results):
-    other = replace(results, robot="other")
+    other = elsewhere(results, robot="other")
     for make in (
         paper_figures.draw_fig5_before_after,
         montecarlo.draw_montecarlo_planes,

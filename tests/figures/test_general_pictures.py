@@ -45,13 +45,13 @@ class TestJointErrorMaps:
         assert np.isnan(figure.axes[1].lines[0].get_ydata()).all()
         assert "0 % of the turn measured" in figure.axes[1].get_title(loc="left")
 
-    def test_a_map_judged_by_repeats_is_drawn_without_angles_seen(self, copied, learnt):
-        source = copied(learnt, "discovery/verdict.json", lambda r: r.pop("angles_seen"))
+    def test_a_map_judged_by_repeats_is_drawn_without_angles_seen(self, changed_from, learnt):
+        source = changed_from(learnt, "discovery/verdict.json", lambda r: r.pop("angles_seen"))
         known = joint_maps.draw_joint_error_maps(source).axes[0].lines[0]
         assert np.isfinite(known.get_ydata()).all()
 
-    def test_says_when_there_is_no_map(self, copied, learnt):
-        source = copied(learnt, "discovery/verdict.json", lambda r: r.update(effects=[]))
+    def test_says_when_there_is_no_map(self, changed_from, learnt):
+        source = changed_from(learnt, "discovery/verdict.json", lambda r: r.update(effects=[]))
         with pytest.raises(NothingToShowError, match="no error that depends on a joint's angle"):
             joint_maps.draw_joint_error_maps(source)
 

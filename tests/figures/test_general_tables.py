@@ -54,20 +54,20 @@ class TestParameters:
         assert "| γ_x | – | mrad | – | not identifiable from these poses |" in text
         assert "torques of the described masses" in text
 
-    def test_a_spring_at_its_end_is_rigid(self, copied, sighted, tmp_path):
+    def test_a_spring_at_its_end_is_rigid(self, changed_from, sighted, tmp_path):
         def rigid(record):
             record["parameters"]["K_lin_2"].update(at_bound=True, std=0.0)
 
         _, text = rows_of(
             tables.tabulate_parameters_general,
-            copied(sighted["pose"], COMBINED, rigid),
+            changed_from(sighted["pose"], COMBINED, rigid),
             tmp_path,
         )
         assert "| K_lin_2 | rigid | kN m/rad | – | at the end of its physical range |" in text
 
 
 class TestDoubted:
-    def test_lists_each_with_why(self, copied, sighted, tmp_path):
+    def test_lists_each_with_why(self, changed_from, sighted, tmp_path):
         entry = {
             "row": 6,
             "pose": "P007",
@@ -76,14 +76,16 @@ class TestDoubted:
             "weight": 0.4,
             "why": "position off by 1.452 mm, 5 times the scatter of one axis",
         }
-        source = copied(sighted["pose"], COMBINED, lambda r: r.update(suspected_outliers=[entry]))
+        source = changed_from(
+            sighted["pose"], COMBINED, lambda r: r.update(suspected_outliers=[entry])
+        )
         (row,), text = rows_of(tables.tabulate_suspected_outliers, source, tmp_path)
         assert row["why"] == entry["why"]
         assert (row["pose"], float(row["distance"]), float(row["weight"])) == ("P007", 8.25, 0.4)
         assert f"1 of {source.general().health.poses.measured} poses" in text
 
-    def test_none_doubted_is_said(self, copied, sighted, tmp_path):
-        source = copied(sighted["pose"], COMBINED, lambda r: r.update(suspected_outliers=[]))
+    def test_none_doubted_is_said(self, changed_from, sighted, tmp_path):
+        source = changed_from(sighted["pose"], COMBINED, lambda r: r.update(suspected_outliers=[]))
         rows, text = rows_of(tables.tabulate_suspected_outliers, source, tmp_path)
         assert not rows
         assert "| none | – | – | – | – |" in text
@@ -162,13 +164,13 @@ class TestHealth:
         order = [row["value"] for row in rows if row["quantity"] == "d_optimal_order"]
         assert order == list(sighted["points"].general().health.poses.d_optimal_order)
 
-    def test_correlated_pairs_and_what_is_not_known(self, copied, sighted, tmp_path):
+    def test_correlated_pairs_and_what_is_not_known(self, changed_from, sighted, tmp_path):
         def change(record):
             pair = {"parameters": ["delta_a_2", "delta_d_4"], "correlation": -0.9876}
             record["health"].update(correlated_pairs=[pair], noise_mm=None)
             record["health"]["poses"]["needed"] = None
 
-        source = copied(sighted["pose"], COMBINED, change)
+        source = changed_from(sighted["pose"], COMBINED, change)
         rows, text = rows_of(tables.tabulate_health_summary, source, tmp_path)
         assert "| δa₂ | δd₄ | -0.988 |" in text
         ordered = len(source.general().health.poses.d_optimal_order)

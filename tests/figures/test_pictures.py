@@ -21,9 +21,7 @@ BLOCKS = ("joint_error_maps",)
 OF_GROUPS = ("campaigns_agree", "joint_errors_by_campaign")
 PAPER = [name for name in FIGURES if name not in (*BLOCKS, *OF_GROUPS)]
 #: Pictures of discovery are drawn where it named something as well.
-DISCOVERY = [
-    name for name in PAPER if {"analysis", "verdict", "gap"} & set(FIGURES[name].picture.needs)
-]
+DISCOVERY = [name for name in PAPER if {"analysis", "verdict", "gap"} & set(FIGURES[name].needs)]
 CASES = [
     *(("nothing", name) for name in PAPER),
     *(("named", name) for name in DISCOVERY),

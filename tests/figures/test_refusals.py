@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import pytest
 
+from made_up_results import elsewhere
 from pa10cal.errors import RecordError
 from pa10cal.figures.registry import entries
 
-NEEDS = {name: {*entry.picture.needs} for name, entry in entries("campaign").items()}
+NEEDS = {name: {*entry.needs} for name, entry in entries("campaign").items()}
 #: Drawn from no calibration.
 OF_NO_FIT = {"fig4_test_path"} | {
     name for name, needs in NEEDS.items() if needs <= {"poses", "base_frame", "planes"}
@@ -36,7 +37,7 @@ def unfinished(tmp_path):
                     fit = record[key] if key else record
                     fit.update(status="not converged", reason=REASON)
                 path.write_text(json.dumps(record), encoding="utf-8")
-        return replace(source, folder=folder)
+        return elsewhere(source, folder)
 
     return copy
 
@@ -96,7 +97,7 @@ def test_pictures_of_the_general_model_are_of_no_other(results, tmp_path):
     shutil.copytree(results.folder, folder)
     shutil.copy(folder / "calibration/combined.json", folder / "calibration/general.json")
     with pytest.raises(RecordError, match=r"general\.json: the picture is of the general model"):
-        make("suspected_outliers", replace(results, folder=folder))
+        make("suspected_outliers", elsewhere(results, folder))
 
 
 @pytest.fixture
@@ -108,7 +109,7 @@ def suspect(results, tmp_path):
     record = json.loads(path.read_text("utf-8"))
     record["health"].update(grade="suspect_input", line="joint 6: its sign is reversed")
     path.write_text(json.dumps(record), encoding="utf-8")
-    return replace(results, folder=folder)
+    return elsewhere(results, folder)
 
 
 def test_nothing_is_drawn_of_a_suspect_input_without_force(suspect):

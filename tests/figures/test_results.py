@@ -2,12 +2,12 @@
 
 import json
 import shutil
-from dataclasses import replace
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from made_up_results import elsewhere
 from pa10cal.errors import Pa10calError, RawDataError, RecordError
 
 
@@ -15,7 +15,7 @@ from pa10cal.errors import Pa10calError, RawDataError, RecordError
 def spoiled(results, tmp_path):
     """A copy of the results, to spoil."""
     shutil.copytree(results.folder, tmp_path / "copy")
-    return replace(results, folder=tmp_path / "copy")
+    return elsewhere(results, tmp_path / "copy")
 
 
 def change(path, **changes):
@@ -42,7 +42,7 @@ def test_planes_are_those_of_the_settings(results):
 
 
 def test_poses_come_in_order_of_time(results):
-    poses = results.poses()
+    poses = results.places()
     assert len(poses) == 952
     assert list(poses["kind"].iloc[[0, 11, 22, -1]]) == ["line_x", "line_y", "grid", "holdout"]
 
@@ -58,7 +58,7 @@ def test_poses_come_in_order_of_time(results):
         ("montecarlo/z500.json", lambda r: r.planes(), "montecarlo"),
         ("discovery/analysis.json", lambda r: r.analysis(), "discover"),
         ("discovery/verdict.json", lambda r: r.verdict(), "discover"),
-        ("ingest/poses.parquet", lambda r: r.poses(), "ingest"),
+        ("ingest/poses.parquet", lambda r: r.places(), "ingest"),
     ],
 )
 class TestRefuses:
@@ -84,7 +84,7 @@ class TestRefuses:
             read(spoiled)
 
     def test_what_belongs_to_another_campaign(self, spoiled, name, read, stage):
-        stranger = replace(spoiled, campaign="cell-z")
+        stranger = elsewhere(spoiled, name="cell-z")
         with pytest.raises(Pa10calError, match=r"another campaign \(got 'cell-null'\).*cell-z"):
             read(stranger)
 
@@ -112,7 +112,7 @@ def test_an_array_is_no_result(spoiled):
 def test_a_table_of_something_else_is_no_table_of_poses(spoiled):
     pq.write_table(pa.table({"a": [1]}), spoiled.folder / "ingest/poses.parquet")
     with pytest.raises(RawDataError, match="cannot be read"):
-        spoiled.poses()
+        spoiled.places()
 
 
 @pytest.mark.parametrize(
@@ -127,17 +127,17 @@ def test_a_table_of_something_else_is_no_table_of_poses(spoiled):
     ],
 )
 def test_footer_gives_the_provenance_and_says_when_data_are_synthetic(results, provenance, footer):
-    assert replace(results, provenance=provenance).footer == f"Campaign cell-null. {footer}"
+    assert elsewhere(results, provenance=provenance).footer == f"Campaign cell-null. {footer}"
 
 
 def test_a_long_provenance_is_cut_after_a_sentence(results):
     first = f"Measured by C. Lang et al. in {'a hall, ' * 30}2021."
     second = f"Angles are {'the commanded ones, ' * 8}not read back."
-    footer = replace(results, provenance=f"{first} {second} {second}").footer
+    footer = elsewhere(results, provenance=f"{first} {second} {second}").footer
     assert footer == f"Campaign cell-null. Provenance: {first} More in its campaign.yaml."
-    assert replace(results, provenance=f"{first} Short.").footer.endswith(f"{first} Short.")
+    assert elsewhere(results, provenance=f"{first} Short.").footer.endswith(f"{first} Short.")
 
 
 def test_parameters_of_another_arm_are_not_compared_with_the_papers(results):
     assert results.published("delta_a_1") == 0.33e-3
-    assert replace(results, robot="other").published("delta_a_1") is None
+    assert elsewhere(results, robot="other").published("delta_a_1") is None

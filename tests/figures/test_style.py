@@ -7,13 +7,13 @@ from matplotlib.figure import Figure
 
 from pa10cal.figures.style import (
     WIDTH_MM,
+    draw_points,
     evenly,
     looks,
     name_in_title,
     new_figure,
     panel,
     plain_log,
-    points,
     write_figure,
 )
 
@@ -109,7 +109,7 @@ def test_a_logarithmic_axis_always_has_plain_numbers(low, high, project_looks):
 @pytest.mark.parametrize(("count", "image"), [(300, False), (301, True)])
 def test_many_points_are_drawn_as_an_image(count, image, project_looks):
     axes = panel(new_figure(60.0, ""), 20.0, 20.0, 100.0, 30.0)
-    points(axes, np.arange(count), np.zeros(count), marker=".", color="k")
+    draw_points(axes, np.arange(count), np.zeros(count), marker=".", color="k")
     (line,) = axes.lines
     assert bool(line.get_rasterized()) is image
     assert line.get_linestyle() == "None"

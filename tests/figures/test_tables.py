@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from made_up_results import elsewhere
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours
@@ -151,7 +152,7 @@ class TestPaperAgainstOurs:
         path = tmp_path / "part/evaluation/holdout.json"
         path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), "models": {}}))
         settings = PictureOptions.model_validate({"montecarlo": {"planes_mm": [300]}})
-        part = replace(results, folder=tmp_path / "part", settings=settings)
+        part = replace(elsewhere(results, tmp_path / "part"), settings=settings)
         whole = rows_of(paper_against_ours.tabulate_paper_against_ours(results))
         rows = rows_of(paper_against_ours.tabulate_paper_against_ours(part))
         keys = [(row["quantity"], row["condition"]) for row in rows]
@@ -174,9 +175,7 @@ class TestPaperAgainstOurs:
             record["errors"]["10N"] = record["errors"].pop("0N")
             target = path if name == "combined" else path.with_name("10N.json")
             target.write_text(json.dumps(record), encoding="utf-8")
-        rows = rows_of(
-            paper_against_ours.tabulate_paper_against_ours(replace(results, folder=folder))
-        )
+        rows = rows_of(paper_against_ours.tabulate_paper_against_ours(elsewhere(results, folder)))
         for quantity in (*BY_LOAD, *AFTER_BY_LOAD):
             ours = [r for r in rows if (r["quantity"], r["condition"]) == (quantity, "10 N")]
             assert len(ours) == (1 if quantity in BY_LOAD else 2)
@@ -197,9 +196,7 @@ class TestPaperAgainstOurs:
         }.items():
             path = folder / f"montecarlo/z{plane_mm}.json"
             path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), **changes}))
-        rows = rows_of(
-            paper_against_ours.tabulate_paper_against_ours(replace(results, folder=folder))
-        )
+        rows = rows_of(paper_against_ours.tabulate_paper_against_ours(elsewhere(results, folder)))
         name = "Monte Carlo mean, difference of a parallel plane"
         assert "reproduce" not in one(rows, name, "z = 300 mm")["remark"]
         remark = one(rows, name, "z = 700 mm")["remark"]
@@ -210,9 +207,7 @@ class TestPaperAgainstOurs:
         folder = shutil.copytree(results.folder, tmp_path / "single")
         path = folder / "evaluation/holdout.json"
         path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), "calibration": "22N"}))
-        rows = rows_of(
-            paper_against_ours.tabulate_paper_against_ours(replace(results, folder=folder))
-        )
+        rows = rows_of(paper_against_ours.tabulate_paper_against_ours(elsewhere(results, folder)))
         left = results.calibration("22N").errors["22N"].after.orientation_deg
         remark = one(rows, "mean orientation error, held out", "cubic")["remark"]
         said = remark.partition("calibration (22N) leaves ")[2].split()[0]
@@ -232,7 +227,7 @@ class TestPaperAgainstOurs:
             paper_against_ours.tabulate_table1_parameters,
         ):
             complete = make(results).notes
-            lacking = make(replace(results, folder=folder)).notes
+            lacking = make(elsewhere(results, folder)).notes
             assert set(complete) < set(lacking)
             assert "the model is incomplete" in lacking[-1]
 
@@ -276,7 +271,7 @@ class TestTableOne:
             parameters = record["parameters"].items()
             record["parameters"] = {n: p for n, p in parameters if not n.startswith("K_")}
             path.write_text(json.dumps(record), encoding="utf-8")
-        rigid = replace(results, folder=folder)
+        rigid = elsewhere(results, folder)
         table = paper_against_ours.tabulate_table1_parameters(rigid)
         assert len(rows_of(table)) == 4 * 24
         assert all(row[-1] == "∞" for part in table.shown[1:] for row in part.rows)
@@ -284,7 +279,7 @@ class TestTableOne:
         assert one(rows, "K_lin", "joint 2")["ours"] == "not estimated"
 
     def test_leaves_the_paper_out_for_another_arm(self, results):
-        table = paper_against_ours.tabulate_table1_parameters(replace(results, robot="other"))
+        table = paper_against_ours.tabulate_table1_parameters(elsewhere(results, robot="other"))
         assert "paper" not in table.shown[0].header
         assert not any("paper" in note for note in table.notes)
 

@@ -17,8 +17,8 @@ import pa10cal
 from made_up_records import effect
 from made_up_results import with_verdict
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.reports.gathered import Gathered, gather
 from pa10cal.reports.pictures import motion_drawing, shares_drawing
+from pa10cal.reports.results_bundle import ResultsBundle, results_bundle
 from pa10cal.results.analysis import AnalysisRecord, ParameterShift
 from pa10cal.results.codec import read, write
 from pa10cal.results.discovery import VerdictRecord
@@ -260,7 +260,7 @@ def test_held_out_errors_are_drawn_as_shares_of_the_poses(copied):
     for k, row in enumerate(record["models"]["linear"]["rows"]):
         row["extrapolated"] = k % 2 == 0
     path.write_text(json.dumps(record))
-    found = gather(copied)
+    found = results_bundle(copied)
     rows = found.held_out.models["linear"].rows
     drawing = shares_drawing(found.held_out, {"linear": "calibrated"}, "mm")
     inside, beyond = drawing.figure.data
@@ -292,7 +292,7 @@ def test_parameters_that_had_absorbed_effects_are_listed(copied, page):
 
 
 def test_motion_of_the_base_is_drawn_with_its_bands(watched_poses):
-    found = Gathered(watched_poses)
+    found = ResultsBundle(watched_poses)
     assert found.motion.turns
     drawing = motion_drawing(found.poses, "turn", [found.poses["time_s"].iloc[1]])
     band, line = drawing.figure.data[2:4]

@@ -39,7 +39,7 @@ def results_needed(wildcards):
     from pa10cal.figures.registry import entries  # late: planning the others loads no picture
 
     found = entries("campaign").get(wildcards.picture)
-    names = [name for name in found.picture.needs if name in NEEDS] if found else []
+    names = [name for name in found.needs if name in NEEDS] if found else []
     return sorted({path for name in names for path in NEEDS[name](wildcards.campaign)})
 
 

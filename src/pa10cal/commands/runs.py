@@ -41,8 +41,9 @@ def run(
     from pa10cal.files.output import writing_into
     from pa10cal.fit.fitted_model import load_model
     from pa10cal.fit.model_file import file_of
+    from pa10cal.reports.summary import paths, summarise, table
     from pa10cal.running.alone import WORK_FOLDER, alone
-    from pa10cal.running.display import RunDisplay, paths, summarise, table
+    from pa10cal.running.display import RunDisplay
     from pa10cal.running.workflow import StageError, Workflow, run_workflow, settings_of
 
     folder, out = folder.absolute(), out.absolute()
@@ -109,7 +110,8 @@ def reproduce(
     import sys
     from dataclasses import replace
 
-    from pa10cal.running.display import RunDisplay, reports, summarise, table
+    from pa10cal.reports.summary import reports, summarise, table
+    from pa10cal.running.display import RunDisplay
     from pa10cal.running.workflow import Workflow, run_workflow, settings_of, workflow_folder
 
     files = [workflow_folder() / "config.yaml", *([] if settings is None else [settings])]
@@ -172,8 +174,8 @@ def write_what_there_is(results: Path, campaign_dir: Path, calibration: str) -> 
         results, campaign_dir, calibration: see `report`.
     """
     from pa10cal.errors import Pa10calError
-    from pa10cal.reports.gathered import MODEL
     from pa10cal.reports.page import write_page
+    from pa10cal.reports.results_bundle import MODEL
 
     if (results / MODEL).exists():
         return None

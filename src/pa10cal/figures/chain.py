@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, cast
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pa10cal.figures.registry import picture
-from pa10cal.figures.style import evenly, new_figure, panel, plain_log
+from pa10cal.figures.style import evenly, label_space, new_figure, panel, plain_log
 from pa10cal.figures.table import Row, Table, frame_of
 from pa10cal.reports.blocks import grid
 from pa10cal.reports.formatting import written
@@ -70,14 +70,7 @@ def _draw_postures(axes: Axes, study: CurveCalibrationRecord) -> None:
     for shape, colour in _COLOURS.items():
         axes.plot([], [], color=colour, label=shape)
     axes.plot([0.0], [0.0], [0.0], color=BLACK, marker="s", linestyle="none", label="base")
-    solid = cast(Any, axes)  # matplotlib's axes in space are not typed
-    for name, low, high in zip(
-        "xyz", places_m.min(axis=(0, 1)), places_m.max(axis=(0, 1)), strict=True
-    ):
-        getattr(solid, f"set_{name}label")(f"{name} [m]")
-        getattr(solid, f"set_{name}lim")(low, high)
-        getattr(solid, f"{name}axis").get_major_locator().set_params(nbins=3)
-    solid.set_box_aspect(np.ptp(places_m, axis=(0, 1)))
+    label_space(axes, places_m.min(axis=(0, 1)), places_m.max(axis=(0, 1)))
     axes.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.04), ncols=2, columnspacing=1.0)
 
 
@@ -85,9 +78,7 @@ def _draw_poses(axes: Axes, study: CurveCalibrationRecord) -> None:
     """Draw the errors of the first individual that departs by its rows, pose by pose."""
     poses = _by_rows(study)[0].poses
     held_out, before_mm = poses.held_out, poses.nominal_mm
-    order = np.lexsort((before_mm, held_out))
-    place = np.empty(len(order))
-    place[order] = np.arange(1, len(order) + 1)
+    place = np.argsort(np.lexsort((before_mm, held_out))) + 1
     shown = (
         ("nominal", before_mm, BEFORE, "o"),
         ("two-level", poses.two_level_mm, _OF_MODEL["two_level"], "o"),
@@ -120,29 +111,18 @@ def _draw_means(axes: Axes, study: CurveCalibrationRecord) -> None:
         alike = [each for each in study.individuals if each.departs == departs]
         spread = np.linspace(-0.09, 0.09, len(alike)) if len(alike) > 1 else np.zeros(1)
         for of, aside in _ASIDE.items():
-            times = [
-                getattr(each.errors[model], of).mean_mm / study.noise_floor_mm for each in alike
-            ]
+            errors = [getattr(each.errors[model], of) for each in alike]
+            times = [error.mean_mm / study.noise_floor_mm for error in errors]
             face = _OF_MODEL[model] if of == "fitted" else "white"
-            axes.plot(
-                x + aside + spread,
-                times,
-                color=_OF_MODEL[model],
-                marker="o",
-                markersize=3.0,
-                markerfacecolor=face,
-                linestyle="none",
-            )
+            look: dict[str, Any] = {"color": _OF_MODEL[model], "markerfacecolor": face}
+            axes.plot(x + aside + spread, times, marker="o", ms=3.0, linestyle="none", **look)
     axes.axhline(1.0, color=BLACK, linestyle="--")
     axes.axhline(study.bar, color=BEFORE, linestyle=":", linewidth=1.2)
     axes.text(len(columns) - 0.45, study.bar, "bar", color=BEFORE, va="bottom", ha="right")
     axes.set_xlim(-0.5, len(columns) - 0.5)
     axes.set_ylim(bottom=0.0)
-    axes.set_xticks(
-        range(len(columns)),
-        [f"{_SHORT[model]}\n{DEPARTS[departs]}" for departs, model in columns],
-        fontsize=7.0,
-    )
+    names = [f"{_SHORT[model]}\n{DEPARTS[departs]}" for departs, model in columns]
+    axes.set_xticks(range(len(columns)), names, fontsize=7.0)
     axes.grid(visible=False, axis="x")
     axes.set_ylabel("mean error / noise floor")
     axes.set_title("every arm: fitted (full), held out (hollow)")
@@ -160,17 +140,14 @@ def _draw_scores(axes: Axes, study: CurveCalibrationRecord) -> None:
     axes.set_xlim(-4.0, 4.0)
     axes.set_xlabel("(value − truth) / std")
     axes.set_title(
-        f"{len(scores)} identifiable parameters,\ntwo-level; rms {_rms(scores):.2f}, line: 1"
+        f"{len(scores)} identifiable parameters,\n"
+        f"two-level; rms {np.sqrt(np.mean(scores**2)):.2f}, line: 1"
     )
     axes.set_yticks([])
 
 
 def _by_rows(study: CurveCalibrationRecord) -> list[Individual]:
     return [each for each in study.individuals if each.departs == "rows"]
-
-
-def _rms(scores: np.ndarray[Any, Any]) -> float:
-    return float(np.sqrt(np.mean(scores**2)))
 
 
 # The chain of links calibrated: rank, null directions and errors of both models.
@@ -247,34 +224,23 @@ def _row(found: CurveStudySummary) -> Row:
         _MODELS[found.model],
         str(found.unknowns),
         str(found.rank),
-        _of(found.converged, found),
+        f"{found.converged} of {found.individuals}",
         _times(found.fitted),
         _times(found.held_out),
-        _of(found.fitted.within_bar, found),
-        _of(found.held_out.within_bar, found),
+        f"{found.fitted.within_bar} of {found.individuals}",
+        f"{found.held_out.within_bar} of {found.individuals}",
         "" if found.rms_score is None else f"{found.rms_score:.2f}",
     )
 
 
-def _error_rows(each: Individual) -> list[Row]:
-    names = {"nominal": "nominal", **_MODELS}
-    return [
-        (
-            DEPARTS[each.departs],
-            names[model],
-            *(
-                f"{value:.4f}"
-                for value in (
-                    errors.fitted.mean_mm,
-                    errors.fitted.peak_mm,
-                    errors.held_out.mean_mm,
-                    errors.held_out.peak_mm,
-                    errors.held_out_true.mean_mm,
-                )
-            ),
+def _error_rows(each: Individual) -> Iterator[Row]:
+    for model, of in each.errors.items():
+        errors_mm = (
+            *(of.fitted.mean_mm, of.fitted.peak_mm),
+            *(of.held_out.mean_mm, of.held_out.peak_mm, of.held_out_true.mean_mm),
         )
-        for model, errors in each.errors.items()
-    ]
+        name = _MODELS.get(model, model)
+        yield (DEPARTS[each.departs], name, *(f"{error_mm:.4f}" for error_mm in errors_mm))
 
 
 def _directions(study: CurveCalibrationRecord) -> tuple[Row, ...]:
@@ -298,7 +264,3 @@ def _said(weights: Mapping[str, float]) -> str:
 
 def _times(found: OverFloor) -> str:
     return f"{found.mean:.2f} ({found.largest:.2f})"
-
-
-def _of(count: int, found: CurveStudySummary) -> str:
-    return f"{count} of {found.individuals}"

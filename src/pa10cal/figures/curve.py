@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from pa10cal.arrays import Array
 from pa10cal.errors import OutputError, RecordError
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.style import evenly, new_figure, panel
+from pa10cal.figures.style import evenly, label_space, new_figure, panel
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SKY, VERMILLION
 from pa10cal.results.codec import read
 from pa10cal.results.studies import CurveRecord
@@ -35,9 +35,8 @@ class CurveResults:
     p_m: Array  # (T, n + 1, 3) where links join
     z_axis: Array  # (T, n, 3) z axes of the links
     curve_m: Array  # (T, k, 3) places along the curve
-    # a_deg and b_deg: (T, n - 1) joint angles
-    a_deg: Array
-    b_deg: Array
+    a_deg: Array  # (T, n - 1) joint angles about z
+    b_deg: Array  # (T, n - 1) joint angles about y
 
     @property
     def moves(self) -> bool:
@@ -47,10 +46,9 @@ class CurveResults:
     @property
     def limits_deg(self) -> list[float]:
         """The limits of the joints; none where none are set."""
-        limits = self.record.settings.get("limits")
-        if not isinstance(limits, dict):
-            return []
-        return [float(str(end)) for ends in limits.values() for end in _entries(ends)]
+        limits: Any = self.record.settings.get("limits")
+        every = limits.values() if isinstance(limits, dict) else ()
+        return [float(end) for ends in every if isinstance(ends, list | tuple) for end in ends]
 
 
 def read_curve(folder: Path) -> CurveResults:
@@ -88,10 +86,6 @@ def read_curve(folder: Path) -> CurveResults:
     )
 
 
-def _entries(value: object) -> list[object]:
-    return list(value) if isinstance(value, list | tuple) else []
-
-
 # What pictures and films of a chain are made of: it in space beside its curve, and its angles.
 
 #: Links of longer chains are drawn without a mark at every joint, and without their axes.
@@ -125,15 +119,7 @@ def space(
     reach = float((high - low).max())
     middle, half = (low + high) / 2.0, np.maximum(high - low, 0.25 * reach) / 2.0
     half = half + _MARGIN * reach
-    solid = cast(Any, axes)  # matplotlib's axes in space are not typed
-    for name, m, h in zip("xyz", middle, half, strict=True):
-        getattr(solid, f"set_{name}lim")(m - h, m + h)
-        if numbers:
-            getattr(solid, f"set_{name}label")(f"{name} [m]")
-            getattr(solid, f"{name}axis").get_major_locator().set_params(nbins=3)
-        else:
-            getattr(solid, f"{name}axis").set_ticklabels([])
-    solid.set_box_aspect(half)
+    label_space(axes, middle - half, middle + half, numbers=numbers)
     return axes
 
 
@@ -228,18 +214,12 @@ def draw_curve_gait(results: CurveResults) -> Figure:
     joints = results.a_deg.shape[1]
     most = float(np.abs([results.a_deg, results.b_deg]).max(initial=1e-3))
     named = (("a, about z", results.a_deg), ("b, about y", results.b_deg))
+    over = (results.time_s[0], results.time_s[-1], 0.5, joints + 0.5)
+    looks: dict[str, Any] = {"cmap": _COLOURS, "vmin": -most, "vmax": most}
+    looks |= {"aspect": "auto", "origin": "lower", "interpolation": "nearest"}
     for column, (name, angle_deg) in enumerate(named):
         axes = panel(figure, 14.0 + 48.0 * column, 18.0, 42.0, 40.0)
-        image = axes.imshow(
-            angle_deg.T,
-            aspect="auto",
-            origin="lower",
-            extent=(results.time_s[0], results.time_s[-1], 0.5, joints + 0.5),
-            cmap=_COLOURS,
-            vmin=-most,
-            vmax=most,
-            interpolation="nearest",
-        )
+        image = axes.imshow(angle_deg.T, extent=over, **looks)
         axes.grid(visible=False)
         axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
         axes.set_title(name)

@@ -9,8 +9,8 @@ from typing import Any
 
 from pa10cal.errors import RecordError, SettingsError
 from pa10cal.evaluation.options import FigureOptions, PictureOptions
-from pa10cal.figures.curve import CurveResults, read_curve
-from pa10cal.figures.registry import Entry, NothingToShowError, entries
+from pa10cal.figures.curve import read_curve
+from pa10cal.figures.registry import NothingToShowError, Picture, entries
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import looks, name_in_title, write_figure
 from pa10cal.figures.table import write_table
@@ -19,12 +19,6 @@ from pa10cal.results.codec import read, schema_of, write
 from pa10cal.results.fleet import PicturesRecord
 from pa10cal.results.studies import CurveCalibrationRecord
 from pa10cal.results.trials import TrialScoresRecord, WildScoresRecord
-
-# Results folders that pictures are drawn of, distinguished by the records that they hold.
-
-
-def _nothing(need: str) -> None:
-    del need
 
 
 @dataclass(frozen=True)
@@ -36,7 +30,7 @@ class Source:
     footer: str  # stands below every picture: where its data come from
     content: Any  # what each module of that folder draws
     # says why a need of a picture is not met, None where it is; studies have no needs
-    lacks: Callable[[str], str | None] = _nothing
+    lacks: Callable[[str], str | None] = lambda _: None
 
 
 def read_source(
@@ -57,9 +51,12 @@ def read_source(
     if campaign_dir is not None:
         return of_campaign(Results.of(campaign_dir, folder, settings, force=force))
     if (folder / "scores.json").exists():
-        return _of_scores(folder.name, folder / "scores.json")
+        return _of_scores(folder / "scores.json")
     if (folder / "curve.json").exists():
-        return _of_curve(folder.name, read_curve(folder))
+        found = read_curve(folder)
+        links = f"{found.record.links} links of {found.record.link_m:.4g} m on a continuous curve"
+        footer = f"{links}: {found.record.shapes[0].ending_is}. Synthetic data."
+        return Source("curve", folder.name, footer, found)
     if (folder / "calibration.json").exists():
         return _of_chain(folder.name, read(CurveCalibrationRecord, folder / "calibration.json"))
     raise SettingsError(
@@ -73,32 +70,17 @@ def read_source(
 
 def of_campaign(results: Results) -> Source:
     """Return the source of a campaign's pictures."""
-    return Source("campaign", results.campaign, results.footer, results, results.lacks)
+    return Source("campaign", results.description.name, results.footer, results, results.lacks)
 
 
-def _of_scores(name: str, path: Path) -> Source:
+def _of_scores(path: Path) -> Source:
+    scores: TrialScoresRecord | WildScoresRecord
     if schema_of(path) == WildScoresRecord.SCHEMA:
-        return _of_wild_trials(name, read(WildScoresRecord, path))
-    return _of_trials(name, read(TrialScoresRecord, path))
-
-
-def _of_wild_trials(name: str, scores: WildScoresRecord) -> Source:
-    footer = f"{scores.trials} wild trials. Synthetic data. Provenance: {scores.provenance}."
-    return Source("wild", name, footer, scores)
-
-
-def _of_trials(name: str, scores: TrialScoresRecord) -> Source:
-    footer = f"{scores.trials} blind trials. Synthetic data. Provenance: {scores.provenance}."
-    return Source("trials", name, footer, scores)
-
-
-def _of_curve(name: str, found: CurveResults) -> Source:
-    record = found.record
-    footer = (
-        f"{record.links} links of {record.link_m:.4g} m on a continuous curve: "
-        f"{record.shapes[0].ending_is}. Synthetic data."
-    )
-    return Source("curve", name, footer, found)
+        kind, trials, scores = "wild", "wild trials", read(WildScoresRecord, path)
+    else:
+        kind, trials, scores = "trials", "blind trials", read(TrialScoresRecord, path)
+    footer = f"{scores.trials} {trials}. Synthetic data. Provenance: {scores.provenance}."
+    return Source(kind, path.parent.name, footer, scores)
 
 
 def _of_chain(name: str, study: CurveCalibrationRecord) -> Source:
@@ -129,10 +111,11 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesReco
         RecordError, RawDataError: when a result that is there cannot be used.
     """
     made, omitted = [], {}
-    for place in {_PLACES[entry.kind] for entry in entries(source.folder).values()}:
+    every = entries(source.folder).values()
+    for place in {_PLACES[entry.kind] for entry in every}:
         (out / place).mkdir(parents=True, exist_ok=True)
-    for entry in entries(source.folder).values():
-        why = _unmet(entry, source)
+    for entry in every:
+        why = next((why for need in entry.needs if (why := source.lacks(need))), None)
         try:
             if why is None:
                 _write(entry, source, out, settings)
@@ -183,12 +166,7 @@ def draw_one(name: str, source: Source, out: Path, settings: FigureOptions) -> N
         ) from None
 
 
-def _unmet(entry: Entry, source: Source) -> str | None:
-    """Return why a need of a picture is not met."""
-    return next((why for need in entry.picture.needs if (why := source.lacks(need))), None)
-
-
-def _write(entry: Entry, source: Source, out: Path, settings: FigureOptions) -> None:
+def _write(entry: Picture, source: Source, out: Path, settings: FigureOptions) -> None:
     place = out / _PLACES[entry.kind]
     if entry.kind == "table":
         table = entry.make(source.content)

@@ -8,13 +8,11 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from pa10cal.figures.style import looks, new_figure, panel, write_figure
-from pa10cal.reports.formatting import written
+from pa10cal.reports.formatting import shown_in, written
 from pa10cal.reports.theme import BLUE, GREY, VERMILLION
 from pa10cal.results.comparison import DriftRecord
 
 _COLUMNS, _WIDE_MM, _HIGH_MM, _APART_MM = 4, 30.0, 20.0, 10.0
-#: Unit shown of a unit of the record, and how many make it.
-_SHOWN = {"rad": ("mrad", 1e3), "m": ("mm", 1e3), "N m/rad": ("kN m/rad", 1e-3)}
 
 
 def write_drift(record: DriftRecord, folder: Path, name: str, png_dpi: int) -> None:
@@ -45,7 +43,7 @@ def write_drift(record: DriftRecord, folder: Path, name: str, png_dpi: int) -> N
             )
             term, of, parameter = key
             at = (rows.term == term) & (rows.of == of) & (rows.parameter == parameter)
-            unit, times = _SHOWN.get(str(rows.unit[at][0]), (str(rows.unit[at][0]), 1.0))
+            unit, times = shown_in(str(rows.unit[at][0]))
             where = [record.campaigns.index(each) for each in rows.campaign[at]]
             first = rows.value[at][0]
             joint = f"joint {parameter.rpartition('_')[2]}"

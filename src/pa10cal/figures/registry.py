@@ -25,23 +25,16 @@ _KINDS: dict[str, Kind] = {"draw": "figure", "tabulate": "table", "film": "film"
 
 @dataclass(frozen=True)
 class Picture:
-    """What a picture or table is."""
+    """A picture or table: what the report says of it, and the function that makes it."""
 
+    name: str  # of the files
+    kind: Kind  # what it makes
     title: str  # what the report calls it
     # what it is drawn from, in the names of the results it belongs to; a picture is left out where
     # one of them is not there
     needs: tuple[str, ...]
     # reStructuredText below it in the report; `{name}` stands for the campaign or study
     caption: str
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A picture with the function that makes it."""
-
-    name: str  # of the files
-    kind: Kind  # what it makes
-    picture: Picture
     make: Callable[..., Any]
 
 
@@ -50,33 +43,37 @@ class NothingToShowError(Exception):
 
 
 def picture(*, title: str, needs: tuple[str, ...], caption: str) -> Callable[[F], F]:
-    """Say of a function what it shows; see `Picture`."""
+    """Say of a function what it shows; see `Picture`.
+
+    Raises:
+        TypeError: when its name does not say what it makes.
+    """
 
     def said(function: F) -> F:
-        function.__dict__["picture"] = Picture(title, needs, caption)
+        kind, _, name = function.__name__.partition("_")
+        if kind not in _KINDS:
+            raise TypeError(f"{function.__name__} must begin with {', '.join(_KINDS)}")
+        found = Picture(name, _KINDS[kind], title, needs, caption, function)
+        function.__dict__["picture"] = found
         return function
 
     return said
 
 
 @cache
-def entries(folder: str) -> dict[str, Entry]:
+def entries(folder: str) -> dict[str, Picture]:
     """Return the pictures and tables of one of `FOLDERS` by name, in alphabetical order."""
     return {entry.name: entry for entry in sorted(_found(folder), key=lambda entry: entry.name)}
 
 
-def _found(folder: str) -> Iterator[Entry]:
+def _found(folder: str) -> Iterator[Picture]:
     package = import_module(f"{pa10cal.figures.__name__}.{folder}")
     within = [info.name for info in iter_modules(getattr(package, "__path__", ()))]
     for module in [package, *(import_module(f"{package.__name__}.{name}") for name in within)]:
         for function in vars(module).values():
             said = getattr(function, "__dict__", {}).get("picture")
-            if not isinstance(said, Picture) or function.__module__ != module.__name__:
-                continue
-            kind, _, name = function.__name__.partition("_")
-            if kind not in _KINDS:
-                raise TypeError(f"{function.__name__} must begin with {', '.join(_KINDS)}")
-            yield Entry(name, _KINDS[kind], said, function)
+            if isinstance(said, Picture) and function.__module__ == module.__name__:
+                yield said
 
 
 # What the report says of pictures: titles and captions, read only when the report is made.
@@ -109,10 +106,10 @@ class Captions:
 
 def caption(folder: str, picture: str, name: str) -> str:
     """Return a caption; the name is that of the campaign or study."""
-    text = entries(folder)[picture].picture.caption.strip().replace("{name}", name)
+    text = entries(folder)[picture].caption.strip().replace("{name}", name)
     return f"{text}\n{_ORIGIN.get(folder, 'All of this is synthetic data.')}"
 
 
 def titles(folder: str) -> Callable[[Any], dict[str, str]]:
     """Return the function that labels `wildcards.picture` in the report with its title."""
-    return lambda wildcards: {"picture": entries(folder)[wildcards.picture].picture.title}
+    return lambda wildcards: {"picture": entries(folder)[wildcards.picture].title}

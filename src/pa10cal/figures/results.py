@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
 
 from pa10cal.arrays import Array
-from pa10cal.campaign.description import read_description
+from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures import published
-from pa10cal.observe.kinds import instrument_of
-from pa10cal.observe.quantities import Words
-from pa10cal.reports.gathered import Gathered, is_synthetic
+from pa10cal.reports.results_bundle import POSES, ResultsBundle, is_synthetic
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import (
     BaseFrameRecord,
@@ -28,7 +25,6 @@ from pa10cal.results.calibration import (
     GeneralCalibrationRecord,
     PaperCalibrationRecord,
 )
-from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal.results.health import UNRESERVED
@@ -36,7 +32,6 @@ from pa10cal.results.record import Record
 from pa10cal.results.studies import PlaneRecord
 
 _R = TypeVar("_R", bound=Record)
-_T = TypeVar("_T")
 
 COMBINED = "combined"
 #: The general model beside the paper's.
@@ -67,43 +62,29 @@ _SENTENCE_END = re.compile(r"(?<=[\w)]{3}\.)\s+(?=[A-Z])")
 
 @dataclass(frozen=True)
 class Results:
-    """The results of one campaign."""
+    """The results of one campaign as pictures may show them: what is doubtful is refused."""
 
-    folder: Path  # `<results_dir>/<campaign>`
-    raw: Path  # folder of its raw files, which may describe its arm
-    campaign: str  # name of the campaign
-    provenance: str  # where its data come from, in its own words
-    robot: str  # the arm it measured
-    instrument: str  # kind of the instrument that measured it
-    instrument_uncertainty_mm: float  # standard uncertainty of a measured centre, as it states
+    bundle: ResultsBundle  # its results folder, with the description of the campaign
     settings: PictureOptions  # what the pictures read of the settings
     force: bool = False  # whether calibrations are drawn whatever their grade, every picture marked
-    _read_once: dict[object, object] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
 
     @classmethod
     def of(
         cls, raw: Path, folder: Path, settings: PictureOptions, *, force: bool = False
     ) -> Results:
         """Return the results in a folder, of the campaign in a folder of raw files."""
-        campaign = read_description(raw)
-        return cls(
-            folder=folder,
-            raw=raw,
-            campaign=campaign.name,
-            provenance=campaign.provenance,
-            robot=campaign.robot,
-            instrument=campaign.instrument_kinds,
-            instrument_uncertainty_mm=campaign.instrument.uncertainty_mm,
-            settings=settings,
-            force=force,
-        )
+        return cls(ResultsBundle(folder, COMBINED, read_description(raw)), settings, force)
 
-    @cached_property
-    def found(self) -> Gathered:
-        """The same results as the page reads them."""
-        return Gathered(self.folder, COMBINED)
+    @property
+    def folder(self) -> Path:
+        """The folder, `<results_dir>/<campaign>`."""
+        return self.bundle.folder
+
+    @property
+    def description(self) -> CampaignDescription:
+        """What the campaign says of itself."""
+        assert self.bundle.description is not None
+        return self.bundle.description
 
     def lacks(self, need: str) -> str | None:
         """Say why a need of a picture is not met, None where it is.
@@ -125,16 +106,11 @@ class Results:
         return None
 
     @property
-    def name(self) -> str:
-        """What messages call it."""
-        return self.campaign
-
-    @property
     def footer(self) -> str:
         """What a picture was drawn from: the provenance in its own words, the first of many."""
-        text = self.provenance.strip()
+        text = self.description.provenance.strip()
         kind = " Synthetic data." if is_synthetic(text) else ""
-        campaign = f"Campaign {self.campaign}.{self._mark}{kind}"
+        campaign = f"Campaign {self.description.name}.{self._mark}{kind}"
         return f"{campaign} Provenance: {_first_sentences(text)}"
 
     @property
@@ -146,16 +122,9 @@ class Results:
         return "" if grade in UNRESERVED else f" Grade of the calibration: {grade}."
 
     @property
-    def words(self) -> Words:
-        """How captions speak of the instrument's errors."""
-        found = instrument_of(self.instrument)
-        assert found is not None
-        return found.words
-
-    @property
     def is_paper_arm(self) -> bool:
         """Whether the arm is the paper's, so that parameters may stand beside its Table I."""
-        return self.robot == published.ROBOT
+        return self.description.robot == published.ROBOT
 
     @property
     def _not_sought(self) -> VerdictRecord | None:
@@ -177,15 +146,10 @@ class Results:
         Raises:
             RecordError: when it did not converge, or is of the general model.
         """
-        found = self.any_calibration(load)
-        if isinstance(found, PaperCalibrationRecord):
-            return found
-        raise self._other_model(
-            load,
-            found,
-            "paper",
-            "draw the pictures of the general model, or calibrate with calibration.model: paper",
+        remedy = (
+            "draw the pictures of the general model, or calibrate with calibration.model: paper"
         )
+        return self._of_model(PaperCalibrationRecord, "paper", load, remedy)
 
     def general(self) -> GeneralCalibrationRecord:
         """Read the calibration of all loads with the general model.
@@ -195,12 +159,21 @@ class Results:
         Raises:
             RecordError: when it did not converge, or is not of the general model.
         """
-        found = self.any_calibration()
-        if not isinstance(found, GeneralCalibrationRecord):
-            found = self.any_calibration(GENERAL)
-        if isinstance(found, GeneralCalibrationRecord):
+        load = COMBINED if self.any_calibration().model == "general" else GENERAL
+        remedy = "run pa10cal calibrate --load general"
+        return self._of_model(GeneralCalibrationRecord, "general", load, remedy)
+
+    def _of_model(self, kind: type[_R], model: str, load: str, remedy: str) -> _R:
+        found = self.any_calibration(load)
+        if isinstance(found, kind):
             return found
-        raise self._other_model(GENERAL, found, "general", "run pa10cal calibrate --load general")
+        raise RecordError(
+            f"the picture is of the {MODELS[model]}",
+            where=str(self.folder / "calibration" / f"{load}.json"),
+            value=f"a calibration with the {MODELS[found.model]}",
+            allowed=f"a calibration with the {MODELS[model]}",
+            remedy=remedy,
+        )
 
     def any_calibration(self, load: str = COMBINED) -> CalibrationRecord:
         """Read `calibration/<load>.json`, whatever the model.
@@ -209,12 +182,12 @@ class Results:
             RecordError: when one of its fits did not converge, or its input is suspect.
         """
         name = f"calibration/{load}.json"
+        path = self.folder / name
         found = self._read(CalibrationRecord, name)
         if self.force:
             return found
         for key, fit in found.fits.items():
             if fit.status != CONVERGED:
-                path = self.folder / name
                 raise RecordError(
                     "the fit did not converge, so nothing is drawn of it",
                     where=f"{path}: {key}" if key else str(path),
@@ -226,7 +199,7 @@ class Results:
         if found.health.grade not in UNRESERVED:
             raise RecordError(
                 f"nothing is drawn of a calibration of grade {found.health.grade}",
-                where=f"{self.folder / name}: health",
+                where=f"{path}: health",
                 value=found.health.line,
                 allowed="good, few_poses or incomplete",
                 remedy="follow the remedy in the line, or draw it with --force",
@@ -283,13 +256,14 @@ class Results:
         heights = sorted(set(self.settings.montecarlo.planes_mm))
         return [self._read(PlaneRecord, f"montecarlo/z{height}.json") for height in heights]
 
-    def poses(self) -> pd.DataFrame:
-        """Read `ingest/poses.parquet` in order of time.
+    def places(self) -> pd.DataFrame:
+        """Read the table of poses in order of time, with the end-effector in `PLACE_MM`.
 
         Raises:
-            RecordError: when it is missing.
+            RawDataError: when it cannot be used.
+            RecordError: when it is missing, or the instrument measured no end-effector.
         """
-        path = self.folder / "ingest" / "poses.parquet"
+        path = self.folder / POSES
         if not path.is_file():
             raise RecordError(
                 "the table of poses is missing",
@@ -297,46 +271,25 @@ class Results:
                 allowed="a file that pa10cal ingest wrote",
                 remedy="run pa10cal ingest first",
             )
-        return self._once(path, lambda: read_pose_table(path, self.campaign).sort_values("time_s"))
-
-    def places(self) -> pd.DataFrame:
-        """Read the same of an instrument that measured the end-effector, in `PLACE_MM`.
-
-        Raises:
-            RecordError: when it did not.
-        """
-        poses = self.poses()
+        poses = read_pose_table(path, self.description.name)
         if absent := [name for name in PLACE_MM if name not in poses]:
             raise RecordError(
                 "the table of poses has no column",
-                where=str(self.folder / "ingest" / "poses.parquet"),
+                where=str(path),
                 value=absent[0],
                 allowed=f"all of {', '.join(PLACE_MM)}",
                 remedy="run pa10cal ingest again",
             )
-        return poses
+        return poses.sort_values("time_s")
+
+    @cached_property
+    def scatter(self) -> dict[str, Scatter]:
+        """The scatter of repeats at each load that has some, by load as `0N`, `22N`, …."""
+        return scatter_by_load(self.places())
 
     def _read(self, kind: type[_R], name: str | None = None) -> _R:
         """Read a record of this campaign."""
-        path = self.folder / (name or kind.FILE)
-        return self._once(path, lambda: read(kind, path, self.campaign))
-
-    def _once(self, key: object, read_it: Callable[[], _T]) -> _T:
-        """Return what was read under a key, reading it the first time."""
-        if key not in self._read_once:
-            self._read_once[key] = read_it()
-        return cast(_T, self._read_once[key])
-
-    def _other_model(
-        self, load: str, found: CalibrationRecord, model: str, remedy: str
-    ) -> RecordError:
-        return RecordError(
-            f"the picture is of the {MODELS[model]}",
-            where=str(self.folder / "calibration" / f"{load}.json"),
-            value=f"a calibration with the {MODELS[found.model]}",
-            allowed=f"a calibration with the {MODELS[model]}",
-            remedy=remedy,
-        )
+        return self.bundle.read(kind, name, self.description.name)
 
 
 def _first_sentences(text: str) -> str:

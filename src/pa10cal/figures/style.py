@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike, NDArray
@@ -114,6 +115,19 @@ def panel(
     return figure.add_axes(box, **options)
 
 
+def label_space(axes: Axes, low_m: ArrayLike, high_m: ArrayLike, *, numbers: bool = True) -> None:
+    """Give axes in space their limits, (3,) each, and names and a few numbers, or neither."""
+    solid: Any = axes  # matplotlib's axes in space are not typed
+    for name, low, high in zip("xyz", np.asarray(low_m), np.asarray(high_m), strict=True):
+        getattr(solid, f"set_{name}lim")(low, high)
+        if numbers:
+            getattr(solid, f"set_{name}label")(f"{name} [m]")
+            getattr(solid, f"{name}axis").get_major_locator().set_params(nbins=3)
+        else:
+            getattr(solid, f"{name}axis").set_ticklabels([])
+    solid.set_box_aspect(np.subtract(high_m, low_m))
+
+
 def plain_log(axes: Axes, along: Literal["x", "y"], low: float, high: float) -> None:
     """Make an axis logarithmic from low to high, with plain numbers and always some of them.
 
@@ -131,7 +145,7 @@ def plain_log(axes: Axes, along: Literal["x", "y"], low: float, high: float) -> 
     axis.set_minor_formatter(NullFormatter())
 
 
-def points(axes: Axes, x: ArrayLike, y: ArrayLike, **look: Any) -> None:
+def draw_points(axes: Axes, x: ArrayLike, y: ArrayLike, **look: Any) -> None:
     """Draw points, as an image where there are thousands, so that files stay light."""
     drawn: dict[str, Any] = {"linestyle": "none", "rasterized": np.size(x) > _MOST_POINTS}
     axes.plot(x, y, **(drawn | look))
@@ -145,6 +159,16 @@ def evenly(count: int, most: int) -> NDArray[np.intp]:
 def write_text_at(figure: Figure, x_mm: float, y_mm: float, text: str, **options: Any) -> None:
     """Write text into the figure, placed in millimetres from the lower left."""
     figure.text(x_mm / WIDTH_MM, y_mm / height_of(figure), text, **options)
+
+
+def note(figure: Figure, text: str, y_mm: float = 6.0, **options: Any) -> None:
+    """Write a note at the lower left of a figure, above its footer."""
+    write_text_at(figure, 2.0, y_mm, text, **options)
+
+
+def mark(label: str, **look: Any) -> Line2D:
+    """Return an entry of a legend that shows a marker."""
+    return Line2D([], [], label=label, **{"linestyle": "none", **look})
 
 
 def legend_at(

@@ -15,9 +15,6 @@ from pa10cal.reports.blocks import Grid
 
 Row = tuple[str, ...]
 
-#: Smaller values are written as multiples of a power of ten.
-_LEAST_POWER = -2
-
 _STYLE = (
     "body{font:14px/1.4 sans-serif;margin:1.5em}table{border-collapse:collapse;margin:1em 0}"
     "td,th{border-bottom:1px solid #ccc;padding:.2em .6em;text-align:left;vertical-align:top}"

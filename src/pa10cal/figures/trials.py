@@ -18,10 +18,10 @@ from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.style import (
     name_rows,
     new_figure,
+    note,
     panel,
     plain_log,
     write_beside,
-    write_text_at,
 )
 from pa10cal.figures.table import Table, frame_of
 from pa10cal.reports.formatting import HALF_WIDTH_95
@@ -31,6 +31,8 @@ from pa10cal.results.trials import Bar, JudgedEffect, JudgedTrial, Rate, TrialSc
 BAR_HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")
 
 
+_WITH_INTERVAL: dict[str, Any] = {"color": BLUE, "ecolor": SKY, "marker": "o", "capsize": 2.0}
+
 RateRow = tuple[str, Rate, float | None]  # name, rate, and what is allowed or required
 
 
@@ -39,7 +41,7 @@ def draw_rates(axes: Axes, rows: Sequence[RateRow]) -> None:
     for y, (_, rate, allowed) in enumerate(rows):
         share = 100.0 * (rate.share or 0.0)
         off = [[share - 100.0 * rate.low], [100.0 * rate.high - share]]
-        axes.errorbar(share, y, xerr=off, color=BLUE, ecolor=SKY, marker="o", capsize=2.0)
+        axes.errorbar(share, y, xerr=off, **_WITH_INTERVAL)
         write_beside(axes, y, f"{rate.count} of {rate.of}", color=GREY)
         if allowed is not None:
             axes.plot(100.0 * allowed, y, color=BLACK, marker="|", markersize=10.0)
@@ -62,8 +64,10 @@ def rates_figure(title: str, rows: Sequence[RateRow], row_mm: float, left_mm: fl
     highest = max(5.0, *(100.0 * max(rate.high, allowed or 0.0) for _, rate, allowed in rows))
     axes.set_xlim(-0.02 * highest, 1.02 * highest)
     axes.set_xlabel("share of trials [%]")
-    note = "Bars: 95 % intervals (Clopper and Pearson). Upright dash: what is allowed, or required."
-    write_text_at(figure, 2.0, 6.0, note)
+    note(
+        figure,
+        "Bars: 95 % intervals (Clopper and Pearson). Upright dash: what is allowed, or required.",
+    )
     return figure
 
 
@@ -130,12 +134,16 @@ def draw_trials_confusion(scores: TrialScoresRecord) -> Figure:
     width, height = _CELL_MM * (len(columns) + 1), _CELL_MM * len(rows)
     figure = new_figure(_TOP_MM + height + _BOTTOM_MM, _TITLE)
     axes = panel(figure, _LEFT_MM, _BOTTOM_MM, width, height)
-    _draw_cells(axes, rows, columns, set(outside))
-    _name(axes, rows, columns, len(ids), len(inside))
-    write_text_at(
+    for y, (name, counts) in enumerate(rows):
+        best = _RIGHT_WITHOUT_NAME if y >= len(inside) else name
+        _draw_cells(axes, y, counts, columns, best)
+    _name_cells(axes, [name for name, _ in rows], columns)
+    for x in (len(ids), len(columns)):
+        axes.axvline(x - 0.5, color=SEPARATOR, linewidth=0.8)
+    if 0 < len(inside) < len(rows):
+        axes.axhline(len(inside) - 0.5, color=SEPARATOR, linewidth=0.8)
+    note(
         figure,
-        2.0,
-        6.0,
         "Blue: right id at the right place, or rightly without a name. Orange: not named alone, "
         "but no wrong name\neither. Red: wrong. Shade: share of the row. Last column: trials.",
     )
@@ -143,52 +151,42 @@ def draw_trials_confusion(scores: TrialScoresRecord) -> Figure:
 
 
 def _draw_cells(
-    axes: Axes,
-    rows: list[tuple[str, Mapping[str, int]]],
-    columns: list[str],
-    without_name: set[str],
+    axes: Axes, y: int, counts: Mapping[str, int], columns: list[str], best: str
 ) -> None:
-    shades = {
-        color: LinearSegmentedColormap.from_list("shade", ["white", color])
-        for color in (BLUE, ORANGE, VERMILLION)
-    }
-    for y, (name, counts) in enumerate(rows):
-        total = sum(counts.values())
-        best = _RIGHT_WITHOUT_NAME if name in without_name else name
-        for x, column in enumerate(columns):
-            count = counts.get(column, 0)
-            if not count:
-                continue
-            right = BLUE if column == best else ORANGE if column in _HONEST else VERMILLION
-            share = 0.15 + 0.6 * count / total
-            box = (x - 0.5, y - 0.5)
-            axes.add_patch(Rectangle(box, 1.0, 1.0, facecolor=shades[right](share), linewidth=0.0))
+    """Draw a row of counts, shaded by their share, in the colour of how right they are."""
+    total = sum(counts.values())
+    for x, column in enumerate(columns):
+        if count := counts.get(column, 0):
+            color = BLUE if column == best else ORANGE if column in _HONEST else VERMILLION
+            shades = LinearSegmentedColormap.from_list("shade", ["white", color])
+            face = shades(0.15 + 0.6 * count / total)
+            axes.add_patch(Rectangle((x - 0.5, y - 0.5), 1.0, 1.0, facecolor=face, linewidth=0.0))
             axes.text(x, y, str(count), ha="center", va="center")
-        axes.text(len(columns), y, str(total), ha="center", va="center", color=GREY)
+    axes.text(len(columns), y, str(total), ha="center", va="center", color=GREY)
 
 
-def _name(
-    axes: Axes, rows: list[tuple[str, Mapping[str, int]]], columns: list[str], ids: int, inside: int
-) -> None:
+def _name_cells(axes: Axes, rows: list[str], columns: list[str]) -> None:
     axes.set_xlim(-0.5, len(columns) + 0.5)
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xticks(range(len(columns)), columns, rotation=90.0)
-    axes.set_yticks(range(len(rows)), [name for name, _ in rows])
+    axes.set_yticks(range(len(rows)), rows)
     axes.tick_params(
         axis="both", length=0.0, top=False, labeltop=True, bottom=False, labelbottom=False
     )
     axes.grid(visible=False)
     axes.set_ylabel("hidden")
-    axes.axvline(ids - 0.5, color=SEPARATOR, linewidth=0.8)
-    axes.axvline(len(columns) - 0.5, color=SEPARATOR, linewidth=0.8)
-    if 0 < inside < len(rows):
-        axes.axhline(inside - 0.5, color=SEPARATOR, linewidth=0.8)
 
 
 # How often a verdict on a blind trial is wrong, beside what is allowed.
 
 #: Shares allowed, as the bars have them.
 _NULL, _EXTRA, _OUTSIDE = 0.02, 0.05, 0.05
+#: Kinds of trials in which nothing is hidden.
+_NOTHING_HIDDEN = {
+    "null": "nothing hidden",
+    "wrong_noise": "wrong noise figure",
+    "wrong_mass": "wrong link mass",
+}
 _ROW_MM = 6.0
 
 
@@ -205,26 +203,20 @@ false alarm nevertheless. A few trials leave wide intervals; the full study has 
 )
 def draw_trials_false_names(scores: TrialScoresRecord) -> Figure:
     """Draw the share of wrong verdicts of every kind of trial with its interval."""
-    title = "How often a verdict on a blind trial is wrong"
-    return rates_figure(title, _rows(scores), _ROW_MM, 84.0)
-
-
-def _rows(scores: TrialScoresRecord) -> list[RateRow]:
-    hidden = scores.nothing_hidden
-    rows: list[RateRow] = [
-        ("nothing hidden: a name", hidden["null"].named, _NULL),
-        ("nothing hidden: “unexplained”", hidden["null"].unexplained, None),
-        ("wrong noise figure: a name", hidden["wrong_noise"].named, _NULL),
-        ("wrong noise figure: “unexplained”", hidden["wrong_noise"].unexplained, None),
-        ("wrong link mass: a name", hidden["wrong_mass"].named, _NULL),
-        ("wrong link mass: “unexplained”", hidden["wrong_mass"].unexplained, None),
+    hidden, several = scores.nothing_hidden, scores.several
+    rows: list[RateRow] = []
+    for kind, said in _NOTHING_HIDDEN.items():
+        rows.append((f"{said}: a name", hidden[kind].named, _NULL))
+        rows.append((f"{said}: “unexplained”", hidden[kind].unexplained, None))
+    rows += [
         ("one effect: something else named (too)", scores.single.wrong, None),
-        ("two effects: something extra", _not(scores.several["pair"].nothing_extra), _EXTRA),
-        ("three effects: something extra", _not(scores.several["triple"].nothing_extra), _EXTRA),
+        ("two effects: something extra", _not(several["pair"].nothing_extra), _EXTRA),
+        ("three effects: something extra", _not(several["triple"].nothing_extra), _EXTRA),
         ("no name for it: a confident wrong name", scores.outside.confidently_wrong, _OUTSIDE),
         ("no name for it: nothing found", scores.outside.silent, None),
     ]
-    return [row for row in rows if row[1].of]
+    shown = [row for row in rows if row[1].of]
+    return rates_figure("How often a verdict on a blind trial is wrong", shown, _ROW_MM, 84.0)
 
 
 def _not(found: Rate) -> Rate:
@@ -258,27 +250,21 @@ def draw_trials_intervals(scores: TrialScoresRecord) -> Figure:
         raise NothingToShowError("no hidden effect with parameters was named")
     height = max(50.0, _ROW_MM_OF_INTERVALS * len(found.by_parameter))
     figure = new_figure(height + 44.0, _TITLE_OF_INTERVALS)
-    _draw_parameters(panel(figure, 50.0, 30.0, 42.0, height), scores)
+    inside_by_parameter = panel(figure, 50.0, 30.0, 42.0, height)
+    rates = [(f"{row.id} {row.parameter}", row, None) for row in found.by_parameter]
+    draw_rates(inside_by_parameter, rates)
+    inside_by_parameter.axvline(95.0, color=BLACK, linewidth=0.8)
+    inside_by_parameter.set(xlim=(0.0, 102.0), xlabel="inside, 95 % interval [%]")
     _draw_levels(panel(figure, 123.0, 30.0 + height - 44.0, 44.0, 44.0), scores)
     inside = found.inside
-    write_text_at(
+    note(
         figure,
-        2.0,
-        6.0,
         f"{inside.count} of {inside.of} parameters lie inside their 95 % interval "
         f"({100 * inside.low:.1f} to {100 * inside.high:.1f} %);\nroot mean square of "
         f"(value − truth) / std: {found.rms:.2f}. Of trials in which the hidden effect is named "
         "at its place;\nmaps are omitted. Bars: 95 % intervals (Clopper and Pearson).",
     )
     return figure
-
-
-def _draw_parameters(axes: Axes, scores: TrialScoresRecord) -> None:
-    rows = scores.intervals.by_parameter
-    draw_rates(axes, [(f"{row.id} {row.parameter}", row, None) for row in rows])
-    axes.axvline(95.0, color=BLACK, linewidth=0.8)
-    axes.set_xlim(0.0, 102.0)
-    axes.set_xlabel("inside, 95 % interval [%]")
 
 
 def _draw_levels(axes: Axes, scores: TrialScoresRecord) -> None:
@@ -292,10 +278,8 @@ def _draw_levels(axes: Axes, scores: TrialScoresRecord) -> None:
     )
     axes.plot([0.0, 100.0], [0.0, 100.0], color=BLACK, linewidth=0.8)
     axes.plot(100.0 * level, 100.0 * share, color=BLUE)
-    axes.set_xlim(0.0, 100.0)
-    axes.set_ylim(0.0, 100.0)
-    axes.set_xlabel("level of the interval [%]")
-    axes.set_ylabel("parameters inside [%]")
+    axes.set(xlim=(0.0, 100.0), ylim=(0.0, 100.0))
+    axes.set(xlabel="level of the interval [%]", ylabel="parameters inside [%]")
     axes.set_title("every level (grey: chance)")
 
 
@@ -350,7 +334,17 @@ def draw_trials_power(scores: TrialScoresRecord) -> Figure:
         if curve is not None and curve.most is not None:
             by_size.plot(curve.most, k, color=BLACK, marker="|", markersize=9.0, linestyle="none")
     _draw_moved(panel(figure, 112.0, below, 55.0, height), scores)
-    _explain(figure, markers)
+    layouts = "; ".join(f"{_MARKERS[marker]}: {layout}" for layout, marker in markers.items())
+    layouts = fill(f"{layouts[0].upper()}{layouts[1:]}.", _LINE)
+    note(
+        figure,
+        "Filled blue: named or in the alternatives; hollow red: neither; hollow grey: declared "
+        f"not testable.\n{layouts}\n"
+        "Upright dash: size found in 95 of 100. Right: effects that move poses, by how far the "
+        "residual of the\ncalibrated baseline differs from that with nothing hidden (numbers: "
+        "trials; bars: 95 % intervals; line: logistic;\ndotted: the residual is so many times "
+        "the floor).",
+    )
     return figure
 
 
@@ -381,15 +375,8 @@ def _draw_moved(axes: Axes, scores: TrialScoresRecord) -> None:
         if found.share is None:
             continue
         x = np.sqrt(max(entry.low, _LOWEST) * (entry.high or _HIGHEST))
-        axes.errorbar(
-            x,
-            found.share,
-            yerr=[[found.share - found.low], [found.high - found.share]],
-            color=BLUE,
-            ecolor=SKY,
-            marker="o",
-            capsize=2.0,
-        )
+        off = [[found.share - found.low], [found.high - found.share]]
+        axes.errorbar(x, found.share, yerr=off, **_WITH_INTERVAL)
         axes.text(x, -0.06, str(found.of), ha="center", color=GREY)
     curve = scores.power.by_moved
     if curve is not None:
@@ -407,27 +394,13 @@ def _draw_moved(axes: Axes, scores: TrialScoresRecord) -> None:
     axes.set_title("share named or in the alternatives")
 
 
-def _explain(figure: Figure, markers: dict[str, str]) -> None:
-    layouts = "; ".join(f"{_MARKERS[marker]}: {layout}" for layout, marker in markers.items())
-    layouts = fill(f"{layouts[0].upper()}{layouts[1:]}.", _LINE)
-    write_text_at(
-        figure,
-        2.0,
-        6.0,
-        "Filled blue: named or in the alternatives; hollow red: neither; hollow grey: declared "
-        f"not testable.\n{layouts}\n"
-        "Upright dash: size found in 95 of 100. Right: effects that move poses, by how far the "
-        "residual of the\ncalibrated baseline differs from that with nothing hidden (numbers: "
-        "trials; bars: 95 % intervals; line: logistic;\ndotted: the residual is so many times "
-        "the floor).",
-    )
-
-
 # The figures that blind trials are to reach, and those reached.
 
-_NOTES = (
+TOO_FEW = (
     "Too few to judge: one trial alone weighs more than the target leaves, and the interval holds "
-    "the target.",
+    "the target."
+)
+_NOTES = (
     "Ratio: remaining position error of the calibrated model over that of noise alone, from the "
     "difference to the same campaign without the effect. A rotation about the last axis, a gain of "
     "the logged torque and friction at a rigid joint do not change it.",
@@ -450,17 +423,8 @@ does on errors that the simulation can produce.
 )
 def tabulate_trials_summary(scores: TrialScoresRecord) -> Table:
     """Return a row a figure."""
-    data = frame_of(BAR_HEADER, map(bar_row, scores.bars))
-    return Table(
-        "Blind trials: targets, and values reached",
-        data,
-        notes=_notes(scores),
-    )
-
-
-def _notes(scores: TrialScoresRecord) -> tuple[str, ...]:
     singles, gap = scores.single, scores.gap
-    notes = [*_NOTES]
+    notes = [TOO_FEW, *_NOTES]
     if singles.alternatives is not None:
         notes.append(
             f"One effect: {singles.alternatives:.2f} alternatives beside the truth on average; "
@@ -472,4 +436,5 @@ def _notes(scores: TrialScoresRecord) -> tuple[str, ...]:
             f"{gap.median:.2f}, 95 of 100 below {gap.high:.2f}; where nothing is missing itself 95 "
             f"of 100 below {gap.null_high:.2f}."
         )
-    return tuple(notes)
+    data = frame_of(BAR_HEADER, map(bar_row, scores.bars))
+    return Table("Blind trials: targets, and values reached", data, notes=tuple(notes))

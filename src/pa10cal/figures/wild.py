@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.table import Table, frame_of
-from pa10cal.figures.trials import BAR_HEADER, RateRow, bar_row, rates_figure
+from pa10cal.figures.trials import BAR_HEADER, TOO_FEW, RateRow, bar_row, rates_figure
 from pa10cal.results.trials import Rate, WildScoresRecord, WildSubject
 
 _ROW_MM = 9.0
@@ -60,21 +60,22 @@ def draw_wild_rates(scores: WildScoresRecord) -> Figure:
 
 # What became of wild trials, by what was put into them.
 
-_HEADER = (
-    "kind",
-    "put in",
-    "trials",
-    "crashed",
-    "refused",
-    "false name",
-    "above the noise",
-    "told",
-    "found",
-    "false comfort",
-    "worse held out",
-    "unexplained",
-    "suspect",
-)
+#: Columns of the table, and the keys that they show.
+_COLUMNS = {
+    "kind": "kind",
+    "put in": "id",
+    "trials": "trials",
+    "crashed": "crashed",
+    "refused": "refused",
+    "false name": "false_names",
+    "above the noise": "above_noise",
+    "told": "told",
+    "found": "found",
+    "false comfort": "false_comfort",
+    "worse held out": "worse",
+    "unexplained": "unexplained",
+    "suspect": "suspected",
+}
 _FOUND_IN = ("effect", "beyond", "unstated_masses", "sorted_rows")
 
 
@@ -93,7 +94,7 @@ data.
 )
 def tabulate_wild_subjects(scores: WildScoresRecord) -> Table:
     """Return a row a disturbance or an effect."""
-    data = frame_of(_HEADER, map(_row, scores.subjects))
+    data = frame_of(list(_COLUMNS), map(_row, scores.subjects))
     notes = tuple(
         f"{trial.campaign} ({trial.bench}, {'; '.join(trial.put_in) or 'nothing'}): "
         f"{', '.join(trial.failings)}: {trial.said}"
@@ -103,29 +104,17 @@ def tabulate_wild_subjects(scores: WildScoresRecord) -> Table:
     return Table("Wild trials: what became of each", data, notes=notes)
 
 
-def _row(subject: WildSubject) -> tuple[object, ...]:
-    return (
-        subject.kind,
-        subject.id.replace("_", " "),
-        subject.trials,
-        subject.crashed,
-        subject.refused,
-        subject.false_names,
-        subject.above_noise,
-        subject.told,
-        subject.found if subject.kind in _FOUND_IN else "",
-        subject.false_comfort,
-        subject.worse,
-        subject.unexplained,
-        subject.suspected,
-    )
+def _row(subject: WildSubject) -> list[object]:
+    cells = subject.model_dump() | {"id": subject.id.replace("_", " ")}
+    if subject.kind not in _FOUND_IN:
+        cells["found"] = ""
+    return [cells[key] for key in _COLUMNS.values()]
 
 
 # The figures that wild trials are to reach, and those reached.
 
 _NOTES = (
-    "Too few to judge: one trial alone weighs more than the target leaves, and the interval holds "
-    "the target.",
+    TOO_FEW,
     "A fault is above the noise where it moves the residual of the calibrated model by more than "
     "three times what repeatability leaves, against the same campaign without it; faults of single "
     "rows, signs, zeros and units always are.",
@@ -134,7 +123,7 @@ _NOTES = (
     "A refusal after calibration counts as a crash.",
 )
 _NOTES_MEASURED = (
-    _NOTES[0],
+    TOO_FEW,
     "What an effect leaves is worked out from the truth: the readings without noise, with the "
     "effect and without it, less all motions of base, joint frames and tool; with the noise it "
     "makes the residual of so many times the noise.",

@@ -11,7 +11,6 @@ from typing import get_args
 
 from pa10cal.errors import ALLOWED, Pa10calError, SettingsError, fits_a_folder
 from pa10cal.files.output import csv_cell
-from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import (
     Attention,
@@ -22,7 +21,6 @@ from pa10cal.results.fleet import (
     FleetRecord,
 )
 from pa10cal.results.health import UNRESERVED
-from pa10cal.running.display import summarise
 
 #: A table of campaigns larger than this is none [bytes].
 _MOST_BYTES = 64 * 1024**2
@@ -159,21 +157,14 @@ def fleet_csv(fleet: FleetRecord) -> str:
         cells = (
             *(each.arm, each.campaign, each.measured, became.status, became.grade),
             *(became.verdict, "; ".join(became.notes or ())),
-            *(_mm(became.before_mm), _mm(became.after_mm), became.over, _yes(each.agrees)),
+            *(None if mm is None else f"{mm:.4f}" for mm in (became.before_mm, became.after_mm)),
+            *(became.over, {None: None, True: "yes", False: "no"}[each.agrees]),
             each.moved,
             standing.attention if standing else None,
             standing.why if standing else became.message,
         )
         rows.writerow(["" if cell is None else csv_cell(cell) for cell in cells])
     return text.getvalue()
-
-
-def _mm(error_mm: float | None) -> str | None:
-    return None if error_mm is None else f"{error_mm:.4f}"
-
-
-def _yes(agrees: bool | None) -> str | None:
-    return None if agrees is None else ("yes" if agrees else "no")
 
 
 # How every arm of a fleet stands after its last campaign, and which need attention first.
@@ -203,7 +194,11 @@ def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
     for arm, of_arm in in_order(listed).items():
         compared = _compared(of_arm, found, results_dir)
         campaigns |= {each.campaign: each for each in compared}
-        arms.append(_standing(arm, compared))
+        attention, why = _attention(compared[-1])
+        last = compared[-1].campaign
+        arms.append(
+            FleetArm(arm=arm, campaigns=len(compared), last=last, attention=attention, why=why)
+        )
     words = [each.grade or each.status for each in found.values()]
     return FleetRecord(
         counts={word: words.count(word) for word in sorted(set(words))},
@@ -252,15 +247,6 @@ def _moved(before: tuple[str, Path], now: tuple[str, Path]) -> tuple[bool | None
     return found.agree, "; ".join((*moved, found.line))
 
 
-def _standing(arm: str, campaigns: Sequence[FleetCampaign]) -> FleetArm:
-    """Return how an arm stands after its last campaign."""
-    last = campaigns[-1]
-    attention, why = _attention(last)
-    return FleetArm(
-        arm=arm, campaigns=len(campaigns), last=last.campaign, attention=attention, why=why
-    )
-
-
 def _attention(last: FleetCampaign) -> tuple[Attention, str]:
     """Return whether a campaign asks for attention, and why."""
     became = last.became
@@ -293,16 +279,17 @@ def became(results: Path, name: str, calibration: str) -> ChainRecord:
     Raises:
         RecordError: when a result is missing.
     """
+    from pa10cal.reports.summary import summarise  # late: planning a run reads no results
+
     found = summarise(results, calibration)
-    fitted = read(CalibrationRecord, results / f"calibration/{calibration}.json")
     _, *notes = found.notes
     return ChainRecord(
         campaign=name,
         status="done",
-        robot=fitted.robot,
-        provenance=fitted.provenance,
+        robot=found.robot,
+        provenance=found.provenance,
         grade=found.grade,
-        line=fitted.health.line,
+        line=found.line,
         verdict=found.verdict,
         notes=tuple(notes),
         before_mm=found.before,

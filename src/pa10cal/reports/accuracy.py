@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.reports.blocks import Beside, Block, Callout, Folded, Grid, Paragraph, Section, grid
+from pa10cal.reports.blocks import Beside, Block, Callout, Folded, Grid, Paragraph, grid
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     count,
@@ -18,7 +18,6 @@ from pa10cal.reports.formatting import (
     with_interval,
     written,
 )
-from pa10cal.reports.gathered import Gathered
 from pa10cal.reports.pictures import (
     ALL,
     FITTED,
@@ -33,6 +32,7 @@ from pa10cal.reports.pictures import (
     shares_drawing,
     tolerances_drawing,
 )
+from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.analysis import ParameterShift
 from pa10cal.results.discovery import Reduction, VerdictRecord
 from pa10cal.results.evaluation import (
@@ -44,62 +44,58 @@ from pa10cal.results.evaluation import (
 )
 
 
-def accuracy(found: Gathered) -> Section:
-    """Return what calibration and effects gained."""
-    return Section("accuracy", "Before and after", tuple(_blocks(found)))
-
-
-def _blocks(found: Gathered) -> Iterator[Block]:
-    every = errors_of(found)
+def accuracy(results: ResultsBundle) -> Iterator[Block]:
+    """Yield what calibration and effects gained."""
+    every = errors_of(results)
     if not every:
-        yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
+        yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    ends = headline(found)
+    ends = headline(results)
     if ends is not None:
         before, after = ends
         yield Paragraph(
-            f"Over the {before.kind} poses the position error fell from {mm(before.rms_mm)} mm "
-            f"to {mm(after.rms_mm)} mm rms, its peak from {mm(before.peak_mm)} mm to "
-            f"{mm(after.peak_mm)} mm.",
+            f"Over the {before.kind} poses the position error fell from {mm(before.of.rms_mm)} mm "
+            f"to {mm(after.of.rms_mm)} mm rms, its peak from {mm(before.of.peak_mm)} mm to "
+            f"{mm(after.of.peak_mm)} mm.",
             lead=True,
         )
     yield Paragraph(
-        f"{'' if found.words is None else f'{found.words.of} '}"
+        f"{'' if results.words is None else f'{results.words.of} '}"
         "Repeats of a configuration are averaged. Held-out poses are only used "
         "to judge."
     )
     whole = [each for each in every if each.load == each.part == ALL]
-    yield errors_drawing(whole, _noise_mm(found))
+    yield errors_drawing(whole, _noise_mm(results))
     first, *by_load = errors_grids(every)
     yield first
     for each in by_load:
         yield Folded(each.caption, (each,))
-    if found.held_out is None:
-        yield Callout("missing", found.why_absent(HoldoutRecord.FILE))
-    elif not found.held_out.models:
+    if results.held_out is None:
+        yield Callout("missing", results.why_absent(HoldoutRecord.FILE))
+    elif not results.held_out.models:
         yield Callout(
             "missing",
-            f"Nothing was held out ({found.held_out.note or 'no such rows'}): how well the model "
+            f"Nothing was held out ({results.held_out.note or 'no such rows'}): how well the model "
             "predicts new poses is not tested. Measure some poses more and mark them as held out.",
         )
     else:
-        beside = found.held_out.models
-        titles = {name: model_title(name, found, beside) for name in beside}
+        beside = results.held_out.models
+        titles = {name: model_title(name, results, beside) for name in beside}
         shown = {name: title for name, title in titles.items() if title is not None}
-        shares = [shares_drawing(found.held_out, shown, unit) for unit in ("mm", "deg")]
+        shares = [shares_drawing(results.held_out, shown, unit) for unit in ("mm", "deg")]
         yield Beside(tuple(each for each in shares if each is not None))
-    if found.verdict is not None and found.verdict.effects:
-        yield gap_grid(found.verdict)
-    elif found.verdict is not None:
-        floor = found.verdict.gap.noise_floor_mm
+    if results.verdict is not None and results.verdict.effects:
+        yield gap_grid(results.verdict)
+    elif results.verdict is not None:
+        floor = results.verdict.gap.noise_floor_mm
         yield Paragraph(f"Noise alone would leave a mean error of {mm(floor)} mm.")
 
 
-def _noise_mm(found: Gathered) -> dict[str, float]:
+def _noise_mm(results: ResultsBundle) -> dict[str, float]:
     """Return the mean error that noise alone leaves, of fitted and of held-out poses."""
-    if found.verdict is None:
+    if results.verdict is None:
         return {}
-    gap = found.verdict.gap
+    gap = results.verdict.gap
     sets = {FITTED: gap.train, HELD_OUT: gap.holdout}
     return {poses: of.noise_floor_mm for poses, of in sets.items() if of is not None}
 
@@ -114,9 +110,9 @@ def errors_grids(every: Iterable[Errors]) -> list[Grid]:
     rows = [
         (
             *(each.poses, each.load, each.model),
-            *(mm(each.rms_mm), mm(each.peak_mm), mm(each.mean_mm)),
-            deg(each.orientation_deg),
-            str(each.configurations),
+            *(mm(each.of.rms_mm), mm(each.of.peak_mm), mm(each.of.mean_mm)),
+            deg(each.of.orientation_deg),
+            str(each.of.configurations),
         )
         for each in every
     ]
@@ -190,25 +186,21 @@ _GROUPS = (
 )
 
 
-def parameters(found: Gathered) -> Section:
-    """Return the parameters of the model that is exported."""
-    return Section("parameters", "Parameters", tuple(_blocks_of_parameters(found)))
-
-
-def _blocks_of_parameters(found: Gathered) -> Iterator[Block]:
-    if found.calibration is None:
-        yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
+def parameters(results: ResultsBundle) -> Iterator[Block]:
+    """Yield the parameters of the model that is exported."""
+    if results.calibration is None:
+        yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    shown: Mapping[str, Parameter] = found.calibration.parameters
+    shown: Mapping[str, Parameter] = results.calibration.parameters
     of = "calibrated model"
-    if found.extended is not None and found.extended.named:
-        shown, of = found.extended.parameters, "model with the effects found"
+    if results.extended is not None and results.extended.named:
+        shown, of = results.extended.parameters, "model with the effects found"
     yield Paragraph(
         f"Parameters of the {of}, with 95 % intervals. An interval holds what the noise of the "
         "measurement leaves open; it holds no effect that the model lacks. A tolerance is what a "
         "maker is expected to keep."
     )
-    shifts = _shifts(found)
+    shifts = _shifts(results)
     drawing = tolerances_drawing(shown, {each.name: each.before for each in shifts})
     if drawing is not None:
         yield drawing
@@ -238,13 +230,13 @@ def parameter_grids(parameters: Mapping[str, Parameter]) -> Iterator[Grid]:
             yield grid(title, header, rows, (1, 3))
 
 
-def _shifts(found: Gathered) -> list[ParameterShift]:
+def _shifts(results: ResultsBundle) -> list[ParameterShift]:
     """Return what the effects changed, the largest part of its interval first."""
-    if found.analysis is None or not found.analysis.effects:
+    if results.analysis is None or not results.analysis.effects:
         return []
     moved = [
         each
-        for each in found.analysis.parameter_shifts
+        for each in results.analysis.parameter_shifts
         if each.identifiable and each.std and each.before != each.after
     ]
     return sorted(moved, key=lambda each: -abs(each.after - each.before) / each.std)
@@ -281,17 +273,11 @@ _STANDARD_REPEATS = 30
 _MOST_ROWS = 120
 
 
-def repeats(found: Gathered) -> Section:
-    """Return accuracy and repeatability of the poses that were repeated."""
-    return Section(
-        "iso9283", "Pose accuracy and repeatability (ISO 9283)", tuple(_blocks_of_repeats(found))
-    )
-
-
-def _blocks_of_repeats(found: Gathered) -> Iterator[Block]:
-    record = found.iso9283
+def repeats(results: ResultsBundle) -> Iterator[Block]:
+    """Yield accuracy and repeatability of the poses that were repeated."""
+    record = results.iso9283
     if record is None:
-        yield Callout("missing", found.why_absent(Iso9283Record.FILE))
+        yield Callout("missing", results.why_absent(Iso9283Record.FILE))
         return
     rows = record.repeatability
     if rows is None or record.accuracy is None:
@@ -304,19 +290,24 @@ def _blocks_of_repeats(found: Gathered) -> Iterator[Block]:
         "three standard deviations. It does not depend on the model, and holds the noise of the "
         "instrument too."
     )
+    fitted = int((rows.kind == "grid").sum())
+    parts = [(fitted, "used for the fit"), (len(rows) - fitted, "held out")]
+    which = listed(f"{count(k, 'configuration')} {what}" for k, what in parts if k)
+    least, most = int(rows.repeats.min()), int(rows.repeats.max())
+    span = str(least) if least == most else f"{least} to {most}"
     yield grid(
-        f"Over {_which(rows)} with {_span(rows.repeats)} readings each",
+        f"Over {which} with {span} readings each",
         ("quantity", "mean position [mm]", "largest [mm]", "mean angle [deg]", "largest [deg]"),
-        [*_accuracy(found, record), _repeatability(rows)],
+        [*_accuracy(results, record), _repeatability(rows)],
         range(1, 5),
     )
     yield from _conditions(rows)
     yield Folded("Every configuration", (_every(record, rows),))
 
 
-def _accuracy(found: Gathered, record: Iso9283Record) -> Iterator[tuple[str, ...]]:
+def _accuracy(results: ResultsBundle, record: Iso9283Record) -> Iterator[tuple[str, ...]]:
     for name, of in (record.accuracy or {}).items():
-        title = model_title(name, found, record.accuracy or {})
+        title = model_title(name, results, record.accuracy or {})
         if title is None:
             continue
         command = "nominal model" if title == UNCALIBRATED else f"model {title}"
@@ -378,15 +369,3 @@ def _every(record: Iso9283Record, rows: RepeatabilityRows) -> Block:
 
 def _angles(abc: NDArray[np.float64] | None) -> str:
     return NOT_KNOWN if abc is None else ", ".join(f"{angle:.3f}" for angle in abc)
-
-
-def _which(rows: RepeatabilityRows) -> str:
-    """Say how many configurations they are, and what they are used for."""
-    fitted = int((rows.kind == "grid").sum())
-    parts = [(fitted, "used for the fit"), (len(rows) - fitted, "held out")]
-    return listed(f"{count(k, 'configuration')} {what}" for k, what in parts if k)
-
-
-def _span(repeats: NDArray[np.int64]) -> str:
-    least, most = int(repeats.min()), int(repeats.max())
-    return str(least) if least == most else f"{least} to {most}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -12,16 +12,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Block:
-    """A part of a section; `kind` names the macro of the template that shows it."""
+    """A part of a section."""
 
-    kind: ClassVar[str]
+    @property
+    def kind(self) -> str:
+        """The macro of the template that shows it."""
+        return type(self).__name__.lower()
 
 
 @dataclass(frozen=True)
 class Paragraph(Block):
     """A paragraph."""
 
-    kind = "paragraph"
     text: str  # plain text
     lead: bool = False  # whether it is the sentence of its section
 
@@ -30,7 +32,6 @@ class Paragraph(Block):
 class Callout(Block):
     """A sentence that stands out, with a word that says why."""
 
-    kind = "callout"
     word: Literal["warning", "missing", "note"]  # `warning`, `missing` or `note`
     text: str  # plain text
 
@@ -39,7 +40,6 @@ class Callout(Block):
 class Facts(Block):
     """Names and what they are."""
 
-    kind = "facts"
     rows: tuple[tuple[str, str], ...]
 
 
@@ -47,7 +47,6 @@ class Facts(Block):
 class Items(Block):
     """A list of sentences."""
 
-    kind = "items"
     texts: tuple[str, ...]
 
 
@@ -55,7 +54,6 @@ class Items(Block):
 class Grid(Block):
     """A table."""
 
-    kind = "grid"
     caption: str  # what the rows are
     header: tuple[str, ...]  # one text a column; the first column names the row
     rows: tuple[tuple[str, ...], ...]  # texts, each row as long as the header
@@ -66,7 +64,6 @@ class Grid(Block):
 class Code(Block):
     """Something to type."""
 
-    kind = "code"
     caption: str  # what it does
     text: str  # as it is typed
 
@@ -75,7 +72,6 @@ class Code(Block):
 class Drawing(Block):
     """A figure."""
 
-    kind = "drawing"
     figure: Figure  # of plotly
     title: str  # what it shows, in a few words
     caption: str  # what to see in it
@@ -87,7 +83,6 @@ class Drawing(Block):
 class Beside(Block):
     """Figures side by side where there is room."""
 
-    kind = "beside"
     drawings: tuple[Drawing, ...]
 
 
@@ -95,7 +90,6 @@ class Beside(Block):
 class Folded(Block):
     """What few readers need, unfolded by them."""
 
-    kind = "folded"
     summary: str  # what is inside
     blocks: tuple[Block, ...]
 

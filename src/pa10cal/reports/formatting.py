@@ -127,7 +127,6 @@ class Kind:
 
     key: str  # begins their names in results
     symbol: str  # as the paper writes it
-    title: str  # in words
     unit: str  # to show them in
     scale: float  # from the unit of results to the unit shown
     digits: str  # format of a value in that unit
@@ -143,19 +142,20 @@ class Kind:
         return self.symbol + str(joint).translate(_SUBSCRIPTS)
 
 
-LINKS = (
-    Kind("delta_a", "δa", "link lengths", "mm", 1e3, ".3f"),
-    Kind("delta_alpha", "δα", "twists", "mrad", 1e3, ".3f"),
-    Kind("delta_d", "δd", "offsets", "mm", 1e3, ".3f"),
-    Kind("delta_beta", "δβ", "Hayati angle", "mrad", 1e3, ".3f"),
-    Kind("delta_theta", "δθ", "joint zeros", "mrad", 1e3, ".3f"),
+K_LIN = Kind("K_lin", "K_lin", "kN m/rad", 1e-3, ".2f")
+K_CUB = Kind("K_cub", "K_cub", "MN m/rad³", 1e-6, ".1f")
+KINDS = (
+    Kind("delta_a", "δa", "mm", 1e3, ".3f"),
+    Kind("delta_alpha", "δα", "mrad", 1e3, ".3f"),
+    Kind("delta_d", "δd", "mm", 1e3, ".3f"),
+    Kind("delta_beta", "δβ", "mrad", 1e3, ".3f"),
+    Kind("delta_theta", "δθ", "mrad", 1e3, ".3f"),
+    K_LIN,
+    K_CUB,
 )
-K_LIN = Kind("K_lin", "K_lin", "linear stiffness", "kN m/rad", 1e-3, ".2f")
-K_CUB = Kind("K_cub", "K_cub", "cubic stiffness", "MN m/rad³", 1e-6, ".1f")
 #: The base frame: the instrument's origin in it, and the turns to the instrument's axes.
 _FRAME = {f"base_p_cmm_{axis}": f"p_{axis}" for axis in "xyz"}
 _FRAME |= {f"gamma_{axis}": f"γ_{axis}" for axis in "xyz"}
-KINDS = (*LINKS, K_LIN, K_CUB)
 
 
 def joints_of(kind: Kind, names: list[str]) -> list[int]:
@@ -167,10 +167,10 @@ def joints_of(kind: Kind, names: list[str]) -> list[int]:
 def written(name: str) -> str:
     """Return a parameter's name as readers see it: `δa₂`, `K_lin_2`, `tool x`."""
     name = reported_name(name)
+    key, _, joint = name.rpartition("_")
     for kind in KINDS:
-        if name.startswith(f"{kind.key}_") and name.removeprefix(f"{kind.key}_").isdigit():
-            joint = int(name.removeprefix(f"{kind.key}_"))
-            return kind.written(joint)
+        if kind.key == key and joint.isdigit():
+            return kind.written(int(joint))
     return _FRAME.get(name, name.replace("_", " "))
 
 

@@ -19,12 +19,11 @@ from pa10cal.reports.blocks import (
     Folded,
     Items,
     Paragraph,
-    Section,
     grid,
 )
 from pa10cal.reports.formatting import count, listed, mm, sentence
-from pa10cal.reports.gathered import MODEL, POSES, Gathered
 from pa10cal.reports.pictures import motion_drawing
+from pa10cal.reports.results_bundle import MODEL, POSES, ResultsBundle
 from pa10cal.results.health import UNRESERVED
 
 #: Characters that a line of a fact holds.
@@ -49,61 +48,57 @@ _FRAMES = {
 _NOT_SOUGHT = "; rows give an order alone, and no step, drift or wander is sought"
 
 
-def measured(found: Gathered) -> Section:
-    """Return what was measured, and where the data come from."""
-    return Section("measured", "What was measured", tuple(_blocks(found)))
-
-
-def _blocks(found: Gathered) -> Iterator[Block]:
-    yield Facts(tuple(_facts(found)))
-    words = _provenance(found)
+def measured(results: ResultsBundle) -> Iterator[Block]:
+    """Yield what was measured, and where the data come from."""
+    yield Facts(tuple(_facts(results)))
+    words = _provenance(results)
     if words is not None and _in_one_line(words) != words:
         told = (Paragraph(sentence(words)),)
         yield Folded("Where the data come from, in the campaign's own words", told)
-    if found.poses is None:
-        yield Callout("missing", found.why_absent(POSES))
+    if results.poses is None:
+        yield Callout("missing", results.why_absent(POSES))
         return
     yield grid(
         "Measured configurations. A configuration is a pose at a load.",
         ("used", "load [N]", "poses", "readings", "readings of a configuration"),
-        _counts(found.poses),
+        _counts(results.poses),
         numbers=(1, 2, 3),
     )
-    if "motion_x_mm" in found.poses and found.motion is not None:
-        kinds = ("shift", "turn") if found.motion.turns else ("shift",)
-        knocks_s = [each.time_s for each in found.motion.knocked]
-        yield Beside(tuple(motion_drawing(found.poses, word, knocks_s) for word in kinds))
+    if "motion_x_mm" in results.poses and results.motion is not None:
+        kinds = ("shift", "turn") if results.motion.turns else ("shift",)
+        knocks_s = [each.time_s for each in results.motion.knocked]
+        yield Beside(tuple(motion_drawing(results.poses, word, knocks_s) for word in kinds))
         if knocks_s:
-            yield Items(tuple(sentence(str(each)) for each in found.motion.knocked))
-    if found.quarantined:
-        reasons = listed(f"{number} × {reason}" for reason, number in found.quarantined.items())
-        total = count(sum(found.quarantined.values()), "raw row")
+            yield Items(tuple(sentence(str(each)) for each in results.motion.knocked))
+    if results.quarantined:
+        reasons = listed(f"{number} × {reason}" for reason, number in results.quarantined.items())
+        total = count(sum(results.quarantined.values()), "raw row")
         yield Callout("note", f"{total} not used, see ingest/quarantine.csv: {reasons}.")
 
 
-def _facts(found: Gathered) -> Iterator[tuple[str, str]]:
-    yield "Campaign", found.campaign
-    words = _provenance(found)
+def _facts(results: ResultsBundle) -> Iterator[tuple[str, str]]:
+    yield "Campaign", results.campaign
+    words = _provenance(results)
     if words is not None:
-        kind = "Synthetic data. " if found.synthetic else ""
+        kind = "Synthetic data. " if results.synthetic else ""
         told = f"{kind}In the campaign's own words: {_in_one_line(words)}"
         yield "Where the data come from", told if told.endswith((".", "…")) else f"{told}."
-    yield "Arm", _arm(found)
-    yield "Instrument", _instrument(found)
-    if found.poses is not None:
-        yield "Duration", _duration(found.poses, found.description)
-        if "motion_x_mm" in found.poses:
-            yield "Targets on the base", _base_motion(found.poses)
-        warm = found.poses["temperature_C"].dropna()
+    yield "Arm", _arm(results)
+    yield "Instrument", _instrument(results)
+    if results.poses is not None:
+        yield "Duration", _duration(results.poses, results.description)
+        if "motion_x_mm" in results.poses:
+            yield "Targets on the base", _base_motion(results.poses)
+        warm = results.poses["temperature_C"].dropna()
         if len(warm):
             yield "Temperature", f"{warm.min():.1f} to {warm.max():.1f} °C"
-    if (frame := found.base_frame) is not None:
+    if (frame := results.base_frame) is not None:
         scatter = f"positions scatter by {frame.origin_scatter_mm:.3f} mm about it"
         yield "Base frame found from", f"{_FRAMES.get(frame.method, frame.method)}; {scatter}"
 
 
-def _provenance(found: Gathered) -> str | None:
-    return None if found.provenance is None else " ".join(found.provenance.split())
+def _provenance(results: ResultsBundle) -> str | None:
+    return None if results.provenance is None else " ".join(results.provenance.split())
 
 
 def _in_one_line(words: str) -> str:
@@ -138,38 +133,32 @@ def _duration(poses: pd.DataFrame, description: CampaignDescription | None) -> s
         return f"not known: time was not recorded{_NOT_SOUGHT}"
     if "tells_time" in poses and not poses["tells_time"].all():
         return f"time was not recorded, or rows follow a joint, a rail or the load{_NOT_SOUGHT}"
-    return _long(poses["time_s"].dropna())
-
-
-def _long(times_s: pd.Series) -> str:
+    times_s = poses["time_s"].dropna()
     seconds = float(times_s.max() - times_s.min()) if len(times_s) else 0.0
     long = f"{seconds / 3600.0:.1f} h" if seconds >= 3600.0 else f"{seconds / 60.0:.0f} min"
     return f"{long} from the first reading to the last" if seconds else ""
 
 
-def _arm(found: Gathered) -> str:
-    if found.calibration is None:
-        return "not known" if found.description is None else found.description.robot
-    arm = found.calibration.fitted_model.get("arm")
+def _arm(results: ResultsBundle) -> str:
+    if results.calibration is None:
+        return "not known" if results.description is None else results.description.robot
+    arm = results.calibration.fitted_model.get("arm")
     title = arm.get("title") if isinstance(arm, dict) else None
-    name = found.calibration.robot
+    name = results.calibration.robot
     return f"{title} ({name})" if title and title != name else name
 
 
-def _instrument(found: Gathered) -> str:
+def _instrument(results: ResultsBundle) -> str:
     stated = ""
-    if found.description is not None:
-        uncertainty = found.description.instrument.uncertainty_mm
+    if results.description is not None:
+        uncertainty = results.description.instrument.uncertainty_mm
         stated = f"; stated standard uncertainty {uncertainty:g} mm along each axis"
-    elif found.calibration is not None:
-        told = [
-            each
-            for each in found.calibration.health.repeats
-            if not each.kind.startswith("attitude")
-        ]
-        if told:
-            stated = f"; stated standard uncertainty of a reading {mm(1e3 * told[0].stated)} mm"
-    return f"{'not known' if found.words is None else found.words.instrument}{stated}"
+    elif results.calibration is not None:
+        repeats = results.calibration.health.repeats
+        stated_m = [each.stated for each in repeats if not each.kind.startswith("attitude")]
+        if stated_m:
+            stated = f"; stated standard uncertainty of a reading {mm(1e3 * stated_m[0])} mm"
+    return f"{'not known' if results.words is None else results.words.instrument}{stated}"
 
 
 def _counts(poses: pd.DataFrame) -> Iterator[tuple[str, ...]]:
@@ -196,16 +185,12 @@ _FILES = {
 }
 
 
-def use(found: Gathered) -> Section:
-    """Return what to type to predict and to compensate."""
-    return Section("use", "How to use the model", tuple(_blocks_of_use(found)))
-
-
-def _blocks_of_use(found: Gathered) -> Iterator[Block]:
-    if found.model is None:
-        yield Callout("missing", found.why_absent(MODEL))
+def use(results: ResultsBundle) -> Iterator[Block]:
+    """Yield what to type to predict and to compensate."""
+    if results.model is None:
+        yield Callout("missing", results.why_absent(MODEL))
     else:
-        grade = None if found.calibration is None else found.calibration.health.grade
+        grade = None if results.calibration is None else results.calibration.health.grade
         doubtful = grade is not None and grade not in UNRESERVED
         if doubtful:
             yield Callout(
@@ -214,8 +199,9 @@ def _blocks_of_use(found: Gathered) -> Iterator[Block]:
                 "--force: mend the input first.",
             )
         yield Paragraph(
-            f"Run the commands in the folder of these results, {found.folder.absolute().name}: the "
-            "paths below begin there. Poses are in the robot's base frame. Angles are in degrees."
+            f"Run the commands in the folder of these results, {results.folder.absolute().name}: "
+            "the paths below begin there. Poses are in the robot's base frame. Angles are in "
+            "degrees."
         )
         yield Code("Where is the tool at these joint positions?", _command("predict"))
         yield Code("Which joint positions bring the tool to these poses?", _command("compensate"))
@@ -232,7 +218,7 @@ def _blocks_of_use(found: Gathered) -> Iterator[Block]:
                 "--frame flange gives the arm's last frame in place of the tool.",
             )
         )
-    rows = [(file, what) for file, what in _FILES.items() if (found.folder / file).exists()]
+    rows = [(file, what) for file, what in _FILES.items() if (results.folder / file).exists()]
     if rows:
         yield grid("Files of this campaign", ("file", "holds"), rows)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from pa10cal.reports.blocks import Block, Callout, Grid, Items, Paragraph, Section, grid
+from pa10cal.reports.blocks import Block, Callout, Grid, Items, Paragraph, grid
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     listed,
@@ -15,7 +15,7 @@ from pa10cal.reports.formatting import (
     sized,
     unbroken,
 )
-from pa10cal.reports.gathered import Gathered
+from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.explained import ProposedFormula, percent
 from pa10cal.results.health import UNRESERVED, Health
@@ -40,19 +40,15 @@ MEANINGS = {
 _MOST_PARAMETERS = 6
 
 
-def grade(found: Gathered) -> Section:
-    """Return the grade with its sentence, and what it stands on."""
-    return Section("grade", "Grade of the calibration", tuple(_grade(found)))
-
-
-def _grade(found: Gathered) -> Iterator[Block]:
-    if found.calibration is None:
-        yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
+def grade(results: ResultsBundle) -> Iterator[Block]:
+    """Yield the grade with its sentence, and what it stands on."""
+    if results.calibration is None:
+        yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    health = found.calibration.health
+    health = results.calibration.health
     yield Paragraph(grade_sentence(health), lead=True)
     yield Paragraph(sentence(f"{health.grade.replace('_', ' ')}: {health.line}"))
-    if found.verdict is not None and found.verdict.effects:
+    if results.verdict is not None and results.verdict.effects:
         yield Paragraph(
             "This is the grade of the calibrated model, before the effects found joined it."
         )
@@ -79,15 +75,11 @@ def grade_sentence(health: Health) -> str:
     return _GRADES[health.grade]
 
 
-def verdict(found: Gathered) -> Section:
-    """Return what is missing from the model, or wrong with the log."""
-    return Section("verdict", "Verdict: what the model lacks", tuple(_verdict(found)))
-
-
-def _verdict(found: Gathered) -> Iterator[Block]:
-    record = found.verdict
+def verdict(results: ResultsBundle) -> Iterator[Block]:
+    """Yield what is missing from the model, or wrong with the log."""
+    record = results.verdict
     if record is None:
-        yield Callout("missing", found.why_absent(VerdictRecord.FILE))
+        yield Callout("missing", results.why_absent(VerdictRecord.FILE))
         return
     lead = record.explained
     if lead is not None:
@@ -95,7 +87,7 @@ def _verdict(found: Gathered) -> Iterator[Block]:
         if lead.sentences:
             yield Items(lead.sentences)
     yield Paragraph(verdict_sentence(record), lead=lead is None)
-    faults, effects, no_name, proposed = verdict_grids(record, formulas_of(found))
+    faults, effects, no_name, proposed = verdict_grids(record, formulas_of(results))
     if record.faults:
         yield faults
     if record.effects:
@@ -128,6 +120,9 @@ def verdict_grids(
         formulas: what effects add, by id and place.
     """
     no_name = () if record.unexplained is None else record.unexplained.all
+    taken: tuple[str, ...] = ()
+    if (explained := record.explained) is not None:
+        taken = (f"takes away, over {explained.over} [mm rms]", "of the error beyond noise")
     return (
         grid(
             "Faults of the log",
@@ -139,7 +134,7 @@ def verdict_grids(
         ),
         grid(
             "Effects, those that take most away first, with 95 % intervals",
-            ("effect", "at", "size", "what it adds", "could also be", *_taken_header(record)),
+            ("effect", "at", "size", "what it adds", "could also be", *taken),
             [
                 (
                     each.id.replace("_", " "),
@@ -172,12 +167,6 @@ def verdict_grids(
             ],
         ),
     )
-
-
-def _taken_header(record: VerdictRecord) -> tuple[str, ...]:
-    if record.explained is None:
-        return ()
-    return (f"takes away, over {record.explained.over} [mm rms]", "of the error beyond noise")
 
 
 def _taken(record: VerdictRecord, effect: FoundEffect) -> tuple[str, ...]:
@@ -247,9 +236,9 @@ def _size(effect: NamedEffect | ProposedFormula) -> str:
     return "; ".join(f"{name} = {sized(each)}" for name, each in effect.parameters.items())
 
 
-def formulas_of(found: Gathered) -> dict[tuple[str, str], str]:
+def formulas_of(results: ResultsBundle) -> dict[tuple[str, str], str]:
     """Return formulas of terms, as the fitted model states them, by id and place."""
-    terms = found.extended.fitted_model.get("terms") if found.extended is not None else None
+    terms = results.extended.fitted_model.get("terms") if results.extended is not None else None
     if not isinstance(terms, list):
         return {}
     return {

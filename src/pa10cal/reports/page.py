@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -16,28 +17,28 @@ from pa10cal.files.output import write_text
 from pa10cal.reports.accuracy import accuracy, parameters, repeats
 from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Folded, Paragraph, Section, grid
 from pa10cal.reports.formatting import count, mm
-from pa10cal.reports.gathered import Gathered, gather, is_synthetic
 from pa10cal.reports.measured import measured, use
 from pa10cal.reports.outcome import grade, grade_sentence, verdict, verdict_glance
 from pa10cal.reports.pictures import headline
 from pa10cal.reports.residuals import residuals
+from pa10cal.reports.results_bundle import ResultsBundle, is_synthetic, results_bundle
 from pa10cal.reports.theme import BLUE, VERMILLION, drawn, library, new_figure
 from pa10cal.reports.trust import missing, next_poses, trust
-from pa10cal.results.fleet import FleetArm, FleetCampaign, FleetRecord
+from pa10cal.results.fleet import FleetCampaign, FleetRecord
 
-#: The sections, in the order of reading.
+#: The sections in the order of reading: id in the page, heading, and what yields their blocks.
 _SECTIONS = (
-    measured,
-    grade,
-    verdict,
-    accuracy,
-    repeats,
-    residuals,
-    parameters,
-    missing,
-    next_poses,
-    trust,
-    use,
+    ("measured", "What was measured", measured),
+    ("grade", "Grade of the calibration", grade),
+    ("verdict", "Verdict: what the model lacks", verdict),
+    ("accuracy", "Before and after", accuracy),
+    ("iso9283", "Pose accuracy and repeatability (ISO 9283)", repeats),
+    ("residuals", "Where the model is off", residuals),
+    ("parameters", "Parameters", parameters),
+    ("missing", "What is missing", missing),
+    ("next", "What to measure next", next_poses),
+    ("trust", "How far to trust it", trust),
+    ("use", "How to use the model", use),
 )
 SYNTHETIC = "Synthetic data: simulated, no robot was measured."
 
@@ -57,26 +58,26 @@ def write_page(
     """Write the page of a results folder, and return the campaign's name and the size in bytes.
 
     Args:
-        results, load_case, campaign_dir: see `gather`.
+        results, load_case, campaign_dir: see `results_bundle`.
         out: page to write.
 
     Raises:
-        RecordError, RawDataError: as `gather`.
+        RecordError, RawDataError: as `results_bundle`.
         OutputError: when the page cannot be written.
     """
-    found = gather(results, load_case, campaign_dir)
+    found = results_bundle(results, load_case, campaign_dir)
     text = page_text(found)
     write_text(out, text)
     return found.campaign, len(text.encode())
 
 
-def page_text(found: Gathered) -> str:
+def page_text(results: ResultsBundle) -> str:
     """Return the page of a campaign as HTML, everything in it that it needs."""
     return rendered(
-        found.campaign,
-        list(_glances(found)),
-        [section(found) for section in _SECTIONS],
-        synthetic=found.synthetic,
+        results.campaign,
+        list(_glances(results)),
+        [Section(id, title, tuple(blocks(results))) for id, title, blocks in _SECTIONS],
+        synthetic=results.synthetic,
     )
 
 
@@ -112,46 +113,41 @@ def rendered(
         glances=glances,
         sections=sections,
         style=Markup(style),
-        library=library() if _any_drawing(sections) else None,
+        library=library() if any(map(_draws, sections)) else None,
         drawn=drawn,
         version=version("pa10cal"),
     )
     return text
 
 
-def _glances(found: Gathered) -> Iterator[Glance]:
-    if found.calibration is None:
+def _glances(results: ResultsBundle) -> Iterator[Glance]:
+    if results.calibration is None:
         yield Glance("Grade", "none", "There is no calibration.")
     else:
-        health = found.calibration.health
+        health = results.calibration.health
         more = grade_sentence(health)
-        if found.verdict is not None and found.verdict.effects:
+        if results.verdict is not None and results.verdict.effects:
             more += " This is before the effects found are added."
         yield Glance("Grade of the calibration", health.grade.replace("_", " "), more)
-    if found.verdict is None:
+    if results.verdict is None:
         yield Glance("Verdict", "none yet", "What the model lacks was not looked for.")
     else:
-        yield Glance("Verdict", *verdict_glance(found.verdict))
-    ends = headline(found)
+        yield Glance("Verdict", *verdict_glance(results.verdict))
+    ends = headline(results)
     if ends is not None:
         before, after = ends
-        over = f"rms over {count(before.configurations, f'{before.kind} configuration')}"
-        peaks = f"peak {mm(before.peak_mm)} to {mm(after.peak_mm)} mm"
-        said = f"{mm(before.rms_mm)} → {mm(after.rms_mm)} mm"
+        over = f"rms over {count(before.of.configurations, f'{before.kind} configuration')}"
+        peaks = f"peak {mm(before.of.peak_mm)} to {mm(after.of.peak_mm)} mm"
+        said = f"{mm(before.of.rms_mm)} → {mm(after.of.rms_mm)} mm"
         yield Glance("Position error", said, f"{over}; {peaks}.")
 
 
-def _any_drawing(sections: Sequence[Section]) -> bool:
+def _draws(part: Section | Folded) -> bool:
+    """Return whether there is a figure in a part of the page."""
     return any(
-        isinstance(block, Drawing | Beside) for section in sections for block in _inside(section)
+        isinstance(block, Drawing | Beside) or (isinstance(block, Folded) and _draws(block))
+        for block in part.blocks
     )
-
-
-def _inside(part: Section | Folded) -> Iterator[Block]:
-    for block in part.blocks:
-        yield block
-        if isinstance(block, Folded):
-            yield from _inside(block)
 
 
 # The page of a fleet: arms that need attention first, then every campaign.
@@ -188,7 +184,8 @@ def _fleet_glances(fleet: FleetRecord) -> Iterator[Glance]:
     yield Glance(
         "Arms", str(len(fleet.arms)), f"{count(len(fleet.campaigns), 'campaign')} of them."
     )
-    kinds = [f"{sum(e.attention == kind for e in ill)} {ATTENTION[kind]}" for kind in _kinds(ill)]
+    often: Counter[str] = Counter(each.attention for each in ill)
+    kinds = [f"{often[kind]} {words}" for kind, words in ATTENTION.items() if often[kind]]
     yield Glance("Need attention", str(len(ill)), f"{', '.join(kinds) or 'None of them'}.")
     judged = fleet.judged
     if judged:
@@ -201,11 +198,6 @@ def _fleet_glances(fleet: FleetRecord) -> Iterator[Glance]:
             f"{mm(before)} → {mm(after)} mm",
             "Median over the last campaigns of the arms, uncalibrated and with the final model.",
         )
-
-
-def _kinds(arms: list[FleetArm]) -> list[str]:
-    there = {each.attention for each in arms}
-    return [kind for kind in ATTENTION if kind in there]
 
 
 def _first(fleet: FleetRecord) -> Iterator[Block]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pa10cal.reports.blocks import Drawing
 from pa10cal.reports.formatting import HALF_WIDTH_95, written
-from pa10cal.reports.gathered import Gathered
+from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.theme import (
     BLUE,
     GREEN,
@@ -21,7 +21,6 @@ from pa10cal.reports.theme import (
     VERMILLION,
     new_figure,
 )
-from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.evaluation import Accuracy, HoldoutRecord, Parameter
 from pa10cal.results.health import PosesNeeded
 
@@ -40,8 +39,8 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
         every: errors, in the order of the rows.
         noise_mm: mean error that noise alone leaves, by which poses it is of.
     """
-    smallest = min(*(each.rms_mm for each in every), *noise_mm.values(), 1e9)
-    largest = max(each.peak_mm for each in every)
+    smallest = min(*(each.of.rms_mm for each in every), *noise_mm.values(), 1e9)
+    largest = max(each.of.peak_mm for each in every)
     ends = [math.log10(max(smallest, 1e-6)) - 0.75, math.log10(max(largest, 1e-6)) + 0.65]
     rows = len(every)
     figure = new_figure(
@@ -50,17 +49,10 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
         {"range": [rows - 0.4, -0.75], "visible": False},
     )
     for row, each in enumerate(every):
-        figure.add_annotation(
-            text=f"{each.poses}, {each.model}",
-            xref="paper",
-            x=0,
-            xanchor="left",
-            y=row,
-            yshift=19,
-            showarrow=False,
-        )
+        place = {"xref": "paper", "x": 0, "xanchor": "left", "y": row, "yshift": 19}
+        figure.add_annotation(text=f"{each.poses}, {each.model}", showarrow=False, **place)
         figure.add_scatter(
-            x=[each.rms_mm, each.peak_mm],
+            x=[each.of.rms_mm, each.of.peak_mm],
             y=[row, row],
             mode="lines",
             line={"color": GREY, "width": 1},
@@ -72,7 +64,7 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
         ("largest", "triangle-right", VERMILLION, "peak_mm", "middle right"),
     )
     for name, symbol, color, key, side in looks:
-        values = [getattr(each, key) for each in every]
+        values = [getattr(each.of, key) for each in every]
         figure.add_scatter(
             x=values,
             y=list(range(rows)),
@@ -83,13 +75,11 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
             name=name,
             hovertemplate=f"{name} %{{x:.4f}} mm<extra></extra>",
         )
-    noisy = [
-        (row, noise_mm[each.poses]) for row, each in enumerate(every) if each.poses in noise_mm
-    ]
+    noisy = {k: noise_mm[each.poses] for k, each in enumerate(every) if each.poses in noise_mm}
     if noisy:
         figure.add_scatter(
-            x=[mm for _, mm in noisy],
-            y=[row for row, _ in noisy],
+            x=list(noisy.values()),
+            y=list(noisy),
             mode="markers",
             marker={"color": GREY, "size": 12, "symbol": "line-ns", "line": {"width": 2}},
             name="noise alone, mean",
@@ -271,27 +261,20 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
     if len(poses.expected) < 2:
         return None
     counts = [each.poses for each in poses.expected]
-    ticks = {"type": "log", "tickmode": "array"}
-    shown = {"tickvals": _TICKS, "ticktext": [f"{tick:g}" for tick in _TICKS]}
+    ticks: dict[str, Any] = {"type": "log", "tickmode": "array"}
+    ticks |= {"tickvals": _TICKS, "ticktext": [f"{tick:g}" for tick in _TICKS]}
     figure = new_figure(
         340,
-        {"title": {"text": "poses"}, **ticks, **shown},
-        {"title": {"text": "expected uncertainty [mm]"}, **ticks, **shown},
+        {"title": {"text": "poses"}, **ticks},
+        {"title": {"text": "expected uncertainty [mm]"}, **ticks},
     )
-    series = (
-        ("best poses first", [e.u_optimal_mm for e in poses.expected], BLUE, "circle", "solid"),
-        (
-            "in the order measured",
-            [e.u_measured_mm for e in poses.expected],
-            VERMILLION,
-            "x",
-            "dash",
-        ),
-    )
-    for name, values, color, symbol, dash in series:
+    for name, key, color, symbol, dash in (
+        ("best poses first", "u_optimal_mm", BLUE, "circle", "solid"),
+        ("in the order measured", "u_measured_mm", VERMILLION, "x", "dash"),
+    ):
         figure.add_scatter(
             x=counts,
-            y=values,
+            y=[getattr(each, key) for each in poses.expected],
             mode="lines+markers",
             name=name,
             line={"color": color, "dash": dash},
@@ -328,13 +311,8 @@ class Errors:
     load: str  # `all`, or a load such as `22N`
     name: str  # of the model in the records
     model: str  # as readers see it
-    part: str  # `all`, or of a model with effects `inside` the angles fitted or `extrapolated`
-    # rms_mm, peak_mm and mean_mm: position error
-    rms_mm: float
-    peak_mm: float
-    mean_mm: float
-    orientation_deg: float | None  # mean orientation error; None where no attitude is measured
-    configurations: int  # how many
+    of: Accuracy  # the errors
+    part: str = ALL  # of a model with effects `inside` the angles fitted or `extrapolated`
 
     @property
     def kind(self) -> str:
@@ -342,17 +320,17 @@ class Errors:
         return self.poses.replace(" ", "-")
 
 
-def errors_of(found: Gathered) -> list[Errors]:
+def errors_of(results: ResultsBundle) -> list[Errors]:
     """Return the errors of every model, over all loads first, then load by load."""
-    every = [*_fitted(found), *_held_out(found)]
+    every = [*_fitted(results), *_held_out(results)]
     return [each for each in every if each.load == ALL] + [
         each for each in every if each.load != ALL
     ]
 
 
-def headline(found: Gathered) -> tuple[Errors, Errors] | None:
+def headline(results: ResultsBundle) -> tuple[Errors, Errors] | None:
     """Return the errors before and after that count: held out where there are such poses."""
-    every = [each for each in errors_of(found) if each.load == each.part == ALL]
+    every = [each for each in errors_of(results) if each.load == each.part == ALL]
     for poses in (HELD_OUT, FITTED):
         of = [each for each in every if each.poses == poses]
         if of:
@@ -360,25 +338,25 @@ def headline(found: Gathered) -> tuple[Errors, Errors] | None:
     return None
 
 
-def model_title(name: str, found: Gathered, beside: Iterable[str]) -> str | None:
+def model_title(name: str, results: ResultsBundle, beside: Iterable[str]) -> str | None:
     """Return what readers call a model; None of one that is the calibrated one once more.
 
     Args:
         name: in the records.
-        found: what was gathered.
+        results: of the campaign.
         beside: names of the models that it is compared with.
     """
     if name == "extended":
-        return EXTENDED if found.verdict is None or found.verdict.effects else None
+        return EXTENDED if results.verdict is None or results.verdict.effects else None
     if name == "uncalibrated":
         return UNCALIBRATED
     return _SPRINGS.get(name, name) if {"geometry", "cubic"} & set(beside) else CALIBRATED
 
 
-def _fitted(found: Gathered) -> Iterator[Errors]:
-    if (record := found.calibration) is None:
+def _fitted(results: ResultsBundle) -> Iterator[Errors]:
+    if (record := results.calibration) is None:
         return
-    sprung = _has_springs(record)
+    sprung = bool(getattr(record, "springs", True))
     last = "cubic" if record.model == "paper" else "linear"
     models = {
         "before": ("uncalibrated", UNCALIBRATED),
@@ -390,22 +368,22 @@ def _fitted(found: Gathered) -> Iterator[Errors]:
         known = {load: each for load, each in by_load.items() if each is not None}
         if not known or (key == "geometry" and not sprung):
             continue
-        yield _errors(FITTED, ALL, name, title, _together(list(known.values())))
+        yield Errors(FITTED, ALL, name, title, _together(list(known.values())))
         for load, part in known.items():
-            yield _errors(FITTED, load, name, title, part)
-    if found.verdict is not None and found.verdict.effects:
-        gap = found.verdict.gap.train
+            yield Errors(FITTED, load, name, title, part)
+    if results.verdict is not None and results.verdict.effects:
+        gap = results.verdict.gap.train
         parts = {"inside": gap.inside, "extrapolated": gap.outside}
         after = {part: of.after for part, of in parts.items() if of is not None}
         per_load = {load: part.after for load, part in gap.per_load.items()}
         yield from _model(FITTED, "extended", EXTENDED, gap.after, per_load, after)
 
 
-def _held_out(found: Gathered) -> Iterator[Errors]:
-    if found.held_out is None:
+def _held_out(results: ResultsBundle) -> Iterator[Errors]:
+    if results.held_out is None:
         return
-    for name, model in found.held_out.models.items():
-        title = model_title(name, found, found.held_out.models)
+    for name, model in results.held_out.models.items():
+        title = model_title(name, results, results.held_out.models)
         if title is not None:
             parts = {"inside": model.inside, "extrapolated": model.outside}
             known = {part: of for part, of in parts.items() if of is not None}
@@ -421,20 +399,11 @@ def _model(
     parts: Mapping[str, Accuracy],
 ) -> Iterator[Errors]:
     """Yield errors over all configurations, over parts of them and at each load."""
-    yield _errors(poses, ALL, name, title, of)
+    yield Errors(poses, ALL, name, title, of)
     for part, within in parts.items():
-        yield _errors(poses, ALL, name, f"{title}, {PARTS[part]}", within, part)
+        yield Errors(poses, ALL, name, f"{title}, {PARTS[part]}", within, part)
     for load, at_load in per_load.items():
-        yield _errors(poses, load, name, title, at_load)
-
-
-def _has_springs(record: CalibrationRecord) -> bool:
-    return bool(getattr(record, "springs", True))
-
-
-def _errors(poses: str, load: str, name: str, model: str, of: Accuracy, part: str = ALL) -> Errors:
-    errors = (of.rms_mm, of.peak_mm, of.mean_mm, of.orientation_deg)
-    return Errors(poses, load, name, model, part, *errors, of.configurations)
+        yield Errors(poses, load, name, title, at_load)
 
 
 def _together(parts: list[Accuracy]) -> Accuracy:

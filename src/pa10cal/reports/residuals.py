@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Paragraph, Section, grid
+from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Paragraph, grid
 from pa10cal.reports.formatting import mm
-from pa10cal.reports.gathered import Gathered
+from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.theme import BLUE, VERMILLION, new_space
 
 #: The longest line is this part of what the positions span.
@@ -38,23 +38,21 @@ class _Field:
     residual_mm: dict[str, Array]
 
 
-def residuals(found: Gathered) -> Section:
-    """Return the residual field, before and after effects joined the model."""
-    return Section("residuals", "Where the model is off", tuple(_blocks(found)))
-
-
-def _blocks(found: Gathered) -> Iterator[Block]:
-    fields = _fields(found)
+def residuals(results: ResultsBundle) -> Iterator[Block]:
+    """Yield the residual field, before and after effects joined the model."""
+    fields = _fields(results)
     if not fields:
-        yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
+        yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
     models = list(fields[0].residual_mm)
     scale = _enlarged(fields, models[0])
+    words = results.words
+    lines = "" if words is None else f" {words.arrows.replace('Arrows', 'Lines')}"
     yield Paragraph(
         "Residuals of every configuration in the robot's base frame: each line begins at the "
         f"position of the end-effector and shows its residual {scale:g} times enlarged, the same "
         "in every picture. Lines that agree or turn steadily from place to place show an effect "
-        f"that the model lacks; noise has no common direction.{_arrows(found)}"
+        f"that the model lacks; noise has no common direction.{lines}"
     )
     ranges = _ranges(fields, models[0], scale)
     drawings = tuple(_drawing(fields, model, scale, ranges) for model in models)
@@ -68,15 +66,11 @@ def _blocks(found: Gathered) -> Iterator[Block]:
     )
 
 
-def _arrows(found: Gathered) -> str:
-    return "" if found.words is None else f" {found.words.arrows.replace('Arrows', 'Lines')}"
-
-
-def _fields(found: Gathered) -> list[_Field]:
+def _fields(results: ResultsBundle) -> list[_Field]:
     before, after = "calibrated", "with the effects found"
-    if found.analysis is not None:
-        gap = found.analysis.gap
-        with_effects = found.verdict is not None and bool(found.verdict.effects)
+    if results.analysis is not None:
+        gap = results.analysis.gap
+        with_effects = results.verdict is not None and bool(results.verdict.effects)
         return [
             _Field(
                 poses,
@@ -88,8 +82,8 @@ def _fields(found: Gathered) -> list[_Field]:
             for poses, rows in (("fitted", gap.train), ("held out", gap.holdout))
             if rows is not None and len(rows)
         ]
-    if found.calibration is not None:
-        rows = found.calibration.residuals
+    if results.calibration is not None:
+        rows = results.calibration.residuals
         return [_Field("fitted", rows.pose, rows.load_N, rows.place_mm, {before: rows.position_mm})]
     return []
 
@@ -150,9 +144,8 @@ def _drawing(fields: list[_Field], model: str, scale: float, ranges_mm: Array) -
             ],
             hoverinfo="text",
         )
-    told = ", ".join(
-        f"{field.poses} {_rms(field.residual_mm[model]):.3f} mm rms" for field in fields
-    )
+    rms_mm = {f.poses: np.sqrt(np.mean(np.sum(f.residual_mm[model] ** 2, axis=1))) for f in fields}
+    told = ", ".join(f"{poses} {rms:.3f} mm rms" for poses, rms in rms_mm.items())
     shapes = "Circles: fitted; diamonds: held out. " if len(fields) > 1 else ""
     return Drawing(
         figure,
@@ -166,10 +159,6 @@ def _drawing(fields: list[_Field], model: str, scale: float, ranges_mm: Array) -
 def _with_gaps(values: Array) -> list[float | None]:
     """Return values as plotly takes them, None between the lines."""
     return [None if np.isnan(value) else float(value) for value in values]
-
-
-def _rms(vectors: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
 
 
 def _largest(fields: list[_Field], model: str) -> Iterator[tuple[str, ...]]:

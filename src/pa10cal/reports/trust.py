@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from pa10cal.reports.blocks import Block, Callout, Folded, Grid, Items, Paragraph, Section, grid
+from pa10cal.reports.blocks import Block, Callout, Folded, Grid, Items, Paragraph, grid
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     count,
@@ -17,8 +17,8 @@ from pa10cal.reports.formatting import (
     sentence,
     written,
 )
-from pa10cal.reports.gathered import Gathered
 from pa10cal.reports.pictures import poses_drawing
+from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.discovery import (
     EvidenceByBlocks,
@@ -30,29 +30,25 @@ from pa10cal.results.discovery import (
 from pa10cal.results.health import Health
 
 
-def trust(found: Gathered) -> Section:
-    """Return what to check before the model is relied on."""
-    return Section("trust", "How far to trust it", tuple(_blocks(found)))
-
-
-def _blocks(found: Gathered) -> Iterator[Block]:
-    if found.calibration is None:
-        yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
+def trust(results: ResultsBundle) -> Iterator[Block]:
+    """Yield what to check before the model is relied on."""
+    if results.calibration is None:
+        yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    yield checks_grid(found.calibration, "calibration")
-    warnings = dict.fromkeys(found.calibration.warnings)
-    if found.extended is not None and found.extended.named:
-        warnings |= dict.fromkeys(f"with the effects: {each}" for each in found.extended.warnings)
+    yield checks_grid(results.calibration, "calibration")
+    warnings = dict.fromkeys(results.calibration.warnings)
+    if results.extended is not None and results.extended.named:
+        warnings |= dict.fromkeys(f"with the effects: {each}" for each in results.extended.warnings)
     for warning in warnings:
-        if warning != found.calibration.health.line:
+        if warning != results.calibration.health.line:
             yield Callout("warning", sentence(warning))
-    record = found.verdict
+    record = results.verdict
     if record is not None and record.effects:
         yield evidence_grid(record)
     if record is not None and record.falls_back is not None:
         yield Callout("warning", sentence(f"limits of the effects: {record.falls_back.why}"))
-    yield Items(tuple(_limits(found)))
-    seen = tuple(_seen(found))
+    yield Items(tuple(_limits(results)))
+    seen = tuple(_seen(results))
     if seen:
         yield grid("Joint positions that the fit has seen", ("joint", "seen", "allowed"), seen)
 
@@ -154,15 +150,15 @@ def _evidence(effect: FoundEffect) -> str:
     )
 
 
-def _limits(found: Gathered) -> Iterator[str]:
-    assert found.calibration is not None
-    if found.synthetic:
+def _limits(results: ResultsBundle) -> Iterator[str]:
+    assert results.calibration is not None
+    if results.synthetic:
         yield "The data are synthetic: nothing here was measured on a real robot."
     yield (
         "Intervals hold the noise of the measurement, not effects that the model lacks; held-out "
         "errors show how large those are."
     )
-    loads = found.calibration.loads_fitted
+    loads = results.calibration.loads_fitted
     if max(loads, default=0.0) > 0.0:
         yield f"The heaviest load of the fit is {max(loads):g} N: beyond it is extrapolation."
     else:
@@ -173,8 +169,8 @@ def _limits(found: Gathered) -> Iterator[str]:
     )
 
 
-def _seen(found: Gathered) -> Iterator[tuple[str, str, str]]:
-    model = found.calibration if found.extended is None else found.extended
+def _seen(results: ResultsBundle) -> Iterator[tuple[str, str, str]]:
+    model = results.calibration if results.extended is None else results.extended
     assert model is not None
     seen, arm = model.fitted_model.get("seen"), model.fitted_model.get("arm")
     rows = arm.get("rows") if isinstance(arm, dict) else None
@@ -210,38 +206,34 @@ _MOST_LISTED = 2
 _UNSEEN = re.compile(r"angle of joint (\d+) not seen")
 
 
-def missing(found: Gathered) -> Section:
-    """Return what these data do not show."""
-    return Section("missing", "What is missing", tuple(_missing(found)))
-
-
-def _missing(found: Gathered) -> Iterator[Block]:
-    for each in found.absent:
-        yield Callout("missing", f"{each.why} {each.remedy}")
-    told = tuple(_told(found))
+def missing(results: ResultsBundle) -> Iterator[Block]:
+    """Yield what these data do not show."""
+    for why in results.absent.values():
+        yield Callout("missing", why)
+    told = tuple(_told(results))
     if told:
         yield Items(told)
-    if found.calibration is not None and found.calibration.health.correlated_pairs:
-        yield _folded(pairs_grid(found.calibration.health), "pair")
-    record = found.verdict
+    if results.calibration is not None and results.calibration.health.correlated_pairs:
+        yield _folded(pairs_grid(results.calibration.health), "pair")
+    record = results.verdict
     if record is not None:
         yield from (_folded(each, "effect") for each in hidden_grids(record))
-    if not (found.absent or told or (record is not None and record.not_testable)):
+    if not (results.absent or told or (record is not None and record.not_testable)):
         yield Paragraph("Nothing is missing that these data could have shown.")
 
 
-def _told(found: Gathered) -> Iterator[str]:
-    if found.calibration is not None:
-        health = found.calibration.health
+def _told(results: ResultsBundle) -> Iterator[str]:
+    if results.calibration is not None:
+        health = results.calibration.health
         if health.not_identifiable:
             names = parameters(health.not_identifiable)
             yield f"Not identifiable from these poses: {names}."
         if not health.repeats:
             yield "No pose is repeated often enough to know how readings scatter."
-        if not found.calibration.torques_logged:
+        if not results.calibration.torques_logged:
             yield "Joint torques were not logged: springs use those of the described masses."
-    if found.verdict is not None and found.verdict.verdict == "not_sought":
-        yield f"Effects were not sought. {sentence(found.verdict.remedy or '')}"
+    if results.verdict is not None and results.verdict.verdict == "not_sought":
+        yield f"Effects were not sought. {sentence(results.verdict.remedy or '')}"
 
 
 def _folded(table: Grid, row: str) -> Folded:
@@ -305,14 +297,10 @@ def _places(places: Sequence[str]) -> str:
     return ", ".join([f"joint{'s' * (len(joints) > 1)} {told}"] * bool(joints) + others)
 
 
-def next_poses(found: Gathered) -> Section:
-    """Return what to measure next, and what for."""
-    return Section("next", "What to measure next", tuple(_next(found)))
-
-
-def _next(found: Gathered) -> Iterator[Block]:
-    if found.calibration is not None:
-        poses = found.calibration.health.poses
+def next_poses(results: ResultsBundle) -> Iterator[Block]:
+    """Yield what to measure next, and what for."""
+    if results.calibration is not None:
+        poses = results.calibration.health.poses
         now = f"{poses.measured} poses give a standard uncertainty of {mm(poses.u_model_mm)} mm"
         if poses.u_model_mm is None:
             yield Paragraph("How uncertain predictions are is not known.")
@@ -331,9 +319,9 @@ def _next(found: Gathered) -> Iterator[Block]:
         drawing = poses_drawing(poses)
         if drawing is not None:
             yield drawing
-    record = found.verdict
+    record = results.verdict
     if record is None:
-        yield Callout("missing", found.why_absent(VerdictRecord.FILE))
+        yield Callout("missing", results.why_absent(VerdictRecord.FILE))
         return
     if not record.suggested_poses:
         yield Paragraph("No further poses are suggested to tell effects apart.")

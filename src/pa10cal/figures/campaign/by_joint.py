@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.style import legend_at, new_figure, panel, points, write_text_at
+from pa10cal.figures.style import draw_points, legend_at, mark, new_figure, panel, write_text_at
 from pa10cal.reports.theme import AFTER, BEFORE, BLUE, GREY, ORANGE, SEPARATOR
 from pa10cal.results.analysis import CellJoint, LackOfFit, Periodogram
 
@@ -140,14 +139,18 @@ def draw_where_joints(results: Results) -> Figure:
     joints = found.before.cells.joints
     figure = new_figure(_HEIGHT_MM, "Error of each joint angle, and its orders in the angle")
     fits = ((found.before, BEFORE, _BROAD), (found.after, AFTER, 1.0))
-    limit = max(_limit(joint) for fit, _, _ in fits for joint in fit.cells.joints)
-    points = joint_panels(figure, len(joints), 76.0, 43.0, "angle error [µrad]")
+    limit = max(_limit_urad(joint) for fit, _, _ in fits for joint in fit.cells.joints)
+    upper = joint_panels(figure, len(joints), 76.0, 43.0, "angle error [µrad]")
     orders = joint_panels(figure, len(joints), 29.0, 30.0, "explained, rms [µrad]")
     for k, joint in enumerate(joints):
-        points[k].set_title(f"joint {joint.joint}")
-        points[k].axhline(0.0, color=GREY, linewidth=0.6)
-        _draw_points(points[k], fits, k)
-        points[k].set_ylim(-limit, limit)
+        upper[k].set_title(f"joint {joint.joint}")
+        upper[k].axhline(0.0, color=GREY, linewidth=0.6)
+        for fit, colour, broad in fits:
+            cells = fit.cells.joints[k]
+            look = {"color": colour, "marker": _MARKERS[colour], "markersize": 1.1 * broad}
+            draw_points(upper[k], np.degrees(cells.q_rad), 1e6 * cells.error_rad, **look)
+            over_angle(upper[k], np.degrees(cells.q_rad))
+        upper[k].set_ylim(-limit, limit)
         _draw_orders(orders[k], fits, k)
     drawn = [np.asarray(line.get_ydata(), dtype=float) for axes in orders for line in axes.lines]
     highest = max((float(y.max()) for y in drawn if len(y)), default=0.0)
@@ -166,24 +169,10 @@ def draw_where_joints(results: Results) -> Figure:
     return figure
 
 
-def _limit(joint: CellJoint) -> float:
-    """Return how far points reach [µrad], without uncertain ones."""
+def _limit_urad(joint: CellJoint) -> float:
+    """Return how far points reach, without uncertain ones."""
     error, std = np.abs(joint.error_rad), joint.std_rad
     return float(1.1e6 * error[std <= _POOR * np.median(std)].max())
-
-
-def _draw_points(axes: Axes, fits: _Fits, k: int) -> None:
-    for fit, colour, broad in fits:
-        joint = fit.cells.joints[k]
-        points(
-            axes,
-            np.degrees(joint.q_rad),
-            1e6 * joint.error_rad,
-            color=colour,
-            marker=_MARKERS[colour],
-            markersize=1.1 * broad,
-        )
-    over_angle(axes, np.degrees(joint.q_rad))
 
 
 def _draw_orders(axes: Axes, fits: _Fits, k: int) -> None:
@@ -203,18 +192,14 @@ def _draw_orders(axes: Axes, fits: _Fits, k: int) -> None:
         shown = found.orders <= min(told, last)
         order, highest = _highest_by_band(found.orders[shown], 1e6 * found.explained_rad[shown])
         axes.plot(order, highest, color=colour, linewidth=0.7 * broad)
-        axes.vlines(found.marked, 0.0, 1e6 * found.marked_rad, color=colour, linewidth=0.8 * broad)
-        axes.plot(
-            found.marked,
-            1e6 * found.marked_rad,
-            color=colour,
-            marker=_MARKERS[colour],
-            markersize=2.0 + broad,
-            linestyle="none",
-        )
+        marked = 1e6 * found.marked_rad
+        look: dict[str, Any] = {"color": colour, "marker": _MARKERS[colour]}
+        axes.vlines(found.marked, 0.0, marked, color=colour, linewidth=0.8 * broad)
+        axes.plot(found.marked, marked, linestyle="none", ms=2.0 + broad, **look)
     axes.set_xlim(found.orders[0], last)
     axes.xaxis.set_major_locator(FixedLocator(list(found.marked)))
-    axes.xaxis.set_major_formatter(FixedFormatter(_names(found)))
+    names = ["1", "2", "N", "\n2N"] if _geared(found) else [f"{order:g}" for order in found.marked]
+    axes.xaxis.set_major_formatter(FixedFormatter(names))
     axes.xaxis.set_minor_locator(NullLocator())
 
 
@@ -224,27 +209,14 @@ def _highest_by_band(orders: Array, explained: Array) -> tuple[Array, Array]:
         return orders, explained
     band = np.floor(_BANDS_A_DECADE * np.log10(orders / orders[0])).astype(int)
     first = np.flatnonzero(np.diff(band, prepend=-1))
-    highest = np.maximum.reduceat(explained, first)
-    at = [start + int(np.argmax(part)) for start, part in _parts(explained, first)]
-    return orders[at], highest
-
-
-def _parts(values: Array, first: NDArray[np.intp]) -> Iterator[tuple[int, Array]]:
-    """Yield the parts of a column that begin at some rows, each with its first row."""
-    for start, part in zip(first, np.split(values, first[1:]), strict=True):
-        yield int(start), part
+    parts = np.split(explained, first[1:])
+    highest = first + [int(np.argmax(part)) for part in parts]
+    return orders[highest], explained[highest]
 
 
 def _geared(found: Periodogram) -> bool:
     """Return whether the gear ratio of the joint is known."""
     return len(found.marked) == _KNOWN_WITH_RATIO
-
-
-def _names(found: Periodogram) -> list[str]:
-    """Return the marked orders as they are written: once and twice a turn, N and 2N."""
-    if not _geared(found):
-        return [f"{order:g}" for order in found.marked]
-    return ["1", "2", "N", "\n2N"]
 
 
 # Residual torque of every joint, by direction of arrival and joint angle.
@@ -295,7 +267,10 @@ def draw_where_torque(results: Results) -> Figure:
             axes.set_ylim(-limit, limit)
             axes.set_title(f"joint {joint.joint}" if when == "before" else "")
     label_below(figure, 13.5, "joint angle [deg]")
-    legend_at(figure, LEFT_MM, 6.0, _legend(found.before), ncols=4)
+    sides = {int(side) for joint in joints for side in np.sign(joint.arrival)}
+    shown = [mark(label, **look) for sign, look, label in _SIDES if sign in sides]
+    band = Line2D([], [], color=SEPARATOR, linewidth=5.0, label="noise, ± 2 standard deviations")
+    legend_at(figure, LEFT_MM, 6.0, [*shown, band], ncols=4)
     return figure
 
 
@@ -308,23 +283,10 @@ def _limit_of_torque(fit: LackOfFit) -> float:
 
 
 def _draw_torques(axes: Axes, joint: CellJoint) -> None:
-    q_deg, left_Nm = np.degrees(joint.q_rad), np.asarray(joint.torque_residual_Nm)
-    side = np.sign(joint.arrival)
+    q_deg, residual_Nm = np.degrees(joint.q_rad), np.asarray(joint.torque_residual_Nm)
     for sign, look, _ in _SIDES:
-        rows = side == sign
+        rows = np.sign(joint.arrival) == sign
         if rows.any():
-            axes.plot(q_deg[rows], left_Nm[rows], markersize=2.5, linestyle="none", **look)
+            axes.plot(q_deg[rows], residual_Nm[rows], markersize=2.5, linestyle="none", **look)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     over_angle(axes, q_deg)
-
-
-def _legend(fit: LackOfFit) -> list[Any]:
-    """Return what the markers mean, those that occur."""
-    sides = {int(side) for joint in fit.cells.joints for side in np.sign(joint.arrival)}
-    shown = [
-        Line2D([], [], linestyle="none", label=label, **look)
-        for sign, look, label in _SIDES
-        if sign in sides
-    ]
-    band = Line2D([], [], color=SEPARATOR, linewidth=5.0, label="noise, ± 2 standard deviations")
-    return [*shown, band]

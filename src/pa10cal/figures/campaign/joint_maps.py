@@ -10,12 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import ArrayLike, NDArray
 
 from pa10cal.arrays import Array
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.style import legend_at, name_rows, new_figure, panel, write_text_at
+from pa10cal.figures.style import legend_at, name_rows, new_figure, note, panel
 from pa10cal.reports.formatting import HALF_WIDTH_95
 from pa10cal.reports.theme import AFTER, BLUE, GREEN, GREY, ORANGE, PURPLE, SEPARATOR, SKY
 from pa10cal.results.calibration import CampaignsAgree, EffectByCampaign
@@ -33,33 +32,13 @@ _STRONG, _WEAK = 0.6, 0.25
 
 @dataclass(frozen=True)
 class _Map:
-    """The map of one joint: errors (K,) at even knots of a turn, and their standard deviations."""
+    """The map of one joint over a turn: error and half its 95 % interval at angles (N,)."""
 
     joint: int
-    error_mrad: Array
-    std_mrad: Array
-
-    @property
-    def angle_deg(self) -> Array:
-        """Return the angles at which it is drawn, over a turn."""
-        knots = len(self.error_mrad)
-        return np.linspace(0.0, 360.0, max(_POINTS // knots, 2) * knots + 1)
-
-    @property
-    def line_mrad(self) -> Array:
-        """Return the error at these angles: a periodic cubic spline through the knots."""
-        from scipy.interpolate import CubicSpline  # late: a third of a second, for few campaigns
-
-        around = np.append(self.error_mrad, self.error_mrad[0])
-        spline = CubicSpline(np.linspace(0.0, 360.0, len(around)), around, bc_type="periodic")
-        return np.asarray(spline(self.angle_deg))
-
-    @property
-    def half_width_mrad(self) -> Array:
-        """Return half the 95 % interval at these angles, between knots that of its neighbours."""
-        around = np.append(self.std_mrad, self.std_mrad[0])
-        knots = np.linspace(0.0, 360.0, len(around))
-        return np.asarray(HALF_WIDTH_95 * np.interp(self.angle_deg, knots, around))
+    knots: int  # even knots of a turn
+    angle_deg: Array
+    line_mrad: Array  # a periodic cubic spline through the knots
+    half_width_mrad: Array  # between knots that of its neighbours
 
 
 @picture(
@@ -88,7 +67,15 @@ def draw_joint_error_maps(results: Results) -> Figure:
         stretches = found.angles_seen[each.joint - 1].stretches if found.angles_seen else None
         _draw_map(axes, each, stretches)
         axes.axhline(0.0, color=GREY, linewidth=0.6)
-    _draw_legend(figure)
+    handles = [
+        Line2D([], [], color=AFTER, label="map"),
+        Patch(color=SKY, alpha=_STRONG, label="95 % band"),
+        Line2D([], [], color=AFTER, linestyle=":", label="extrapolated"),
+        Patch(color=SEPARATOR, alpha=0.45, label="angles without fitted poses"),
+    ]
+    legend_at(figure, 4.0, 11.0, handles, ncols=4, columnspacing=1.4)
+    said = "A map shows at which joint an error is and how it depends on the angle, not its cause."
+    note(figure, said, 6.5, color=GREY)
     return figure
 
 
@@ -108,14 +95,21 @@ def _turns(title: str, count: int, width_mm: float, limit: float) -> tuple[Figur
 
 
 def _map(effect: FoundEffect) -> _Map:
-    """Return the map of an effect, its knots in order."""
-    knots = sorted(
-        (int(name.rpartition("_")[2]), parameter) for name, parameter in effect.parameters.items()
-    )
+    """Return the map of an effect, whose parameters are the errors at its knots."""
+    from scipy.interpolate import CubicSpline  # late: a third of a second, for few campaigns
+
+    names = sorted(effect.parameters, key=lambda name: int(name.rpartition("_")[2]))
+    around = [effect.parameters[name] for name in (*names, names[0])]
+    knots_deg = np.linspace(0.0, 360.0, len(around))
+    angle_deg = np.linspace(0.0, 360.0, max(_POINTS // len(names), 2) * len(names) + 1)
+    error_mrad = 1e3 * np.array([knot.value for knot in around])
+    std_mrad = 1e3 * np.array([knot.std for knot in around])
     return _Map(
         joint=int(effect.of.removeprefix("joint ")),
-        error_mrad=1e3 * np.array([parameter.value for _, parameter in knots]),
-        std_mrad=1e3 * np.array([parameter.std for _, parameter in knots]),
+        knots=len(names),
+        angle_deg=angle_deg,
+        line_mrad=np.asarray(CubicSpline(knots_deg, error_mrad, bc_type="periodic")(angle_deg)),
+        half_width_mrad=HALF_WIDTH_95 * np.interp(angle_deg, knots_deg, std_mrad),
     )
 
 
@@ -124,7 +118,8 @@ def _draw_map(axes: Axes, each: _Map, stretches: Array | None) -> None:
     angle, line, half = each.angle_deg, each.line_mrad, each.half_width_mrad
     unseen = np.zeros(len(angle), dtype=bool)
     if stretches is not None:
-        unseen = ~_within(angle, np.degrees(stretches))
+        low, high = np.degrees(stretches).T[:, None]
+        unseen = ~((angle[:, None] >= low) & (angle[:, None] <= high)).any(axis=1)
     axes.fill_between(
         angle, 0.0, 1.0, where=unseen, transform=axes.get_xaxis_transform(), color=SEPARATOR,
         alpha=0.45, linewidth=0.0,
@@ -134,40 +129,14 @@ def _draw_map(axes: Axes, each: _Map, stretches: Array | None) -> None:
     axes.fill_between(angle, line - half, line + half, where=unseen, alpha=_WEAK, **band)
     axes.plot(angle, np.where(unseen, np.nan, line), color=AFTER)
     axes.plot(angle, np.where(unseen, line, np.nan), color=AFTER, linestyle=":")
-    spacing = 360.0 / len(each.error_mrad)
     shown, over = (line, "the turn") if unseen.all() else (line[~unseen], "the measured angles")
     axes.set_title(
         f"joint {each.joint}: rms {np.sqrt(np.mean(shown**2)):.3f} mrad over {over}; "
-        f"{100.0 * np.mean(~unseen):.0f} % of the turn measured; knots {spacing:.3g}° apart"
+        f"{100.0 * np.mean(~unseen):.0f} % of the turn measured; "
+        f"knots {360.0 / each.knots:.3g}° apart"
     )
-    right = axes.secondary_yaxis("right", functions=(_to_arc_seconds, _to_mrad))
-    right.set_ylabel("arc seconds")
-
-
-def _to_arc_seconds(mrad: ArrayLike) -> ArrayLike:
-    return np.asarray(mrad) * _ARC_SECONDS_A_MRAD
-
-
-def _to_mrad(arc_seconds: ArrayLike) -> ArrayLike:
-    return np.asarray(arc_seconds) / _ARC_SECONDS_A_MRAD
-
-
-def _within(angle: Array, stretches: Array) -> NDArray[np.bool_]:
-    """Return which angles (N,) lie in any of the stretches (m, 2)."""
-    low, high = stretches.T[:, None]
-    return np.asarray(((angle[:, None] >= low) & (angle[:, None] <= high)).any(axis=1))
-
-
-def _draw_legend(figure: Figure) -> None:
-    handles = [
-        Line2D([], [], color=AFTER, label="map"),
-        Patch(color=SKY, alpha=_STRONG, label="95 % band"),
-        Line2D([], [], color=AFTER, linestyle=":", label="extrapolated"),
-        Patch(color=SEPARATOR, alpha=0.45, label="angles without fitted poses"),
-    ]
-    legend_at(figure, 4.0, 11.0, handles, ncols=4, columnspacing=1.4)
-    note = "A map shows at which joint an error is and how it depends on the angle, not its cause."
-    write_text_at(figure, 2.0, 6.5, note, color=GREY)
+    functions = (lambda mrad: _ARC_SECONDS_A_MRAD * mrad, lambda arc: arc / _ARC_SECONDS_A_MRAD)
+    axes.secondary_yaxis("right", functions=functions).set_ylabel("arc seconds")
 
 
 # Every joint's error by its angle, the campaigns of a group on top of each other.
@@ -197,28 +166,31 @@ motor's own ripple shows it: 0 if the gear makes the error, 1 if the sensor does
 def draw_joint_errors_by_campaign(results: Results) -> Figure:
     """Draw every joint that has such an error, a row each."""
     verdict = results.verdict()
-    found = sorted(
-        (each for each in verdict.by_campaign or () if each.errors), key=lambda each: each.of
-    )
+    found = [each for each in verdict.by_campaign or () if each.errors]
+    found.sort(key=lambda each: each.of)
     if not found:
         raise NothingToShowError("no group, or no error by a joint's angle was found in it")
-    names = list(dict.fromkeys(name for each in found for name in each.errors or ()))
+    names = dict.fromkeys(name for each in found for name in each.errors or ())
+    looks = dict(zip(names, _LINES, strict=False))
     effects = {(effect.id, effect.of): effect for effect in verdict.effects}
     errors = [error for each in found for error in _shown(each).values()]
     limit = 1.05 * float(np.nanmax(np.abs(errors)))
     title = "Errors by joint angles, as each campaign alone has them"
     figure, rows = _turns(title, len(found), 144.0, limit)
     for axes, each in zip(rows, reversed(found), strict=True):
-        _draw_joint(axes, each, names)
+        shown = _shown(each)
+        for name, (color, line) in looks.items():
+            if name in shown:
+                axes.plot(np.arange(360), shown[name], color=color, linestyle=line, alpha=0.85)
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         axes.set_title(_said(each, effects.get((each.id, each.of))))
     handles = [
         Line2D([], [], color=color, linestyle=line, label=name)
-        for name, (color, line) in zip(names, _LINES, strict=False)
+        for name, (color, line) in looks.items()
     ]
     legend_at(figure, 4.0, 11.0, handles, ncols=4, columnspacing=1.4)
-    note = "Less the mean over the angles that all visited, or else its own; gaps: no poses there."
-    write_text_at(figure, 2.0, 6.5, note, color=GREY)
+    said = "Less the mean over the angles that all visited, or else its own; gaps: no poses there."
+    note(figure, said, 6.5, color=GREY)
     return figure
 
 
@@ -235,13 +207,6 @@ def _shown(each: EffectByCampaign) -> dict[str, Array]:
         about = common if common.sum() >= _LEAST_COMMON_DEG else alone.visited
         shown[name] = np.asarray(error - error[about].mean() if about.any() else error)
     return shown
-
-
-def _draw_joint(axes: Axes, each: EffectByCampaign, names: list[str]) -> None:
-    shown = _shown(each)
-    for name, (color, line) in zip(names, _LINES, strict=False):
-        if name in shown:
-            axes.plot(np.arange(360), shown[name], color=color, linestyle=line, alpha=0.85)
 
 
 def _said(each: EffectByCampaign, effect: FoundEffect | None) -> str:
@@ -306,17 +271,13 @@ def draw_campaigns_agree(results: Results) -> Figure:
         right.annotate(
             _beside(pair), (1.03, row), xycoords=("axes fraction", "data"), va="center", fontsize=6
         )
-    write_text_at(
-        figure, 2.0, 6.5, "Beside: rms of both / of the difference [mrad]; turn both visited.",
-        color=GREY,
-    )  # fmt: skip
+    said = "Beside: rms of both / of the difference [mrad]; turn both visited."
+    note(figure, said, 6.5, color=GREY)
     return figure
 
 
 def _draw(
-    axes: Axes,
-    values: list[float | None],
-    intervals: list[tuple[float, float] | None],
+    axes: Axes, values: list[float | None], intervals: list[tuple[float, float] | None]
 ) -> None:
     """Draw values with their intervals, row by row."""
     at = np.array(values, dtype=float)
@@ -324,8 +285,7 @@ def _draw(
     off = np.abs(ends - at[:, None]).T
     axes.errorbar(at, np.arange(len(at)), xerr=off, fmt="o", ms=3.0, color=AFTER, capsize=2.0)
     axes.axvline(1.0, color=GREY, linewidth=0.6)
-    low = min(0.8, float(ends.min()) - 0.02)
-    axes.set_xlim(low, max(1.02, float(ends.max()) + 0.02))
+    axes.set_xlim(min(0.8, float(ends.min()) - 0.02), max(1.02, float(ends.max()) + 0.02))
 
 
 def _beside(pair: CampaignsAgree) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -13,7 +15,7 @@ from matplotlib.ticker import MultipleLocator
 from pa10cal.figures import published
 from pa10cal.figures.registry import picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.style import PAPER, new_figure, panel, write_text_at
+from pa10cal.figures.style import PAPER, new_figure, note, panel
 from pa10cal.reports.theme import BLACK, BLUE, GREEN, GREY, SKY
 from pa10cal.results.studies import PlaneRecord
 
@@ -42,36 +44,23 @@ def draw_montecarlo_planes(results: Results) -> Figure:
     enlarged = panel(figure, 104.0, 42.0, 63.0, 50.0)
     _draw_spread(spread, planes, results.is_paper_arm)
     _draw_means(enlarged, planes, results.is_paper_arm)
-    handles = dict(zip(*reversed(spread.get_legend_handles_labels()), strict=True))
-    handles |= dict(zip(*reversed(enlarged.get_legend_handles_labels()), strict=True))
-    figure.legend(
-        list(handles.values()),
-        list(handles),
-        loc="lower left",
-        bbox_to_anchor=(0.012, 0.155),
-        ncols=2,
-    )
-    write_text_at(
+    figure.legend(loc="lower left", bbox_to_anchor=(0.012, 0.155), ncols=2)
+    note(
         figure,
-        2.0,
-        6.5,
         f"Nominal arm; σ = {first.sigma_deg:g}° at every joint; {first.positions} positions, "
         f"{first.cycles} draws at each,\n"
         f"at {first.reach_m[0]:g} to {first.reach_m[1]:g} m from the base axis. "
         "No measurement enters.",
+        6.5,
     )
     return figure
 
 
 def _draw_spread(axes: Axes, planes: list[PlaneRecord], with_paper: bool) -> None:
-    axes.errorbar(
-        [plane.plane_mm for plane in planes],
-        [plane.mean_mm for plane in planes],
-        yerr=[plane.std_mm for plane in planes],
-        color=BLUE,
-        marker="o",
-        linestyle="none",
-        capsize=3.0,
+    _draw_mean(
+        axes,
+        planes,
+        [plane.std_mm for plane in planes],
         label="mean ± standard deviation within a position",
     )
     if with_paper:
@@ -90,20 +79,15 @@ def _draw_spread(axes: Axes, planes: list[PlaneRecord], with_paper: bool) -> Non
 
 
 def _draw_means(axes: Axes, planes: list[PlaneRecord], with_paper: bool) -> None:
-    z_mm = [plane.plane_mm for plane in planes]
-    axes.errorbar(
-        z_mm,
-        [plane.mean_mm for plane in planes],
-        yerr=[plane.half_width95_positions_mm for plane in planes],
-        color=BLUE,
-        marker="o",
-        linestyle="none",
-        capsize=3.0,
+    _draw_mean(
+        axes,
+        planes,
+        [plane.half_width95_positions_mm for plane in planes],
         ecolor=SKY,
         label="mean, 95 % interval for the choice of positions",
     )
     axes.plot(
-        z_mm,
+        [plane.plane_mm for plane in planes],
         [plane.closed_form_mean_mm for plane in planes],
         color=GREEN,
         marker="x",
@@ -112,22 +96,26 @@ def _draw_means(axes: Axes, planes: list[PlaneRecord], with_paper: bool) -> None
         label="closed form from the Jacobian, same positions",
     )
     if with_paper:
-        across = published.MONTE_CARLO_PARALLEL_PLANES_MM
+        mean_mm, apart_mm = published.MONTE_CARLO_MEAN_MM, published.MONTE_CARLO_PLANES_DIFFER_MM
         axes.fill_between(
-            across,
-            published.MONTE_CARLO_MEAN_MM - published.MONTE_CARLO_PLANES_DIFFER_MM,
-            published.MONTE_CARLO_MEAN_MM + published.MONTE_CARLO_PLANES_DIFFER_MM,
+            published.MONTE_CARLO_PARALLEL_PLANES_MM,
+            mean_mm - apart_mm,
+            mean_mm + apart_mm,
             color=GREY,
             alpha=0.35,
             linewidth=0.0,
             label="the paper, z = 300 to 700 mm (± 0.001 mm)",
         )
-        axes.plot(
-            published.MONTE_CARLO_PLANE_MM + _ASIDE_MM, published.MONTE_CARLO_MEAN_MM, **PAPER
-        )
+        axes.plot(published.MONTE_CARLO_PLANE_MM + _ASIDE_MM, mean_mm, **PAPER)
     axes.set_title("the means, enlarged")
     axes.set_ylabel("mean position error [mm]")
     _name_planes(axes, planes)
+
+
+def _draw_mean(axes: Axes, planes: list[PlaneRecord], half_mm: list[float], **look: Any) -> None:
+    look |= {"color": BLUE, "marker": "o", "linestyle": "none", "capsize": 3.0}
+    z_mm, mean_mm = zip(*((plane.plane_mm, plane.mean_mm) for plane in planes), strict=True)
+    axes.errorbar(z_mm, mean_mm, yerr=half_mm, **look)
 
 
 def _name_planes(axes: Axes, planes: list[PlaneRecord]) -> None:
@@ -187,10 +175,8 @@ def draw_montecarlo_map(results: Results) -> Figure:
     figure.colorbar(ScalarMappable(Normalize(*limits), _COLOURS), cax=bar, orientation="horizontal")
     bar.set_title("mean position error [mm]")
     bar.grid(visible=False)
-    write_text_at(
+    note(
         figure,
-        2.0,
-        6.0,
         "Circles: requested reach. White between them: no posture within the joint limits.",
     )
     return figure
@@ -232,6 +218,3 @@ def _draw_map(axes: Axes, plane: PlaneRecord, limits: tuple[float, float]) -> No
     )
     axes.axis(window)
     axes.set_title(f"z = {plane.plane_mm} mm: mean {points[:, 2].mean():.3f} mm")
-
-
-# How the Monte Carlo mean settles as draws are added.

@@ -11,7 +11,7 @@ from operator import attrgetter
 from pa10cal.figures import published
 from pa10cal.figures.published import SOURCES, reduction_percent
 from pa10cal.figures.registry import picture
-from pa10cal.figures.results import COMBINED, Results, Scatter, incompleteness, scatter_by_load
+from pa10cal.figures.results import COMBINED, Results, incompleteness
 from pa10cal.figures.table import Table, frame_of
 from pa10cal.reports.blocks import Grid, grid
 from pa10cal.reports.formatting import (
@@ -26,78 +26,20 @@ from pa10cal.reports.formatting import (
     written_load,
 )
 from pa10cal.results.calibration import PaperCalibrationRecord
-from pa10cal.results.evaluation import Accuracy, HeldOutModel, HoldoutRecord
+from pa10cal.results.evaluation import Accuracy, HeldOutModel
 from pa10cal.results.studies import PlaneRecord
-
-# What of a campaign stands beside the values of the paper.
-
-
-@dataclass(frozen=True)
-class Found:
-    """What our side of the comparison is taken from."""
-
-    combined: PaperCalibrationRecord  # calibration of all loads together
-    evaluated: PaperCalibrationRecord  # calibration that was evaluated on held-out points
-    cases: dict[str, PaperCalibrationRecord]  # calibration of each load, by load as `0N`, `22N`, …
-    held_out: HoldoutRecord  # evaluation on held-out points
-    scatter: dict[str, Scatter]  # of repeats, by load
-    planes: dict[int, PlaneRecord]  # Monte Carlo by height [mm]
-    instrument_uncertainty_mm: float  # as the campaign states it
-    kcub_reading: str  # which of the paper's cubic stiffnesses stands beside ours
-
-    @classmethod
-    def of(cls, results: Results) -> Found:
-        """Read everything that the comparison needs."""
-        held_out = results.held_out()
-        return cls(
-            combined=results.calibration(),
-            evaluated=results.calibration(held_out.calibration),
-            cases=results.load_cases(),
-            held_out=held_out,
-            scatter=scatter_by_load(results.places()),
-            planes={plane.plane_mm: plane for plane in results.planes()},
-            instrument_uncertainty_mm=results.instrument_uncertainty_mm,
-            kcub_reading=results.settings.kcub_reading,
-        )
-
-    def before(self, load: str) -> Accuracy | None:
-        """Return the errors of the nominal model at a load, None where it was not measured."""
-        errors = self.combined.errors.get(load)
-        return None if errors is None else errors.before
-
-    def after(self, load: str) -> Accuracy | None:
-        """Return the errors at a load of the calibration at this load alone."""
-        case = self.cases.get(load)
-        return None if case is None else case.errors[load].after
-
-    def after_combined(self, load: str) -> Accuracy | None:
-        """Return the errors at a load of the calibration of all loads together."""
-        errors = self.combined.errors.get(load)
-        return None if errors is None else errors.after
-
-    @property
-    def loads(self) -> list[str]:
-        """Return the loads of the paper, then those that the campaign alone has."""
-        stated = list(published.BEFORE)
-        return stated + [load for load in self.cases if load not in stated]
-
-    @property
-    def paper_plane(self) -> PlaneRecord | None:
-        """The plane for which the paper states its Monte Carlo result, None where not run."""
-        return self.planes.get(published.MONTE_CARLO_PLANE_MM)
-
-
-# Every value that the paper states beside the same quantity from a campaign, row by row.
 
 NOT_MEASURED = "not measured"
 NOT_COMPUTED = "not computed"
 _ALONE = "calibrated at this load alone"
 _TOGETHER = "one calibration of all loads"
 _CALIBRATED = ("linear", "cubic")
-
-_MEAN = attrgetter("mean_mm")
-_PEAK = attrgetter("peak_mm")
-_ANGLE = attrgetter("orientation_deg")
+#: Errors that the paper states: name, unit, digits of a mean over grid poses, and key.
+_ERRORS = (
+    ("mean position error", "mm", ".2f", attrgetter("mean_mm")),
+    ("peak position error", "mm", ".2f", attrgetter("peak_mm")),
+    ("mean orientation error", "deg", "g", attrgetter("orientation_deg")),
+)
 
 
 @dataclass(frozen=True)
@@ -110,59 +52,62 @@ class Compared:
     paper: str  # as printed
     ours: str  # from this campaign
     source: str  # where in the paper it stands
-    recomputed: str = ""  # from the paper's other values, where it draws a conclusion from them
     remark: str = ""  # what to know before comparing
+    recomputed: str = ""  # from the paper's other values, where it draws a conclusion from them
 
 
-def compared(found: Found) -> Iterator[Compared]:
+def compared(results: Results) -> Iterator[Compared]:
     """Yield a row for every value of the paper."""
+    before = {load: errors.before for load, errors in results.calibration().errors.items()}
+    after = {load: case.errors[load].after for load, case in results.load_cases().items()}
     return chain(
-        _error_rows(found),
-        _repeat_rows(found),
-        _held_out_rows(found),
-        _monte_carlo_rows(found),
-        _parameter_rows(found),
-        _apparatus_rows(found),
-        _distance_rows(found),
-        _reduction_rows(found),
-        _peak_rows(found),
+        _error_rows(results, before, after),
+        _repeat_rows(results),
+        _held_out_rows(results),
+        _monte_carlo_rows(results),
+        _parameter_rows(results),
+        _apparatus_rows(results),
+        _distance_rows(results, after),
+        _reduction_rows(before, after),
+        _peak_rows(results),
     )
 
 
-def _error_rows(found: Found) -> Iterator[Compared]:
+def _loads(results: Results) -> list[str]:
+    """Return the loads of the paper, then those that the campaign alone has."""
+    stated = list(published.BEFORE)
+    return stated + [load for load in results.load_cases() if load not in stated]
+
+
+def _error_rows(
+    results: Results, before: dict[str, Accuracy], after: dict[str, Accuracy]
+) -> Iterator[Compared]:
     """Yield mean and peak position error and mean orientation error, before and after."""
+    combined = results.calibration()
+    together = {load: errors.after for load, errors in combined.errors.items()}
     alignment = (
         "nominal rigid model, base frame fitted once to the positions at "
-        f"{min(found.combined.loads_fitted):g} N"
+        f"{min(combined.loads_fitted):g} N"
     )
-    for name, unit, digits, value_of in (
-        ("mean position error", "mm", ".2f", _MEAN),
-        ("peak position error", "mm", ".2f", _PEAK),
-        ("mean orientation error", "deg", "g", _ANGLE),
-    ):
+    for name, unit, digits, value_of in _ERRORS:
         source = SOURCES["before_after" if unit == "mm" else "orientation"]
-        for when, stated, ours_of, remark in (
-            ("before calibration", published.BEFORE, found.before, alignment),
-            ("after calibration", published.AFTER, found.after, _ALONE),
-            ("after calibration", published.AFTER, found.after_combined, _TOGETHER),
+        for when, stated, ours, remark in (
+            ("before calibration", published.BEFORE, before, alignment),
+            ("after calibration", published.AFTER, after, _ALONE),
+            ("after calibration", published.AFTER, together, _TOGETHER),
         ):
-            for load in found.loads:
-                yield Compared(
-                    f"{name} {when}",
-                    written_load(load),
-                    unit,
-                    f"{value_of(stated[load]):{digits}}" if load in stated else "",
-                    _measured(ours_of(load), value_of),
-                    source if load in stated else "",
-                    remark=remark,
-                )
+            for load in _loads(results):
+                found, at = _measured(ours.get(load), value_of), written_load(load)
+                paper = f"{value_of(stated[load]):{digits}}" if load in stated else ""
+                where = source if load in stated else ""
+                yield Compared(f"{name} {when}", at, unit, paper, found, where, remark)
 
 
-def _repeat_rows(found: Found) -> Iterator[Compared]:
+def _repeat_rows(results: Results) -> Iterator[Compared]:
     """Yield the standard deviation within one configuration."""
-    for load in found.loads:
-        bound_mm, scatter = published.REPEATABILITY_MM.get(load), found.scatter.get(load)
-        if load not in found.cases:
+    for load in _loads(results):
+        bound_mm, scatter = published.REPEATABILITY_MM.get(load), results.scatter.get(load)
+        if load not in results.load_cases():
             remark = "this load was not measured"
         elif scatter is None:
             remark = "no configuration was measured more than once"
@@ -172,93 +117,70 @@ def _repeat_rows(found: Found) -> Iterator[Compared]:
                 f"three axes together {_three_figures(scatter.largest_mm)}, mean over the "
                 f"configurations {_three_figures(scatter.mean_mm)}"
             )
-        yield Compared(
-            "standard deviation within one configuration",
-            written_load(load),
-            "mm",
-            "" if bound_mm is None else f"≤ {bound_mm}",
-            NOT_MEASURED if scatter is None else _three_figures(scatter.largest_per_axis_mm),
-            "" if bound_mm is None else SOURCES["repeatability"],
-            remark=remark,
-        )
+        quantity = "standard deviation within one configuration"
+        ours = NOT_MEASURED if scatter is None else _three_figures(scatter.largest_per_axis_mm)
+        paper = ("", "") if bound_mm is None else (f"≤ {bound_mm}", SOURCES["repeatability"])
+        yield Compared(quantity, written_load(load), "mm", paper[0], ours, paper[1], remark)
 
 
-def _held_out_rows(found: Found) -> Iterator[Compared]:
+def _held_out_rows(results: Results) -> Iterator[Compared]:
     """Yield mean, peak and orientation error of each model at the held-out points."""
+    models = results.held_out().models
     for name, stated in published.HELD_OUT.items():
-        model = found.held_out.models.get(name)
-        for quantity, unit, value_of in (
-            ("mean position error, held out", "mm", _MEAN),
-            ("peak position error, held out", "mm", _PEAK),
-            ("mean orientation error, held out", "deg", _ANGLE),
-        ):
-            yield Compared(
-                quantity,
-                name,
-                unit,
-                f"{value_of(stated):g}",
-                _measured(model, value_of),
-                SOURCES["held_out"],
-                remark=_twist_remark(found, model) if model and unit == "deg" else "",
-            )
+        model = models.get(name)
+        for quantity, unit, _, value_of in _ERRORS:
+            paper, ours = f"{value_of(stated):g}", _measured(model, value_of)
+            remark = _twist_remark(results, model) if model and unit == "deg" else ""
+            source = SOURCES["held_out"]
+            yield Compared(f"{quantity}, held out", name, unit, paper, ours, source, remark)
 
 
-def _twist_remark(found: Found, model: HeldOutModel) -> str:
+def _twist_remark(results: Results, model: HeldOutModel) -> str:
     """Return how much of an orientation error one constant twist of the tool explains."""
     twist = model.tool_twist
     if twist is None:
         return ""
-    share = reduction_percent(twist.before_deg, twist.after_deg)
-    evaluated = found.evaluated
-    errors = [evaluated.errors[f"{load:g}N"].after for load in evaluated.loads_fitted]
-    angles = [after.orientation_deg for after in errors]
+    share = _reduction(twist.before_deg, twist.after_deg)
+    calibration = results.held_out().calibration
+    evaluated = results.calibration(calibration)
+    angles = [evaluated.errors[f"{N:g}N"].after.orientation_deg for N in evaluated.loads_fitted]
     known = [angle for angle in angles if angle is not None]
     mean = _three_figures(sum(known) / len(known)) if known else NOT_MEASURED
     return (
         f"a constant tool twist of {_three_figures(twist.angle_deg)} deg would leave "
-        f"{_three_figures(twist.after_deg)} deg and so explains {share:.0f} % of it; "
-        f"the evaluated calibration ({found.held_out.calibration}) leaves {mean} deg on its poses"
+        f"{_three_figures(twist.after_deg)} deg and so explains {share} % of it; "
+        f"the evaluated calibration ({calibration}) leaves {mean} deg on its poses"
     )
 
 
-def _monte_carlo_rows(found: Found) -> Iterator[Compared]:
+def _paper_plane(results: Results) -> PlaneRecord | None:
+    """Return the plane of the paper's Monte Carlo result, None where it was not run."""
+    planes = {plane.plane_mm: plane for plane in results.planes()}
+    return planes.get(published.MONTE_CARLO_PLANE_MM)
+
+
+def _monte_carlo_rows(results: Results) -> Iterator[Compared]:
     """Yield what resolver uncertainty alone does to the position."""
-    plane, source = found.paper_plane, SOURCES["monte_carlo"]
+    plane, source = _paper_plane(results), SOURCES["monte_carlo"]
     at = f"z = {published.MONTE_CARLO_PLANE_MM} mm"
-    yield Compared(
-        "Monte Carlo mean position error",
-        at,
-        "mm",
-        f"{published.MONTE_CARLO_MEAN_MM}",
-        NOT_COMPUTED if plane is None else _three_figures(plane.mean_mm),
-        source,
-        remark=_systematic_remark(found),
-    )
-    between = "" if plane is None else _three_figures(plane.std_between_mm)
-    yield Compared(
-        "Monte Carlo standard deviation",
-        at,
-        "mm",
-        f"{published.MONTE_CARLO_STD_MM}",
-        NOT_COMPUTED if plane is None else _three_figures(plane.std_mm),
-        source,
-        remark=between and f"within a position; between positions {between}",
-    )
+    mean, std, between = [NOT_COMPUTED, NOT_COMPUTED, ""]
+    if plane is not None:
+        mean, std = _three_figures(plane.mean_mm), _three_figures(plane.std_mm)
+        between = f"within a position; between positions {_three_figures(plane.std_between_mm)}"
+    for quantity, paper, ours, remark in (
+        ("mean position error", published.MONTE_CARLO_MEAN_MM, mean, _systematic_remark(results)),
+        ("standard deviation", published.MONTE_CARLO_STD_MM, std, between),
+    ):
+        yield Compared(f"Monte Carlo {quantity}", at, "mm", f"{paper}", ours, source, remark)
+    others = {other.plane_mm: other for other in results.planes()}
     for z_mm in published.MONTE_CARLO_PARALLEL_PLANES_MM:
-        other = found.planes.get(z_mm)
         ours, remark = NOT_COMPUTED, ""
-        if plane is not None and other is not None:
+        if plane is not None and (other := others.get(z_mm)) is not None:
             ours = f"{abs(other.mean_mm - plane.mean_mm):.4f}"
             remark = _difference_remark(plane, other)
-        yield Compared(
-            "Monte Carlo mean, difference of a parallel plane",
-            f"z = {z_mm} mm",
-            "mm",
-            f"< {published.MONTE_CARLO_PLANES_DIFFER_MM}",
-            ours,
-            source,
-            remark=remark,
-        )
+        quantity = "Monte Carlo mean, difference of a parallel plane"
+        paper_mm = f"< {published.MONTE_CARLO_PLANES_DIFFER_MM}"
+        yield Compared(quantity, f"z = {z_mm} mm", "mm", paper_mm, ours, source, remark)
 
 
 def _difference_remark(plane: PlaneRecord, other: PlaneRecord) -> str:
@@ -279,35 +201,31 @@ def _difference_remark(plane: PlaneRecord, other: PlaneRecord) -> str:
     return f"does not reproduce: {reason}{text}"
 
 
-def _systematic_remark(found: Found) -> str:
+def _systematic_remark(results: Results) -> str:
     """Say why the Monte Carlo is a lower bound in the paper's sense only."""
     text = (
         "resolver error repeats with the joint angles, so it is systematic and in principle "
         "calibratable: a lower bound only in the paper's sense"
     )
-    plane = found.paper_plane
-    if plane is None or not found.scatter:
+    plane = _paper_plane(results)
+    if plane is None or not results.scatter:
         return text
-    scatter_mm = max(scatter.mean_mm for scatter in found.scatter.values())
+    scatter_mm = max(scatter.mean_mm for scatter in results.scatter.values())
     return (
         f"{text}; repeats scatter by {_three_figures(scatter_mm)} mm on average, "
         f"{_three_figures(plane.mean_mm / scatter_mm)} times less"
     )
 
 
-def _parameter_rows(found: Found) -> Iterator[Compared]:
+def _parameter_rows(results: Results) -> Iterator[Compared]:
     """Yield the number of unknowns and the stiffness coefficients."""
-    case, reading = found.combined, found.kcub_reading
-    yield Compared(
-        "unknowns",
-        "all loads together",
-        "",
-        "30",
-        f"{case.unknowns}, of which {case.rank} identifiable",
-        SOURCES["unknowns"],
-        remark="the paper counts 24 link parameters with 6 stiffnesses, then with 6 of the base "
-        "frame; together they are 36",
+    case, reading = results.calibration(), results.settings.kcub_reading
+    remark = (
+        "the paper counts 24 link parameters with 6 stiffnesses, then with 6 of the base frame; "
+        "together they are 36"
     )
+    ours = f"{case.unknowns}, of which {case.rank} identifiable"
+    yield Compared("unknowns", "all loads together", "", "30", ours, SOURCES["unknowns"], remark)
     for kind, unit, stated, source in (
         ("K_lin", "N m/rad", published.K_LIN, SOURCES["k_lin"]),
         ("K_cub", "N m/rad³", published.K_CUB[reading], SOURCES[reading]),
@@ -320,20 +238,15 @@ def _parameter_rows(found: Found) -> Iterator[Compared]:
                 remark = "± one standard uncertainty; all loads together"
                 remark += "; at its bound" if parameter.at_bound else ""
             paper = f"{value:.2e}".replace("e+0", "e")
-            yield Compared(kind, f"joint {joint}", unit, paper, ours, source, remark=remark)
+            yield Compared(kind, f"joint {joint}", unit, paper, ours, source, remark)
 
 
-def _apparatus_rows(found: Found) -> Iterator[Compared]:
+def _apparatus_rows(results: Results) -> Iterator[Compared]:
     """Yield what limits the measurement itself."""
-    yield Compared(
-        "uncertainty of the coordinate measuring machine",
-        "one measured centre",
-        "mm",
-        f"{published.CMM_UNCERTAINTY_MM}",
-        f"{found.instrument_uncertainty_mm:g}",
-        SOURCES["cmm"],
-        remark="ours: as the campaign states it",
-    )
+    quantity, at = "uncertainty of the coordinate measuring machine", "one measured centre"
+    ours = f"{results.description.instrument.uncertainty_mm:g}"
+    paper, remark = f"{published.CMM_UNCERTAINTY_MM}", "ours: as the campaign states it"
+    yield Compared(quantity, at, "mm", paper, ours, SOURCES["cmm"], remark)
     for quantity, paper in (
         ("sag of the apparatus under its own weight", f"{published.APPARATUS_SAG_MM:.3f}"),
         ("deflection by the touch of the probe", f"< {published.TOUCH_DEFLECTION_MM}"),
@@ -341,68 +254,57 @@ def _apparatus_rows(found: Found) -> Iterator[Compared]:
         yield Compared(quantity, "largest", "mm", paper, NOT_MEASURED, SOURCES["apparatus"])
 
 
-def _distance_rows(found: Found) -> Iterator[Compared]:
+def _distance_rows(results: Results, after: dict[str, Accuracy]) -> Iterator[Compared]:
     """Yield how far errors after calibration are from the Monte Carlo mean."""
-    plane = found.paper_plane
+    plane = _paper_plane(results)
     for load, stated in published.AFTER.items():
-        after = found.after(load)
-        ours, remark = (NOT_MEASURED if after is None else NOT_COMPUTED), ""
-        if after is not None and plane is not None:
-            distance_mm = after.mean_mm - plane.mean_mm
+        ours, remark = (NOT_MEASURED if load not in after else NOT_COMPUTED), ""
+        if load in after and plane is not None:
+            distance_mm = after[load].mean_mm - plane.mean_mm
             ours = f"{distance_mm:.2f}"
             if distance_mm < 0.0:
                 remark = (
                     "below the Monte Carlo mean: these data hold less resolver error than it "
                     "assumes, or the calibration has absorbed it"
                 )
-        yield Compared(
-            "mean error after calibration less the Monte Carlo mean",
-            written_load(load),
-            "mm",
-            f"< {published.CLAIMED_DISTANCE_FROM_MINIMUM_MM}",
-            ours,
-            SOURCES["conclusion"],
-            f"{stated.mean_mm - published.MONTE_CARLO_MEAN_MM:.2f}",
-            remark,
-        )
+        quantity = "mean error after calibration less the Monte Carlo mean"
+        paper = f"< {published.CLAIMED_DISTANCE_FROM_MINIMUM_MM}"
+        recomputed = f"{stated.mean_mm - published.MONTE_CARLO_MEAN_MM:.2f}"
+        at, source = written_load(load), SOURCES["conclusion"]
+        yield Compared(quantity, at, "mm", paper, ours, source, remark, recomputed)
 
 
-def _reduction_rows(found: Found) -> Iterator[Compared]:
+def _reduction_rows(before: dict[str, Accuracy], after: dict[str, Accuracy]) -> Iterator[Compared]:
     """Yield by how much calibration reduced the mean errors."""
     low, high = published.CLAIMED_REDUCTIONS_PERCENT
     for load, stated in published.AFTER.items():
-        before, after = found.before(load), found.after(load)
         ours = NOT_MEASURED
-        if before is not None and after is not None:
-            ours = f"{reduction_percent(before.mean_mm, after.mean_mm):.0f}"
+        if load in before and load in after:
+            ours = _reduction(before[load].mean_mm, after[load].mean_mm)
         yield Compared(
-            "reduction of the mean position error",
-            written_load(load),
-            "%",
-            f"{low} to {high}",
-            ours,
-            SOURCES["conclusion"],
-            f"{reduction_percent(published.BEFORE[load].mean_mm, stated.mean_mm):.0f}",
+            *("reduction of the mean position error", written_load(load), "%"),
+            *(f"{low} to {high}", ours, SOURCES["conclusion"]),
+            recomputed=_reduction(published.BEFORE[load].mean_mm, stated.mean_mm),
         )
 
 
-def _peak_rows(found: Found) -> Iterator[Compared]:
+def _peak_rows(results: Results) -> Iterator[Compared]:
     """Yield by how much calibration reduced the held-out peak errors."""
-    stated, models = published.HELD_OUT, found.held_out.models
+    stated, models = published.HELD_OUT, results.held_out().models
     for name in _CALIBRATED:
         ours = NOT_MEASURED
         if "uncalibrated" in models and name in models:
-            percent = reduction_percent(models["uncalibrated"].peak_mm, models[name].peak_mm)
-            ours = f"{percent:.0f}"
+            ours = _reduction(models["uncalibrated"].peak_mm, models[name].peak_mm)
         yield Compared(
-            "reduction of the peak position error, held out",
-            name,
-            "%",
-            f"≥ {published.CLAIMED_PEAK_REDUCTION_PERCENT}",
-            ours,
-            SOURCES["held_out"],
-            f"{reduction_percent(stated['uncalibrated'].peak_mm, stated[name].peak_mm):.0f}",
+            *("reduction of the peak position error, held out", name, "%"),
+            *(f"≥ {published.CLAIMED_PEAK_REDUCTION_PERCENT}", ours, SOURCES["held_out"]),
+            recomputed=_reduction(stated["uncalibrated"].peak_mm, stated[name].peak_mm),
         )
+
+
+def _reduction(before: float, after: float) -> str:
+    """Return by how much an error fell, in percent of what it was."""
+    return f"{reduction_percent(before, after):.0f}"
 
 
 def _measured(errors: Accuracy | None, value_of: attrgetter[float | None]) -> str:
@@ -443,9 +345,8 @@ says nothing about the robot of the authors.
 )
 def tabulate_paper_against_ours(results: Results) -> Table:
     """Return the paper's values with ours."""
-    found = Found.of(results)
-    data = frame_of(_COLUMNS, map(attrgetter(*_COLUMNS), compared(found)))
-    lacking = incompleteness(found.combined, found.scatter)
+    data = frame_of(_COLUMNS, map(attrgetter(*_COLUMNS), compared(results)))
+    lacking = incompleteness(results.calibration(), results.scatter)
     notes = _NOTES if lacking is None else (*_NOTES, lacking)
     return Table("The paper's values beside ours", data, notes=notes)
 
@@ -506,16 +407,9 @@ def _table1_rows(
         for joint in joints_of(kind, list(case.parameters)):
             name = kind.name(joint)
             found = case.parameters[name]
-            numbers = (found.value, found.std, results.published(name), found.tolerance)
-            yield (
-                load,
-                name,
-                joint,
-                found.unit,
-                *(figures(number, 6) for number in numbers),
-                found.identifiable,
-                found.at_bound,
-            )
+            values = (found.value, found.std, results.published(name), found.tolerance)
+            numbers = [figures(value, 6) for value in values]
+            yield (load, name, joint, found.unit, *numbers, found.identifiable, found.at_bound)
 
 
 def _layout(load: str, case: PaperCalibrationRecord, results: Results) -> Grid:
@@ -578,5 +472,5 @@ def _table1_notes(case: PaperCalibrationRecord, results: Results) -> tuple[str, 
             "The paper's values belong to the arm that its authors measured; the arm of a "
             "synthetic campaign need not share them.",
         ]
-    lacking = incompleteness(case, scatter_by_load(results.places()))
+    lacking = incompleteness(case, results.scatter)
     return tuple(notes) if lacking is None else (*notes, lacking)

@@ -16,15 +16,17 @@ from matplotlib.ticker import MultipleLocator
 from pa10cal.arrays import Array
 from pa10cal.figures import published
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.results import COMBINED, PLACE_MM, Results, Scatter, scatter_by_load
+from pa10cal.figures.results import COMBINED, PLACE_MM, Results
 from pa10cal.figures.style import (
-    height_of,
+    WIDTH_MM,
+    legend_at,
+    mark,
     name_rows,
     new_figure,
+    note,
     panel,
     plain_log,
     write_beside,
-    write_text_at,
 )
 from pa10cal.reports.formatting import written_load
 from pa10cal.reports.theme import (
@@ -40,30 +42,23 @@ from pa10cal.reports.theme import (
     SEPARATOR,
     VERMILLION,
 )
-from pa10cal.results.calibration import PaperCalibrationRecord
 from pa10cal.results.evaluation import Accuracy, HeldOutModel, HoldoutRecord
 
-_GRID: dict[str, Any] = {"color": BLUE, "marker": "o", "linewidth": 0.8}
-_HELD_OUT: dict[str, Any] = {"color": VERMILLION, "marker": "^", "linestyle": "none"}
-_LINES: dict[str, dict[str, Any]] = {
+#: How the places of each kind are drawn, in space, and what is smaller in a view of them.
+_LOOKS: dict[str, dict[str, Any]] = {
+    "grid": {"color": BLUE, "marker": "o", "linewidth": 0.8},
+    "holdout": {"color": VERMILLION, "marker": "^", "linestyle": "none"},
     "line_x": {"color": GREEN, "marker": ".", "linewidth": 1.4},
     "line_y": {"color": ORANGE, "marker": ".", "linewidth": 1.4},
 }
+_IN_A_VIEW: dict[str, dict[str, Any]] = {
+    "grid": {"markersize": 2.5, "linewidth": 0.6},
+    "holdout": {},
+    "line_x": {"markersize": 2.0},
+    "line_y": {"markersize": 2.0},
+}
 _AXIS_LENGTH_MM = 150.0
 _MARGIN_MM = 60.0
-
-
-@dataclass(frozen=True)
-class _Path:
-    """Places [mm] in the base frame: each (N, 3), in order of measurement."""
-
-    grid: Array
-    held_out: Array
-    lines: dict[str, Array]
-
-    @property
-    def every(self) -> Array:
-        return np.vstack([self.grid, self.held_out, *self.lines.values()])
 
 
 @picture(
@@ -80,49 +75,46 @@ shows where the arm went, not how accurate it was.
 )
 def draw_fig4_test_path(results: Results) -> Figure:
     """Draw the first pass over the grid, the held-out places and the straight-line moves."""
-    path = _path(results.places(), results.base_frame())
+    p_base_mm = _first_visits(results.places(), results.base_frame())
     figure = new_figure(
         128.0, "Experimental test path in the robot's base frame (compare Fig. 4 of the paper)"
     )
-    space = panel(figure, 2.0, 29.0, 110.0, 94.0, projection="3d")
-    _draw_space(space, path)
-    _draw_view(panel(figure, 119.0, 76.0, 48.0, 38.0), path, (0, 1), "From above")
-    _draw_view(panel(figure, 119.0, 15.0, 48.0, 46.0), path, (0, 2), "From the side")
+    _draw_space(panel(figure, 2.0, 29.0, 110.0, 94.0, projection="3d"), p_base_mm)
+    _draw_view(panel(figure, 119.0, 76.0, 48.0, 38.0), p_base_mm, [0, 1], "From above")
+    _draw_view(panel(figure, 119.0, 15.0, 48.0, 46.0), p_base_mm, [0, 2], "From the side")
     figure.legend(loc="lower left", bbox_to_anchor=(0.012, 0.055), ncols=2)
     return figure
 
 
-def _path(poses: pd.DataFrame, T_instr_base: Array) -> _Path:
-    """Carry the places to the base frame: the first visit of each pose, as the arm came by."""
+def _first_visits(poses: pd.DataFrame, T_instr_base: Array) -> dict[str, Array]:
+    """Return where each pose was first measured [mm] in the base frame, (N, 3) by kind."""
 
-    def first_visits(kind: str) -> Array:
+    def of_kind(kind: str) -> Array:
         first = poses[poses["kind"] == kind].drop_duplicates("pose")
         p_instr_mm = first[list(PLACE_MM)].to_numpy()
         return np.asarray((p_instr_mm - 1e3 * T_instr_base[:3, 3]) @ T_instr_base[:3, :3])
 
-    return _Path(
-        grid=first_visits("grid"),
-        held_out=first_visits("holdout"),
-        lines={kind: first_visits(kind) for kind in _LINES},
-    )
+    return {kind: of_kind(kind) for kind in _LOOKS}
 
 
-def _draw_space(axes: Any, path: _Path) -> None:
-    axes.plot(*path.grid.T, label=f"{len(path.grid)} calibration poses, as measured", **_GRID)
-    if len(path.held_out):
-        axes.plot(*path.held_out.T, label=f"{len(path.held_out)} held-out poses", **_HELD_OUT)
-    for kind, places in path.lines.items():
+def _draw_space(axes: Any, p_base_mm: dict[str, Array]) -> None:
+    grid = p_base_mm["grid"]
+    names = {
+        "grid": f"{len(grid)} calibration poses, as measured",
+        "holdout": f"{len(p_base_mm['holdout'])} held-out poses",
+        "line_x": "straight move along x",
+        "line_y": "straight move along y",
+    }
+    for kind, places in p_base_mm.items():
         if len(places):
-            axes.plot(*places.T, label=f"straight move along {kind[-1]}", **_LINES[kind])
-    axes.text(*path.grid[0], "first ", ha="right", va="center", color=BLUE)
-    axes.text(*path.grid[-1], " last", ha="left", va="center", color=BLUE)
-    for k, name in enumerate("xyz"):
-        tip = np.zeros(3)
-        tip[k] = _AXIS_LENGTH_MM
+            axes.plot(*places.T, label=names[kind], **_LOOKS[kind])
+    axes.text(*grid[0], "first ", ha="right", va="center", color=BLUE)
+    axes.text(*grid[-1], " last", ha="left", va="center", color=BLUE)
+    for name, tip in zip("xyz", _AXIS_LENGTH_MM * np.eye(3), strict=True):
         axes.quiver(0, 0, 0, *tip, color=BLACK, linewidth=1.2, arrow_length_ratio=0.15)
         axes.text(*(1.25 * tip), name, ha="center", va="center")
     axes.plot([0.0], [0.0], [0.0], color=BLACK, marker="s", linestyle="none", label="robot base")
-    low, high = _extent(path.every)
+    low, high = _extent(p_base_mm)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.05)
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
@@ -137,28 +129,25 @@ def _draw_space(axes: Any, path: _Path) -> None:
         axis.set_major_locator(MultipleLocator(200.0))
 
 
-def _draw_view(axes: Axes, path: _Path, seen: tuple[int, int], title: str) -> None:
+def _draw_view(axes: Axes, p_base_mm: dict[str, Array], seen: list[int], title: str) -> None:
     """Draw a projection along one of the base axes."""
-    columns = list(seen)
-    axes.plot(*path.grid[:, columns].T, **_GRID | {"markersize": 2.5, "linewidth": 0.6})
-    axes.plot(*path.held_out[:, columns].T, **_HELD_OUT)
-    for kind, places in path.lines.items():
-        axes.plot(*places[:, columns].T, **_LINES[kind] | {"markersize": 2.0})
+    for kind, places in p_base_mm.items():
+        axes.plot(*places[:, seen].T, **_LOOKS[kind] | _IN_A_VIEW[kind])
     axes.plot(0.0, 0.0, color=BLACK, marker="s")
     axes.annotate("base", (0.0, 0.0), (4.0, 4.0), textcoords="offset points")
-    low, high = _extent(path.every)
-    axes.set(xlim=(low[seen[0]], high[seen[0]]), ylim=(low[seen[1]], high[seen[1]]))
+    (x_low, y_low), (x_high, y_high) = (corner[seen] for corner in _extent(p_base_mm))
+    axes.set(xlim=(x_low, x_high), ylim=(y_low, y_high), title=title)
     axes.set_aspect("equal", adjustable="box", anchor="SW")
     axes.xaxis.set_major_locator(MultipleLocator(200.0))
     axes.yaxis.set_major_locator(MultipleLocator(200.0))
-    axes.set_title(title)
     axes.set(xlabel=f"{'xyz'[seen[0]]} [mm]", ylabel=f"{'xyz'[seen[1]]} [mm]")
 
 
-def _extent(places: Array) -> tuple[Array, Array]:
+def _extent(p_base_mm: dict[str, Array]) -> tuple[Array, Array]:
     """Return the corners of the box that holds all places and the base with its axes."""
-    low = np.minimum(places.min(axis=0), 0.0) - _MARGIN_MM
-    return low, np.maximum(places.max(axis=0), _AXIS_LENGTH_MM) + _MARGIN_MM
+    every = np.vstack(list(p_base_mm.values()))
+    low = np.minimum(every.min(axis=0), 0.0) - _MARGIN_MM
+    return low, np.maximum(every.max(axis=0), _AXIS_LENGTH_MM) + _MARGIN_MM
 
 
 # Errors before and after calibration at each load, as Fig. 5 of the paper.
@@ -170,8 +159,6 @@ _PAPER_ASIDE = -0.11
 #: What the panel of orientations adds to the height.
 _ORIENTATION_MM = 42.0
 _COLOURS = {"before": BEFORE, "after": AFTER, "combined": AFTER_COMBINED, "repeats": BLACK}
-
-Errors = Accuracy | published.PublishedError
 
 
 @dataclass(frozen=True)
@@ -205,67 +192,56 @@ the authors measured.
 )
 def draw_fig5_before_after(results: Results) -> Figure:
     """Draw mean and peak position error, and mean orientation error, on logarithmic axes."""
-    combined, cases = results.calibration(), results.load_cases()
-    scatter = scatter_by_load(results.places())
-    angles = _columns(results, combined, cases, lambda e: (e.orientation_deg, None))
+    loads = list(results.load_cases())
+    angles = _columns(results, lambda errors: (errors.orientation_deg, None))
     seen = any(not column.is_paper for column in angles)
     raised = _ORIENTATION_MM if seen else 0.0
     figure = new_figure(108.0 + raised, _TITLE)
     lowest = position = panel(figure, 23.0, 26.0 + raised, 145.0, 73.0)
-    columns = _columns(results, combined, cases, lambda e: (e.mean_mm, e.peak_mm))
-    columns += _scatter_columns(results, list(cases), scatter)
-    _draw_columns(position, columns, list(cases), room=(3.0, 3.0))
+    columns = _columns(results, lambda errors: (errors.mean_mm, errors.peak_mm))
+    columns += _scatter_columns(results, loads)
+    _draw_columns(position, columns, loads, room=(3.0, 3.0))
     position.set_ylabel("position error [mm]")
     if seen:
         lowest = panel(figure, 23.0, 26.0, 145.0, 32.0)
-        _draw_columns(lowest, angles, list(cases), room=(2.5, 6.0))
+        _draw_columns(lowest, angles, loads, room=(2.5, 6.0))
         lowest.set_ylabel("orientation\nerror [deg]")
     lowest.set_xlabel("external load")
-    figure.legend(
-        handles=_legend(results.is_paper_arm),
-        loc="lower left",
-        bbox_to_anchor=(0.012, 6.75 / height_of(figure)),
-        ncols=3,
-        columnspacing=1.2,
-    )
+    legend_at(figure, 0.012 * WIDTH_MM, 6.75, _legend(results), ncols=3, columnspacing=1.2)
     return figure
 
 
 def _columns(
     results: Results,
-    combined: PaperCalibrationRecord,
-    cases: dict[str, PaperCalibrationRecord],
-    figures_of: Callable[[Errors], tuple[float | None, float | None]],
+    shown: Callable[[Accuracy | published.PublishedError], tuple[float | None, float | None]],
 ) -> list[_Column]:
     """Return a column a load and model, without those whose figure was not measured."""
-    found: list[tuple[int, str, Errors, bool]] = []
-    for k, (load, case) in enumerate(cases.items()):
-        found.append((k, "before", case.errors[load].before, False))
-        found.append((k, "after", case.errors[load].after, False))
-        found.append((k, "combined", combined.errors[load].after, False))
+    combined = results.calibration()
+    columns = []
+    for k, (load, case) in enumerate(results.load_cases().items()):
+        entries: list[tuple[str, Accuracy | published.PublishedError, bool]] = [
+            ("before", case.errors[load].before, False),
+            ("after", case.errors[load].after, False),
+            ("combined", combined.errors[load].after, False),
+        ]
         for slot, stated in (("before", published.BEFORE), ("after", published.AFTER)):
             if results.is_paper_arm and load in stated:
-                found.append((k, slot, stated[load], True))
+                entries.append((slot, stated[load], True))
+        for slot, errors, is_paper in entries:
+            mean, peak = shown(errors)
+            if mean is not None:
+                columns.append(_Column(k, slot, mean, peak, is_paper))
+    return columns
+
+
+def _scatter_columns(results: Results, loads: list[str]) -> list[_Column]:
+    ours = {load: found.largest_per_axis_mm for load, found in results.scatter.items()}
+    stated = published.REPEATABILITY_MM if results.is_paper_arm else {}
     return [
-        _Column(k, slot, mean, peak, is_paper)
-        for k, slot, errors, is_paper in found
-        for mean, peak in (figures_of(errors),)
-        if mean is not None
-    ]
-
-
-def _scatter_columns(
-    results: Results, loads: list[str], scatter: dict[str, Scatter]
-) -> list[_Column]:
-    ours = [
-        _Column(k, "repeats", scatter[load].largest_per_axis_mm, None, is_paper=False)
+        _Column(k, "repeats", by_load[load], None, is_paper)
+        for by_load, is_paper in ((ours, False), (stated, True))
         for k, load in enumerate(loads)
-        if load in scatter
-    ]
-    return ours + [
-        _Column(k, "repeats", published.REPEATABILITY_MM[load], None, is_paper=True)
-        for k, load in enumerate(loads)
-        if results.is_paper_arm and load in published.REPEATABILITY_MM
+        if load in by_load
     ]
 
 
@@ -323,31 +299,20 @@ def _text(column: _Column) -> str:
     return " / ".join(f"{value:{digits}}" for value in values)
 
 
-def _legend(with_paper: bool) -> list[Line2D]:
+def _legend(results: Results) -> list[Line2D]:
     entries = [
         ("o", BEFORE, BEFORE, "before: nominal rigid model"),
         ("o", AFTER, AFTER, "after, calibrated at this load"),
         ("o", AFTER_COMBINED, AFTER_COMBINED, "after, all loads together"),
         ("o", BLACK, BLACK, "repeats, one axis (largest)"),
     ]
-    if with_paper:
+    if results.is_paper_arm:
         entries.append(("D", BLACK, "white", "the paper's figures, same colours"))
     handles = [
-        Line2D(
-            [], [], color=edge, marker=marker, markerfacecolor=face, linestyle="none", label=text
-        )
+        mark(text, color=edge, marker=marker, markerfacecolor=face)
         for marker, edge, face, text in entries
     ]
-    bar = Line2D(
-        [],
-        [],
-        color=BLACK,
-        marker="|",
-        markersize=9.0,
-        linestyle="none",
-        label="mean / peak, as written",
-    )
-    return [*handles, bar]
+    return [*handles, mark("mean / peak, as written", color=BLACK, marker="|", markersize=9.0)]
 
 
 # Errors at held-out points and loads, as Fig. 6 of the paper.
@@ -402,7 +367,7 @@ def draw_fig6_holdout(results: Results) -> Figure:
     _draw_configurations(single, held_out)
     load = held_out.calibration
     fitted = "all loads together" if load == COMBINED else f"{load} alone"
-    write_text_at(figure, 2.0, 7.0, f"{said} with {fitted}.")
+    note(figure, f"{said} with {fitted}.", 7.0)
     figure.legend(
         *single.get_legend_handles_labels(), loc="center", bbox_to_anchor=(0.5, 0.446), ncols=4
     )
@@ -444,9 +409,8 @@ def _draw_configurations(axes: Axes, held_out: HoldoutRecord) -> None:
     axes.set_ylabel("position error [mm]")
     axes.set_xlabel("held-out configuration: pose, grouped by load")
     axes.grid(visible=False, axis="x")
-    named = len(poses) <= _MOST_NAMES
     axes.set_xticks(range(len(poses)), poses.tolist(), rotation=90.0)
-    axes.tick_params(axis="x", length=0.0, labelbottom=named)
+    axes.tick_params(axis="x", length=0.0, labelbottom=len(poses) <= _MOST_NAMES)
     for load in np.unique(loads):
         at = np.flatnonzero(loads == load)
         axes.text(at.mean(), 1.02, f"{load:g} N", transform=axes.get_xaxis_transform(), ha="center")
@@ -456,25 +420,19 @@ def _draw_configurations(axes: Axes, held_out: HoldoutRecord) -> None:
 
 def _draw_summary(axes: Axes, held_out: HoldoutRecord, with_paper: bool) -> None:
     """Draw mean and peak of each model, ours above the paper's."""
-    names = list(held_out.models)
-    for k, name in enumerate(names):
-        model = held_out.models[name]
-        _draw_range(
-            axes,
-            k - 0.17,
-            name,
-            model,
-            _text_of_model(model, ".2f" if model.mean_mm > 0.1 else ".3f"),
-        )
-        if with_paper and name in published.HELD_OUT:
-            stated = published.HELD_OUT[name]
-            _draw_range(
-                axes, k + 0.2, name, stated, "paper: " + _text_of_model(stated, "g"), face="white"
-            )
-    shown = [*held_out.models.values(), *(published.HELD_OUT.values() if with_paper else ())]
+    paper = published.HELD_OUT if with_paper else {}
+    for k, (name, model) in enumerate(held_out.models.items()):
+        digits = ".2f" if model.mean_mm > 0.1 else ".3f"
+        _draw_range(axes, k - 0.17, model, _text_of_model(model, digits), _dots(name))
+        if name in paper:
+            text = "paper: " + _text_of_model(paper[name], "g")
+            look = _dots(name) | {"markerfacecolor": "white", "marker": "D"}
+            _draw_range(axes, k + 0.2, paper[name], text, look, GREY)
+    shown: list[HeldOutModel | published.PublishedError] = [*held_out.models.values()]
+    shown += paper.values()
     lowest, highest = min(e.mean_mm for e in shown), max(e.peak_mm for e in shown)
     plain_log(axes, "x", lowest / 1.5, highest * 1.5)
-    name_rows(axes, [_NAMES_OF_FIG6[name] for name in names], 0.6, lines=False)
+    name_rows(axes, [_NAMES_OF_FIG6[name] for name in held_out.models], 0.6, lines=False)
     axes.set_title(
         "Mean and peak over all held-out configurations: ours filled, the paper's hollow"
     )
@@ -484,16 +442,15 @@ def _draw_summary(axes: Axes, held_out: HoldoutRecord, with_paper: bool) -> None
 def _draw_range(
     axes: Axes,
     y: float,
-    name: str,
     errors: HeldOutModel | published.PublishedError,
     text: str,
-    face: str | None = None,
+    look: dict[str, Any],
+    color: str = BLACK,
 ) -> None:
-    style = _dots(name) | ({"markerfacecolor": face, "marker": "D"} if face else {})
-    axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=MODELS[name], linewidth=1.4)
-    axes.plot(errors.peak_mm, y, color=MODELS[name], marker="|", markersize=7.0)
-    axes.plot(errors.mean_mm, y, **style)
-    write_beside(axes, y, text, 1.03, color=GREY if face else BLACK)
+    axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=look["color"], linewidth=1.4)
+    axes.plot(errors.peak_mm, y, color=look["color"], marker="|", markersize=7.0)
+    axes.plot(errors.mean_mm, y, **look)
+    write_beside(axes, y, text, 1.03, color=color)
 
 
 def _dots(name: str) -> dict[str, Any]:

@@ -21,12 +21,10 @@ from pa10cal.reports.trust import checks_grid, evidence_grid, hidden_grids, pair
 from pa10cal.results.calibration import (
     CalibrationRecord,
     GeneralCalibrationRecord,
-    Redundant,
 )
-from pa10cal.results.discovery import SetGap, VerdictRecord
+from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import BeforeAfter
 from pa10cal.results.health import Health
-from pa10cal.results.record import EffectName
 
 # Errors of every model at the poses fitted and at those held out.
 
@@ -48,23 +46,20 @@ them, where it extrapolates and its accuracy is not assured.
 def tabulate_accuracy_general(results: Results) -> Table:
     """Return mean, rms and peak error and attitude, of the poses fitted and held out."""
     results.general(), results.held_out()  # refuse what is not to be drawn
-    every = errors_of(results.found)
+    words = results.bundle.words
+    assert words is not None
+    every = errors_of(results.bundle)
+    header = ("poses", "model", "load", "part", *_ERRORS, "configurations")
+    rows = []
+    for each in every:
+        errors = [figures(number, 6) for number in attrgetter(*_ERRORS)(each.of)]
+        rows.append((each.poses, each.name, each.load, each.part, *errors, each.of.configurations))
     return Table(
         title="Accuracy of the general model",
-        data=frame_of(
-            ("poses", "model", "load", "part", *_ERRORS, "configurations"),
-            [
-                (
-                    *(each.poses, each.name, each.load, each.part),
-                    *(figures(number, 6) for number in attrgetter(*_ERRORS)(each)),
-                    each.configurations,
-                )
-                for each in every
-            ],
-        ),
+        data=frame_of(header, rows),
         shown=tuple(errors_grids(every)),
         notes=(
-            results.words.of,
+            words.of,
             "The arm that is not calibrated has its base and its tool or targets fitted to the "
             "same poses.",
             "Extrapolated: poses with a joint at an angle far from those of the fitted poses, so "
@@ -111,7 +106,11 @@ def tabulate_parameters_general(results: Results) -> Table:
     case = results.general()
     shown = [*parameter_grids(case.parameters)]
     if case.redundant:
-        rows = [(written(entry.name), _combination(entry)) for entry in case.redundant]
+        rows = []
+        for entry in case.redundant:
+            parts = [f"{part:.4g} × {written(name)}" for name, part in entry.replaced_by.items()]
+            same = " + ".join(parts).replace("+ -", "− ")
+            rows.append((written(entry.name), same or "nothing: it has no effect"))
         shown.append(grid("Omitted: redundant parameters", ("omitted", "the same as"), rows))
     return Table(
         title="Parameters of the general model",
@@ -125,11 +124,6 @@ def tabulate_parameters_general(results: Results) -> Table:
             _TORQUES[case.torques_from],
         ),
     )
-
-
-def _combination(entry: Redundant) -> str:
-    parts = [f"{part:.4g} × {written(name)}" for name, part in entry.replaced_by.items()]
-    return " + ".join(parts).replace("+ -", "− ") or "nothing: it has no effect"
 
 
 def _parameter_rows(case: GeneralCalibrationRecord) -> Iterator[tuple[object, ...]]:
@@ -159,7 +153,7 @@ def tabulate_parameters_by_campaign(results: Results) -> Table:
     if group is None:
         raise NothingToShowError("it is one campaign")
     names = tuple(group.campaigns)
-    rows, cells = [], []
+    rows, cells, compared = [], [], []
     for name, found in group.parameters.items():
         unit, scale = shown_in(found.unit)
         alone = [found.std_alone[each] for each in names]
@@ -170,22 +164,14 @@ def tabulate_parameters_by_campaign(results: Results) -> Table:
             for each, x in zip(names, alone, strict=True)
         ]
         cells.append((written(name), unit, f"{scale * found.std:.4f}", *told, by))
-    compared = []
     for name, each in group.campaigns.items():
         unit, scale = shown_in(each.worst.unit)
         off, u = scale * each.worst.value, scale * each.worst.std
-        compared.append(
-            (
-                name,
-                str(each.poses),
-                f"{each.rms_mm:.3f}",
-                f"{each.alone_rms_mm:.3f}",
-                f"{each.chi_square:.1f} for {each.dof:.0f}",
-                f"{each.p_value:.2g}",
-                f"{written(each.worst.name)}: {off:.3g} ± {u:.2g} {unit}",
-                "yes" if each.contradicts else "no",
-            )
-        )
+        errors = (f"{each.rms_mm:.3f}", f"{each.alone_rms_mm:.3f}")
+        test = (f"{each.chi_square:.1f} for {each.dof:.0f}", f"{each.p_value:.2g}")
+        most = f"{written(each.worst.name)}: {off:.3g} ± {u:.2g} {unit}"
+        contradicts = "yes" if each.contradicts else "no"
+        compared.append((name, str(each.poses), *errors, *test, most, contradicts))
     header = ("parameter", "unit", "std", *(f"std {name}" for name in names), "determined by")
     against = ("campaign", "poses", "rms [mm]", "alone [mm]", "χ²", "p", "most by", "contradicts")
     return Table(
@@ -255,15 +241,11 @@ def tabulate_health_summary(results: Results) -> Table:
 def _order(health: Health) -> Grid:
     """Return the uncertainty by number of poses, and which pose comes next."""
     poses = health.poses
-    rows = [
-        (
-            str(expected.poses),
-            mm(expected.u_optimal_mm),
-            mm(expected.u_measured_mm),
-            poses.d_optimal_order[expected.poses - 1],
-        )
-        for expected in poses.expected[:_MOST_SHOWN]
-    ]
+    rows = []
+    for expected in poses.expected[:_MOST_SHOWN]:
+        uncertainties = (mm(expected.u_optimal_mm), mm(expected.u_measured_mm))
+        last = poses.d_optimal_order[expected.poses - 1]
+        rows.append((str(expected.poses), *uncertainties, last))
     header = ("poses", "D-optimal order [mm]", "order measured [mm]", "last pose of the former")
     return grid("Expected uncertainty by number of poses", header, rows, (1, 2))
 
@@ -315,8 +297,7 @@ def tabulate_suspected_outliers(results: Results) -> Table:
         for each in case.suspected_outliers
     ]
     cells = [
-        (pose, f"{load_N:g}", f"{distance:.2f}", f"{weight:.3f}", why)
-        for pose, load_N, distance, weight, why in rows
+        (pose, f"{N:g}", f"{far:.2f}", f"{weight:.3f}", why) for pose, N, far, weight, why in rows
     ]
     return Table(
         title="Suspected outliers",
@@ -331,9 +312,6 @@ def tabulate_suspected_outliers(results: Results) -> Table:
             "effect.",
         ),
     )
-
-
-# How the instrument moved against targets on the base while the campaign lasted.
 
 
 # The verdict: which effects are missing from the model, how sure that is, and what it is worth.
@@ -374,7 +352,7 @@ def tabulate_verdict(results: Results) -> Table:
     return Table(
         title="Effects missing from the model",
         data=frame_of(_VERDICT_HEADER, _verdict_rows(found)),
-        shown=tuple(_verdict_shown(found, formulas_of(results.found))),
+        shown=tuple(_verdict_shown(found, formulas_of(results.bundle))),
         notes=_notes(found),
     )
 
@@ -405,28 +383,11 @@ def _statistics(evidence: dict[str, Any], of: str = "") -> Iterator[tuple[str, f
             yield words, float(value)
 
 
-def _together(effects: tuple[EffectName, ...]) -> str:
-    return "; ".join(f"{effect.id} of {effect.of}" for effect in effects)
-
-
-def _sets(found: VerdictRecord) -> list[tuple[str, SetGap]]:
-    """Return the gaps there are, by what the poses are."""
-    holdout = found.gap.holdout
-    return [("fitted", found.gap.train)] + ([] if holdout is None else [("held out", holdout)])
-
-
-def _parts(gap: SetGap) -> list[tuple[str, BeforeAfter]]:
-    """Return the gap inside the angles seen in the fit, and beyond them, where they differ."""
-    if gap.inside is None or gap.outside is None:
-        return []
-    return [("inside", gap.inside), ("extrapolated", gap.outside)]
-
-
 def _verdict_rows(found: VerdictRecord) -> Iterator[Row]:
     why = f"{found.why}; {found.remedy}" if found.why else ""
     yield ("verdict", "", "", "verdict", found.verdict, "", "", why)
     for effect in found.effects:
-        rivals = _together(effect.alternatives)
+        rivals = "; ".join(f"{each.id} of {each.of}" for each in effect.alternatives)
         remark = f"alternatives: {rivals}" if rivals else "stands alone"
         for name, parameter in effect.parameters.items():
             value, std = f"{parameter.value:.8g}", f"{parameter.std:.3g}"
@@ -436,11 +397,10 @@ def _verdict_rows(found: VerdictRecord) -> Iterator[Row]:
     if found.explained is not None:
         over = found.explained.over
         for each in found.explained.of:
-            share = f"{each.share:.6g}"
-            yield ("explained", "; ".join(each.ids), each.of, "share", share, "", "", over)
-            for when, left_mm in (("before", each.before_mm), ("after", each.after_mm)):
-                rms, name = f"{left_mm:.6g}", f"{when}_rms_mm"
-                yield ("explained", "; ".join(each.ids), each.of, name, rms, "", "mm", over)
+            of = ("explained", "; ".join(each.ids), each.of)
+            yield (*of, "share", f"{each.share:.6g}", "", "", over)
+            yield (*of, "before_rms_mm", f"{each.before_mm:.6g}", "", "mm", over)
+            yield (*of, "after_rms_mm", f"{each.after_mm:.6g}", "", "mm", over)
         share = f"{found.explained.share:.6g}"
         yield ("explained", "", "", "share", share, "", "", f"all effects, over {over}")
     for fault in found.faults:
@@ -453,8 +413,12 @@ def _verdict_rows(found: VerdictRecord) -> Iterator[Row]:
         yield ("not_testable", entry.id, entry.of, "", "", "", "", entry.why)
     for entry in found.below_detection_limit or ():
         yield ("below_detection_limit", entry.id, entry.of, "", "", "", "", entry.why)
-    for poses, gap in _sets(found):
-        parts: dict[str, BeforeAfter] = {"all": gap, **gap.per_load, **dict(_parts(gap))}
+    for poses, gap in (("fitted", found.gap.train), ("held out", found.gap.holdout)):
+        if gap is None:
+            continue
+        parts: dict[str, BeforeAfter] = {"all": gap, **gap.per_load}
+        if gap.inside is not None and gap.outside is not None:
+            parts |= {"inside": gap.inside, "extrapolated": gap.outside}
         if gap.without_motion is not None:
             parts["motion taken out"] = gap.without_motion
         for load, at_load in parts.items():

@@ -13,6 +13,7 @@ from pa10cal.figures.registry import picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
     legend_at,
+    mark,
     name_rows,
     new_figure,
     panel,
@@ -22,8 +23,8 @@ from pa10cal.figures.style import (
 )
 from pa10cal.reports.formatting import HALF_WIDTH_95
 from pa10cal.reports.theme import AFTER, BEFORE, BLACK, BLUE, GREY, ORANGE
-from pa10cal.results.analysis import AnalysisRecord, LackOfFit, NamingStep
-from pa10cal.results.evaluation import Accuracy, Estimate
+from pa10cal.results.analysis import AnalysisRecord
+from pa10cal.results.evaluation import Accuracy
 
 _S_PER_H = 3600.0
 _BEFORE: dict[str, Any] = {"color": BEFORE, "marker": "s", "linestyle": "none"}
@@ -91,9 +92,9 @@ def draw_where_breakdown(results: Results) -> Figure:
     noise_from = results.verdict().gap.noise_floor_from
     write_text_at(figure, 18.0, 8.0, _against_pure_error(found, noise_from))
     handles = [
-        Line2D([], [], label="before: without the effects", **_BEFORE),
-        Line2D([], [], label="after: with the named effects", **_AFTER),
-        Line2D([], [], label=results.verdict().gap.floor_is, **_FLOOR),
+        mark("before: without the effects", **_BEFORE),
+        mark("after: with the named effects", **_AFTER),
+        mark(results.verdict().gap.floor_is, **_FLOOR),
     ]
     legend_at(figure, 4.0, 18.5, handles, ncols=3, columnspacing=1.2)
     return figure
@@ -146,40 +147,28 @@ def _draw_directions(axes: Axes, found: AnalysisRecord) -> None:
 
 def _draw_drifts(axes: Axes, found: AnalysisRecord) -> None:
     """Draw slopes of the position error with time and temperature, over the range of each."""
-    kelvin = found.before.cells.temperature_C
-    spans = (
-        float(np.ptp(found.before.cells.time_s)) / _S_PER_H,
-        float(np.ptp(kelvin)) if np.isfinite(kelvin).all() else 0.0,
-    )
+    cells, drifts = found.before.cells, found.before.drifts
+    hours = float(np.ptp(cells.time_s)) / _S_PER_H
+    known = np.isfinite(cells.temperature_C).all()
+    kelvin = float(np.ptp(cells.temperature_C)) if known else 0.0
     for fit, look, aside in ((found.before, _BEFORE, -_ASIDE), (found.after, _AFTER, _ASIDE)):
-        for first, slopes, span in zip((0, 4), _slopes(fit), spans, strict=True):
-            known = [(k, slope) for k, slope in enumerate(slopes) if slope is not None]
-            if not known:
-                continue
-            axes.errorbar(
-                [first + k + aside for k, _ in known],
-                [1e3 * span * slope.value for _, slope in known],
-                yerr=[1e3 * span * HALF_WIDTH_95 * (slope.std or 0.0) for _, slope in known],
-                elinewidth=0.8,
-                **look,
-            )
+        by_time = [drift.by_time_mm_per_h for drift in fit.drifts]
+        by_temperature = [drift.by_temperature_mm_per_K for drift in fit.drifts]
+        for first, slopes, span in ((0, by_time, hours), (4, by_temperature, kelvin)):
+            shown = [(first + k + aside, slope) for k, slope in enumerate(slopes) if slope]
+            if shown:
+                value = [1e3 * span * slope.value for _, slope in shown]
+                half = [1e3 * span * HALF_WIDTH_95 * (slope.std or 0.0) for _, slope in shown]
+                axes.errorbar([x for x, _ in shown], value, yerr=half, elinewidth=0.8, **look)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    names = [drift.axis for drift in found.before.drifts]
-    warmed = any(slope is not None for slope in _slopes(found.before)[1])
+    names = [drift.axis for drift in drifts]
+    warmed = any(drift.by_temperature_mm_per_K is not None for drift in drifts)
     axes.set_xticks([0, 1, 2, 4, 5, 6][: 6 if warmed else 3], names * (2 if warmed else 1))
     axes.set_xlim(-0.6, 6.6 if warmed else 2.6)
     axes.tick_params(axis="x", length=0.0)
     axes.grid(visible=False, axis="x")
     axes.set_xlabel("with time        with temperature" if warmed else "with time")
     axes.set_ylabel("slope × range [µm]")
-
-
-def _slopes(fit: LackOfFit) -> tuple[list[Estimate | None], list[Estimate | None]]:
-    """Return the slopes along the axes with time and with temperature."""
-    return (
-        [drift.by_time_mm_per_h for drift in fit.drifts],
-        [drift.by_temperature_mm_per_K for drift in fit.drifts],
-    )
 
 
 def _against_pure_error(found: AnalysisRecord, noise_from: str | None) -> str:
@@ -189,20 +178,15 @@ def _against_pure_error(found: AnalysisRecord, noise_from: str | None) -> str:
         origin, _, _ = (noise_from or "nearly equal poses").partition(":")
         return f"No pose was repeated: the noise is that of {origin}."
     said = ", ".join(
-        f"{_number(test.F)} {when} (p {_probability(test.p_value)})" for when, test in tests if test
+        f"{test.F:{'.0f' if test.F >= 100.0 else '.3g'}} {when} "
+        f"(p {'< 0.001' if test.p_value < 1e-3 else f'= {test.p_value:.2g}'})"
+        for when, test in tests
+        if test
     )
     return (
         "F, variance shared by the readings of a pose over the variance of repeats, is 1 for a "
         f"complete\nmodel: {said}; p: probability of a larger F by chance"
     )
-
-
-def _number(value: float) -> str:
-    return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
-
-
-def _probability(p_value: float) -> str:
-    return "< 0.001" if p_value < 1e-3 else f"= {p_value:.2g}"
 
 
 # Remaining error as the named effects are added one by one, fitted and held out.
@@ -235,10 +219,8 @@ def draw_gap_by_step(results: Results) -> Figure:
     found = results.analysis()
     steps = found.naming
     rows = _ROW_MM * len(steps)
-    figure = new_figure(
-        _BELOW_STEPS_MM + rows + _ABOVE_STEPS_MM,
-        "Gap between model and measurement, effect by effect",
-    )
+    height_mm = _BELOW_STEPS_MM + rows + _ABOVE_STEPS_MM
+    figure = new_figure(height_mm, "Gap between model and measurement, effect by effect")
     axes = panel(figure, 46.0, _BELOW_STEPS_MM, 84.0, rows)
     for k, step in enumerate(steps):
         _draw_errors(axes, k - _ASIDE_OF_STEP, step.train, _TRAIN)
@@ -249,10 +231,19 @@ def draw_gap_by_step(results: Results) -> Figure:
     lowest = min(floor, *(errors.mean_mm for errors in everything))
     plain_log(axes, "x", lowest / 1.5, max(errors.peak_mm for errors in everything) * 1.4)
     axes.axvline(floor, **_FLOOR_LINE)
-    name_rows(axes, [_name(step) for step in steps], lines=False)
+    names = []
+    for step in steps:
+        effect, _, place = step.effects[-1].words.partition(", ") if step.effects else ("", "", "")
+        names.append(f"+ {effect}\n   {place}" if effect else "calibrated model")
+    name_rows(axes, names, lines=False)
     axes.set_xlabel("position error [mm]: mean, rms (bar) and peak (end)")
     write_text_at(figure, 133.0, _BELOW_STEPS_MM + rows + 2.0, "mean / rms / peak [mm]")
-    _draw_legend(figure, steps, f"{results.verdict().gap.floor_is} alone: mean")
+    handles = [Line2D([], [], label="poses fitted", **_TRAIN)]
+    if steps[0].holdout is not None:
+        handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
+    floor_is = f"{results.verdict().gap.floor_is} alone: mean"
+    handles.append(Line2D([], [], label=floor_is, **_FLOOR_LINE))
+    legend_at(figure, 10.0, 11.0, handles, ncols=3)
     write_text_at(figure, 10.0, 6.5, _beyond(found), color=GREY)
     return figure
 
@@ -276,14 +267,6 @@ def _beyond(found: AnalysisRecord) -> str:
     )
 
 
-def _name(step: NamingStep) -> str:
-    """Return what joined the model at a step."""
-    if not step.effects:
-        return "calibrated model"
-    name, _, place = step.effects[-1].words.partition(", ")
-    return f"+ {name}\n   {place}"
-
-
 def _draw_errors(axes: Axes, y: float, errors: Accuracy, look: dict[str, Any]) -> None:
     axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=look["color"], linewidth=1.4)
     for value, size in ((errors.rms_mm, 7.0), (errors.peak_mm, 4.0)):
@@ -291,11 +274,3 @@ def _draw_errors(axes: Axes, y: float, errors: Accuracy, look: dict[str, Any]) -
     axes.plot(errors.mean_mm, y, **look)
     said = f"{errors.mean_mm:.3f} / {errors.rms_mm:.3f} / {errors.peak_mm:.3f}"
     write_beside(axes, y, said, 1.035)
-
-
-def _draw_legend(figure: Figure, steps: tuple[NamingStep, ...], floor_is: str) -> None:
-    handles = [Line2D([], [], label="poses fitted", **_TRAIN)]
-    if steps[0].holdout is not None:
-        handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
-    handles.append(Line2D([], [], label=floor_is, **_FLOOR_LINE))
-    legend_at(figure, 10.0, 11.0, handles, ncols=3)

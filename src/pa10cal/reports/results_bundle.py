@@ -1,15 +1,15 @@
-"""All that a results folder of one campaign holds for its report, and what is missing from it."""
+"""The results folder of one campaign: what it holds, and what is missing from it."""
 
 from __future__ import annotations
 
 import csv
 import re
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_base_motion, read_pose_table
@@ -45,23 +45,40 @@ _STAGES = {
 }
 
 
+def _record(kind: type[_R], file: str | None = None) -> Callable[[ResultsBundle], _R | None]:
+    """Return what reads a record of a results folder: None where there is none."""
+
+    def read_it(results: ResultsBundle) -> _R | None:
+        there = (results.folder / (file or kind.FILE)).exists()
+        return results.read(kind, file) if there else None
+
+    return read_it
+
+
 @dataclass(frozen=True)
-class Absent:
-    """A result that is not there."""
-
-    file: str  # where it would be, under the results of the campaign
-    why: str  # the message of the stage that did not write it, or that it was not run
-    remedy: str  # what to do about it
-
-
-@dataclass(frozen=True)
-class Gathered:
+class ResultsBundle:
     """The results of one campaign, each read when it is first used; what is not there is None."""
 
     folder: Path  # `<results_dir>/<campaign>`
     load_case: str = "combined"  # calibration that was evaluated: `combined`, or a load
     # what the campaign says of itself, where its raw files were given
     description: CampaignDescription | None = None
+    _records: dict[tuple[Path, str | None], Record] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+
+    def read(self, kind: type[_R], file: str | None = None, campaign: str | None = None) -> _R:
+        """Return a record; the errors are those of `codec.read`.
+
+        Args:
+            kind: its type.
+            file: where it is in the folder; by default where the type says.
+            campaign: whose it must be; None for any.
+        """
+        key = self.folder / (file or kind.FILE), campaign
+        if key not in self._records:
+            self._records[key] = read(kind, *key)
+        return cast(_R, self._records[key])
 
     @cached_property
     def campaign(self) -> str:
@@ -99,61 +116,36 @@ class Gathered:
 
     @cached_property
     def quarantined(self) -> Mapping[str, int]:
-        """How many raw rows are not used, by reason."""
-        return _quarantined(self.folder / "ingest/quarantine.csv")
+        """How many raw rows are not used, by reason, the most frequent first."""
+        path = self.folder / "ingest/quarantine.csv"
+        if not path.is_file():
+            return {}
+        with path.open(encoding="utf-8", newline="") as rows:
+            reasons = [row.get("reason") or "no reason given" for row in csv.DictReader(rows)]
+        return dict(Counter(reasons).most_common())
 
     @cached_property
-    def absent(self) -> tuple[Absent, ...]:
-        """What a whole run would have left and is not there."""
-        return tuple(
-            _absent(self.folder, file, *stage)
+    def absent(self) -> Mapping[str, str]:
+        """Why each result of a whole run that is not there is missing, and what to do about it."""
+        return {
+            file: _why_absent(self.folder, file, *stage)
             for file, stage in _stages(self.load_case).items()
             if not (self.folder / file).exists()
-        )
+        }
 
-    def _record(self, kind: type[_R], file: str | None = None) -> _R | None:
-        path = self.folder / (file or kind.FILE)
-        return read(kind, path) if path.exists() else None
-
-    @cached_property
-    def base_frame(self) -> BaseFrameRecord | None:
-        """The base frame, before calibration."""
-        return self._record(BaseFrameRecord)
+    base_frame = cached_property(_record(BaseFrameRecord))  # before calibration
+    #: The general model beside the paper's.
+    general = cached_property(_record(CalibrationRecord, "calibration/general.json"))
+    verdict = cached_property(_record(VerdictRecord))
+    analysis = cached_property(_record(AnalysisRecord))  # what the search for effects saw
+    extended = cached_property(_record(ExtendedRecord))  # the model with the effects found
+    held_out = cached_property(_record(HoldoutRecord))  # errors of held-out poses
+    iso9283 = cached_property(_record(Iso9283Record))  # accuracy and repeatability
 
     @cached_property
     def calibration(self) -> CalibrationRecord | None:
         """The calibration that was evaluated."""
-        return self._record(CalibrationRecord, f"calibration/{self.load_case}.json")
-
-    @cached_property
-    def general(self) -> CalibrationRecord | None:
-        """The general model beside the paper's."""
-        return self._record(CalibrationRecord, "calibration/general.json")
-
-    @cached_property
-    def verdict(self) -> VerdictRecord | None:
-        """The verdict."""
-        return self._record(VerdictRecord)
-
-    @cached_property
-    def analysis(self) -> AnalysisRecord | None:
-        """What the search for effects saw."""
-        return self._record(AnalysisRecord)
-
-    @cached_property
-    def extended(self) -> ExtendedRecord | None:
-        """The model with the effects found."""
-        return self._record(ExtendedRecord)
-
-    @cached_property
-    def held_out(self) -> HoldoutRecord | None:
-        """Errors of held-out poses."""
-        return self._record(HoldoutRecord)
-
-    @cached_property
-    def iso9283(self) -> Iso9283Record | None:
-        """Accuracy and repeatability after ISO 9283."""
-        return self._record(Iso9283Record)
+        return _record(CalibrationRecord, f"calibration/{self.load_case}.json")(self)
 
     @cached_property
     def records(self) -> tuple[CampaignRecord, ...]:
@@ -187,10 +179,7 @@ class Gathered:
 
     def why_absent(self, file: str) -> str:
         """Say why a result is not there, and what to do about it."""
-        for each in self.absent:
-            if each.file == file:
-                return f"{each.why} {each.remedy}"
-        return f"There is no {file}."
+        return self.absent.get(file, f"There is no {file}.")
 
 
 #: Beginning of the provenance of simulated data.
@@ -202,7 +191,9 @@ def is_synthetic(provenance: str) -> bool:
     return _SYNTHETIC.match(provenance) is not None
 
 
-def gather(folder: Path, load_case: str = "combined", campaign_dir: Path | None = None) -> Gathered:
+def results_bundle(
+    folder: Path, load_case: str = "combined", campaign_dir: Path | None = None
+) -> ResultsBundle:
     """Return the results in a folder of one campaign.
 
     Args:
@@ -224,7 +215,7 @@ def gather(folder: Path, load_case: str = "combined", campaign_dir: Path | None 
             remedy="give such a folder, or run pa10cal run first",
         )
     description = None if campaign_dir is None else read_description(campaign_dir)
-    return Gathered(folder, load_case, description)
+    return ResultsBundle(folder, load_case, description)
 
 
 def _stages(load_case: str) -> dict[str, tuple[str, str]]:
@@ -234,21 +225,13 @@ def _stages(load_case: str) -> dict[str, tuple[str, str]]:
     }
 
 
-def _absent(folder: Path, file: str, command: str, log: str) -> Absent:
+def _why_absent(folder: Path, file: str, command: str, log: str) -> str:
     """Say why a result is not there: what its stage refused, where its log tells."""
     path = folder / f"logs/{log}.log"
     printed = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
     if (told := last_message(printed)) is not None:
-        _, message = told
-        return Absent(file, f"pa10cal {command} refused: {message}.", "Then run it again.")
-    why = f"There is no {file}: pa10cal {command} was not run, or did not come to its end."
-    return Absent(file, why, "pa10cal run makes it.")
-
-
-def _quarantined(path: Path) -> Mapping[str, int]:
-    """Return how many raw rows are not used, by reason, the most frequent first."""
-    if not path.is_file():
-        return {}
-    with path.open(encoding="utf-8", newline="") as rows:
-        reasons = Counter(row.get("reason") or "no reason given" for row in csv.DictReader(rows))
-    return dict(reasons.most_common())
+        return f"pa10cal {command} refused: {told[1]}. Then run it again."
+    return (
+        f"There is no {file}: pa10cal {command} was not run, or did not come to its end. "
+        "pa10cal run makes it."
+    )

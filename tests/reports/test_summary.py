@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from made_up_records import effect, verdict_keys
-from pa10cal.running.display import CampaignSummary, notes, paths, table
+from pa10cal.reports.summary import CampaignSummary, notes, paths, table
 
 GOOD = CampaignSummary(
     "mine", "good", "none", 2.76, 0.013, "held-out poses", ("good: at the noise",)
