@@ -35,6 +35,9 @@ class Shift(LogFault):
     def reported(self):
         return (Parameter("shift", "m", 1e-6, plausible=1e-4),)
 
+    def derivative(self, states, x):
+        raise NotImplementedError
+
     def told(self, x, std):
         return FaultText("base", f"off by {1e3 * x[0]:.2f} ± {1e3 * std[0]:.2f} mm", "look")
 

@@ -190,7 +190,8 @@ class TestNamesThatOnePoseCarries:
 
         monkeypatch.setattr(search, "_judged", judged)
         monkeypatch.setattr(search, "gated", lambda found: found)
-        monkeypatch.setattr(search, "_with_formulas", lambda found: found)
+        for name in ("with_lines_named", "with_proposals"):
+            monkeypatch.setattr(search, name, lambda found: found)
         found = search.discover(wave.readings, wave.baseline, wave.setup)
         assert [fault.where for fault in looked_at[1].faults] == [f"pose {pose}"]
         assert found.effects == ()

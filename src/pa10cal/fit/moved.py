@@ -15,12 +15,13 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.term import Offsets, Term
 
-JOINT_ZERO, STIFFNESS, LINK, EFFECT, MODEL_ERROR = (
+JOINT_ZERO, STIFFNESS, LINK, EFFECT, MODEL_ERROR, EVERYTHING = (
     "joint_zero",
     "stiffness",
     "link",
     "effect",
     "model_error",
+    "everything",
 )
 #: Frames that each campaign has of its own.
 BASE_MOVED, TOOL_MOVED = "base", "tool"
@@ -128,6 +129,18 @@ def sought(
         found.append(Found(left.pop(k), size, gain))
         disagreement = disagreement.widened(found[-1].directions)
     return tuple(found)
+
+
+def everything(possible: Sequence[Hypothesis]) -> Hypothesis:
+    """Return that every joint, link and spring moved: what is left where no names suffice."""
+    single = [each for each in possible if each.kind in (JOINT_ZERO, LINK, STIFFNESS)]
+    return Hypothesis(
+        EVERYTHING,
+        "arm",
+        np.concatenate([each.columns for each in single]),
+        np.hstack([each.sizes[-1] * each.directions for each in single]),
+        (1.0,),
+    )
 
 
 def _single(kind: str, of: str, column: int, size: float, count: int) -> Hypothesis:

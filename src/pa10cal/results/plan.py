@@ -111,7 +111,7 @@ def suggestion_table(suggestions: Sequence[SuggestedPose], joints: int, *, with_
     rows.writerow(["order", *(f"q{j}_deg" for j in numbers), "load_N", *sides, "for"])
     for order, pose in enumerate(suggestions, start=1):
         cells = [order, *(f"{angle:.4f}" for angle in pose.q_deg), f"{pose.load_N:g}"]
-        if pose.arrive_from is not None:
+        if with_sides and pose.arrive_from is not None:
             cells += [f"{side:+.0f}" for side in pose.arrive_from]
             cells += [f"{pose.separation_nats:.2f}"]
         else:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from made_up_arm import Missing, harmonic, measure
+from pa10cal.discovery.next_poses import unresolved
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.terms.effects import effect
 from pa10cal.terms.effects.joint_angle import JointHarmonic
@@ -90,7 +91,7 @@ def test_what_these_poses_cannot_tell_apart_is_ambiguous(soft_wrist):
     pair = {("joint_compliance", "joint 4"), ("link_torsion", "forearm")}
     assert {name(finding.effect), *map(name, finding.alternatives)} == pair
     assert [set(map(name, group)) for group in found.indistinguishable] == [pair]
-    (first, *_) = found.unresolved()
+    (first, *_) = unresolved(found.effects, found.not_testable)
     assert {name(first[0]), name(first[1])} == pair
     # Either of them closes the gap.
     assert found.holdout.after.mean_mm < 1.3 * found.noise_floor_mm
@@ -101,7 +102,7 @@ def test_what_cannot_be_told_at_all_is_listed_with_the_reason(null):
     refused = {name(entry.effect): entry for entry in found.not_testable}
     assert refused["thermal_growth", "arm"].why == "what it depends on was not logged"
     assert not refused.keys() & set(map(name, found.family))
-    asked = found.unresolved()
+    asked = unresolved(found.effects, found.not_testable)
     assert all(rival is None for _, rival in asked)
     # Other poses do not log a temperature.
     assert ("thermal_growth", "arm") not in [name(effect) for effect, _ in asked]
@@ -132,9 +133,7 @@ class ThirdHarmonic(JointHarmonic):
 
     id: ClassVar[str] = "third_harmonic"
 
-    @classmethod
-    def order_of(cls, context, joint):
-        return 3.0
+    order_stated: ClassVar[float] = 3.0
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,18 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
-from pa10cal.fit.moved import JOINT_ZERO, MODEL_ERROR, STIFFNESS, Found, hypotheses, sought
+from pa10cal.fit.moved import (
+    EVERYTHING,
+    JOINT_ZERO,
+    LINK,
+    MODEL_ERROR,
+    STIFFNESS,
+    Found,
+    Hypothesis,
+    everything,
+    hypotheses,
+    sought,
+)
 from pa10cal.fit.problem import Disagreement, Expected, Problem
 from pa10cal.fit.uncertain_weights import unknown_tool, weight_sizes
 from pa10cal.observe.observations import Observations
@@ -185,6 +196,11 @@ def _size(parameter: Parameter) -> float:
 
 #: Searches for what moved, each about the fit with what the one before found.
 _MOST_ROUNDS = 4
+#: Readings that scatter by so many times what the instrument states contradict what was found, and
+#: the arm is taken as new where that leaves so small a part.
+_CONTRADICTED, _EXPLAINED = 1.5, 0.75
+#: Of an arm taken as new, what moved by so many standard uncertainties is named, the clearest.
+_CLEAR, _MOST_NAMED = 5.0, 6
 
 
 def calibrate_from(
@@ -241,6 +257,13 @@ def calibrate_from(
         for each in more:
             expected = expected.widened(each.directions)
         found = fitted(problem, found.x, expected=expected)
+    left, stated = _left(found, observations)
+    if left > _CONTRADICTED * stated:
+        anew = Found(everything(possible), 1.0, 0.0)
+        freed = prior.expected.widened(anew.directions)
+        other = fitted(problem, problem.start(x), expected=freed)
+        if _left(other, observations)[0] < _EXPLAINED * left:
+            released, expected, found = [anew], freed, other
     if source == "masses":
         about = partial(fitted, expected=expected)
         problem, found = at_rest(problem, found, observations.states, payload, about)
@@ -254,15 +277,32 @@ def calibrate_from(
         payload=payload,
         problem=problem,
         fit=found,
-        prior=_changed(prior, problem, found, released),
+        prior=_changed(prior, problem, found, released, possible),
     )
 
 
-def _changed(prior: Prior, problem: Problem, found: Fit, released: Sequence[Found]) -> PriorPart:
+def _left(found: Fit, observations: Observations) -> tuple[float, float]:
+    """Return what a fit leaves of a component, and what the instrument states of it [m]."""
+    kind, part = observations.measured.component_kinds[0]
+    variances = np.diagonal(observations.measured.stated_covariance, axis1=1, axis2=2)[:, part]
+    stated = float(np.sqrt(np.median(variances)))
+    return float(np.hypot(found.scatter.get(kind, 0.0), stated)), stated
+
+
+def _changed(
+    prior: Prior,
+    problem: Problem,
+    found: Fit,
+    released: Sequence[Found],
+    possible: Sequence[Hypothesis],
+) -> PriorPart:
     """Return what was found anew, and by how much it differs from the prior."""
     mean, before = prior.expected.mean, np.diag(prior.expected.covariance)
     after = np.diag(found.covariance)
     moved, factor = [], 1.0
+    anew = any(each.what.kind == EVERYTHING for each in released)
+    if anew:
+        released = _clearest(possible, found.x - np.pad(mean, (0, len(found.x) - len(mean))), after)
     for each in released:
         if each.what.kind == MODEL_ERROR:
             factor += each.size**2
@@ -285,9 +325,24 @@ def _changed(prior: Prior, problem: Problem, found: Fit, released: Sequence[Foun
             "links and springs depart by more than noise explains: their variances count "
             f"{factor:.0f} times, as under a model that lacks an effect"
         )
+    if anew:
+        told.insert(0, "more moved than can be told apart: all joints, links and springs are anew")
     said = "; ".join(told) or "nothing in it moved, within its uncertainty"
     line = f"started from the model of {campaign or 'an unnamed campaign'}: {said}"
     return PriorPart(campaign=campaign, moved=tuple(moved), factor=factor, line=line)
+
+
+def _clearest(possible: Sequence[Hypothesis], by: Array, variances: Array) -> list[Found]:
+    """Return what moved by most of its standard uncertainties, where everything was found anew."""
+    single = [each for each in possible if each.kind in (JOINT_ZERO, LINK, STIFFNESS)]
+    std = np.sqrt(np.maximum(variances, 0.0))
+    sigmas = {
+        each: float(abs(by[k]) / std[k]) if std[k] > 0.0 else 0.0
+        for each in single
+        for k in each.columns
+    }
+    clear = sorted((each for each in single if sigmas[each] > _CLEAR), key=lambda e: -sigmas[e])
+    return [Found(each, 1.0, 0.5 * float(sigmas[each]) ** 2) for each in clear[:_MOST_NAMED]]
 
 
 def _words(moved: Moved) -> str:
