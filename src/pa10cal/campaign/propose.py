@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,6 @@ from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescr
 from pa10cal.campaign.own_columns import (
     ANGLES,
     FORCES,
-    ISO,
     LENGTHS,
     TIMES,
     TORQUES,
@@ -31,7 +29,15 @@ from pa10cal.campaign.own_columns import (
     RotationColumns,
 )
 from pa10cal.campaign.raw_file import own_columns, quaternions
-from pa10cal.campaign.recognise import Roles, plain, roles_of, standing, unit_of
+from pa10cal.campaign.recognise import (
+    JUDGED,
+    Roles,
+    format_of,
+    plain,
+    roles_of,
+    standing,
+    unit_of,
+)
 from pa10cal.campaign.rows import in_radians, position_columns
 from pa10cal.campaign.two_logs import LABELS, TwoLogs
 from pa10cal.errors import RawDataError
@@ -50,11 +56,6 @@ AGREES_RAD = np.radians(3.0)
 #: A date alone, and a time of day alone, which together are a time.
 _DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}")
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.I)
-#: Parts of the formats of dates and times that are tried, the commonest first.
-_DATES = ("%Y-%m-%d", "%d.%m.%Y", "%m/%d/%Y", "%d/%m/%Y", "%d-%m-%Y", "%Y/%m/%d", "%d.%m.%y")
-_CLOCKS = ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%H:%M", "%H.%M.%S")
-_BETWEEN = (" ", "T", ", ", "  ")
-_ZONES = ("", "%z", " %z")
 #: Numbers of days since 1900, as workbooks count time, between 1982 and 2064.
 _SERIAL_DAYS = (30_000.0, 60_000.0)
 #: Words for rows to calibrate with and rows held out.
@@ -63,8 +64,6 @@ _HELD = (
     "holdout test validation verification check val valid pruefung prufung validierung "
     "verifikation controle verificacion validacion"
 )
-#: Rows that conventions are judged by.
-JUDGED = 200
 #: What is stated where the file says nothing.
 ASSUMED_MM = 0.05
 
@@ -210,17 +209,45 @@ def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[st
     """Return a line for every column of a file: what it is read as, or that it is not read."""
     model = FileColumns.model_validate(columns)
     count = 0 if model.joints is None else len(model.joints.names)
-    uses: dict[str, list[str]] = {}
+    uses: dict[str, dict[str, None]] = {}
     for ours, source in own_columns(model, np.zeros(count, dtype=bool)):
         for own in source.name.split(", ") if source.name not in sniffed.names else [source.name]:
-            how = f"{ours} [{source.unit}]" if source.unit else ours
-            uses.setdefault(own, []).append(how)
+            how = in_words(ours) + (f", in {source.unit}" if source.unit else "")
+            uses.setdefault(own, {})[how] = None
     encoding = "a workbook" if not sniffed.encoding else sniffed.encoding.removesuffix("-sig")
     lines = [f"{file}: {encoding}, {len(sniffed.names)} columns, {len(sniffed.text)} rows seen"]
     width = max(map(len, sniffed.names))
     for name in sniffed.names:
-        lines.append(f"  {name:{width}}  {', '.join(uses.get(name, ['not read']))}")
+        lines.append(f"  {name:{width}}  {'; '.join(uses.get(name, ['not read']))}")
     return tuple(lines)
+
+
+#: What the columns of the contract are, in words.
+_WORDS = (
+    (r"q(\d+)_(?:deg|mm)", r"position of joint \1"),
+    (r"tau(\d+)_Nm", r"torque of joint \1"),
+    (r"([xyz])_mm", r"\1 of the target"),
+    (r"(base\w+)_([xyz])_mm", r"\2 of \1, on the base"),
+    (r"(\w+)_([xyz])_mm", r"\2 of target \1"),
+    (r"q[wxyz]", "attitude of the target"),
+    (r"d_mm", "distance"),
+    (r"time_s", "time"),
+    (r"temperature_C", "temperature"),
+    (r"load_N", "external load"),
+    (r"kind", "calibration or held out"),
+    (r"pose", "label of the pose"),
+    (r"repeat", "number of the repeat"),
+)
+
+
+def in_words(name: str) -> str:
+    """Return what a column of the contract is, in words."""
+    if name.startswith("u_"):
+        return f"standard uncertainty of the {in_words(name[2:])}"
+    for like, words in _WORDS:
+        if re.fullmatch(like, name):
+            return re.sub(like, words, name)
+    return name
 
 
 def follows_contract(sniffed: Sniffed) -> bool:
@@ -540,47 +567,3 @@ def label_of(path: Path) -> str:
     stem = path.name.partition(".")[0]
     letters = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem)
     return letters.strip("-_") or "mine"
-
-
-# Formats of dates and times.
-
-
-def format_of(words: Sequence[str]) -> tuple[str | None, tuple[str, ...]]:
-    """Return the format of dates and times, for `time.format`, and others that fit as well.
-
-    Where day and month may be exchanged, that in which the times lie closest together is taken.
-    None where no format fits.
-    """
-    some = pd.Series(list(words[:JUDGED]))
-    fits: dict[str, float] = {}
-    for how in _formats(str(some.iloc[0])):
-        form = "ISO8601" if how == ISO else how
-        moments = pd.to_datetime(some, format=form, errors="coerce", utc=True)
-        if moments.notna().mean() > 0.9:
-            fits[how] = float((moments.max() - moments.min()).total_seconds())
-    if not fits:
-        return None, ()
-    shortest = min(fits.values())
-    best, *others = [how for how, lasts in fits.items() if lasts <= 1.001 * shortest + 1.0]
-    order = [
-        how
-        for how in others
-        if how.find("%m") < how.find("%d") != (best.find("%m") < best.find("%d"))
-    ]
-    return best, tuple(order)
-
-
-def _formats(word: str) -> Iterator[str]:
-    """Yield the formats that a date or time may have: those that read its first row."""
-    every = itertools.chain(
-        (ISO, "%Y%m%d%H%M%S", "%Y%m%d_%H%M%S", "%Y%m%dT%H%M%S"),
-        (
-            f"{date}{between}{clock}{zone}"
-            for date, between, clock, zone in itertools.product(_DATES, _BETWEEN, _CLOCKS, _ZONES)
-        ),
-        _CLOCKS,
-    )
-    for how in dict.fromkeys(every):
-        form = "ISO8601" if how == ISO else how
-        if not pd.isna(pd.to_datetime(word, format=form, errors="coerce", utc=True)):
-            yield how

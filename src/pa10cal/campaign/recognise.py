@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+
+from pa10cal.campaign.own_columns import ISO
 
 #: Units by the word that campaign.yaml has for each, and how files write it.
 _UNITS = {
@@ -384,3 +388,55 @@ def standing(positions: Mapping[str, NDArray[np.float64]]) -> list[str]:
     }
     most = max(spread.values(), default=0.0)
     return [place for place, size in spread.items() if size < _STILL * most]
+
+
+# Formats of dates and times.
+
+#: Parts of the formats of dates and times that are tried, the commonest first.
+_DATES = ("%Y-%m-%d", "%d.%m.%Y", "%m/%d/%Y", "%d/%m/%Y", "%d-%m-%Y", "%Y/%m/%d", "%d.%m.%y")
+_CLOCKS = ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%H:%M", "%H.%M.%S")
+_BETWEEN = (" ", "T", ", ", "  ")
+_ZONES = ("", "%z", " %z")
+#: Rows that formats and conventions are judged by.
+JUDGED = 200
+
+
+def format_of(words: Sequence[str]) -> tuple[str | None, tuple[str, ...]]:
+    """Return the format of dates and times, for `time.format`, and others that fit as well.
+
+    Where day and month may be exchanged, that in which the times lie closest together is taken.
+    None where no format fits.
+    """
+    some = pd.Series(list(words[:JUDGED]))
+    fits: dict[str, float] = {}
+    for how in _formats(str(some.iloc[0])):
+        form = "ISO8601" if how == ISO else how
+        moments = pd.to_datetime(some, format=form, errors="coerce", utc=True)
+        if moments.notna().mean() > 0.9:
+            fits[how] = float((moments.max() - moments.min()).total_seconds())
+    if not fits:
+        return None, ()
+    shortest = min(fits.values())
+    best, *others = [how for how, lasts in fits.items() if lasts <= 1.001 * shortest + 1.0]
+    order = [
+        how
+        for how in others
+        if how.find("%m") < how.find("%d") != (best.find("%m") < best.find("%d"))
+    ]
+    return best, tuple(order)
+
+
+def _formats(word: str) -> Iterator[str]:
+    """Yield the formats that a date or time may have: those that read its first row."""
+    every = itertools.chain(
+        (ISO, "%Y%m%d%H%M%S", "%Y%m%d_%H%M%S", "%Y%m%dT%H%M%S"),
+        (
+            f"{date}{between}{clock}{zone}"
+            for date, between, clock, zone in itertools.product(_DATES, _BETWEEN, _CLOCKS, _ZONES)
+        ),
+        _CLOCKS,
+    )
+    for how in dict.fromkeys(every):
+        form = "ISO8601" if how == ISO else how
+        if not pd.isna(pd.to_datetime(word, format=form, errors="coerce", utc=True)):
+            yield how
