@@ -133,6 +133,10 @@ def test_effects_of_the_verdict_are_sought_before_they_are_calibrated_with(plan,
         ({"groups": '{"arm": ["cell-a"]}'}, "key groups does not fit.*two or more campaigns"),
         ({"groups": '{"arm": ["cell-a", "cell-b"]}'}, "no such campaign.*cell-b"),
         (
+            {"calibration": '{"prior": "gone.yaml"}'},
+            "calibration.prior: the file is not there.*gone.yaml",
+        ),
+        (
             {"campaigns": '["cell-a"]', "groups": '{"cell-null": ["cell-a", "lightcap2008"]}'},
             "a group is called like a campaign.*cell-null",
         ),

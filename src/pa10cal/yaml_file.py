@@ -50,10 +50,12 @@ def read_yaml(
             raise ValueError(f"{size / 1e6:.0f} MB, at most {MAX_BYTES / 1e6:.0f} MB are read")
         return parse_yaml(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as found:
+        absent = isinstance(found, FileNotFoundError)
+        why = "the file is not there" if absent else getattr(found, "strerror", None) or str(found)
         raise error(
             what,
             where=str(path),
-            value=getattr(found, "strerror", None) or str(found),
+            value=why,
             allowed=allowed,
             remedy=remedy,
         ) from None

@@ -92,7 +92,7 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
         ({"at_bound": ("cubic_share_2",)}, {}, "good", "K_cub_2 at the end"),
         ({}, {"suspected_outliers": 1}, "good", "1 suspected outlier has less weight in the fit"),
         ({"told": 5, "hidden": frozenset({"delta_a_6"})}, {}, "good", "rank 5"),
-        ({}, {"held_out": None}, "good", "as the noise of 0.017 mm explains"),
+        ({}, {"held_out": None}, "good", "fitted, as the noise explains"),
         ({}, {"repeats": repeats(1.3e-5)}, "good", "as the noise of 0.022 mm"),
         # Fewer readings behind a held-out pose let it scatter more.
         ({}, {"held_out": replace(BAD, repeats=0.1)}, "good", "0.050 mm over held-out"),
@@ -101,7 +101,7 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
         ({"told": 5}, {}, "few_poses", "not identifiable with these poses: delta_a_6"),
         ({"told": 3}, {}, "few_poses", "identify 3 of 6"),
         ({"told": 5, "named": "weight"}, {}, "few_poses", "state the mass of the tool"),
-        ({"poses": 8}, {}, "few_poses", "more poses to reduce it to 0.006 mm"),
+        ({"poses": 8}, {}, "few_poses", "more poses would reach 0.006 mm"),
         # incomplete
         ({}, {"noise_mm": 0.004}, "incomplete", "4.3 times the stated noise of 0.004 mm"),
         ({}, {"repeats": repeats(0.5e-5)}, "incomplete", "2 times the noise of 0.009 mm"),
@@ -123,6 +123,18 @@ def test_the_rule(fit, left, grade, says):
     assert found.grade == grade, found.line
     assert says in found.line
     assert bool(found.findings) == (grade == "suspect_input")
+
+
+def test_no_number_is_said_twice_and_few_poses_alarm_nobody():
+    left = HeldOut(accuracy(0.016, 0.03, 0.01672, 60))
+    line = health(ended(), errors(held_out=left)).line
+    assert line.startswith("remaining error 0.017 mm rms over the poses fitted and over held-out")
+    assert line.count("0.017") == 1
+    few = health(ended(poses=8), errors(held_out=None))
+    assert few.grade == "few_poses"
+    assert few.line.startswith("good: 0.009 mm standard uncertainty of predicted positions; ")
+    worse = health(ended(poses=3, unknowns=8), errors(held_out=None, train_rms_mm=0.005))
+    assert "good" not in worse.line, worse.line
 
 
 def test_the_worst_is_said_first():

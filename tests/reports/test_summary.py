@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from made_up_records import effect, verdict_keys
+from dataclasses import replace
+
+from made_up_records import accuracy, effect, verdict_keys
 from pa10cal.reports.summary import CampaignSummary, notes, paths, table
+from pa10cal.results.evaluation import mean_and_peak
 
 GOOD = CampaignSummary(
     "mine", "good", "none", 2.76, 0.013, "held-out poses", ("good: at the noise",)
@@ -30,6 +33,22 @@ def test_one_row_a_campaign_and_under_it_what_to_know():
         "other: the log: joint 2: its sign is reversed; negate q2_deg",
     ]
     assert table([GOOD]).splitlines()[-1] == "good: at the noise"
+
+
+def test_what_is_flagged_as_wrong_stands_apart():
+    held_out = replace(
+        GOOD,
+        after=1.752,
+        trusted=(2.41, 0.018),
+        with_flagged="with 1 reading flagged as wrong 1.752 mm",
+    )
+    row = " ".join(table([held_out]).splitlines()[2].split())
+    said = "held-out poses; with 1 reading flagged as wrong 1.752 mm"
+    assert row == f"mine good none 2.410 mm 0.018 mm {said}"
+    whole, trusted = accuracy(1.7516, 10.0), accuracy(0.018, 0.04, configurations=43)
+    said = "0.018/0.040 mm; with 2 readings flagged as wrong 1.752/10.000 mm"
+    assert mean_and_peak(whole, trusted) == said
+    assert mean_and_peak(whole, None) == "1.752/10.000 mm"
 
 
 def test_paths_are_those_that_are_there_from_the_working_folder(tmp_path, monkeypatch):

@@ -15,6 +15,7 @@ from pa10cal.planning.campaign import (
     group_like_campaign,
     instrument_kind,
     missing_campaign,
+    missing_prior,
     raw_files,
     robot_name,
     by_general_model as planned_by_general_model,
@@ -57,6 +58,9 @@ for campaign in (*(() if isinstance(FLEET, str) else SETTINGS.campaigns), *IN_GR
         continue
     if not Path(SETTINGS.raw_dir, campaign, "campaign.yaml").is_file():
         refuse(missing_campaign(SETTINGS.raw_dir, campaign))
+
+if SETTINGS.calibration.prior and not Path(SETTINGS.calibration.prior).exists():
+    refuse(missing_prior(SETTINGS.calibration.prior))
 
 # Setting a prefix drops Snakemake's own, so the first part repeats it. The second lets the rules say
 # `python` whether or not the environment of Snakemake is activated. With the others a job ends when

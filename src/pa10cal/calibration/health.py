@@ -317,9 +317,13 @@ def graded(evidence: Evidence) -> tuple[Grade, str, tuple[InputFinding, ...]]:
         return "incomplete", f"{errors}, {lacks}{beside}", ()
     if few := _few(evidence):
         return "few_poses", f"{errors}; {few}{beside}", ()
+    if uncertain := _uncertain(evidence):
+        return "few_poses", f"{uncertain}; {errors}{beside}", ()
     noise_mm = evidence.own_noise_mm
     over = evidence.over_noise
     agrees = "" if noise_mm is None else f", as the noise of {noise_mm:.3f} mm explains"
+    if noise_mm is not None and f"{noise_mm:.3f}" == f"{evidence.left.train_rms_mm:.3f}":
+        agrees = ", as the noise explains"
     if noise_mm is not None and over is not None and over > NOTICED:
         agrees = f", {over:.2g} times the noise of {noise_mm:.3f} mm"
     return (
@@ -336,9 +340,11 @@ def most_stated(factor: float = STATED_OFF, *, from_touches: bool) -> float:
 
 
 def _errors(evidence: Evidence) -> str:
-    text = f"remaining error {evidence.left.train_rms_mm:.3f} mm rms over the poses fitted"
+    fitted = f"{evidence.left.train_rms_mm:.3f} mm"
+    text = f"remaining error {fitted} rms over the poses fitted"
     if (away := evidence.left.held_out) is not None:
-        text += f", {away.accuracy.rms_mm:.3f} mm over held-out poses"
+        there = f"{away.accuracy.rms_mm:.3f} mm"
+        text += " and over held-out poses" if there == fitted else f", {there} over held-out poses"
         if away.suspected:
             text += f" without {away.suspected} with a suspected reading"
     return text
@@ -438,14 +444,24 @@ def _few(evidence: Evidence) -> str:
             else "measure poses that move every joint over its range"
         )
         return f"not identifiable with these poses: {_listed(names)} ({told}); {remedy}"
-    u_mm, wanted_mm = evidence.u_model_mm, SMALL_SHARE * evidence.error_mm
-    if u_mm > wanted_mm:
-        more = int(np.ceil(len(evidence.ended.white) * ((u_mm / wanted_mm) ** 2 - 1.0)))
-        return (
-            f"predicted positions have a standard uncertainty of {u_mm:.3f} mm; measure about "
-            f"{more} more poses to reduce it to {wanted_mm:.3f} mm"
-        )
     return ""
+
+
+def _uncertain(evidence: Evidence) -> str:
+    """Return what more poses would bring to predictions; nothing where it is hardly anything.
+
+    Below the remaining error of single poses predictions are good all the same: nobody stated that
+    they are to be better.
+    """
+    u_mm, wanted_mm = evidence.u_model_mm, SMALL_SHARE * evidence.error_mm
+    if u_mm <= wanted_mm:
+        return ""
+    more = int(np.ceil(len(evidence.ended.white) * ((u_mm / wanted_mm) ** 2 - 1.0)))
+    word = "good" if u_mm <= evidence.error_mm else "more uncertain than single readings"
+    text = f"{word}: {u_mm:.3f} mm standard uncertainty of predicted positions"
+    if f"{wanted_mm:.3f}" == f"{u_mm:.3f}":
+        return text
+    return f"{text}; {more} more poses would reach {wanted_mm:.3f} mm"
 
 
 def _remarks(evidence: Evidence) -> Iterator[str]:

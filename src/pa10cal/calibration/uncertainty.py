@@ -28,7 +28,7 @@ from pa10cal.observe.observations import (
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.calibration import CalibratedParameter
-from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.evaluation import Accuracy, BeforeAfter
 from pa10cal.results.health import InputFinding, RepeatScatter
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report
@@ -58,6 +58,26 @@ def summarise(found: Deviations, rows: NDArray[np.bool_] | slice = slice(None)) 
 def summarise_by_load(found: Deviations, load_N: Array) -> dict[str, Accuracy]:
     """Summarise deviations for every load, keyed as the files are named: `0N`, `22N`, …"""
     return {f"{load:g}N": summarise(found, load_N == load) for load in np.unique(load_N)}
+
+
+def summarise_trusted(
+    before: Deviations, after: Deviations, load_N: Array, flagged: NDArray[np.bool_]
+) -> dict[str, BeforeAfter]:
+    """Summarise deviations of two models at every load that has flagged configurations, without.
+
+    Args:
+        before, after: over P configurations.
+        load_N: (P,) their loads.
+        flagged: (P,) which of them have a reading that is flagged as wrong.
+    """
+    found = {}
+    for load in np.unique(load_N[flagged]):
+        rows = (load_N == load) & ~flagged
+        if rows.any():
+            found[f"{load:g}N"] = BeforeAfter(
+                before=summarise(before, rows), after=summarise(after, rows)
+            )
+    return found
 
 
 def align_nominal(nominal: Model, observations: Observations[Pose]) -> Array:

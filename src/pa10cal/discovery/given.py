@@ -6,11 +6,12 @@ scorer that would judge the campaign, and nothing is searched.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
@@ -23,6 +24,7 @@ from pa10cal.calibration.uncertainty import (
     reported_keys,
     summarise,
     summarise_by_load,
+    summarise_trusted,
 )
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
@@ -41,11 +43,17 @@ from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel, models_of
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.model_file import model_to_plain
-from pa10cal.observe.observations import Observations, average_repeats
+from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.quantities import Deviations
 from pa10cal.options import DiscoveryOptions
-from pa10cal.results.calibration import CalibratedParameter, CalibrationRecord, Covariance
-from pa10cal.results.evaluation import ResidualRows
+from pa10cal.results.calibration import (
+    CalibratedParameter,
+    CalibrationRecord,
+    Covariance,
+    GeneralCalibrationRecord,
+    LoadErrors,
+)
+from pa10cal.results.evaluation import Accuracy, BeforeAfter, ResidualRows
 from pa10cal.results.health import Health
 from pa10cal.results.record import Campaign
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
@@ -58,6 +66,7 @@ class CalibratedWith:
     model: FittedModel
     poses: Observations  # averaged poses that were fitted, with what the model needs
     found: Deviations  # its deviations there
+    flagged: NDArray[np.bool_]  # (P,) poses with a gross error, or suspected
     ended: FitSummary  # how the fit ended
     health: Health  # whether it is good
 
@@ -67,14 +76,19 @@ def calibrate_with(
     model: FittedModel,
     setup: MeasurementSetup,
     effects: Sequence[EffectOfPlace | Effect],
+    suspected: Collection[tuple[str, float]] = (),
 ) -> CalibratedWith:
     """Fit a calibrated model with effects, all parameters anew.
+
+    Readings with a gross error are out of the fit, as they are out of a search.
 
     Args:
         every: single readings of a campaign, of all kinds.
         model: the calibrated model.
         setup: what is known of the campaign besides the poses.
         effects: what to add: effects of a model, or their names and places.
+        suspected: poses, with their load [N], that the calibration without effects suspects; like
+            readings with a gross error they have no part in the remaining error.
 
     Raises:
         CalibrationError: when there is no such effect at that place of the arm, or an effect needs
@@ -84,8 +98,8 @@ def calibrate_with(
     campaign = prepared(every, model, setup)
     logged = campaign.torques == "logged"
     fitted: ModelWithEffects
-    if judged_by_blocks(campaign.readings):
-        readings = campaign.readings
+    readings = campaign.trusted
+    if judged_by_blocks(readings):
         judged = survey(readings, campaign.baseline, setup, torques_logged=logged)
         chosen = _effects(effects, judged.context)
         rows = weighted_rows(judged, computable_shapes(judged)[0], SPACINGS[-1][0])
@@ -95,7 +109,6 @@ def calibrate_with(
         used, covariance = judged.poses, found.covariance
         whitener, off_m = found.weights.whiteners(), np.zeros(0)
     else:
-        readings = campaign.trusted
         problem = prepare(readings, campaign.baseline, setup, torques_logged=logged)
         problem, fit = fit_given(problem, _effects(effects, problem.context))
         fitted, used = fit, problem.cells
@@ -106,8 +119,11 @@ def calibrate_with(
     def ready(poses: Observations) -> Observations:
         return complete_about(poses, campaign.baseline, calibrated, setup)
 
-    poses = ready(average_repeats(readings))
+    poses = ready(average_repeats(campaign.readings))
     deviations = calibrated.deviations(poses)
+    labels = zip(poses.pose.tolist(), poses.states.load_N.tolist(), strict=True)
+    flagged = np.array([label in suspected for label in labels])
+    flagged |= np.bincount(reading_groups(campaign.readings), campaign.gross) > 0.0
     held_out = None
     if campaign.held_out is not None:
         away, wrong = ready(campaign.held_out), campaign.suspected
@@ -120,8 +136,9 @@ def calibrate_with(
             suspected=len(campaign.held_out) - len(away),
         )
     errors = Errors(
-        train_rms_mm=summarise(deviations).rms_mm,
+        train_rms_mm=summarise(deviations, ~flagged).rms_mm,
         held_out=held_out,
+        suspected_outliers=int(flagged.sum()),
         noise_mm=_noise_mm(used, whitener),
         noise_is_found=True,
         spread_mm=used.measured.spread_mm,
@@ -131,6 +148,7 @@ def calibrate_with(
         model=calibrated,
         poses=poses,
         found=deviations,
+        flagged=flagged,
         ended=summary,
         health=health(summary, errors),
     )
@@ -184,7 +202,10 @@ def calibrated_with(
     fitted = rows_of_load(every.states.load_N, case) | (every.kind != "grid")
     *_, model = models_of(record, f"calibration of {load}").values()
     setup = setup_of(campaign, arm, options, discovery)
-    found = calibrate_with(every.take(np.flatnonzero(fitted)), model, setup, effects)
+    outliers = record.suspected_outliers if isinstance(record, GeneralCalibrationRecord) else ()
+    suspected = {(each.pose, each.load_N) for each in outliers}
+    used = every.take(np.flatnonzero(fitted))
+    found = calibrate_with(used, model, setup, effects, suspected)
     return with_effects(record, found, campaign)
 
 
@@ -250,6 +271,7 @@ def _summary(
 # The record of a calibration with effects: that without them, its fit replaced.
 
 R = TypeVar("R", bound=CalibrationRecord)
+E = TypeVar("E", bound=LoadErrors)
 
 
 def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
@@ -264,6 +286,7 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
     model = replace(found.model, fitted_to=about)
     load_N = found.poses.states.load_N
     after = summarise_by_load(found.found, load_N)
+    less = summarise_trusted(found.found, found.found, load_N, found.flagged)
     ended = found.ended
     return record.model_copy(
         update={
@@ -281,7 +304,7 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
             "condition": ended.identifiability.condition,
             "singular_values": ended.identifiability.singular_values,
             "errors": {
-                load: errors.model_copy(update={"after": after[load]}) if load in after else errors
+                load: _with_after(errors, after[load], less.get(load)) if load in after else errors
                 for load, errors in record.errors.items()
             },
             "residuals": ResidualRows(
@@ -295,6 +318,13 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
             "warnings": () if found.health.grade == "good" else (found.health.line,),
         }
     )
+
+
+def _with_after(errors: E, after: Accuracy, less: BeforeAfter | None) -> E:
+    """Return errors at one load with those after replaced, flagged poses apart."""
+    before = (errors.trusted or errors).before
+    trusted = None if less is None else BeforeAfter(before=before, after=less.after)
+    return errors.model_copy(update={"after": after, "trusted": trusted})
 
 
 _BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")

@@ -208,7 +208,11 @@ def _gap_lines(kind: str, gap: parts.SetGap) -> list[str]:
     return lines + [
         f"  {name}: {part.after.configurations} poses, rms {part.before.rms_mm:.4f} -> "
         f"{part.after.rms_mm:.4f} mm"
-        for name, part in (("inside", gap.inside), ("outside", gap.outside))
+        for name, part in (
+            ("inside", gap.inside),
+            ("outside", gap.outside),
+            ("without readings flagged as wrong", gap.trusted),
+        )
         if part is not None
     ]
 

@@ -30,6 +30,7 @@ from pa10cal.results.evaluation import (
     HoldoutRecord,
     PartOfCampaign,
     TransferRecord,
+    mean_and_peak,
 )
 from pa10cal.results.record import Campaign
 from pa10cal.terms.joint_spring import nominal
@@ -250,7 +251,7 @@ def summary(record: HoldoutRecord, *, springs: bool) -> str:
     rigid = {"linear": "calibrated", "cubic": ""}
     names = {name: name if springs else rigid.get(name, name) for name in record.models}
     errors = ", ".join(
-        f"{names[name]} {model.mean_mm:.3f}/{model.peak_mm:.3f} mm"
+        f"{names[name]} {mean_and_peak(model, model.trusted)}"
         for name, model in record.models.items()
         if names[name]
     )

@@ -42,6 +42,17 @@ def missing_campaign(raw_dir: str, campaign: str) -> SettingsError:
     )
 
 
+def missing_prior(prior: str) -> SettingsError:
+    """Return the refusal of a prior that is not there."""
+    return SettingsError(
+        "the file is not there",
+        where="calibration.prior",
+        value=str(Path(prior).absolute()),
+        allowed="model.yaml of the same arm, or the results that hold it",
+        remedy="correct the path; one that is not absolute is taken from the working folder",
+    )
+
+
 def group_like_campaign(raw_dir: str, group: str) -> SettingsError:
     """Return the refusal of a group that is called like a campaign."""
     return SettingsError(

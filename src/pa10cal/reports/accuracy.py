@@ -54,9 +54,10 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
     if ends is not None:
         before, after = ends
         yield Paragraph(
-            f"Over the {before.kind} poses the position error fell from {mm(before.of.rms_mm)} mm "
-            f"to {mm(after.of.rms_mm)} mm rms, its peak from {mm(before.of.peak_mm)} mm to "
-            f"{mm(after.of.peak_mm)} mm.",
+            f"Over the {before.kind} poses the position error fell from "
+            f"{mm(before.counted.rms_mm)} mm to {mm(after.counted.rms_mm)} mm rms, its peak from "
+            f"{mm(before.counted.peak_mm)} mm to {mm(after.counted.peak_mm)} mm"
+            f"{after.flagged_apart}.",
             lead=True,
         )
     yield Paragraph(

@@ -72,6 +72,8 @@ def grade(results: ResultsBundle) -> Iterator[Block]:
 
 def grade_sentence(health: Health) -> str:
     """Return what a grade means."""
+    if health.line.startswith("good: "):
+        return "The calibration is good; more poses would make predictions less uncertain."
     return _GRADES[health.grade]
 
 

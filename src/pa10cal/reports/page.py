@@ -136,10 +136,11 @@ def _glances(results: ResultsBundle) -> Iterator[Glance]:
     ends = headline(results)
     if ends is not None:
         before, after = ends
-        over = f"rms over {count(before.of.configurations, f'{before.kind} configuration')}"
-        peaks = f"peak {mm(before.of.peak_mm)} to {mm(after.of.peak_mm)} mm"
-        said = f"{mm(before.of.rms_mm)} → {mm(after.of.rms_mm)} mm"
-        yield Glance("Position error", said, f"{over}; {peaks}.")
+        first, last = before.counted, after.counted
+        over = f"rms over {count(first.configurations, f'{before.kind} configuration')}"
+        peaks = f"peak {mm(first.peak_mm)} to {mm(last.peak_mm)} mm"
+        said = f"{mm(first.rms_mm)} → {mm(last.rms_mm)} mm"
+        yield Glance("Position error", said, f"{over}; {peaks}{after.flagged_apart}.")
 
 
 def _draws(part: Section | Folded) -> bool:

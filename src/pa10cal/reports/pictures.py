@@ -21,7 +21,8 @@ from pa10cal.reports.theme import (
     VERMILLION,
     new_figure,
 )
-from pa10cal.results.evaluation import Accuracy, HoldoutRecord, Parameter
+from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.evaluation import Accuracy, HoldoutRecord, Parameter, flagged
 from pa10cal.results.health import PosesNeeded
 
 if TYPE_CHECKING:
@@ -295,7 +296,11 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
 
 UNCALIBRATED, CALIBRATED, EXTENDED = "not calibrated", "calibrated", "with the effects found"
 FITTED, HELD_OUT, ALL = "fitted", "held out", "all"
-PARTS = {"inside": "angles seen in the fit", "extrapolated": "extrapolated"}
+PARTS = {
+    "inside": "angles seen in the fit",
+    "extrapolated": "extrapolated",
+    "trusted": "without readings flagged as wrong",
+}
 _SPRINGS = {
     "geometry": "calibrated, geometry alone",
     "linear": "calibrated, linear springs",
@@ -312,12 +317,28 @@ class Errors:
     name: str  # of the model in the records
     model: str  # as readers see it
     of: Accuracy  # the errors
-    part: str = ALL  # of a model with effects `inside` the angles fitted or `extrapolated`
+    # of a model with effects `inside` the angles fitted or `extrapolated`; or `trusted`: without
+    # configurations that have a reading flagged as wrong
+    part: str = ALL
+    trusted: Accuracy | None = None  # of `all` parts, those of `trusted`; None where all are
 
     @property
     def kind(self) -> str:
         """Return which poses they are of, as it stands before a noun."""
         return self.poses.replace(" ", "-")
+
+    @property
+    def counted(self) -> Accuracy:
+        """Return the errors that a headline gives: without readings flagged as wrong."""
+        return self.trusted or self.of
+
+    @property
+    def flagged_apart(self) -> str:
+        """Return what a headline adds: the error with flagged readings; nothing without any."""
+        if self.trusted is None:
+            return ""
+        count = self.of.configurations - self.trusted.configurations
+        return f"; with {flagged(count)} {self.of.rms_mm:.3f} mm"
 
 
 def errors_of(results: ResultsBundle) -> list[Errors]:
@@ -368,9 +389,8 @@ def _fitted(results: ResultsBundle) -> Iterator[Errors]:
         known = {load: each for load, each in by_load.items() if each is not None}
         if not known or (key == "geometry" and not sprung):
             continue
-        yield Errors(FITTED, ALL, name, title, _together(list(known.values())))
-        for load, part in known.items():
-            yield Errors(FITTED, load, name, title, part)
+        parts = {"trusted": less} if (less := _trusted(record, key, known)) else {}
+        yield from _model(FITTED, name, title, _together(list(known.values())), known, parts)
     if results.verdict is not None and results.verdict.effects:
         gap = results.verdict.gap.train
         parts = {"inside": gap.inside, "extrapolated": gap.outside}
@@ -379,13 +399,25 @@ def _fitted(results: ResultsBundle) -> Iterator[Errors]:
         yield from _model(FITTED, "extended", EXTENDED, gap.after, per_load, after)
 
 
+def _trusted(record: CalibrationRecord, key: str, known: Mapping[str, Accuracy]) -> Accuracy | None:
+    """Return errors before or after without suspected outliers; None where there is none."""
+    less = {load: getattr(record.errors[load].trusted, key, None) for load in known}
+    if not any(less.values()):
+        return None
+    return _together([less[load] or each for load, each in known.items()])
+
+
 def _held_out(results: ResultsBundle) -> Iterator[Errors]:
     if results.held_out is None:
         return
     for name, model in results.held_out.models.items():
         title = model_title(name, results, results.held_out.models)
         if title is not None:
-            parts = {"inside": model.inside, "extrapolated": model.outside}
+            parts = {
+                "inside": model.inside,
+                "extrapolated": model.outside,
+                "trusted": model.trusted,
+            }
             known = {part: of for part, of in parts.items() if of is not None}
             yield from _model(HELD_OUT, name, title, model, model.per_load, known)
 
@@ -399,7 +431,7 @@ def _model(
     parts: Mapping[str, Accuracy],
 ) -> Iterator[Errors]:
     """Yield errors over all configurations, over parts of them and at each load."""
-    yield Errors(poses, ALL, name, title, of)
+    yield Errors(poses, ALL, name, title, of, trusted=parts.get("trusted"))
     for part, within in parts.items():
         yield Errors(poses, ALL, name, f"{title}, {PARTS[part]}", within, part)
     for load, at_load in per_load.items():

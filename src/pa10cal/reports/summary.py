@@ -10,7 +10,7 @@ from pathlib import Path
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord
-from pa10cal.results.evaluation import Accuracy, HoldoutRecord
+from pa10cal.results.evaluation import Accuracy, HoldoutRecord, flagged
 
 _HEAD = ("campaign", "grade", "verdict", "before", "after", "mean error over")
 #: What a campaign's folder holds for its reader.
@@ -43,12 +43,18 @@ class CampaignSummary:
     robot: str = ""  # the arm
     provenance: str = ""  # where the data come from
     line: str = ""  # what the grade says
+    # before and after without configurations that have a reading flagged as wrong, and in words the
+    # error after with them; None where there is none
+    trusted: tuple[float, float] | None = None
+    with_flagged: str = ""
 
     @property
     def cells(self) -> tuple[str, ...]:
         """Return its row of the table."""
-        before, after = ("—" if mm is None else f"{mm:.3f} mm" for mm in (self.before, self.after))
-        return (self.name, self.grade, self.verdict, before, after, self.over)
+        counted = self.trusted or (self.before, self.after)
+        before, after = ("—" if mm is None else f"{mm:.3f} mm" for mm in counted)
+        over = "; ".join(filter(None, (self.over, self.with_flagged)))
+        return (self.name, self.grade, self.verdict, before, after, over)
 
 
 def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
@@ -65,6 +71,7 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
     fitted = bundle.read(CalibrationRecord, f"calibration/{calibration}.json")
     verdict, held_out = bundle.read(VerdictRecord), bundle.read(HoldoutRecord)
     before, after = _errors(fitted, verdict, held_out)
+    trusted, with_flagged = _trusted(fitted, verdict, held_out)
     return CampaignSummary(
         fitted.campaign,
         fitted.health.grade,
@@ -76,6 +83,8 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
         fitted.robot,
         fitted.provenance,
         fitted.health.line,
+        trusted,
+        with_flagged,
     )
 
 
@@ -89,6 +98,33 @@ def _errors(
     before = _mean(each.before for each in fitted.errors.values())
     gap = verdict.gap.train
     return before, gap.after.mean_mm if gap else _mean(e.after for e in fitted.errors.values())
+
+
+def _trusted(
+    fitted: CalibrationRecord, verdict: VerdictRecord, held_out: HoldoutRecord
+) -> tuple[tuple[float, float] | None, str]:
+    """Return `_errors` without what is flagged as wrong, and in words the error after with it.
+
+    None where nothing is.
+    """
+    if held_out.models:
+        *_, last = held_out.models.values()
+        first = held_out.models["uncalibrated"].trusted
+        if first is None or last.trusted is None:
+            return None, ""
+        count = last.configurations - last.trusted.configurations
+        apart = f"with {flagged(count)} {last.mean_mm:.3f} mm"
+        return (first.mean_mm, last.trusted.mean_mm), apart
+    every = list(fitted.errors.values())
+    count = sum(e.after.configurations - e.trusted.after.configurations for e in every if e.trusted)
+    before = _mean((each.trusted or each).before for each in every)
+    after = _mean((each.trusted or each).after for each in every)
+    whole = _mean(each.after for each in every)
+    if not count or before is None or after is None:
+        return None, ""
+    # Where effects were found, their search had no readings that it lists as outliers.
+    last_mm = verdict.gap.train.after.mean_mm if verdict.effects else after
+    return (before, last_mm), f"with {flagged(count)} {whole:.3f} mm"
 
 
 def _mean(errors: Iterable[Accuracy]) -> float | None:

@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
-from pa10cal.results.evaluation import Accuracy, BeforeAfter, Parameter, ResidualRows, Status
+from pa10cal.results.evaluation import (
+    Accuracy,
+    BeforeAfter,
+    Parameter,
+    ResidualRows,
+    Status,
+    mean_and_peak,
+)
 from pa10cal.results.health import Health
 from pa10cal.results.record import (
     FlagColumn,
@@ -216,6 +223,15 @@ class Observability(Part):
 
 class LoadErrors(BeforeAfter):
     """Errors at one load, of the nominal and of the calibrated model."""
+
+    trusted: BeforeAfter | None = optional(
+        "errors without suspected outliers; not given where there is none"
+    )
+
+    @property
+    def text(self) -> str:
+        """Return mean and largest error of the calibrated model, suspected outliers apart."""
+        return mean_and_peak(self.after, self.trusted and self.trusted.after)
 
 
 class PaperErrors(LoadErrors):

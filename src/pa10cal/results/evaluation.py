@@ -43,6 +43,25 @@ class Accuracy(Distances):
     configurations: int = Field(description="number of configurations")
 
 
+def mean_and_peak(whole: Accuracy, trusted: Accuracy | None) -> str:
+    """Return mean and largest error in words, those with readings flagged as wrong apart.
+
+    Args:
+        whole: over all configurations.
+        trusted: without those that have such a reading; None where none has.
+    """
+    text = f"{whole.mean_mm:.3f}/{whole.peak_mm:.3f} mm"
+    if trusted is None:
+        return text
+    count = whole.configurations - trusted.configurations
+    return f"{trusted.mean_mm:.3f}/{trusted.peak_mm:.3f} mm; with {flagged(count)} {text}"
+
+
+def flagged(count: int) -> str:
+    """Return how many readings are flagged as wrong, repeats of a configuration averaged."""
+    return f"{count} reading{'s' * (count > 1)} flagged as wrong"
+
+
 class BeforeAfter(Part):
     """Errors of one set of configurations under two models."""
 

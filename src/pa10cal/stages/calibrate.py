@@ -157,10 +157,7 @@ def _with_effects(
 def _say(title: str, record: CalibrationRecord, seconds: float) -> None:
     from pa10cal.results.calibration import GeneralCalibrationRecord
 
-    after = ", ".join(
-        f"{load} {errors.after.mean_mm:.3f}/{errors.after.peak_mm:.3f} mm"
-        for load, errors in record.errors.items()
-    )
+    after = ", ".join(f"{load} {errors.text}" for load, errors in record.errors.items())
     print(
         f"{title}: {record.status}, rank {record.rank} of {record.unknowns}, "
         f"mean/peak after: {after}; {record.iterations} iterations, {seconds:.1f} s"

@@ -22,6 +22,7 @@ from pa10cal.calibration.uncertainty import (
     scatter_of_repeats,
     summarise,
     summarise_by_load,
+    summarise_trusted,
     suspected_held_out,
 )
 from pa10cal.errors import CalibrationError
@@ -154,7 +155,9 @@ def general_case(
             suspected_held_out(every, calibrated),
         )
     doubts, known = suspected_outliers(full.problem, full.fit), weights_known(arm)
-    trusted = np.setdiff1d(np.flatnonzero(rows), np.flatnonzero(rows)[[d.row for d in doubts]])
+    flagged = np.zeros(len(grid), dtype=bool)
+    flagged[np.flatnonzero(rows)[[doubt.row for doubt in doubts]]] = True
+    trusted = np.flatnonzero(rows & ~flagged)
     group = apart(full.problem, full.fit)
     findings = case.findings if group is None else (*case.findings, *contradictions(group))
     rigid_left = fitted(geometry).deviations(grid)
@@ -174,7 +177,9 @@ def general_case(
     ended = _fit_summary(full)
     judged = health(ended, errors)
     about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign)
-    before = summarise_by_load(fitted(nominal).deviations(grid), load_N)
+    of_nominal = fitted(nominal).deviations(grid)
+    before = summarise_by_load(of_nominal, load_N)
+    less = summarise_trusted(of_nominal, found, load_N, flagged)
     of_geometry = summarise_by_load(rigid_left, load_N)
     record = GeneralCalibrationRecord(
         **case_keys(case, ended, judged, replace(calibrated, fitted_to=about), grid),
@@ -185,7 +190,9 @@ def general_case(
         springs=full.springs,
         torques_from=full.torques_from,
         errors={
-            load: GeneralErrors(before=before[load], geometry=of_geometry[load], after=after)
+            load: GeneralErrors(
+                before=before[load], geometry=of_geometry[load], after=after, trusted=less.get(load)
+            )
             for load, after in summarise_by_load(found, load_N).items()
         },
         before_is="nominal arm, base and tool fitted",
