@@ -19,6 +19,7 @@ from made_up_results import with_verdict
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.reports.pictures import motion_drawing, shares_drawing
 from pa10cal.reports.results_bundle import ResultsBundle, results_bundle
+from pa10cal.reports.summary import summarise
 from pa10cal.results.analysis import AnalysisRecord, ParameterShift
 from pa10cal.results.codec import read, write
 from pa10cal.results.discovery import VerdictRecord
@@ -315,6 +316,16 @@ def test_a_model_that_is_not_to_be_used_is_marked(copied, page):
     found = page(copied).text
     assert "Something in the input is probably wrong." in found
     assert "The commands refuse its model without --force: mend the input first." in found
+
+
+def test_what_moved_since_the_prior_is_said(copied, page):
+    said = "started from the model of June: the zero of joint 2 moved by +1.500 mrad"
+    path = copied / "calibration/combined.json"
+    record = json.loads(path.read_text())
+    record["prior"] = {"campaign": "June", "moved": [], "factor": 1.0, "line": said}
+    path.write_text(json.dumps(record))
+    assert said[1:] in page(copied).text
+    assert any(said in note for note in summarise(copied).notes)
 
 
 def test_its_commands_do_what_it_says(copied, page, monkeypatch):

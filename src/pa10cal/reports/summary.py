@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from pa10cal.reports.results_bundle import ResultsBundle
-from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import Accuracy, HoldoutRecord, flagged
 
@@ -79,13 +79,19 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
         before,
         after,
         "held-out poses" if held_out.models else "fitted poses",
-        (f"{fitted.health.grade}: {fitted.health.line}", *notes(verdict)),
+        (f"{fitted.health.grade}: {fitted.health.line}", *_started(fitted), *notes(verdict)),
         fitted.robot,
         fitted.provenance,
         fitted.health.line,
         trusted,
         with_flagged,
     )
+
+
+def _started(fitted: CalibrationRecord) -> tuple[str, ...]:
+    """Return what a calibration says of the model that it started from, if it did from one."""
+    prior = fitted.prior if isinstance(fitted, GeneralCalibrationRecord) else None
+    return () if prior is None else (prior.line,)
 
 
 def _errors(

@@ -36,6 +36,8 @@ def trust(results: ResultsBundle) -> Iterator[Block]:
         yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
     yield checks_grid(results.calibration, "calibration")
+    if isinstance(results.calibration, GeneralCalibrationRecord) and results.calibration.prior:
+        yield Callout("note", sentence(results.calibration.prior.line))
     warnings = dict.fromkeys(results.calibration.warnings)
     if results.extended is not None and results.extended.named:
         warnings |= dict.fromkeys(f"with the effects: {each}" for each in results.extended.warnings)
