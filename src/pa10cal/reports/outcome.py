@@ -72,7 +72,7 @@ def grade(results: ResultsBundle) -> Iterator[Block]:
 
 def grade_sentence(health: Health) -> str:
     """Return what a grade means."""
-    if health.line.startswith("good: "):
+    if health.grade == "few_poses" and health.line.startswith("good: "):
         return "The calibration is good; more poses would make predictions less uncertain."
     return _GRADES[health.grade]
 
