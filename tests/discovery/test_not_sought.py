@@ -85,6 +85,8 @@ class TestVerdict:
 
     def test_it_shows_itself_in_a_notebook(self, found):
         assert found.why in found._repr_html_()
+        assert found.why in repr(found)
+        assert max(len(repr(of).splitlines()) for of in (found, found.model)) <= 12
         assert "effects were not sought" in found._repr_html_()
 
     def test_what_remains_is_stated_the_same_before_and_after(self, found):

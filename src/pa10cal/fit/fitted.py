@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from html import escape
@@ -23,7 +24,7 @@ from pa10cal.observe.quantities import Comparison, Deviations
 from pa10cal.results.health import Health, InputFinding
 from pa10cal.results.record import Campaign
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import is_constant
+from pa10cal.terms.of_campaign import OfCampaign, is_constant, of_campaign
 from pa10cal.terms.term import Parameter, Report, Term
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ def _table(columns: dict[str, NDArray[Any]]) -> str:
     return html
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Fitted:
     """A chain with terms and the values of their parameters, and what they were fitted to."""
 
@@ -225,6 +226,23 @@ class Fitted:
             for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True):
                 yield term, parameter, float(value), float(sigma)
 
+    def __repr__(self) -> str:
+        """Return arm, campaign, grade, terms and frames, a line each."""
+        fitted, grade = self.fitted_to, "no grade"
+        if fitted is not None and fitted.grade:
+            grade = f"grade: {fitted.grade}: {fitted.health}"
+        often = Counter(term.id for term in self.model.terms)
+        terms = ", ".join(id if count == 1 else f"{count} {id}" for id, count in often.items())
+        return "\n".join(
+            (
+                f"<{type(self).__name__} of {self.arm.title}",
+                "not fitted" if fitted is None else f"fitted to {fitted.campaign}",
+                grade,
+                f"{len(self.x)} parameters of {terms or 'no term'}: see .parameters",
+                f"frames: {', '.join(self.frames)}>",
+            )
+        )
+
     def _repr_html_(self) -> str:
         """Return the model as a notebook shows it."""
         fitted = self.fitted_to
@@ -236,9 +254,19 @@ class Fitted:
         return f"<p>{escape(self.arm.title + about)}</p>{self.parameters.to_html(index=False)}"
 
     @property
+    def tools(self) -> dict[str, OfCampaign]:
+        """Return the tools of the campaigns of a group that measured poses, by name of frame."""
+        return {
+            of_campaign(TOOL_FRAME, term.name): term
+            for term in self.model.terms
+            if isinstance(term, OfCampaign) and set(term.coordinates) <= set(TOOL)
+        }
+
+    @property
     def frames(self) -> tuple[str, ...]:
         """Return the frames that it can predict."""
-        return (FLANGE, TOOL_FRAME, *(f"{TARGET}{name}" for name in self.target_names))
+        targets = (f"{TARGET}{name}" for name in self.target_names)
+        return (FLANGE, TOOL_FRAME, *self.tools, *targets)
 
     def with_bends(self) -> Self:
         """Return the same model on a chain whose long links may bend, as some effects do."""

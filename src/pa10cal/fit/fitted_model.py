@@ -19,7 +19,7 @@ from pa10cal.fit.model_file import model_from_plain, read_model, save_model
 from pa10cal.results.calibration import CalibrationRecord, Fit
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FittedModel(Fitted):
     """A chain with terms and the values of their parameters; enough by itself to predict."""
 
@@ -50,7 +50,8 @@ class FittedModel(Fitted):
         Args:
             q: (N, n) or (n,) motor-side joint positions [rad; m for a prismatic joint].
             frame: `flange`, the last frame of the nominal arm; `tool`, the target of a pose
-                instrument, else the first target with the flange's attitude; `target_<name>`.
+                instrument, else the first target with the flange's attitude; `target_<name>`. Of a
+                group also `tool@<campaign>` and `target_<name>@<campaign>`.
             load_N: external load, one for all poses or (N,).
             arrival: direction in which each joint arrives, -1, 0 or 1; one for all or (N, n).
             temperature_C: temperature, one or (N,); None for the mean of the fit.

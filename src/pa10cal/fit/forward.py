@@ -142,14 +142,19 @@ class Forward:
                 remedy="correct the name",
             )
         model = _with_its_weights(model)
+        # Of a group `tool` is that of the first campaign that measured poses.
+        tools = model.tools
+        own = tools.get(frame) or next(iter(tools.values()), None)
         moving = [
             term
             for term in model.model.terms
-            if term.of != "instrument" and not falsifies_log(term)
+            if term.of != "instrument"
+            and not falsifies_log(term)
+            and (term not in tools.values() or term is own)
         ]
         columns = [np.arange(len(model.x))[model.model.columns_of(term)] for term in moving]
         chosen = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
-        on_tool = frame != FLANGE and not model.target_names
+        on_tool = frame in tools or (frame == TOOL_FRAME and bool(tools or not model.target_names))
         T = np.eye(4)
         if on_tool:
             T[:3, :3] = model.R_ee_target
@@ -157,7 +162,8 @@ class Forward:
             name = frame.removeprefix(TARGET)
             row = model.target_names.index(name) if frame != TOOL_FRAME else 0
             T[:3, 3] = model.targets_m.reshape(-1, 3)[row]
-        physical = Model(model.model.chain, tuple(moving))
+        terms = tuple(own.term if own is not None and term is own else term for term in moving)
+        physical = Model(model.model.chain, terms)
         return cls(model, physical, model.x[chosen], chosen, on_tool, T)
 
     def states(self, q: Array, given: Conditions) -> PoseStates:
@@ -391,7 +397,9 @@ def T_flange_frame(model: Fitted, frame: str) -> Array:
     """
     forward = Forward.of(model, frame)
     chain, at_flange = model.rigid_part()
-    _, at_end = model.rigid_part(tool=forward.on_tool)
+    on_tool = replace(forward.whole, model=forward.physical, x=forward.x, covariance=None)
+    at_end, tool = at_flange.copy(), chain.columns(TOOL)
+    at_end[tool] = on_tool.rigid_part(tool=forward.on_tool)[1][tool]
     T_base_flange, T_base_end = end_pose(chain, np.stack([at_flange, at_end]))
     T: Array = np.linalg.inv(T_base_flange) @ T_base_end @ forward.T_end_frame
     return T

@@ -460,7 +460,10 @@ class RigidPart:
 def rigid_part(model: Fitted) -> RigidPart:
     """Return the rigid part of a fitted model."""
     chain, coordinates = model.rigid_part()
-    names = [f"{TARGET}{name}" for name in model.target_names] or [TOOL_FRAME]
+    targets = [f"{TARGET}{name}" for name in model.target_names]
+    # `tool` is the first target where no campaign measured poses.
+    on_tool = [TOOL_FRAME] if model.tools or not targets else []
+    names = [*on_tool, *model.tools, *targets]
     return RigidPart(chain, coordinates, {name: T_flange_frame(model, name) for name in names})
 
 
