@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import TOOL, Chain, long_links
 from pa10cal.arm.description import Arm
+from pa10cal.arm.exports import Angles, controller_columns
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
@@ -79,7 +80,8 @@ class Prediction:
 
     T: Array  # (N, 4, 4) the frame in the robot's base frame [m]
     # (N,) standard uncertainty of its position, from the noise of the measurement, the base being
-    # where the fit puts it; nan where the model's covariance is not known
+    # where the fit puts it, and from sides of arrival that are not given, where the model has lost
+    # motion; nan where the model's covariance is not known
     u_mm: Array
     inside: NDArray[np.bool_]  # (N,) whether all joint angles were seen by the fit
 
@@ -129,9 +131,32 @@ class Compensation:
     error_deg: Array  # (N,) angle between the model's attitude there and the one wanted
     u_mm: Array  # (N,) standard uncertainty of the position, as of a prediction
     inside: NDArray[np.bool_]  # (N,) whether all joint angles were seen by the fit
+    # (N, 4, 4) poses [m] to send, in the robot's base frame, to a controller that has the nominal
+    # model and the TCP below: it then commands q, where it takes the same branch
+    T_send: Array
+    T_flange_tcp: Array  # (4, 4) TCP that the controller holds, in its flange [m]
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def cartesian(self, angles: Angles = "quaternion") -> dict[str, Array]:
+        """Return the poses to send in the form of a controller.
+
+        Args:
+            angles: `ABC` of KUKA [deg], `quaternion` (scalar first), `rpy` [deg], or
+                `rotation_vector` [rad].
+
+        Returns:
+            `send_x_mm`, `send_y_mm`, `send_z_mm` and the orientation's columns, (N,) each, as
+            `pa10cal compensate --write cartesian` writes them.
+
+        Raises:
+            ArmError: when there are no such angles.
+        """
+        return {
+            f"send_{name}": values
+            for name, values in controller_columns(self.T_send, angles).items()
+        }
 
     def _repr_html_(self) -> str:
         """Return the joint positions [rad, m] as a notebook shows them."""
