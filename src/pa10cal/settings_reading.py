@@ -120,8 +120,9 @@ def _refuse_truths(
     section: type[BaseModel], raw: object, where: str, path: tuple[str, ...]
 ) -> None:
     """Refuse true and false for a number, which YAML makes of yes, on, no and off."""
-    for name, field in section.model_fields.items() if isinstance(raw, dict) else ():
-        value = raw.get(name)  # type: ignore[union-attr]
+    given = raw if isinstance(raw, dict) else {}
+    for name, field in section.model_fields.items() if given else ():
+        value = given.get(name)
         kinds = list(_within(field.annotation))
         values = value if isinstance(value, list) else [value]
         truth = next((each for each in values if isinstance(each, bool)), None)

@@ -395,8 +395,8 @@ def _fitted(results: ResultsBundle) -> Iterator[Errors]:
         yield from _model(FITTED, name, title, _together(list(known.values())), known, parts)
     if results.verdict is not None and results.verdict.effects:
         gap = results.verdict.gap.train
-        parts = {"inside": gap.inside, "extrapolated": gap.outside}
-        after = {part: of.after for part, of in parts.items() if of is not None}
+        regions = {"inside": gap.inside, "extrapolated": gap.outside}
+        after = {region: of.after for region, of in regions.items() if of is not None}
         per_load = {load: part.after for load, part in gap.per_load.items()}
         yield from _model(FITTED, "extended", EXTENDED, gap.after, per_load, after)
 
