@@ -293,7 +293,7 @@ def test_the_tcp_of_the_controller_can_be_given(tmp_path, capsys):
 
 
 def test_sides_of_arrival_are_columns_or_an_option(tmp_path, capsys):
-    model = fitted("pa10_6ce", 3, lambda arm: (*springs(arm), Backlash(1)))
+    model = fitted("pa10_6ce", 3, lambda arm: (*springs(arm), Backlash("joint 1")))
     save_model(replace(model, x=np.append(model.x[:-1], 3.5e-4)), tmp_path / "model.yaml")
     sides = [f"id,{JOINTS},arrival1", "a,1,2,3,4,5,6,1", "b,1,2,3,4,5,6,"]
     assert run("predict", tmp_path, sides) == 0

@@ -254,7 +254,7 @@ def test_a_controller_with_the_nominal_model_comes_to_the_joint_positions(frame,
 
 def test_lost_motion_counts_unless_the_side_of_arrival_is_given():
     b_rad = 3.5e-4
-    model = fitted("irb120", 17, lambda arm: (*links(arm), Backlash(1)))
+    model = fitted("irb120", 17, lambda arm: (*links(arm), Backlash("joint 1")))
     model = replace(model, x=np.append(model.x[:-1], b_rad))
     q = postures(model.arm, 18, 9)
     middle = model.predict(q)
