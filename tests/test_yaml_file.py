@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pa10cal.campaign.description import read_description
-from pa10cal.errors import RawDataError
+from pa10cal.errors import Pa10calError, RawDataError
 from pa10cal.yaml_file import MAX_DEPTH, parse_yaml, read_yaml
 
 REFERENCES_OF_REFERENCES = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -20,7 +20,7 @@ BROKEN = {
     "deep mappings": ("{a: " * 100 + "1" + "}" * 100, "nested deeper"),
     "references of references": (REFERENCES_OF_REFERENCES, "values once references are read"),
     "a list in itself": ("a: &x [1, *x]", "line 1: *x refers to what it stands in"),
-    "a key twice": ("a: 1\nb: 2\na: 3\n", "line 3: the key a stands there twice"),
+    "a key twice": ("a: 1\nb: 2\na: 3\n", "line 3: the key a stands there twice, first in line 1"),
     "a key twice, further in": ("a:\n  - {x: 1, y: 2, x: 3}\n", "line 2: the key x"),
     "no number": ("a: !!float nope", "could not convert"),
     "no whole number": ("a: !!int ''", "cannot be converted"),
@@ -88,3 +88,30 @@ def test_depths_that_are_meant_are_read(depth: int) -> None:
     for _ in range(depth - 1):
         (found,) = found
     assert found == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("name: ur10-pose", "name: null", "key name does not fit: nothing is stated"),
+        ("name: ur10-pose", "name:", "key name does not fit: nothing is stated"),
+        (
+            "name: ur10-pose",
+            "name: off",
+            'YAML reads no, off, false .* write it in quotes, as "no"',
+        ),
+        ("name: ur10-pose", "name: 2026-03-01", 'as a date .* write it in quotes, as "2026-03-01"'),
+        ("robot: ur10", "robot: 10", 'as a number .* write it in quotes, as "10"'),
+        ("uncertainty_mm: 0.05", "uncertainty_mm: yes", "uncertainty_mm .* true .* write a number"),
+        ("robot: ur10", "robot: ur10\n\ttool: 1", "line 4.* indent with spaces, not with tabs"),
+    ],
+)
+def test_what_yaml_makes_of_a_word_is_said_with_what_to_write(
+    tmp_path: Path, old: str, new: str, said: str
+) -> None:
+    text = Path("examples/ur10-pose/campaign.yaml").read_text(encoding="utf-8")
+    assert old in text
+    (tmp_path / "campaign.yaml").write_text(text.replace(old, new), encoding="utf-8")
+    (tmp_path / "tracker.txt").touch()
+    with pytest.raises(Pa10calError, match=said):
+        read_description(tmp_path)

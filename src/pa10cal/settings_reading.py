@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from datetime import date
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -26,6 +27,7 @@ def parse_section(section: type[_S], raw: object, *, where: str) -> _S:
     Raises:
         SettingsError: naming the first offending key, its value and the nearest right name.
     """
+    _refuse_truths(section, raw, where, ())
     try:
         return section.model_validate(raw)
     except ValidationError as error:
@@ -66,7 +68,8 @@ def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> Se
         error: what pydantic found.
         where: the file or option it came from.
     """
-    first = min(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
+    findings = error.errors()
+    first = min(findings, key=lambda finding: finding["type"] != "extra_forbidden")
     parts = tuple(str(part) for part in first["loc"])
     unknown = first["type"] == "extra_forbidden"
     # Where a value may be of several types, pydantic puts the type it tried into the place; the
@@ -86,6 +89,21 @@ def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> Se
         return SettingsError(
             f"missing key {key}", where=where, allowed="a value", remedy=f"set {key}"
         )
+    if first["type"] == "invalid_key" or any(
+        each["type"] == "string_type" and each["input"] is first["input"] for each in findings
+    ):
+        found = first["input"]
+        surprise = _surprise(found)
+        if surprise is not None:
+            what, instead = surprise
+            shown = found if found is None or isinstance(found, bool | int | float) else str(found)
+            return SettingsError(
+                f"key {key} does not fit: {what}",
+                where=where,
+                value=shown,
+                allowed="a text",
+                remedy=f"write {instead}",
+            )
     # For a value of several possible types, its meaning is more useful than the rule of one.
     meaning = _meaning(section, location) if location != parts else ""
     own = first["type"] == "value_error"
@@ -96,6 +114,50 @@ def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> Se
         allowed=_wanted(first["msg"]) if own else meaning or _wanted(first["msg"]),
         remedy=f"set {key} accordingly",
     )
+
+
+def _refuse_truths(
+    section: type[BaseModel], raw: object, where: str, path: tuple[str, ...]
+) -> None:
+    """Refuse true and false for a number, which YAML makes of yes, on, no and off."""
+    given = raw if isinstance(raw, dict) else {}
+    for name, field in section.model_fields.items() if given else ():
+        value = given.get(name)
+        kinds = list(_within(field.annotation))
+        values = value if isinstance(value, list) else [value]
+        truth = next((each for each in values if isinstance(each, bool)), None)
+        if truth is not None and bool not in kinds and (int in kinds or float in kinds):
+            what, instead = _surprise(truth) or ("", "")
+            raise SettingsError(
+                f"key {'.'.join((*path, name))} does not fit: {what}",
+                where=where,
+                value=truth,
+                allowed=field.description or "a number" + " or a text" * (str in kinds),
+                remedy=f"write a number, or {instead}" if str in kinds else "write a number",
+            )
+        for inner in _sections_in(field.annotation):
+            _refuse_truths(inner, value, where, (*path, name))
+
+
+def _within(kind: Any) -> Iterator[Any]:
+    """Yield a type and all that it is made of."""
+    yield kind
+    for part in get_args(kind):
+        yield from _within(part)
+
+
+def _surprise(value: object) -> tuple[str, str] | None:
+    """Say what YAML made of a text without quotes, and what to write instead."""
+    if value is None:
+        return "nothing is stated (null, ~ or nothing at all)", 'a text; "null", in quotes, is one'
+    if isinstance(value, bool):
+        words = ("yes", "on", "true") if value else ("no", "off", "false")
+        read = f"YAML reads {', '.join(words)} without quotes as {str(value).lower()}"
+        return read, f'it in quotes, as "{words[0]}" or "{words[1]}"'
+    kind = "number" if isinstance(value, int | float) else "date"
+    if isinstance(value, int | float | date):
+        return f"YAML reads it as a {kind} where it has no quotes", f'it in quotes, as "{value}"'
+    return None
 
 
 def _wanted(message: str) -> str:

@@ -71,7 +71,9 @@ def parse_yaml(text: str) -> Any:
         _check_structure(text)
         return yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
-        raise ValueError(" ".join(str(error).split())) from None
+        said = " ".join(str(error).split())
+        tabs = "'\\t'" in said or "tab character" in said
+        raise ValueError(said + "; indent with spaces, not with tabs" * tabs) from None
     except (AttributeError, IndexError, TypeError, OverflowError) as error:
         # What the package's own conversions of tagged values raise, such as `!!int ''`.
         raise ValueError(f"a tagged value that cannot be converted: {error}") from None
@@ -82,7 +84,7 @@ class _Collection:
     """A list or mapping that is being read."""
 
     anchor: str | None
-    keys: set[str] | None  # of a mapping, so far; None of a list
+    keys: dict[str, str] | None  # of a mapping, so far, and their lines; None of a list
     expects_key: bool
     nodes: int = 1  # values that it stands for
 
@@ -109,7 +111,7 @@ def _check_structure(text: str) -> None:
             nodes = nodes_of[event.anchor]
         elif kind is yaml.MappingStartEvent or kind is yaml.SequenceStartEvent:
             mapping = kind is yaml.MappingStartEvent
-            open_ones.append(_Collection(event.anchor, set() if mapping else None, mapping))
+            open_ones.append(_Collection(event.anchor, {} if mapping else None, mapping))
             if len(open_ones) > MAX_DEPTH:
                 raise ValueError(f"{_line(event)}: nested deeper than {MAX_DEPTH} levels")
             continue
@@ -133,10 +135,39 @@ def _add(parent: _Collection, event: Any, nodes: int) -> None:
         return
     if parent.expects_key and type(event) is yaml.ScalarEvent:
         if event.value in parent.keys:
-            raise ValueError(f"{_line(event)}: the key {event.value} stands there twice")
-        parent.keys.add(event.value)
+            first = parent.keys[event.value]
+            twice = f"the key {event.value} stands there twice, first in {first}: remove one"
+            raise ValueError(f"{_line(event)}: {twice}")
+        parent.keys[event.value] = _line(event)
     parent.expects_key = not parent.expects_key
 
 
 def _line(event: Any) -> str:
     return f"line {event.start_mark.line + 1}"
+
+
+# Where the description of a campaign's arm is found.
+
+#: A folder of this name beside campaigns holds descriptions of arms, each once for all of them.
+ARMS = "arms"
+
+
+def own_description(name: str, folder: Path, arms: Path | None = None) -> Path | None:
+    """Return the description of an arm that is not a shipped one; None where there is none.
+
+    It is looked for in the campaign's folder, then in the folder of arms: the one given, else
+    `arms` beside the campaign's folder, or beside the folder that this is a link to.
+
+    Args:
+        name: name of the arm.
+        folder: the campaign's folder.
+        arms: folder of arm descriptions; None for that beside the campaign.
+    """
+    file = f"{name}.yaml"
+    return next((each / file for each in arm_places(folder, arms) if (each / file).is_file()), None)
+
+
+def arm_places(folder: Path, arms: Path | None = None) -> tuple[Path, ...]:
+    """Return the folders in which descriptions are looked for, in order."""
+    beside = (folder.absolute().parent / ARMS, folder.resolve().parent / ARMS)
+    return (folder, *(dict.fromkeys(beside) if arms is None else (arms,)))

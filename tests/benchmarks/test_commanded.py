@@ -16,7 +16,7 @@ from pa10cal.arm.exports import urdf_text
 from pa10cal.calibration.options import EffectOfPlace
 from pa10cal.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 from pa10cal.fit.forward import pose_difference
-from pa10cal.fit.model_file import rigid_part
+from pa10cal.fit.rigid import rigid_part
 from pa10cal.frame.rigid_fit import fit_rigid
 
 NOISE_MM = 0.03

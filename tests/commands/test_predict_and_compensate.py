@@ -11,10 +11,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from made_up_model import fitted, postures
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.exports import controller_pose
 from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import load_model
 from pa10cal.fit.model_file import save_model
 from pa10cal.options import Tolerances
+from pa10cal.terms.effects.joint_angle import Backlash
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.term import link_departures
 
@@ -249,3 +253,97 @@ def test_statuses_are_those_of_the_target(tmp_path):
         "unreachable",
         "ok",
     ]
+
+
+@pytest.mark.parametrize("angles", ["ABC", "quaternion", "rpy", "rotation_vector"])
+def test_poses_to_send_are_written_as_the_controller_has_them(tmp_path, capsys, angles):
+    model = saved(tmp_path)
+    lines = [f"id,{POSE}", f"P1,{HERE}", "P2,650,250,550,0.1,0.7,0.1,0.7"]
+    options = ("--frame", "tool", "--write", "cartesian", "--angles", angles)
+    assert run("compensate", tmp_path, lines, *options) == 0
+    assert "and this TCP: x_mm" in capsys.readouterr().out
+    found = rows(tmp_path / "out.csv")
+    q = np.radians(column(found, *JOINTS.split(",")))
+    names = [name for name in found[0] if name.startswith("send_")]
+    T = Chain.of(model.arm).forward(q) @ model.T_flange_frame("tool")
+    for row, expected in zip(column(found, *names), T, strict=True):
+        np.testing.assert_allclose(controller_pose(row, angles), expected, atol=1e-8)
+    if angles == "ABC":
+        A, B, C = np.radians(column(found, *names[3:])[0])
+        turns = [Rotation.from_rotvec(v) for v in ([0, 0, A], [0, B, 0], [C, 0, 0])]
+        R = (turns[0] * turns[1] * turns[2]).as_matrix()  # about z, the new y, the new x
+        np.testing.assert_allclose(R, T[0, :3, :3], atol=1e-8)
+
+
+def test_the_tcp_of_the_controller_can_be_given(tmp_path, capsys):
+    model = saved(tmp_path)
+    lines = [f"id,{POSE}", f"P1,{HERE}"]
+    tcp = ("--tcp", "10", "-20", "150", "30", "0", "-90")
+    options = ("--write", "cartesian", "--angles", "ABC", *tcp)
+    assert run("compensate", tmp_path, lines, *options) == 0
+    assert "z_mm 150" in capsys.readouterr().out
+    (row,) = found = rows(tmp_path / "out.csv")
+    T = Chain.of(model.arm).forward(np.radians(column(found, *JOINTS.split(","))))
+    place = T[0] @ np.array([0.01, -0.02, 0.15, 1.0])
+    np.testing.assert_allclose(float(row["send_x_mm"]), 1e3 * place[0], atol=1e-6)
+    assert run("compensate", tmp_path, lines, *options[:-1]) == REFUSED
+    assert "give 6 numbers" in capsys.readouterr().err
+    assert run("compensate", tmp_path, lines, "--angles", "ABC") == REFUSED
+    assert "add --write cartesian" in capsys.readouterr().err
+
+
+def test_sides_of_arrival_are_columns_or_an_option(tmp_path, capsys):
+    model = fitted("pa10_6ce", 3, lambda arm: (*springs(arm), Backlash("joint 1")))
+    save_model(replace(model, x=np.append(model.x[:-1], 3.5e-4)), tmp_path / "model.yaml")
+    sides = [f"id,{JOINTS},arrival1", "a,1,2,3,4,5,6,1", "b,1,2,3,4,5,6,"]
+    assert run("predict", tmp_path, sides) == 0
+    known, unknown = column(rows(tmp_path / "out.csv"), "u_mm")[:, 0]
+    assert unknown > 10.0 * known
+    assert run("predict", tmp_path, sides, "--arrival", "-1", "0", "0", "0", "0", "0") == 0
+    assert column(rows(tmp_path / "out.csv"), "u_mm")[1, 0] < 2.0 * known
+    assert run("predict", tmp_path, sides, "--arrival", "1", "1") == REFUSED
+    assert "--arrival" in capsys.readouterr().err
+    sides[1] = sides[1].removesuffix("1") + "2"
+    assert run("predict", tmp_path, sides) == REFUSED
+    assert ":2: arrival1 is no direction of arrival" in capsys.readouterr().err
+
+
+def program(model):
+    """Joint positions, as the fit has seen them, and the quaternions of the flange there."""
+    q = np.random.default_rng(5).uniform(0.3, 0.9, (8, 6))
+    T = model.predict(q).T
+    return q, T, Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True)
+
+
+def listed(T, quaternions, seeds=None):
+    lines = [f"id,{POSE}" + (f",{JOINTS}" if seeds is not None else "")]
+    seeds = np.zeros((len(T), 0)) if seeds is None else seeds
+    values = np.hstack([1e3 * T[:, :3, 3], quaternions, seeds])
+    return lines + [f"P{k}," + ",".join(map(repr, row)) for k, row in enumerate(values.tolist())]
+
+
+def test_lists_that_contradict_the_model_are_warned_of(tmp_path, capsys):
+    model = saved(tmp_path)
+    seen = AnglesSeen(tuple(np.array([[0.2, 1.0]]) for _ in range(6)), (False,) * 6)
+    save_model(replace(model, seen=seen), tmp_path / "model.yaml")
+    q, T, quaternions = program(model)
+    other = np.roll(quaternions, -1, axis=1)
+    as_radians = [f"id,{JOINTS}", *(f"P,{','.join(map(repr, row))}" for row in q.tolist())]
+    as_degrees = [f"id,{JOINTS}"]
+    as_degrees += [f"P,{','.join(map(repr, row))}" for row in np.degrees(q).tolist()]
+    away = np.degrees(q) + np.array([180.0, 0, 0, 0, 0, 0])
+    cases = (
+        ("predict", as_radians, "look like radians"),
+        ("predict", as_degrees, ""),
+        ("compensate", listed(T, quaternions), ""),
+        ("compensate", listed(T, quaternions, np.degrees(q)), ""),
+        ("compensate", listed(T, quaternions, q), "seeds look like radians"),
+        ("compensate", listed(T, other, np.degrees(q)), "look like x, y, z, w"),
+        ("compensate", listed(T, other), "look like x, y, z, w"),
+        ("compensate", listed(T, quaternions, away), "seeds contradict their targets"),
+    )
+    for command, lines, message in cases:
+        assert run(command, tmp_path, lines) == 0
+        said = capsys.readouterr().err
+        assert said.count("warning") == bool(message), (message, said)
+        assert message in said

@@ -85,7 +85,10 @@ class TestVerdict:
 
     def test_it_shows_itself_in_a_notebook(self, found):
         assert found.why in found._repr_html_()
-        assert "effects were not sought" in found._repr_html_()
+        assert found.why in repr(found)
+        assert max(len(repr(of).splitlines()) for of in (found, found.model)) <= 12
+        assert "verdict: not_sought" in found._repr_html_()
+        assert found.remedy in found._repr_html_()
 
     def test_what_remains_is_stated_the_same_before_and_after(self, found):
         before, after = found.lack_of_fit()

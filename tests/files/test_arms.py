@@ -12,7 +12,16 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import with_hayati_rows
 from pa10cal.errors import ArmError, SettingsError
-from pa10cal.files.arms import arm_names, arm_text, load_arm, parse_arm, read_arm
+from pa10cal.files.arms import (
+    arm_names,
+    arm_text,
+    copy_description,
+    load_arm,
+    parse_arm,
+    read_arm,
+)
+from pa10cal.planning.campaign import arm_files
+from pa10cal.yaml_file import own_description
 
 SCARA = """
 name: small
@@ -176,6 +185,26 @@ def test_the_campaign_s_own_arm_comes_first(tmp_path):
     assert load_arm("ur10").n == 6
 
 
+def test_an_arm_is_kept_once_for_all_campaigns(tmp_path):
+    for name in ("arms", "one", "elsewhere/two", "links"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "arms/small.yaml").write_text(SCARA, encoding="utf-8")
+    (tmp_path / "elsewhere/small.yaml").write_text(SCARA, encoding="utf-8")
+    (tmp_path / "links/one").symlink_to(tmp_path / "one", target_is_directory=True)
+    for folder in (tmp_path / "one", tmp_path / "links/one"):
+        assert load_arm("small", folder).n == 4
+        (tmp_path / "one/campaign.yaml").write_text("robot: small", encoding="utf-8")
+        (found,) = arm_files(folder)
+        assert found.resolve() == tmp_path / "arms/small.yaml"
+    two = tmp_path / "elsewhere/two"
+    with pytest.raises(ArmError, match=r"unknown robot.*small\.yaml in .*two or .*elsewhere/arms"):
+        load_arm("small", two)
+    assert load_arm("small", two, tmp_path / "arms").n == 4
+    assert own_description("small", two, two.parent) == two.parent / "small.yaml"
+    copy_description("small", tmp_path / "one", two)
+    assert load_arm("small", two).n == 4
+
+
 @pytest.mark.parametrize("name", ["../small", "", ".small", "-small", "a b", "a" * 5000])
 def test_a_name_that_leads_elsewhere_is_refused(tmp_path, name):
     folder = tmp_path / "campaign"
@@ -187,7 +216,7 @@ def test_a_name_that_leads_elsewhere_is_refused(tmp_path, name):
 
 
 def test_an_arm_that_is_nowhere_is_refused(tmp_path):
-    with pytest.raises(ArmError, match=r"unknown robot.*'ur5'.*iiwa14.*or a file .*ur5\.yaml"):
+    with pytest.raises(ArmError, match=r"unknown robot.*'ur5'.*iiwa14.*or ur5\.yaml in "):
         load_arm("ur5", tmp_path)
     with pytest.raises(ArmError, match=r"unknown robot.*'ur5'.*irb120"):
         load_arm("ur5")

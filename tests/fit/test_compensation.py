@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 
 from made_up_model import fitted, postures, vocabulary
 from pa10cal.arm.chain import Chain
+from pa10cal.calibration.general.problem import tool_frame
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.options import Tolerances
+from pa10cal.terms.effects.joint_angle import Backlash
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures
@@ -231,3 +233,38 @@ def test_where_the_model_falls_back_the_commands_are_those_of_what_it_falls_back
     np.testing.assert_allclose(found.q, q, atol=1e-8)
     np.testing.assert_array_equal(found.inside, model.predict(q).inside)
     assert set(found.status) == {"ok"}
+
+
+TCP = np.array([[0.0, 0.0, 1.0, 0.1], [0.0, 1.0, 0.0, 0.02], [-1.0, 0.0, 0.0, 0.2], [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize("T_flange_tcp", [None, TCP])
+@pytest.mark.parametrize("frame", ["flange", "tool"])
+def test_a_controller_with_the_nominal_model_comes_to_the_joint_positions(frame, T_flange_tcp):
+    model = fitted("pa10_6ce", 15, lambda arm: (*links_and_springs(arm), tool_frame()))
+    q = regular(model, postures(model.arm, 16, 12), frame)
+    T = model.predict(q, frame=frame).T
+    found = model.compensate(T, frame=frame, seed=q, T_flange_tcp=T_flange_tcp)
+    tcp = model.T_flange_frame(frame) if T_flange_tcp is None else T_flange_tcp
+    np.testing.assert_array_equal(found.T_flange_tcp, tcp)
+    nominal = FittedModel(Model(Chain.of(model.arm), ()), np.zeros(0), np.eye(4))
+    sent = nominal.compensate(found.T_send @ np.linalg.inv(tcp), seed=q)
+    np.testing.assert_allclose(sent.q, found.q, atol=1e-9)
+
+
+def test_lost_motion_counts_unless_the_side_of_arrival_is_given():
+    b_rad = 3.5e-4
+    model = fitted("irb120", 17, lambda arm: (*links(arm), Backlash("joint 1")))
+    model = replace(model, x=np.append(model.x[:-1], b_rad))
+    q = postures(model.arm, 18, 9)
+    middle = model.predict(q)
+    radius_mm = 1e3 * np.linalg.norm(middle.T[:, :2, 3], axis=1)
+    np.testing.assert_allclose(middle.u_mm, b_rad * radius_mm, rtol=0.05)
+    sides = [model.predict(q, arrival=side) for side in (-1.0, 1.0)]
+    assert max(each.u_mm.max() for each in sides) < 0.01
+    half_mm = 500.0 * np.linalg.norm((sides[1].T - sides[0].T)[:, :3, 3], axis=1)
+    np.testing.assert_allclose(middle.u_mm, half_mm, rtol=0.05)
+    others = np.array([1.0, 0, 0, 0, 0, 0])  # only that of the joint with lost motion matters
+    np.testing.assert_allclose(model.predict(q, arrival=others).u_mm, sides[1].u_mm)
+    with pytest.raises(ModelError, match="arrival of joint 1, pose 1: no direction of arrival"):
+        model.predict(q, arrival=0.5)

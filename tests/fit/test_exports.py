@@ -13,10 +13,17 @@ from made_up_model import fitted, postures, vocabulary
 from pa10cal.arm.chain import end_pose
 from pa10cal.arm.statics import PoseStates
 from pa10cal.calibration.general.problem import tool_frame
-from pa10cal.fit.model_file import beyond_rigid, beyond_rigid_mm, dh_text, rigid_part
+from pa10cal.fit.rigid import (
+    best_rigid_model,
+    beyond_rigid,
+    beyond_rigid_mm,
+    dh_text,
+    rigid_part,
+)
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances
+from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.term import link_departures
 
 
@@ -84,3 +91,21 @@ def test_rows_are_a_table_with_units():
     assert rows[1]["d_u_mm"] == ""  # beta stands in its place
     assert rows[0]["theta_u_deg"] != ""
     assert dh_text(replace(model, covariance=None), "x").count(",,") > 6
+
+
+def test_the_best_rigid_model_is_nearer_than_the_rigid_part_and_exact_where_all_is_rigid():
+    model = fitted("pa10_6ce", 3, lambda arm: (*links(arm), JointSpring(2, 80.0)))
+    poses = measured(model)
+    part, best = rigid_part(model), best_rigid_model(model, poses)
+    before, after = (each.error(model, poses) for each in (part, best))
+    assert after.rms_mm < 0.5 * before.rms_mm
+    assert (after.frame, after.poses) == ("tool", 9)
+    rigid = fitted("ur10", 1, links)
+    same = best_rigid_model(rigid, measured(rigid))
+    np.testing.assert_allclose(same.coordinates, rigid_part(rigid).coordinates, atol=1e-9)
+    rows = list(csv.DictReader(io.StringIO(dh_text(model, "good", best, after))))
+    assert float(rows[0]["error_rms_mm"]) == pytest.approx(after.rms_mm, abs=1e-4)
+    assert {row["theta_u_deg"] for row in rows} == {""}
+    found = np.radians(float(rows[1]["theta_calibrated_deg"]))
+    (column,) = best.chain.columns(("theta_2",))
+    assert found == pytest.approx(best.coordinates[column], abs=1e-10)

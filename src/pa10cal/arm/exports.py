@@ -1,14 +1,17 @@
-"""A calibrated arm for other programs: as URDF, in a user's own URDF, and as UR drivers take it."""
+"""A calibrated arm for other programs: URDF, a user's own URDF, UR drivers, poses to send."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import Literal, get_args
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames, placed, roll_pitch_yaw
 from pa10cal.arm.urdf_reading import (
@@ -335,3 +338,91 @@ def _agree(found: Array, carried: Array, T_base_flange: Array) -> bool:
         max(np.abs(along).max(), np.abs(beside).max(), np.abs(found[-1] - T_base_flange).max())
         < _SAME
     )
+
+
+# Poses as the controllers of robots write them.
+
+#: A, B, C of KUKA turn about z, the new y, the new x; roll, pitch, yaw about fixed x, y, z (W, P, R
+#: of Fanuc); a rotation vector is that of Universal Robots.
+Angles = Literal["ABC", "quaternion", "rpy", "rotation_vector"]
+_ORIENTATION = {
+    "ABC": ("A_deg", "B_deg", "C_deg"),
+    "quaternion": ("qw", "qx", "qy", "qz"),
+    "rpy": ("roll_deg", "pitch_deg", "yaw_deg"),
+    "rotation_vector": ("rx_rad", "ry_rad", "rz_rad"),
+}
+#: Quaternions are written with a few digits; further from length one they are something else.
+_UNIT_LENGTH = 1e-2
+
+
+def controller_columns(T: Array, angles: Angles) -> dict[str, Array]:
+    """Return poses (N, 4, 4) [m] in the form of a controller.
+
+    Args:
+        T: the poses.
+        angles: `ABC`, intrinsic z-y-x in degrees; `quaternion`, scalar first; `rpy`, roll, pitch
+            and yaw about fixed axes x, y, z in degrees; `rotation_vector`, axis times angle [rad].
+
+    Returns:
+        `x_mm`, `y_mm`, `z_mm` and the orientation's columns, (N,) each.
+
+    Raises:
+        ArmError: when there are no such angles.
+    """
+    names = ("x_mm", "y_mm", "z_mm", *_orientation_columns(angles))
+    R = Rotation.from_matrix(T[:, :3, :3])
+    if angles == "quaternion":
+        turned = R.as_quat(canonical=True, scalar_first=True)
+    elif angles == "rotation_vector":
+        turned = R.as_rotvec()
+    else:
+        with warnings.catch_warnings():
+            # At B = ±90 degrees A and C are not unique; one pair is as good as another.
+            warnings.simplefilter("ignore")
+            turned = R.as_euler("ZYX", degrees=True)
+        turned = turned if angles == "ABC" else turned[:, ::-1]
+    return dict(zip(names, np.column_stack([1e3 * T[:, :3, 3], turned]).T, strict=True))
+
+
+def controller_pose(values: Sequence[float], angles: Angles) -> Array:
+    """Return the pose (4, 4) [m] that a controller writes so; see `controller_columns`.
+
+    Raises:
+        ArmError: when there are no such angles, or not as many numbers as they need.
+    """
+    names = ("x_mm", "y_mm", "z_mm", *_orientation_columns(angles))
+    found = np.asarray(values, dtype=float)
+    turn = found[3:]
+    wrong = found.shape != (len(names),) or not np.isfinite(found).all()
+    if not wrong and angles == "quaternion":
+        wrong = abs(float(np.linalg.norm(turn)) - 1.0) > _UNIT_LENGTH
+    if wrong:
+        raise ArmError(
+            "not the pose of a tool in the flange",
+            where="tcp",
+            value=list(values),
+            allowed=" ".join(names),
+            remedy=f"give {len(names)} numbers as the controller shows its TCP",
+        )
+    T = np.eye(4)
+    T[:3, 3] = 1e-3 * found[:3]
+    if angles == "quaternion":
+        R = Rotation.from_quat(turn, scalar_first=True)
+    elif angles == "rotation_vector":
+        R = Rotation.from_rotvec(turn)
+    else:
+        R = Rotation.from_euler("ZYX", turn if angles == "ABC" else turn[::-1], degrees=True)
+    T[:3, :3] = R.as_matrix()
+    return T
+
+
+def _orientation_columns(angles: Angles) -> tuple[str, ...]:
+    if angles not in _ORIENTATION:
+        raise ArmError(
+            "no angles of a controller that are known",
+            where="angles",
+            value=angles,
+            allowed=", ".join(get_args(Angles)),
+            remedy="choose those of your controller",
+        )
+    return _ORIENTATION[angles]

@@ -304,7 +304,13 @@ def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
         if name is None:
             raise _unfit(folder, f"files.{key}", None, f"a file name, as the kind is {kind}")
         if not _is_there(folder / name):
-            raise _unfit(folder, f"files.{key}", name, "a file inside the campaign's folder")
+            raise RawDataError(
+                "the file is not there",
+                where=f"{folder / DESCRIPTION_FILE}: files.{key}",
+                value=name,
+                allowed="a file inside the campaign's folder",
+                remedy=f"put it there, or correct files.{key}",
+            )
     mapped = set() if campaign.columns is None else campaign.columns.model_fields_set
     for key in sorted(mapped - set(needed)):
         allowed = " and ".join(f"columns.{each}" for each in needed)

@@ -40,6 +40,7 @@ class JointList:
     ids: NDArray[np.str_]  # (N,) names of the rows
     q: Array  # (N, n) joint positions [rad, m]
     load_N: Array  # (N,) external loads; nan where none is given
+    arrival: Array  # (N, n) direction of arrival of each joint, -1, 0 or 1; nan where not given
     unused: tuple[str, ...] = ()  # columns that are not read
 
 
@@ -50,35 +51,37 @@ class TargetList:
     ids: NDArray[np.str_]  # (N,) names of the rows
     T: Array  # (N, 4, 4) poses [m]
     load_N: Array  # (N,) external loads; nan where none is given
+    arrival: Array  # (N, n) direction of arrival of each joint, -1, 0 or 1; nan where not given
     # (N, n) joint positions near which the answer should be [rad, m]; nan where none are
     seed: Array
     unused: tuple[str, ...] = ()  # columns that are not read
 
 
 def read_joints(path: Path, prismatic: NDArray[np.bool_]) -> JointList:
-    """Read `id,q1_deg,…[,load_N]` (`qk_mm` of a joint that slides).
+    """Read `id,q1_deg,…[,load_N][,arrival1,…]` (`qk_mm` of a joint that slides).
 
     Raises:
         RawDataError: naming file and line, when a column is missing or of another arm, or a row
             cannot be read.
     """
     joints = position_columns(prismatic)
-    raw = _rows(path, joints, ["id", *joints], [_LOAD])
+    raw = _rows(path, joints, ["id", *joints], [_LOAD, *_sides(joints)])
     positions = _finite(path, raw, joints)
     _refuse_far(path, raw, joints, positions)
     q = in_radians(positions, prismatic)
-    return JointList(raw.text_of("id"), q, _loads(path, raw), raw.unused)
+    arrival = _arrival(path, raw, joints)
+    return JointList(raw.text_of("id"), q, _loads(path, raw), arrival, raw.unused)
 
 
 def read_targets(path: Path, prismatic: NDArray[np.bool_]) -> TargetList:
-    """Read `id,x_mm,y_mm,z_mm,qw,qx,qy,qz[,load_N][,q1_deg,…]`; a row's seed may be blank.
+    """Read `id,x_mm,y_mm,z_mm,qw,qx,qy,qz[,load_N][,q1_deg,…][,arrival1,…]`; seeds may be blank.
 
     Raises:
         RawDataError: see `read_joints`; also for an attitude that is none, and for metres.
     """
     joints = position_columns(prismatic)
     pose = [*_PLACE, *_QUATERNION]
-    raw = _rows(path, joints, ["id", *pose], [_LOAD], together=joints)
+    raw = _rows(path, joints, ["id", *pose], [_LOAD, *_sides(joints)], together=joints)
     found = _finite(path, raw, pose)
     T = np.tile(np.eye(4), (len(found), 1, 1))
     T[:, :3, 3] = _MM * found[:, :3]
@@ -121,7 +124,8 @@ def read_targets(path: Path, prismatic: NDArray[np.bool_]) -> TargetList:
             )
         _refuse_far(path, raw, joints, positions)
         seed = in_radians(positions, prismatic)
-    return TargetList(raw.text_of("id"), T, _loads(path, raw), seed, raw.unused)
+    arrival = _arrival(path, raw, joints)
+    return TargetList(raw.text_of("id"), T, _loads(path, raw), arrival, seed, raw.unused)
 
 
 def poses_text(
@@ -233,6 +237,30 @@ def _loads(path: Path, raw: RawRows) -> Array:
     if _LOAD not in raw.columns:
         return np.full(len(raw.line), np.nan)
     return _finite(path, raw, [_LOAD], may_be_blank=True)[:, 0]
+
+
+def _sides(joints: list[str]) -> list[str]:
+    return [f"arrival{joint}" for joint in range(1, len(joints) + 1)]
+
+
+def _arrival(path: Path, raw: RawRows, joints: list[str]) -> Array:
+    """Return directions of arrival (N, n), nan where none is given."""
+    found = np.full((len(raw.line), len(joints)), np.nan)
+    for joint, name in enumerate(_sides(joints)):
+        if name in raw.columns:
+            found[:, joint] = _finite(path, raw, [name], may_be_blank=True)[:, 0]
+    wrong = ~np.isnan(found) & ~np.isin(found, (-1.0, 0.0, 1.0))
+    if wrong.any():
+        row, joint = np.argwhere(wrong)[0]
+        raise _refusal(
+            path,
+            int(raw.line[row]),
+            f"arrival{joint + 1} is no direction of arrival",
+            float(found[row, joint]),
+            "-1 or 1, the sign of the joint's last motion; 0 or blank where it is not known",
+            "correct the value",
+        )
+    return found
 
 
 def _refuse_far(path: Path, raw: RawRows, joints: list[str], positions: Array) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from pa10cal.errors import ModelError
 
 if TYPE_CHECKING:
+    from pa10cal.arm.exports import Angles
     from pa10cal.arrays import Array
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.results.comparison import ComparisonRecord
@@ -49,6 +51,33 @@ def loads_of(given_N: Array, load_N: float) -> Array:
     return np.where(np.isnan(given_N), load_N, given_N)
 
 
+def arrivals_of(given: Array, arrival: tuple[float, ...] | None) -> Array:
+    """Return directions of arrival (N, n), those of the command where a row gives none (nan).
+
+    Raises:
+        ModelError: when the command gives another number than one, or one a joint.
+    """
+    import numpy as np
+
+    sides = arrival or (0.0,)
+    n = given.shape[1]
+    if len(sides) not in (1, n):
+        raise ModelError(
+            "directions of arrival of another arm",
+            where="--arrival",
+            value=" ".join(f"{side:g}" for side in sides),
+            allowed=f"1 number for all joints, or {n}: one a joint",
+            remedy="give -1 or 1 for each joint, 0 where it is not known",
+        )
+    return np.where(np.isnan(given), np.array(sides), given)
+
+
+def warn(command: str, path: Path, found: Iterable[str]) -> None:
+    """Print what in a list contradicts itself, to stderr."""
+    for each in found:
+        print(f"pa10cal {command}: warning: {path}: {each}", file=sys.stderr)
+
+
 def not_read(path: Path, columns: tuple[str, ...]) -> str:
     """Return which columns of a list are not read, for the end of a line; nothing where all are."""
     return f"; not read of {path}: {', '.join(columns)}" if columns else ""
@@ -61,19 +90,23 @@ def predict(
     out: Path,
     frame: str = "flange",
     load_N: float = 0.0,
+    arrival: tuple[float, ...] | None = None,
     force: bool = False,
 ) -> None:
     """Say where a calibrated robot is, at joint positions that it never was measured at.
 
     Poses are in the robot's base frame, with the standard uncertainty of each position and whether
-    the fit has seen such joint angles. docs/using-the-model.md explains the columns.
+    the fit has seen such joint angles. Lost motion counts in it unless the side from which a joint
+    arrives is given. docs/using-the-model.md explains the columns.
 
     Args:
         model: model.yaml of a calibration, or the results that hold it.
-        joints: joint positions: id,q1_deg,...[,load_N] (.csv).
+        joints: joint positions: id,q1_deg,...[,load_N][,arrival1,...] (.csv).
         out: poses to write (.csv).
         frame: flange, tool, or target_<name>.
         load_N: external load [N] of rows that give none.
+        arrival: side from which joints arrive, of rows that give none: -1 or 1, the sign of the
+            last motion, 0 where it is not known; one for all joints, or one a joint.
         force: use a model whose input is suspect, and loads heavier than any that it has seen.
 
     Examples:
@@ -82,13 +115,16 @@ def predict(
     """
     from pa10cal.campaign.pose_lists import poses_text, read_joints
     from pa10cal.files.output import write_text
+    from pa10cal.fit import contradictions
 
     fitted = model_in_use(model, force=force)
     asked = read_joints(joints, fitted.arm.prismatic)
     loads_N = loads_of(asked.load_N, load_N)
-    found = fitted.predict(asked.q, frame=frame, load_N=loads_N, extrapolate=force)
+    sides = arrivals_of(asked.arrival, arrival)
+    found = fitted.predict(asked.q, frame=frame, load_N=loads_N, arrival=sides, extrapolate=force)
     forced = fitted.grade if doubtful(fitted) else None
     write_text(out, poses_text(asked.ids, found.T, found.u_mm, found.inside, forced))
+    warn("predict", joints, contradictions.of_joints(fitted, asked.q))
     outside = int((~found.inside).sum())
     print(
         f"{out}: {frame} of {fitted.arm.name} at {len(found)} joint positions, "
@@ -103,41 +139,69 @@ def compensate(
     out: Path,
     frame: str = "flange",
     load_N: float = 0.0,
+    arrival: tuple[float, ...] | None = None,
+    write: Literal["joints", "cartesian"] = "joints",
+    angles: Literal["ABC", "quaternion", "rpy", "rotation_vector"] | None = None,
+    tcp: tuple[float, ...] | None = None,
     force: bool = False,
 ) -> None:
     """Find the joint positions to command so that a calibrated robot comes to its targets.
 
     Every target has a row, in order, with a status: ok, outside_limits, unreachable or
     near_singular. Of several branches the nearest to the row's seed is taken, without a seed the
-    nearest to the row before. docs/using-the-model.md explains the columns.
+    nearest to the row before. With --write cartesian each row has the pose too that a controller
+    with the nominal model must be sent. docs/using-the-model.md explains the columns.
 
     Args:
         model: model.yaml of a calibration, or the results that hold it.
         targets: poses in the robot's base frame: id,x_mm,y_mm,z_mm,qw,qx,qy,qz[,load_N][,q1_deg,
-            ...] (.csv).
+            ...][,arrival1,...] (.csv).
         out: joint positions to write (.csv).
         frame: flange, tool, or target_<name>.
         load_N: external load [N] of rows that give none.
+        arrival: side from which joints arrive, of rows that give none: -1 or 1, the sign of the
+            last motion, 0 where it is not known; one for all joints, or one a joint.
+        write: joints, or cartesian: beside them the poses to send, in the robot's base frame.
+        angles: how the controller writes orientations: ABC (KUKA, deg), quaternion (the default),
+            rpy (deg), or rotation_vector (rad).
+        tcp: TCP that the controller holds: x y z in mm and the orientation in these angles; by
+            default the frame as the model has it in the flange, which is printed.
         force: use a model whose input is suspect, and loads heavier than any that it has seen.
 
     Examples:
         pa10cal compensate --model model.yaml --targets targets.csv --out commands.csv
+        pa10cal compensate --model model.yaml --targets t.csv --out c.csv --frame tool \\
+          --write cartesian --angles ABC
         pa10cal compensate --model model.yaml --targets t.csv --frame tool --load-N 22 --out c.csv
     """
     import numpy as np
 
+    from pa10cal.arm.exports import controller_columns, controller_pose
     from pa10cal.campaign.pose_lists import commands_text, read_targets
     from pa10cal.files.output import write_text
+    from pa10cal.fit import contradictions
 
+    form: Angles = angles or "quaternion"
+    if write == "joints" and (angles or tcp):
+        raise ModelError(
+            "angles of poses that are not written",
+            where="--angles" if angles else "--tcp",
+            value=angles or tcp,
+            allowed="--write cartesian",
+            remedy="add --write cartesian, or leave the option out",
+        )
     fitted = model_in_use(model, force=force)
     arm = fitted.arm
     asked = read_targets(targets, arm.prismatic)
+    loads_N = loads_of(asked.load_N, load_N)
     found = fitted.compensate(
         asked.T,
         frame=frame,
         seed=asked.seed,
-        load_N=loads_of(asked.load_N, load_N),
+        load_N=loads_N,
+        arrival=arrivals_of(asked.arrival, arrival),
         extrapolate=force,
+        T_flange_tcp=controller_pose(tcp, form) if tcp else None,
     )
     columns = {
         "status": found.status,
@@ -146,13 +210,22 @@ def compensate(
         "error_deg": found.error_deg,
         "inside": found.inside,
     }
+    if write == "cartesian":
+        columns |= found.cartesian(form)
     if doubtful(fitted):
         columns["forced"] = np.full(len(found), fitted.grade)
     write_text(out, commands_text(asked.ids, found.q, arm.prismatic, columns))
+    said = [*contradictions.of_targets(fitted, asked.T, asked.seed, frame)]
+    said = said or [*contradictions.of_answers(fitted, asked.T, found, frame, loads_N)]
+    warn("compensate", targets, said)
     words, counts = np.unique(found.status, return_counts=True)
-    said = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
+    became = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
     rest = not_read(targets, asked.unused)
-    print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {said}{rest}")
+    print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {became}{rest}")
+    if write == "cartesian":
+        held = controller_columns(found.T_flange_tcp[None], form)
+        shown = ", ".join(f"{name} {float(value[0]):.6g}" for name, value in held.items())
+        print(f"send_… are for a controller with the nominal model and this TCP: {shown}")
 
 
 #: Parameters shown: those that differ by most of their uncertainty, from so many of it on.

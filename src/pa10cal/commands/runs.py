@@ -10,8 +10,10 @@ _QUIET = ("--quiet", "all", "--logger", "pa10cal")
 
 
 def run(
-    folder: Path,
+    folders: tuple[Path, ...],
     *,
+    group: str | None = None,
+    arms: Path | None = None,
     out: Path = Path("results"),
     cores: int = 0,
     settings: Path | None = None,
@@ -19,12 +21,15 @@ def run(
 ) -> None:
     """Run a folder of raw files to its grade, verdict, model, report, figures and tables.
 
-    What is up to date is not made again. On a terminal the stages are shown while they run. Where a
-    stage refuses, the report says so, with what there is before it.
+    Several folders of one robot are calibrated as one, a group, with the same results. What is up
+    to date is not made again. On a terminal the stages are shown while they run. Where a stage
+    refuses, the report says so, with what there is before it.
 
     Args:
-        folder: raw files of a campaign, with campaign.yaml.
-        out: gets a folder of the campaign's name.
+        folders: raw files of a campaign, with campaign.yaml; of a group, one folder a campaign.
+        group: name of the group that several campaigns of one robot are.
+        arms: folder of arm descriptions; without it, `arms` beside the folder of raw files.
+        out: gets a folder of the campaign's or group's name.
         cores: how many to use; 0 for all.
         settings: settings over the default ones, as config.yaml has them (.yaml).
         prior: model.yaml of the same arm to start from, or the results that hold it.
@@ -32,53 +37,92 @@ def run(
     Examples:
         pa10cal run examples/ur10-pose
         pa10cal run measured/2026-03 --out results/march --cores 1
+        pa10cal run measured/2026-03 measured/2026-09 --group cell-7
         pa10cal run mine --settings robust.yaml
         pa10cal run after-the-crash --prior results/march/mine
     """
-    from pa10cal.calibration.general.prior import refuse_unsound
-    from pa10cal.campaign.description import read_description
-    from pa10cal.errors import OutputError
+    import json
+    from typing import Any
+
+    # What a folder can be refused for is checked before anything heavy is imported or started.
+    from pa10cal.campaign.description import check_joints, check_names, read_description
+    from pa10cal.errors import OutputError, SettingsError
+    from pa10cal.files.arms import load_arm
     from pa10cal.files.output import writing_into
-    from pa10cal.fit.fitted_model import load_model
-    from pa10cal.fit.model_file import file_of
-    from pa10cal.reports.summary import paths, summarise, table
     from pa10cal.running.alone import WORK_FOLDER, alone
+    from pa10cal.yaml_file import ARMS
+
+    if group is None and len(folders) > 1:
+        raise SettingsError(
+            "several campaigns without the name of their group",
+            where="run",
+            value=", ".join(map(str, folders)),
+            allowed="one folder, or several of one robot with --group NAME",
+            remedy="give --group NAME to calibrate them as one robot, or run them one by one",
+        )
+    out, names, places = out.absolute(), [], [folder.absolute() for folder in folders]
+    for folder in places:
+        described = read_description(folder)
+        arm = load_arm(described.robot, folder, arms)
+        check_joints(described, arm.n, str(folder / "campaign.yaml"))
+        names.append(described.name)
+    if group is not None:
+        check_names(group, names, f"--group {group}")
+    name = group or names[0]
+    for folder in places:
+        if folder == out / name or folder in (out, *out.parents):
+            raise OutputError(
+                "the results would be written among the raw files",
+                where="--out",
+                value=str(out),
+                allowed="a folder that neither is nor lies in the folder of raw files",
+                remedy="give another one",
+            )
+
     from pa10cal.running.display import RunDisplay
     from pa10cal.running.workflow import StageError, Workflow, run_workflow, settings_of
 
-    folder, out = folder.absolute(), out.absolute()
-    name = read_description(folder).name
     own = [] if settings is None else [settings]
-    used = settings_of(own, {"campaigns": [name]}, f"{settings or folder / 'campaign.yaml'}: name")
+    over: dict[str, Any] = {"campaigns": names}
+    if group is not None:
+        over["groups"] = {group: names}
+    used = settings_of(own, over, f"{settings or places[0] / 'campaign.yaml'}: name")
     raw = out / WORK_FOLDER / "raw"
-    link = raw / name
-    if folder == out / name or folder in (out, *out.parents):
-        raise OutputError(
-            "the results would be written among the raw files",
-            where="--out",
-            value=str(out),
-            allowed="a folder that neither is nor lies in the folder of raw files",
-            remedy="give another one",
-        )
-    config = {"campaigns": f'["{name}"]', "raw_dir": str(raw), "results_dir": str(out)}
+    config = {key: json.dumps(value) for key, value in over.items()}
+    config |= {"raw_dir": str(raw), "results_dir": str(out)}
     if prior is not None:
+        from pa10cal.calibration.general.prior import refuse_unsound
+        from pa10cal.fit.fitted_model import load_model
+        from pa10cal.fit.model_file import file_of
+
         refuse_unsound(load_model(prior))
-        config["calibration"] = f'{{"prior": "{file_of(prior).absolute()}"}}'
-    targets = ("campaigns",)
+        config["calibration"] = json.dumps({"prior": str(file_of(prior).absolute())})
+    targets = ("campaigns",) if group is None else (str(out / group / "report.html"),)
     workflow = Workflow("workflow/run.smk", config, out, out, cores, targets, settings, _QUIET)
+    links = dict(zip(names, places, strict=True))
     with alone(out), closing(RunDisplay(lines=False)) as display:
         with writing_into(out, "the results", "give another one with --out"):
             raw.mkdir(parents=True, exist_ok=True)
-            if link.is_symlink():
-                link.unlink()
-            link.symlink_to(folder, target_is_directory=True)
+            for link in (*names, name, ARMS):  # of another run, perhaps to other folders
+                if (raw / link).is_symlink():
+                    (raw / link).unlink()
+            for link, folder in links.items():
+                (raw / link).symlink_to(folder, target_is_directory=True)
+            if arms is not None:
+                (raw / ARMS).symlink_to(arms.absolute(), target_is_directory=True)
         try:
             run_workflow(workflow, display)
         except StageError as error:
-            told = str(error).replace(str(link), str(folder))
-            ended = write_what_there_is(out / name, folder, used.evaluation.calibration)
+            told = str(error)
+            for link, folder in links.items():
+                told = told.replace(str(raw / link), str(folder))
+            described_in = out / name / "ingest" if group is not None else places[0]
+            ended = write_what_there_is(out / name, described_in, used.evaluation.calibration)
             told = told if ended is None else f"{told}; report so far: {ended}"
             raise StageError(told) from None
+
+    from pa10cal.reports.summary import paths, summarise, table
+
     print(table([summarise(out / name, used.evaluation.calibration)]))
     print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")
 

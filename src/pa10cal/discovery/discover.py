@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from html import escape
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -61,7 +60,7 @@ class TooLittle:
     remedy: str
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class NotSought(Verdict[object]):
     """A campaign in which effects cannot be sought: its calibrated model stays as it is."""
 
@@ -118,9 +117,10 @@ class NotSought(Verdict[object]):
         assert not findings, "nothing was sought"
         return self
 
+    @property
     @override
-    def _repr_html_(self) -> str:
-        return f"<p>effects were not sought: {escape(self.why)}; {escape(self.remedy)}</p>"
+    def _shown(self) -> tuple[str, ...]:
+        return self.why, self.remedy
 
 
 def not_sought(

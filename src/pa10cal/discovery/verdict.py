@@ -49,6 +49,10 @@ P_co = TypeVar("P_co", covariant=True)
 MAP = "joint_error_map"
 
 
+#: Of more effects only the first are shown where a verdict is printed.
+_MOST_SHOWN = 8
+
+
 @dataclass(frozen=True)
 class FallsBack:
     """Where the effects found do not hold, so that the model is the calibrated one."""
@@ -73,7 +77,7 @@ class Plan:
     separations: tuple[Separation, ...] | None = None
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Verdict(ABC, Generic[P_co]):
     """What became of a campaign."""
 
@@ -208,21 +212,28 @@ class Verdict(ABC, Generic[P_co]):
         """Return the gap by set of poses: `train`, and `holdout` where poses were held out."""
         return {"train": self.train, "holdout": self.holdout}
 
-    def _repr_html_(self) -> str:
-        """Return the verdict as a notebook shows it."""
-        found = "".join(
-            f"<li>{escape(label_of(each.effect, None))}: {escape(sized(each.parameters))}</li>"
-            for each in self.effects
-        )
-        found += "".join(
-            f"<li>proposed, no name: {escape(each.form.formula)}</li>" for each in self.proposed
-        )
-        gaps = "".join(
-            f"<li>{name}: {gap.before.mean_mm:.4f} mm → {gap.after.mean_mm:.4f} mm in the mean</li>"
+    @property
+    def _shown(self) -> tuple[str, ...]:
+        """Return what is shown of it beside its word, a line each."""
+        found = [f"{label_of(e.effect, None)}: {sized(e.parameters)}" for e in self.effects]
+        found += [f"proposed, no name: {each.form.formula}" for each in self.proposed]
+        more = len(found) - _MOST_SHOWN
+        found[_MOST_SHOWN:] = [f"and {more} more"] if more > 0 else []
+        found += [
+            f"{name}: {gap.before.mean_mm:.4f} mm → {gap.after.mean_mm:.4f} mm in the mean"
             for name, gap in self.gap.items()
             if gap is not None
-        )
-        return f"<p>verdict: {self.verdict}</p><ul>{found}{gaps}</ul>"
+        ]
+        return tuple(found)
+
+    def __repr__(self) -> str:
+        """Return the word, what was found and the gap in at most 12 lines."""
+        return "\n".join((f"<{type(self).__name__}: {self.verdict}", *self._shown)) + ">"
+
+    def _repr_html_(self) -> str:
+        """Return the verdict as a notebook shows it."""
+        lines = "".join(f"<li>{escape(line)}</li>" for line in self._shown)
+        return f"<p>verdict: {self.verdict}</p><ul>{lines}</ul>"
 
     @cached_property
     def model(self) -> FittedModel:

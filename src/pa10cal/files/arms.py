@@ -22,7 +22,7 @@ from pa10cal.errors import ALLOWED, ArmError, fits_a_folder
 from pa10cal.files.output import write_text
 from pa10cal.options import Positive, Section
 from pa10cal.settings_reading import parse_section
-from pa10cal.yaml_file import parse_yaml, read_yaml
+from pa10cal.yaml_file import arm_places, own_description, parse_yaml, read_yaml
 
 if TYPE_CHECKING:
     from pa10cal.arm.imported import ImportedArm
@@ -259,12 +259,13 @@ def arm_names() -> list[str]:
     )
 
 
-def load_arm(name: str, folder: Path | None = None) -> Arm:
-    """Load an arm: `<name>.yaml` of a campaign's folder where it is there, else a shipped one.
+def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) -> Arm:
+    """Load an arm: `<name>.yaml` of a campaign's folder or of a folder of arms, else a shipped one.
 
     Args:
         name: name of the arm, as `campaign.yaml` gives it under `robot`.
         folder: the campaign's folder.
+        arms: folder of arm descriptions; None for `arms` beside the campaign's folder.
 
     Raises:
         ArmError: when there is no arm of that name, or its file cannot be used.
@@ -278,17 +279,19 @@ def load_arm(name: str, folder: Path | None = None) -> Arm:
             allowed=ALLOWED,
             remedy="correct the name",
         )
-    own = None if folder is None else folder / f"{name}.yaml"
-    if own is not None and own.is_file():
+    own = None if folder is None else own_description(name, folder, arms)
+    if own is not None:
         return read_arm(own)
     if name not in arm_names():
+        among = [] if folder is None else [str(each) for each in arm_places(folder, arms)]
+        or_file = f", or {name}.yaml in {' or '.join(among)}" if among else ""
         raise ArmError(
             "unknown robot",
             where="robot",
             value=name,
-            allowed=", ".join(arm_names()) + ("" if own is None else f", or a file {own}"),
+            allowed=", ".join(arm_names()) + or_file,
             remedy="correct the name, or describe the arm in such a file"
-            if own is not None
+            if among
             else f"correct the name, or give the file of a description, such as {name}.yaml",
         )
     text = files("pa10cal.files").joinpath("arms", f"{name}.yaml").read_text(encoding="utf-8")
@@ -323,8 +326,8 @@ def copy_description(name: str, folder: Path, to: Path) -> None:
         ArmError: when the description names a file that cannot be read.
         OutputError: when nothing can be written there.
     """
-    own, source = folder / f"{name}.yaml", urdf_of_arm(name, folder)
-    if own.is_file():
+    own, source = own_description(name, folder), urdf_of_arm(name, folder)
+    if own is not None:
         write_text(to / own.name, own.read_text(encoding="utf-8-sig"))
     if source is not None:
         write_text(to / Path(source.where).name, source.text)
@@ -335,20 +338,20 @@ def urdf_of_arm(name: str, folder: Path) -> UrdfSource | None:
 
     Args:
         name: name of the arm.
-        folder: the campaign's folder, which holds its description.
+        folder: the campaign's folder, which holds its description or stands beside `arms`.
 
     Raises:
         ArmError: when the description names a file that cannot be read.
         SettingsError: when a key of the description is unknown, missing or of the wrong kind.
     """
-    own = folder / f"{name}.yaml"
-    if not own.is_file():
+    own = own_description(name, folder)
+    if own is None:
         return None
     raw = read_yaml(own, ArmError, what=_UNREADABLE)
     source = parse_section(_ArmFile, raw, where=str(own)).urdf
     if source is None:
         return None
-    path = folder / source.file
+    path = own.parent / source.file
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

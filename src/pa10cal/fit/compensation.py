@@ -22,6 +22,7 @@ from pa10cal.fit.forward import (
     Conditions,
     Forward,
     T_base_away,
+    T_flange_frame,
     conditions,
     pose_difference,
     predicted,
@@ -70,6 +71,7 @@ def compensate(
     frame: str,
     given: Conditions,
     seed: ArrayLike | None = None,
+    T_flange_tcp: ArrayLike | None = None,
 ) -> Compensation:
     """Find the joint positions that bring a frame to poses; see `FittedModel.compensate`.
 
@@ -79,15 +81,22 @@ def compensate(
         frame: one of the model's.
         given: conditions of the poses.
         seed: (N, n) or (n,) joint positions, nan where there are none.
+        T_flange_tcp: (4, 4) TCP that the controller holds; None for the frame as the model has it.
 
     Raises:
         ModelError: when a pose is none, the frame is unknown, or a seed is of another arm.
     """
     _refuse_no_pose(T)
+    if T_flange_tcp is None:
+        tcp = T_flange_frame(model, frame)
+    else:
+        tcp = np.asarray(T_flange_tcp, dtype=float)
+        _refuse_no_pose(tcp[None], "T_flange_tcp")
     if not len(T):
         none = np.zeros(0)
         empty = np.zeros((0, model.arm.n))
-        return Compensation(empty, none.astype(str), none, none, none, none.astype(bool))
+        inside = none.astype(bool)
+        return Compensation(empty, none.astype(str), none, none, none, inside, T, tcp)
     q = _searched(model, T, frame, given, seed)
     forward = Forward.of(model, frame)
     found = predicted(model, q, frame, given)
@@ -107,7 +116,11 @@ def compensate(
         # Between what holds inside and what holds outside there is a step, part of `u_mm`.
         near |= 1e3 * off_m < found.u_mm
     status[~near] = "unreachable"
-    return Compensation(q, status, 1e3 * off_m, np.degrees(off_rad), found.u_mm, found.inside)
+    off_mm, off_deg = 1e3 * off_m, np.degrees(off_rad)
+    # The controller works out the flange from the pose and its TCP, and the joints from the flange
+    # of the arm as designed: with both taken the same way back it comes to q.
+    T_send = Chain.of(arm).forward(q) @ tcp
+    return Compensation(q, status, off_mm, off_deg, found.u_mm, found.inside, T_send, tcp)
 
 
 def _searched(
@@ -127,7 +140,7 @@ def _searched(
     return q
 
 
-def _refuse_no_pose(T: Array) -> None:
+def _refuse_no_pose(T: Array, name: str = "T") -> None:
     right = T.ndim == 3 and T.shape[1:] == (4, 4)
     if right:
         R = T[:, :3, :3]
@@ -137,7 +150,7 @@ def _refuse_no_pose(T: Array) -> None:
     if not right or wrong.any():
         raise ModelError(
             "not a pose",
-            where="T" if not right else f"T[{int(np.argmax(wrong))}]",
+            where=name if not right else f"{name}[{int(np.argmax(wrong))}]",
             value=T.shape if not right else T[int(np.argmax(wrong))].tolist(),
             allowed="(N, 4, 4), a rotation and a position in metres each",
             remedy="check the attitude: columns are the frame's axes, of length one",

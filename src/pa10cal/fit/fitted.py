@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from html import escape
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import TOOL, Chain, long_links
 from pa10cal.arm.description import Arm
+from pa10cal.arm.exports import Angles, controller_columns
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
@@ -23,7 +25,7 @@ from pa10cal.observe.quantities import Comparison, Deviations
 from pa10cal.results.health import Health, InputFinding
 from pa10cal.results.record import Campaign
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import is_constant
+from pa10cal.terms.of_campaign import OfCampaign, is_constant, of_campaign
 from pa10cal.terms.term import Parameter, Report, Term
 
 if TYPE_CHECKING:
@@ -78,7 +80,8 @@ class Prediction:
 
     T: Array  # (N, 4, 4) the frame in the robot's base frame [m]
     # (N,) standard uncertainty of its position, from the noise of the measurement, the base being
-    # where the fit puts it; nan where the model's covariance is not known
+    # where the fit puts it, and from sides of arrival that are not given, where the model has lost
+    # motion; nan where the model's covariance is not known
     u_mm: Array
     inside: NDArray[np.bool_]  # (N,) whether all joint angles were seen by the fit
 
@@ -128,9 +131,32 @@ class Compensation:
     error_deg: Array  # (N,) angle between the model's attitude there and the one wanted
     u_mm: Array  # (N,) standard uncertainty of the position, as of a prediction
     inside: NDArray[np.bool_]  # (N,) whether all joint angles were seen by the fit
+    # (N, 4, 4) poses [m] to send, in the robot's base frame, to a controller that has the nominal
+    # model and the TCP below: it then commands q, where it takes the same branch
+    T_send: Array
+    T_flange_tcp: Array  # (4, 4) TCP that the controller holds, in its flange [m]
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def cartesian(self, angles: Angles = "quaternion") -> dict[str, Array]:
+        """Return the poses to send in the form of a controller.
+
+        Args:
+            angles: `ABC` of KUKA [deg], `quaternion` (scalar first), `rpy` [deg], or
+                `rotation_vector` [rad].
+
+        Returns:
+            `send_x_mm`, `send_y_mm`, `send_z_mm` and the orientation's columns, (N,) each, as
+            `pa10cal compensate --write cartesian` writes them.
+
+        Raises:
+            ArmError: when there are no such angles.
+        """
+        return {
+            f"send_{name}": values
+            for name, values in controller_columns(self.T_send, angles).items()
+        }
 
     def _repr_html_(self) -> str:
         """Return the joint positions [rad, m] as a notebook shows them."""
@@ -146,7 +172,7 @@ def _table(columns: dict[str, NDArray[Any]]) -> str:
     return html
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Fitted:
     """A chain with terms and the values of their parameters, and what they were fitted to."""
 
@@ -225,6 +251,23 @@ class Fitted:
             for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True):
                 yield term, parameter, float(value), float(sigma)
 
+    def __repr__(self) -> str:
+        """Return arm, campaign, grade, terms and frames, a line each."""
+        fitted, grade = self.fitted_to, "no grade"
+        if fitted is not None and fitted.grade:
+            grade = f"grade: {fitted.grade}: {fitted.health}"
+        often = Counter(term.id for term in self.model.terms)
+        terms = ", ".join(id if count == 1 else f"{count} {id}" for id, count in often.items())
+        return "\n".join(
+            (
+                f"<{type(self).__name__} of {self.arm.title}",
+                "not fitted" if fitted is None else f"fitted to {fitted.campaign}",
+                grade,
+                f"{len(self.x)} parameters of {terms or 'no term'}: see .parameters",
+                f"frames: {', '.join(self.frames)}>",
+            )
+        )
+
     def _repr_html_(self) -> str:
         """Return the model as a notebook shows it."""
         fitted = self.fitted_to
@@ -236,9 +279,19 @@ class Fitted:
         return f"<p>{escape(self.arm.title + about)}</p>{self.parameters.to_html(index=False)}"
 
     @property
+    def tools(self) -> dict[str, OfCampaign]:
+        """Return the tools of the campaigns of a group that measured poses, by name of frame."""
+        return {
+            of_campaign(TOOL_FRAME, term.name): term
+            for term in self.model.terms
+            if isinstance(term, OfCampaign) and set(term.coordinates) <= set(TOOL)
+        }
+
+    @property
     def frames(self) -> tuple[str, ...]:
         """Return the frames that it can predict."""
-        return (FLANGE, TOOL_FRAME, *(f"{TARGET}{name}" for name in self.target_names))
+        targets = (f"{TARGET}{name}" for name in self.target_names)
+        return (FLANGE, TOOL_FRAME, *self.tools, *targets)
 
     def with_bends(self) -> Self:
         """Return the same model on a chain whose long links may bend, as some effects do."""

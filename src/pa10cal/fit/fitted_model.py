@@ -19,7 +19,7 @@ from pa10cal.fit.model_file import model_from_plain, read_model, save_model
 from pa10cal.results.calibration import CalibrationRecord, Fit
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FittedModel(Fitted):
     """A chain with terms and the values of their parameters; enough by itself to predict."""
 
@@ -50,9 +50,11 @@ class FittedModel(Fitted):
         Args:
             q: (N, n) or (n,) motor-side joint positions [rad; m for a prismatic joint].
             frame: `flange`, the last frame of the nominal arm; `tool`, the target of a pose
-                instrument, else the first target with the flange's attitude; `target_<name>`.
+                instrument, else the first target with the flange's attitude; `target_<name>`. Of a
+                group also `tool@<campaign>` and `target_<name>@<campaign>`.
             load_N: external load, one for all poses or (N,).
-            arrival: direction in which each joint arrives, -1, 0 or 1; one for all or (N, n).
+            arrival: direction in which each joint arrives, -1 or 1, one for all or (N, n); 0 where
+                it is not known, whose lost motion is then part of `u_mm`.
             temperature_C: temperature, one or (N,); None for the mean of the fit.
             time_s: time on the campaign's clock, one or (N,); None for the middle of the fit.
             extrapolate: predict also for loads heavier than any that the fit has seen.
@@ -84,8 +86,12 @@ class FittedModel(Fitted):
         temperature_C: ArrayLike | None = None,
         time_s: ArrayLike | None = None,
         extrapolate: bool = False,
+        T_flange_tcp: ArrayLike | None = None,
     ) -> Compensation:
         """Find the joint positions to command so that a frame of the robot comes to poses.
+
+        `T_send`, and `cartesian(angles)` of what is returned, have the poses to send to a
+        controller that takes no joint positions and holds the nominal model.
 
         Args:
             T: (N, 4, 4) or (4, 4) poses wanted of the frame, in the robot's base frame [m].
@@ -94,6 +100,8 @@ class FittedModel(Fitted):
                 the nearest to the row before; without any the first row has the nearest to the
                 middle of the angles that the fit has seen.
             frame, load_N, arrival, temperature_C, time_s, extrapolate: see `predict`.
+            T_flange_tcp: (4, 4) TCP that the controller holds, in its flange [m]; None for the
+                frame as the model has it (none for the flange).
 
         Raises:
             ModelError: when a pose is none, or see `predict`.
@@ -103,7 +111,7 @@ class FittedModel(Fitted):
         given = conditions(
             self, len(wanted), load_N, arrival, temperature_C, time_s, extrapolate=extrapolate
         )
-        return compensate(self, wanted, frame, given, seed)
+        return compensate(self, wanted, frame, given, seed, T_flange_tcp)
 
     def jacobian(self, q: ArrayLike, *, frame: str = FLANGE, load_N: ArrayLike = 0.0) -> Array:
         """Return how a frame moves with the joints, (N, 6, n), at positions as for `predict`.

@@ -18,7 +18,7 @@ from pa10cal.fit.uncertain_weights import with_uncertain_weights
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines, b_splines_by_knots
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import falsifies_log, yields
+from pa10cal.terms.term import Term, falsifies_log, shows_torque, yields
 
 #: Step of the central differences by which terms change with the joints [rad, m]: of harmonics as
 #: fine as those of a gear they are good to nine digits.
@@ -32,7 +32,7 @@ class Conditions:
     """What N poses are besides their joint positions."""
 
     load_N: Array  # (N,) external load
-    arrival: Array  # (N, n) direction in which each joint arrives
+    arrival: Array  # (N, n) direction in which each joint arrives, -1 or 1; 0 where not known
     temperature_C: Array  # (N,) temperature
     time_s: Array  # (N,) time
 
@@ -56,8 +56,8 @@ def conditions(
     """Return the conditions of poses; see `FittedModel.predict`.
 
     Raises:
-        ModelError: when a load is no load, or heavier than any that the fit has seen; or when there
-            are not as many numbers as poses.
+        ModelError: when a load is no load, or heavier than any that the fit has seen; when a side
+            of arrival is none; or when there are not as many numbers as poses.
     """
     fitted = model.fitted_to
     if temperature_C is None:
@@ -68,6 +68,15 @@ def conditions(
     of_temperature = _of_every_pose("temperature_C", temperature_C, (count,))
     of_time = _of_every_pose("time_s", time_s, (count,))
     directions = _of_every_pose("arrival", arrival, (count, model.arm.n))
+    if not np.isin(directions, (-1.0, 0.0, 1.0)).all():
+        row, joint = np.argwhere(~np.isin(directions, (-1.0, 0.0, 1.0)))[0]
+        raise ModelError(
+            "no direction of arrival",
+            where=f"arrival of joint {joint + 1}, pose {row + 1}",
+            value=float(directions[row, joint]),
+            allowed="-1 or 1, the sign of the joint's last motion; 0 where it is not known",
+            remedy="correct the value",
+        )
     seen_N = () if fitted is None else fitted.loads_N
     wrong = ~(every_N >= 0.0) | ~np.isfinite(every_N)
     if seen_N and not extrapolate:
@@ -142,14 +151,19 @@ class Forward:
                 remedy="correct the name",
             )
         model = _with_its_weights(model)
+        # Of a group `tool` is that of the first campaign that measured poses.
+        tools = model.tools
+        own = tools.get(frame) or next(iter(tools.values()), None)
         moving = [
             term
             for term in model.model.terms
-            if term.of != "instrument" and not falsifies_log(term)
+            if term.of != "instrument"
+            and not falsifies_log(term)
+            and (term not in tools.values() or term is own)
         ]
         columns = [np.arange(len(model.x))[model.model.columns_of(term)] for term in moving]
         chosen = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
-        on_tool = frame != FLANGE and not model.target_names
+        on_tool = frame in tools or (frame == TOOL_FRAME and bool(tools or not model.target_names))
         T = np.eye(4)
         if on_tool:
             T[:3, :3] = model.R_ee_target
@@ -157,7 +171,8 @@ class Forward:
             name = frame.removeprefix(TARGET)
             row = model.target_names.index(name) if frame != TOOL_FRAME else 0
             T[:3, 3] = model.targets_m.reshape(-1, 3)[row]
-        physical = Model(model.model.chain, tuple(moving))
+        terms = tuple(own.term if own is not None and term is own else term for term in moving)
+        physical = Model(model.model.chain, terms)
         return cls(model, physical, model.x[chosen], chosen, on_tool, T)
 
     def states(self, q: Array, given: Conditions) -> PoseStates:
@@ -225,6 +240,40 @@ class Forward:
         """Return the standard uncertainty of the frame's position, (N,), from the covariance."""
         variance = np.trace(self.position_covariance(states, end), axis1=1, axis2=2)
         return np.asarray(1e3 * np.sqrt(np.maximum(variance, 0.0)))
+
+    def unknown_arrival_mm(self, states: PoseStates, given: Conditions) -> Array:
+        """Return how far sides of arrival that are not given move the frame's position, (N,).
+
+        A joint may come from either side: the prediction is the middle, and the standard deviation
+        half the distance between both. Joints count as independent.
+        """
+        variance = np.zeros(len(states))
+        ahead, behind = (
+            replace(states, arrival=np.full_like(states.arrival, side)) for side in (1.0, -1.0)
+        )
+        if not any(self._shows_side(term, ahead, behind) for term in self.physical.terms):
+            return variance
+        for joint in range(states.n):
+            rows = np.flatnonzero(given.arrival[:, joint] == 0.0)
+            if not len(rows):
+                continue
+            at, ends = given.take(rows), []
+            for side in (1.0, -1.0):
+                arrival = at.arrival.copy()
+                arrival[:, joint] = side
+                from_side = replace(at, arrival=arrival)
+                ends.append(self.T_base_frame(self.states(states.q_rad[rows], from_side)))
+            apart_mm = 1e3 * (ends[0] - ends[1])[:, :3, 3]
+            variance[rows] += 0.25 * (apart_mm**2).sum(axis=1)
+        return np.sqrt(variance)
+
+    def _shows_side(self, term: Term, ahead: PoseStates, behind: PoseStates) -> bool:
+        """Return whether a term differs between both sides of arrival."""
+        x = self.x[self.physical.columns_of(term)]
+        pairs = [(term.shift(ahead, x), term.shift(behind, x))]
+        if shows_torque(term):
+            pairs.append((term.torque_Nm(ahead, x), term.torque_Nm(behind, x)))
+        return any(not np.array_equal(one, other) for one, other in pairs)
 
     def position_covariance(self, states: PoseStates, end: EndPose) -> Array:
         """Return the covariance of the frame's position along base axes, (N, 3, 3) [m²]."""
@@ -305,6 +354,7 @@ def predicted(model: Fitted, q: Array, frame: str, given: Conditions) -> Predict
     else:
         end = forward.end(states)
         T, u_mm = end.T @ forward.T_end_frame, forward.uncertainty_mm(states, end)
+        u_mm = np.hypot(u_mm, forward.unknown_arrival_mm(states, given))
     found = Prediction(T, u_mm, model.inside(q))
     if model.falls_back is None:
         return found
@@ -391,7 +441,9 @@ def T_flange_frame(model: Fitted, frame: str) -> Array:
     """
     forward = Forward.of(model, frame)
     chain, at_flange = model.rigid_part()
-    _, at_end = model.rigid_part(tool=forward.on_tool)
+    on_tool = replace(forward.whole, model=forward.physical, x=forward.x, covariance=None)
+    at_end, tool = at_flange.copy(), chain.columns(TOOL)
+    at_end[tool] = on_tool.rigid_part(tool=forward.on_tool)[1][tool]
     T_base_flange, T_base_end = end_pose(chain, np.stack([at_flange, at_end]))
     T: Array = np.linalg.inv(T_base_flange) @ T_base_end @ forward.T_end_frame
     return T

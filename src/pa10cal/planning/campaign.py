@@ -11,7 +11,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from pa10cal.errors import RawDataError, SettingsError
+from pa10cal.errors import RawDataError, SettingsError, fits_a_folder
 from pa10cal.evaluation.options import (
     DriveCounts,
     SortedCounts,
@@ -19,7 +19,7 @@ from pa10cal.evaluation.options import (
     UnstatedCounts,
     WildCounts,
 )
-from pa10cal.yaml_file import read_yaml
+from pa10cal.yaml_file import own_description, read_yaml
 
 
 def raw_files(folder: Path) -> list[Path]:
@@ -72,7 +72,10 @@ def robot_name(folder: Path) -> str:
 def arm_files(folder: Path) -> list[Path]:
     """Return the campaign's own description of its robot and its URDF, where they are there."""
     robot = robot_name(folder)
-    return _there(folder, [f"{robot}.{ending}" for ending in ("yaml", "urdf")])
+    if not fits_a_folder(robot):
+        return []
+    own = own_description(robot, folder)
+    return [] if own is None else _there(own.parent, [own.name, f"{robot}.urdf"])
 
 
 def instrument_kind(folder: Path) -> str:

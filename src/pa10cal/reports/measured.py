@@ -176,6 +176,7 @@ _FILES = {
     MODEL: "the whole model, with effects and formulas; read by the commands below",
     "model/model.covariance.npz": "how uncertain its parameters are",
     "model/robot.urdf": "the rigid part, for simulators and planners",
+    "model/robot_rigid_fit.urdf": "the best rigid model: geometry alone, fitted for it",
     "model/dh.csv": "link parameters, nominal and calibrated",
     "model/ur_kinematics.yaml": "the rigid part for the UR driver for ROS 2",
     "discovery/suggested_poses.csv": "poses to measure next",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.resources import files
@@ -21,7 +21,7 @@ from pa10cal.reports.measured import measured, use
 from pa10cal.reports.outcome import grade, grade_sentence, verdict, verdict_glance
 from pa10cal.reports.pictures import headline
 from pa10cal.reports.residuals import residuals
-from pa10cal.reports.results_bundle import ResultsBundle, is_synthetic, results_bundle
+from pa10cal.reports.results_bundle import REFUSED, ResultsBundle, is_synthetic, results_bundle
 from pa10cal.reports.theme import BLUE, VERMILLION, drawn, library, new_figure
 from pa10cal.reports.trust import missing, next_poses, trust
 from pa10cal.results.fleet import FleetCampaign, FleetRecord
@@ -76,9 +76,32 @@ def page_text(results: ResultsBundle) -> str:
     return rendered(
         results.campaign,
         list(_glances(results)),
-        [Section(id, title, tuple(blocks(results))) for id, title, blocks in _SECTIONS],
+        list(
+            _said_once(
+                Section(id, title, tuple(blocks(results))) for id, title, blocks in _SECTIONS
+            )
+        ),
         synthetic=results.synthetic,
     )
+
+
+def _said_once(sections: Iterable[Section]) -> Iterator[Section]:
+    """Yield sections with every reason why a result is missing once, and none without more.
+
+    Where a stage has refused, its message alone says why all that follows it is missing.
+    """
+    said: set[str] = set()
+    for section in sections:
+        kept = []
+        for block in section.blocks:
+            if isinstance(block, Callout) and block.word == "missing":
+                refused = any(REFUSED in text for text in said)
+                if block.text in said or (refused and REFUSED not in block.text):
+                    continue
+                said.add(block.text)
+            kept.append(block)
+        if kept:
+            yield Section(section.id, section.title, tuple(kept))
 
 
 def rendered(

@@ -42,7 +42,7 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
     """
     smallest = min(*(each.of.rms_mm for each in every), *noise_mm.values(), 1e9)
     largest = max(each.of.peak_mm for each in every)
-    ends = [math.log10(max(smallest, 1e-6)) - 0.75, math.log10(max(largest, 1e-6)) + 0.65]
+    ends = [math.log10(max(smallest, 1e-6)) - 0.2, math.log10(max(largest, 1e-6)) + 0.2]
     rows = len(every)
     figure = new_figure(
         _ROOM_PX + _ROW_PX * rows,
@@ -60,19 +60,21 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
             hoverinfo="skip",
             showlegend=False,
         )
+        # At the right end of the row's title: beside the marks numbers would lie on others.
+        numbers = f"{each.of.rms_mm:.3f}, largest {each.of.peak_mm:.3f} mm"
+        place |= {"x": 1, "xanchor": "right"}
+        figure.add_annotation(text=numbers, showarrow=False, **place)
     looks = (
-        ("root mean square", "circle", BLUE, "rms_mm", "middle left"),
-        ("largest", "triangle-right", VERMILLION, "peak_mm", "middle right"),
+        ("root mean square", "circle", BLUE, "rms_mm"),
+        ("largest", "triangle-right", VERMILLION, "peak_mm"),
     )
-    for name, symbol, color, key, side in looks:
+    for name, symbol, color, key in looks:
         values = [getattr(each.of, key) for each in every]
         figure.add_scatter(
             x=values,
             y=list(range(rows)),
-            mode="markers+text",
+            mode="markers",
             marker={"color": color, "size": 10, "symbol": symbol},
-            text=[f" {value:.3f} " for value in values],
-            textposition=side,
             name=name,
             hovertemplate=f"{name} %{{x:.4f}} mm<extra></extra>",
         )
@@ -393,8 +395,8 @@ def _fitted(results: ResultsBundle) -> Iterator[Errors]:
         yield from _model(FITTED, name, title, _together(list(known.values())), known, parts)
     if results.verdict is not None and results.verdict.effects:
         gap = results.verdict.gap.train
-        parts = {"inside": gap.inside, "extrapolated": gap.outside}
-        after = {part: of.after for part, of in parts.items() if of is not None}
+        regions = {"inside": gap.inside, "extrapolated": gap.outside}
+        after = {region: of.after for region, of in regions.items() if of is not None}
         per_load = {load: part.after for load, part in gap.per_load.items()}
         yield from _model(FITTED, "extended", EXTENDED, gap.after, per_load, after)
 

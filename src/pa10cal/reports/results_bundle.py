@@ -225,12 +225,16 @@ def _stages(load_case: str) -> dict[str, tuple[str, str]]:
     }
 
 
+#: Between a stage and its message, where that is why a result is missing.
+REFUSED = " refused: "
+
+
 def _why_absent(folder: Path, file: str, command: str, log: str) -> str:
     """Say why a result is not there: what its stage refused, where its log tells."""
     path = folder / f"logs/{log}.log"
     printed = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
     if (told := last_message(printed)) is not None:
-        return f"pa10cal {command} refused: {told[1]}. Then run it again."
+        return f"pa10cal {command}{REFUSED}{told[1]}. Then run it again."
     return (
         f"There is no {file}: pa10cal {command} was not run, or did not come to its end. "
         "pa10cal run makes it."

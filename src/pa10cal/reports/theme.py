@@ -91,7 +91,7 @@ def new_space(height: int, ranges_mm: NDArray[np.float64]) -> Any:
         f"{name}axis": {**axis, "title": {"text": f"{name} [mm]"}, "range": ends.tolist()}
         for name, ends in zip("xyz", ranges_mm, strict=True)
     }
-    camera = {"eye": {"x": 1.4, "y": -1.4, "z": 0.85}, "center": {"x": 0, "y": 0, "z": -0.12}}
+    camera = {"eye": {"x": 1.6, "y": -1.6, "z": 1.0}, "center": {"x": 0, "y": 0, "z": -0.15}}
     from plotly.graph_objects import Figure  # late: half a second, and tables need none
 
     return Figure(

@@ -25,6 +25,7 @@ from pa10cal.results.discovery import (
     EvidenceOfSag,
     FoundEffect,
     NotTestable,
+    SuggestedPose,
     VerdictRecord,
 )
 from pa10cal.results.health import Health
@@ -206,6 +207,7 @@ _JOINT = "joint "
 _MOST_LISTED = 2
 #: An aim that several joints of one pose may share.
 _UNSEEN = re.compile(r"angle of joint (\d+) not seen")
+_OF_JOINT = re.compile(r"\bjoint (\d+)")
 
 
 def missing(results: ResultsBundle) -> Iterator[Block]:
@@ -333,9 +335,9 @@ def next_poses(results: ResultsBundle) -> Iterator[Block]:
         f"The {count(min(len(record.suggested_poses), _MOST_POSES), 'pose')} that tell most, in "
         "discovery/suggested_poses.csv too. An arrow says whether the joint arrives from smaller "
         "(↑) or from larger (↓) angles.",
-        ("order", *(f"q{j} [deg]" for j in range(1, joints + 1)), "load [N]", "to tell"),
+        ("order", *(f"q{j} [deg]" for j in range(1, joints + 1)), "load [N]", "what for"),
         [
-            (str(k), *_angles(each.q_deg, each.arrive_from), f"{each.load_N:g}", _aims(each.for_))
+            (str(k), *_angles(each.q_deg, each.arrive_from), f"{each.load_N:g}", _aim(each))
             for k, each in enumerate(record.suggested_poses[:_MOST_POSES], start=1)
         ],
         range(joints + 2),
@@ -352,9 +354,21 @@ def _angles(q_deg: object, arrive_from: object) -> Iterator[str]:
         yield f"{angle:.1f}{'' if side == '' else ' ↑' if side < 0 else ' ↓'}"
 
 
-def _aims(names: tuple[str, ...]) -> str:
-    unseen = [found[1] for name in names if (found := _UNSEEN.fullmatch(name))]
-    rest = [name.replace("_", " ") for name in names if not _UNSEEN.fullmatch(name)]
+def _aim(pose: SuggestedPose) -> str:
+    """Say in a sentence what a pose is for, with the joints that matter and where they stand."""
+    unseen = [int(found[1]) for name in pose.for_ if (found := _UNSEEN.fullmatch(name))]
+    rivals = [name.replace("_", " ") for name in pose.for_ if not _UNSEEN.fullmatch(name)]
+    parts = []
+    if rivals:
+        joints = sorted({int(joint) for name in rivals for joint in _OF_JOINT.findall(name)})
+        where = f" with {_standing(pose, joints)}" if joints else ""
+        nats = pose.separation_nats
+        by_then = "" if nats is None else f" ({nats:.1f} nats expected up to this pose)"
+        parts.append(f"separates {'; '.join(rivals)}{where}{by_then}")
     if unseen:
-        rest.append(f"angle{'s' if unseen[1:] else ''} of joint {listed(unseen)} not seen")
-    return "; ".join(rest)
+        parts.append(f"shows {_standing(pose, unseen)}, where the fit has seen no pose")
+    return sentence("; ".join(parts)) if parts else ""
+
+
+def _standing(pose: SuggestedPose, joints: Sequence[int]) -> str:
+    return listed(f"joint {joint} at {pose.q_deg[joint - 1]:.1f}°" for joint in joints)

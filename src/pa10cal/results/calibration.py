@@ -231,7 +231,7 @@ class LoadErrors(BeforeAfter):
     @property
     def text(self) -> str:
         """Return mean and largest error of the calibrated model, suspected outliers apart."""
-        return mean_and_peak(self.after, self.trusted and self.trusted.after)
+        return mean_and_peak(self.after, None if self.trusted is None else self.trusted.after)
 
 
 class PaperErrors(LoadErrors):

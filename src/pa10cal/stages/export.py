@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pa10cal.fit.rigid import RigidPart
 
 
 def export(
@@ -18,6 +22,9 @@ def export(
 ) -> None:
     """Write a calibrated model for other programs: model.yaml, robot.urdf and its rows as a table.
 
+    `robot.urdf` is the rigid part of the model. Beside it goes the best rigid model
+    (`robot_rigid_fit.urdf`, `dh_rigid_fit.csv`): its geometry alone is fitted to the whole model
+    over the measured poses with their loads. Each has its error over these poses in the file.
     Where the arm was imported from a URDF, that URDF is written with calibrated origins. An arm of
     Universal Robots' layout gets the file of kinematics that their driver reads, beside the model.
 
@@ -40,11 +47,18 @@ def export(
     from pa10cal.arm.exports import flange_off_m, patched_urdf, ur_kinematics, urdf_text
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
-    from pa10cal.errors import CalibrationError
+    from pa10cal.errors import CalibrationError, ModelError
     from pa10cal.files.arms import urdf_of_arm
     from pa10cal.files.output import write_text
     from pa10cal.fit.fitted_model import models_of
-    from pa10cal.fit.model_file import beyond_rigid, dh_text, rigid_part, save_model
+    from pa10cal.fit.model_file import save_model
+    from pa10cal.fit.rigid import (
+        best_rigid_model,
+        beyond_rigid,
+        dh_text,
+        rigid_part,
+        terms_beyond_rigid,
+    )
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
@@ -75,25 +89,60 @@ def export(
     forced = f"exported with --force; {grade}" if withheld else None
     source = None if campaign_dir is None else urdf_of_arm(record.robot, campaign_dir)
     comments = [f"{record.campaign}, {record.provenance}", forced or grade]
-    if poses is not None and campaign_dir is not None:
-        every = read_observations(poses, read_description(campaign_dir))
-        comments.append(beyond_rigid(fitted, every))
     part = rigid_part(fitted)
     at = part.chain, part.coordinates
-    if source is None:
-        text = urdf_text(*at, fitted.arm.name, *comments, frames=part.frames)
-    else:
-        text = patched_urdf(source, *at, part.frames, *comments)
+
+    def urdf_of(links: RigidPart, *about: str) -> str:
+        if source is None:
+            placed = links.chain, links.coordinates, fitted.arm.name
+            return urdf_text(*placed, *about, frames=links.frames)
+        return patched_urdf(source, links.chain, links.coordinates, links.frames, *about)
+
+    error, best_text, best_dh, lines = None, None, None, []
+    mark = "forced " * withheld + health.grade
+    best_urdf = urdf.with_name(f"{urdf.stem}_rigid_fit.urdf")
+    if poses is not None and campaign_dir is not None:
+        every = read_observations(poses, read_description(campaign_dir))
+        beyond = beyond_rigid(fitted, every)
+        try:
+            error, best = part.error(fitted, every), best_rigid_model(fitted, every)
+            of_best = best.error(fitted, every)
+        except ModelError as refusal:
+            lines.append(f"{best_urdf.name} is not written: {refusal.what}")
+            comments.append(beyond)
+        else:
+            kept = terms_beyond_rigid(fitted) or "all of the model: it is rigid"
+            about = (
+                "the best rigid model: geometry alone, fitted by least squares to the whole model "
+                f"with {kept}; {of_best}; the rigid part alone (robot.urdf): {error.rms_mm:.3f} mm "
+                "rms"
+            )
+            best_text = urdf_of(best, *comments, about)
+            best_dh = dh_text(fitted, mark, best, of_best)
+            lines += [f"{urdf.name}, the rigid part: {error}"]
+            lines += [f"{best_urdf.name}, geometry fitted for it: {of_best}"]
+            comments += [beyond, str(error)]
+    text = urdf_of(part, *comments)
     off_mm = 1e3 * flange_off_m(*at)
     lacks = f"what the last row departs by across its axis is not in it: {off_mm:.3f} mm"
     of_driver = ur_kinematics(*at, *comments, lacks)
     beside = model.with_name("ur_kinematics.yaml")
     write_text(urdf, text)
     if dh is not None:
-        write_text(dh, dh_text(fitted, "forced " * withheld + health.grade))
-    if of_driver is None:
-        beside.unlink(missing_ok=True)
-    else:
-        write_text(beside, of_driver)
+        write_text(dh, dh_text(fitted, mark, error=error))
+        _written_or_gone(dh.with_name(f"{dh.stem}_rigid_fit.csv"), best_dh)
+    _written_or_gone(best_urdf, best_text)
+    _written_or_gone(beside, of_driver)
     save_model(fitted, model, forced=forced, warnings=list(warnings))
     print(f"{record.campaign}: model and URDF of the {record.load} calibration written")
+    print(*lines, sep="\n", end="\n" * bool(lines))
+
+
+def _written_or_gone(path: Path, text: str | None) -> None:
+    """Write a file that not every model has; one of an earlier model goes."""
+    from pa10cal.files.output import write_text
+
+    if text is None:
+        path.unlink(missing_ok=True)
+    else:
+        write_text(path, text)

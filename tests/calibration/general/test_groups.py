@@ -11,7 +11,10 @@ from scipy.spatial.transform import Rotation
 from pa10cal.calibration.general.apart import apart, contradictions
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
+from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import load_model
+from pa10cal.fit.model_file import save_model
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.touched import Touched
 
@@ -151,3 +154,31 @@ def test_a_single_campaign_is_not_held_against_others(see):
     every = see("ur10", "pose", 60, noise_m=NOISE_M)
     general = calibrate_general(ARM, every, find_start(ARM, every))
     assert apart(general.problem, general.fit) is None
+
+
+def test_every_campaigns_tool_and_targets_are_frames_by_name(members, tmp_path):
+    model = fitted(together(members(("pose", "pose"), 0.0)))
+    assert model.frames == ("flange", "tool", "tool@of-0", "tool@of-1")
+    save_model(model, tmp_path / "model.yaml")
+    back, q = load_model(tmp_path / "model.yaml"), np.full((1, 6), 0.4)
+    first, second = (back.predict(q, frame=f"tool@of-{k}") for k in (0, 1))
+    np.testing.assert_array_equal(back.predict(q, frame="tool").T, first.T)
+    # The same tool was there in both, which every campaign has found for itself.
+    np.testing.assert_allclose(second.T[:, :3, 3], first.T[:, :3, 3], atol=1e-7)
+    held = back.T_flange_frame("tool@of-1")
+    T = back.predict(q).T[0] @ held
+    np.testing.assert_allclose(second.T[0], T, atol=1e-9)
+    found = back.compensate(second.T, frame="tool@of-1", seed=q)
+    np.testing.assert_allclose(found.q, q, atol=1e-6)
+    with pytest.raises(ModelError, match="tool@of-0, tool@of-1"):
+        back.predict(q, frame="tool@other")
+
+
+@pytest.mark.parametrize(
+    ("kinds", "tool"),
+    [(("points", "pose"), "tool@of-1"), (("points", "distance"), "target_T1@of-0")],
+)
+def test_tool_is_that_of_poses_else_the_first_target(members, kinds, tool):
+    model = fitted(together(members(kinds, 0.0)))
+    assert tool in model.frames
+    np.testing.assert_array_equal(model.T_flange_frame("tool"), model.T_flange_frame(tool))

@@ -76,7 +76,7 @@ from pa10cal.terms.weights import Weights
 _MOST_BY_CHANCE = 0.9
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class VerdictByBlocks(Verdict[Prediction]):
     """What became of a campaign of many different poses."""
 

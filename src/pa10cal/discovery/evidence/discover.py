@@ -76,7 +76,7 @@ _ROUNDS_OF_TIME = 2
 _OF_STATED = 0.1
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class VerdictByRepeats(Verdict[Confirmation]):
     """What became of a campaign whose poses are repeated."""
 
