@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len, rfft
 
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.rows import Samples
@@ -20,9 +19,8 @@ PAUSE = 5.0
 #: Movements beyond so many noise sigmas, and beyond the still speed in so much time, are real.
 REAL_SIGMAS = 10.0
 REAL_S = 0.1
-#: Steps of the search for a clock offset, and the most there may be.
-OFFSET_STEP_S = 0.25
-OFFSET_BINS = 2**20
+#: Times by which clocks are compared, where there are more.
+COMPARED = 250
 
 
 @dataclass(frozen=True)
@@ -41,11 +39,7 @@ class Dwells:
 
     def at(self, time_s: Array) -> Index:
         """Return the dwell at each time, -1 where the arm moved or nothing was logged."""
-        if not len(self):
-            return np.full(len(time_s), -1)
-        before = np.searchsorted(self.start_s, time_s, side="right") - 1
-        inside = (before >= 0) & (time_s <= self.end_s[before])
-        return np.where(inside, before, -1)
+        return phase_at(self.start_s, self.end_s, time_s)
 
 
 @dataclass(frozen=True)
@@ -135,30 +129,54 @@ def best_clock_offset(time_s: Array, dwells: Dwells) -> ClockOffset:
         The offset that brings in the most touches; where a range of them does, its middle, and of
         several ranges that nearest to zero.
     """
-    begin_dwells, begin_touches = dwells.start_s[0], time_s.min()
-    span = max(dwells.end_s[-1] - begin_dwells, float(np.ptp(time_s)))
-    step = max(OFFSET_STEP_S, span / OFFSET_BINS)
-    bins = int(span / step) + 2
-    edges = np.zeros(bins + 1)
-    np.add.at(edges, ((dwells.start_s - begin_dwells) / step).round().astype(int), 1.0)
-    np.add.at(edges, ((dwells.end_s - begin_dwells) / step).round().astype(int), -1.0)
-    standing = np.cumsum(edges[:-1])
-    touches = np.bincount(((time_s - begin_touches) / step).round().astype(int), minlength=bins)
-    score = _correlation(standing, touches.astype(float))
-    seconds = begin_dwells - begin_touches + (np.arange(len(score)) + 1 - bins) * step
-    best = np.flatnonzero(score >= score.max() - 0.5)
-    ranges = np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)
-    middles = np.array([np.median(seconds[found]) for found in ranges])
-    offset = float(middles[np.argmin(np.abs(middles))])
+    ranges = offset_ranges(dwells.start_s, dwells.end_s, time_s)
+    offset = min((0.5 * (low + high) for low, high in ranges), key=abs)
     inside = float(np.mean(dwells.at(time_s + offset) >= 0))
     return ClockOffset(offset, inside)
 
 
-def _correlation(standing: Array, touches: Array) -> Array:
-    """Return the touches in dwells at every lag from 1 - len to len - 1."""
-    size = next_fast_len(len(standing) + len(touches) - 1, real=True)
-    product = rfft(standing, size) * rfft(touches[::-1], size)
-    return np.asarray(irfft(product, size)[: len(standing) + len(touches) - 1])
+def offset_ranges(
+    start_s: Array, end_s: Array, time_s: Array, nearly: float = 1.0
+) -> list[tuple[float, float]]:
+    """Return ranges of clock offsets that bring the most times into phases, the best first.
+
+    Every time and phase allow a range of offsets; those that most times share are found along the
+    ends of all, in order. Of many times some stand for all.
+
+    Args:
+        start_s: (K,) begin of each phase, on its clock.
+        end_s: (K,) end.
+        time_s: (N,) times on another clock.
+        nearly: ranges count that bring in this part of what the best does, each by its best part.
+    """
+    some = np.unique(np.linspace(0, len(time_s) - 1, min(len(time_s), COMPARED)).astype(int))
+    low = (start_s[:, None] - time_s[some]).ravel()
+    high = (end_s[:, None] - time_s[some]).ravel()
+    ends = np.concatenate([low, high])
+    order = np.argsort(ends, kind="stable")
+    count = np.cumsum(np.where(order < len(low), 1, -1))
+    allowed = count[:-1] >= nearly * count.max()
+    found = []
+    for run in _runs(np.flatnonzero(allowed)):
+        best = run[count[run] == count[run].max()]
+        bounds = [(ends[order[part[0]]], ends[order[part[-1] + 1]]) for part in _runs(best)]
+        widest = max(bounds, key=lambda ends: ends[1] - ends[0])
+        found.append((-int(count[best[0]]), widest[0] - widest[1], widest))
+    return [bounds for _, _, bounds in sorted(found)]
+
+
+def _runs(numbers: Index) -> list[Index]:
+    """Return runs of neighbouring numbers."""
+    return np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+
+
+def phase_at(start_s: Array, end_s: Array, time_s: Array) -> Index:
+    """Return the phase at each time, -1 where there is none."""
+    if not len(start_s):
+        return np.full(len(time_s), -1)
+    before = np.searchsorted(start_s, time_s, side="right") - 1
+    inside = (before >= 0) & (time_s <= end_s[before])
+    return np.where(inside, before, -1)
 
 
 def _slow_intervals(time_s: Array, q_deg: Array, still_speed_deg_s: float) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_target_names
 from pa10cal.campaign.description import CampaignDescription, Join
-from pa10cal.campaign.dwells import dwell_readings, find_dwells
+from pa10cal.campaign.dwells import dwell_readings, find_dwells, offset_ranges, phase_at
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import NumberColumn, RawRows, finite, number_column
 from pa10cal.campaign.rows import Samples, in_radians, position_columns
@@ -37,8 +37,6 @@ STANDS = 0.2
 #: Clocks are tried that bring so large a part of the readings into steady phases as the best does.
 NEARLY = 0.85
 CANDIDATES = 12
-#: Readings by which clocks are compared, where there are more.
-COMPARED = 250
 #: Joints fit the nominal arm so many times better when shifted by a row, or it is not said.
 BETTER = 4.0
 #: Rows that are shifted, at the least.
@@ -146,13 +144,13 @@ def by_time(stations: Stations, time_s: Array, fit: Fit, offset_s: float | None 
         offset_s: what to add to the readings' time; None to find it.
     """
     if offset_s is not None:
-        station = _at(stations, time_s + offset_s)
+        station = phase_at(stations.start_s, stations.end_s, time_s + offset_s)
         return Clocks(station, offset_s, 0.0, int((station >= 0).sum()))
-    some = np.unique(np.linspace(0, len(time_s) - 1, min(len(time_s), COMPARED)).astype(int))
     tried = []
-    for low, high in _offsets(stations, time_s[some]):
+    allowed = offset_ranges(stations.start_s, stations.end_s, time_s, NEARLY)
+    for low, high in allowed[:CANDIDATES]:
         middle = 0.5 * (low + high)
-        station = _at(stations, time_s + middle)
+        station = phase_at(stations.start_s, stations.end_s, time_s + middle)
         inside = np.flatnonzero(station >= 0)
         left_m = fit(inside, station[inside], len(inside))
         size = np.inf if left_m is None else float(np.median(left_m))
@@ -161,39 +159,6 @@ def by_time(stations: Stations, time_s: Array, fit: Fit, offset_s: float | None 
     near = [each for each in tried if each[0] <= 1.5 * best_m or not np.isfinite(best_m)]
     best = min(near, key=lambda each: (each[1], each[0]))
     return Clocks(best[4], float(best[2]), float(best[3] / np.sqrt(12.0)), -best[1])
-
-
-def _at(stations: Stations, time_s: Array) -> Index:
-    """Return where the arm stood at each time, -1 where it moved."""
-    before = np.searchsorted(stations.start_s, time_s, side="right") - 1
-    inside = (before >= 0) & (time_s <= stations.end_s[np.maximum(before, 0)])
-    return np.where(inside, before, -1)
-
-
-def _offsets(stations: Stations, time_s: Array) -> list[tuple[float, float]]:
-    """Return ranges of offsets that bring nearly as many readings into steady phases as can be.
-
-    Every reading and phase allow a range of offsets; ranges that most readings share are sought
-    along their ends, in order.
-    """
-    low = (stations.start_s[:, None] - time_s).ravel()
-    high = (stations.end_s[:, None] - time_s).ravel()
-    ends = np.concatenate([low, high])
-    order = np.argsort(ends, kind="stable")
-    count = np.cumsum(np.where(order < len(low), 1, -1))
-    allowed = count[:-1] >= NEARLY * count.max()
-    # Each run of allowed offsets gives its best part.
-    starts = np.flatnonzero(allowed & ~np.concatenate([[False], allowed[:-1]]))
-    found = []
-    for start in starts:
-        stop = start + int(np.argmin(np.append(allowed[start:], False)))
-        run = count[start:stop]
-        best = start + np.flatnonzero(run == run.max())
-        parts = np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)
-        widest = max(parts, key=lambda part: ends[order[part[-1] + 1]] - ends[order[part[0]]])
-        bounds = ends[order[widest[0]]], ends[order[widest[-1] + 1]]
-        found.append((-int(run.max()), -(bounds[1] - bounds[0]), bounds))
-    return [bounds for _, _, bounds in sorted(found)[:CANDIDATES]]
 
 
 def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
