@@ -186,17 +186,8 @@ def _rows(
     together: Sequence[str] = (),
 ) -> RawRows:
     """Read a list whose every row can be used."""
-    try:
-        others = [name for name in column_names(path) if _JOINT.fullmatch(name)]
-        raw = read_rows(path, required, optional, together, repeats=True)
-    except OSError as error:
-        raise RawDataError(
-            "the list of poses cannot be read",
-            where=str(path),
-            value=error.strerror,
-            allowed="a CSV file",
-            remedy="check the path",
-        ) from None
+    others = [name for name in column_names(path) if _JOINT.fullmatch(name)]
+    raw = read_rows(path, required, optional, together, repeats=True)
     others = [name for name in others if name not in joints]
     if others:
         raise _refusal(
