@@ -144,30 +144,3 @@ def _add(parent: _Collection, event: Any, nodes: int) -> None:
 
 def _line(event: Any) -> str:
     return f"line {event.start_mark.line + 1}"
-
-
-# Where the description of a campaign's arm is found.
-
-#: A folder of this name beside campaigns holds descriptions of arms, each once for all of them.
-ARMS = "arms"
-
-
-def own_description(name: str, folder: Path, arms: Path | None = None) -> Path | None:
-    """Return the description of an arm that is not a shipped one; None where there is none.
-
-    It is looked for in the campaign's folder, then in the folder of arms: the one given, else
-    `arms` beside the campaign's folder, or beside the folder that this is a link to.
-
-    Args:
-        name: name of the arm.
-        folder: the campaign's folder.
-        arms: folder of arm descriptions; None for that beside the campaign.
-    """
-    file = f"{name}.yaml"
-    return next((each / file for each in arm_places(folder, arms) if (each / file).is_file()), None)
-
-
-def arm_places(folder: Path, arms: Path | None = None) -> tuple[Path, ...]:
-    """Return the folders in which descriptions are looked for, in order."""
-    beside = (folder.absolute().parent / ARMS, folder.resolve().parent / ARMS)
-    return (folder, *(dict.fromkeys(beside) if arms is None else (arms,)))

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import with_hayati_rows
 from pa10cal.errors import ArmError, SettingsError
+from pa10cal.files import own_description
 from pa10cal.files.arms import (
     arm_names,
     arm_text,
@@ -21,7 +22,6 @@ from pa10cal.files.arms import (
     read_arm,
 )
 from pa10cal.planning.campaign import arm_files
-from pa10cal.yaml_file import own_description
 
 SCARA = """
 name: small

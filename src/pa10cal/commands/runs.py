@@ -47,10 +47,10 @@ def run(
     # What a folder can be refused for is checked before anything heavy is imported or started.
     from pa10cal.campaign.description import check_joints, check_names, read_description
     from pa10cal.errors import OutputError, SettingsError
+    from pa10cal.files import ARMS
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import writing_into
     from pa10cal.running.alone import WORK_FOLDER, alone
-    from pa10cal.yaml_file import ARMS
 
     if group is None and len(folders) > 1:
         raise SettingsError(

@@ -19,7 +19,8 @@ from pa10cal.evaluation.options import (
     UnstatedCounts,
     WildCounts,
 )
-from pa10cal.yaml_file import own_description, read_yaml
+from pa10cal.files import own_description
+from pa10cal.yaml_file import read_yaml
 
 
 def raw_files(folder: Path) -> list[Path]:
