@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
+from typing_extensions import override
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
@@ -113,6 +114,9 @@ class Bench:
     poses: int = TRACKED_POSES  # configurations of a trial
     campaigns: int = 0  # in how many a trial of drives measures it; 0 for other trials
 
+    touched: ClassVar[bool] = False  # whether balls are touched
+    drift_C: ClassVar[float] = TRACKED_DRIFT_C  # swing of the hall's temperature where it drifts
+
     @property
     def name(self) -> str:
         """Return arm and instrument, or number of campaigns; and of targets that is not drawn."""
@@ -154,6 +158,37 @@ class Bench:
         """How far targets mostly lie from the middle of the measured volume."""
         return 0.5 * self.arm.reach_m
 
+    def middle_m(self, robot: Robot) -> tuple[float, float, float]:
+        """Return the middle of the measured volume in the instrument's frame: the base."""
+        x_m, y_m, z_m = robot.T_instr_base[:3, 3].tolist()
+        return x_m, y_m, z_m
+
+    def drawn_plan(self, rng: np.random.Generator) -> tuple[bool, dict[str, Any]]:
+        """Draw whether the temperature drifts, and the settings of how the arm is measured."""
+        drifts = bool(rng.random() < DRIFTING)
+        plan = self.plan | {
+            "logs_torques": self.logs_torques and bool(rng.random() < 0.5),
+            "loads_N": LOADS_N if self.arm.mass_kg is not None and rng.random() < LOADED else (0.0,),
+            "position_mm": log_uniform(POSITION_MM, rng),
+            "poses": self.poses,
+            "holdout_share": TRACKED_HOLDOUT,
+            "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
+            "tool_mass_kg": round(log_uniform(TOOL_KG, rng), 3),
+            "targets": int(rng.choice(TARGETS)),
+            "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
+        }
+        if self.targets is not None:
+            plan["targets"] = self.targets
+        return drifts, {"without_touches": plan}
+
+    def uncertainty_mm(self, settings: Mapping[str, Any]) -> float:
+        """Return what a reading's coordinates truly scatter by, under settings that were drawn."""
+        return float(settings["without_touches"]["position_mm"])
+
+    def drawn_size(self, effect: type[Effect], kind: str, rng: np.random.Generator) -> float:
+        """Draw the factor of an effect's usual size in a trial of a kind."""
+        return effect.plausible_size if kind == "single" else log_uniform(OTHER_SIZES, rng)
+
     def site(self, of: str, middle_m: tuple[float, float, float]) -> Site:
         """Return what the size of an effect at a place goes by.
 
@@ -190,6 +225,9 @@ class TouchedBench(Bench):
     instrument: str = "touch_trigger_cmm"
     layout: Layout = "grid"
 
+    touched: ClassVar[bool] = True
+    drift_C: ClassVar[float] = DRIFT_C
+
     @property
     def name(self) -> str:
         """Return the layout."""
@@ -214,6 +252,29 @@ class TouchedBench(Bench):
     def half_m(self) -> float:
         """How far ball centres mostly lie from the middle of the machine."""
         return HALF_M[self.layout]
+
+    @override
+    def middle_m(self, robot: Robot) -> tuple[float, float, float]:
+        return (MACHINE_MIDDLE_M,) * 3
+
+    @override
+    def drawn_plan(self, rng: np.random.Generator) -> tuple[bool, dict[str, Any]]:
+        tilt_seed = int(rng.integers(1, TILT_SEEDS[self.layout], endpoint=True))
+        settings = {
+            "built": "drawn",
+            "path": str(rng.choice(["same", "alternating"])),
+            "repeats": REPEATS[self.layout],
+            "poses": {"layout": self.layout, "tilt_seed": tilt_seed},
+        }
+        return bool(rng.random() < DRIFTING), settings
+
+    @override
+    def uncertainty_mm(self, settings: Mapping[str, Any]) -> float:
+        return UNCERTAINTY_MM
+
+    @override
+    def drawn_size(self, effect: type[Effect], kind: str, rng: np.random.Generator) -> float:
+        return log_uniform(SINGLE_SIZES if kind == "single" else OTHER_SIZES, rng)
 
     def places(self, effect: type[Effect]) -> list[str]:
         """Return where an effect does something at this bench."""
@@ -272,11 +333,8 @@ class Scenario:
 
     @property
     def middle_m(self) -> tuple[float, float, float]:
-        """Middle of the measured volume in the instrument's frame; of a tracker the base."""
-        if isinstance(self.bench, TouchedBench):
-            return (MACHINE_MIDDLE_M,) * 3
-        x_m, y_m, z_m = self.robot.T_instr_base[:3, 3].tolist()
-        return x_m, y_m, z_m
+        """Middle of the measured volume in the instrument's frame."""
+        return self.bench.middle_m(self.robot)
 
     def hide(self, effect: type[Effect], size: float, site: Site | None = None) -> None:
         """Hide an effect at some times its usual size, none twice at one place.
@@ -361,62 +419,20 @@ def _drawn(
 ) -> Trial:
     bench, known = _bench_in_turn(kind, number, benches)
     scenario = Scenario(kind, number, rng, bench, int(rng.integers(2**31)))
-    touched = isinstance(bench, TouchedBench)
-    if isinstance(bench, TouchedBench):
-        drifts = _plan_touched(scenario, bench.layout)
-    else:
-        drifts = _plan_tracked(scenario)
+    drifts, settings = bench.drawn_plan(rng)
+    scenario.settings |= settings
     while len(scenario.hidden) < MEMBERS.get(kind, 0):
         turn = takes_turns(kind)
         effect = known[in_turn(number, known) if turn else str(rng.choice(list(known)))]
-        if kind == "single" and not touched:
-            drawn = effect.plausible_size
-        else:
-            drawn = log_uniform(SINGLE_SIZES if kind == "single" else OTHER_SIZES, rng)
+        drawn = bench.drawn_size(effect, kind, rng)
         scenario.hide(effect, drawn if size is None else size)
-    swing_C, u_mm = DRIFT_C, UNCERTAINTY_MM
-    if not touched:
-        plan = scenario.settings["without_touches"]
+    if not bench.touched:
+        plan = settings["without_touches"]
         plan["logs_torques"] |= any(issubclass(e, TorqueLogEffect) for e in scenario.effects)
-        swing_C, u_mm = TRACKED_DRIFT_C, plan["position_mm"]
     warms = drifts or any(effect.by_temperature for effect in scenario.effects)
-    scenario.settings["temperature_drift_C"] = swing_C if warms else 0.0
-    scenario.settings |= _misstated(scenario, u_mm)
+    scenario.settings["temperature_drift_C"] = bench.drift_C if warms else 0.0
+    scenario.settings |= _misstated(scenario, bench.uncertainty_mm(settings))
     return scenario.trial()
-
-
-def _plan_touched(scenario: Scenario, layout: Layout) -> bool:
-    """Draw how touched balls are measured, and whether the temperature drifts."""
-    rng = scenario.rng
-    tilt_seed = int(rng.integers(1, TILT_SEEDS[layout], endpoint=True))
-    scenario.settings |= {
-        "built": "drawn",
-        "path": str(rng.choice(["same", "alternating"])),
-        "repeats": REPEATS[layout],
-        "poses": {"layout": layout, "tilt_seed": tilt_seed},
-    }
-    return bool(rng.random() < DRIFTING)
-
-
-def _plan_tracked(scenario: Scenario) -> bool:
-    """Draw how a tracker measures, and whether the temperature drifts."""
-    rng, bench = scenario.rng, scenario.bench
-    drifts = bool(rng.random() < DRIFTING)
-    plan = bench.plan | {
-        "logs_torques": bench.logs_torques and bool(rng.random() < 0.5),
-        "loads_N": LOADS_N if bench.arm.mass_kg is not None and rng.random() < LOADED else (0.0,),
-        "position_mm": log_uniform(POSITION_MM, rng),
-        "poses": bench.poses,
-        "holdout_share": TRACKED_HOLDOUT,
-        "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
-        "tool_mass_kg": round(log_uniform(TOOL_KG, rng), 3),
-        "targets": int(rng.choice(TARGETS)),
-        "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
-    }
-    if bench.targets is not None:
-        plan["targets"] = bench.targets
-    scenario.settings["without_touches"] = plan
-    return drifts
 
 
 def _misstated(scenario: Scenario, uncertainty_mm: float) -> dict[str, Any]:
@@ -446,7 +462,7 @@ def _bench_in_turn(
             raise idle(effect.id, names, "an arm with masses and logged torques among them")
         turn, place = divmod(number, len(known))
         # Layouts of touched balls take turns from effect to effect as well.
-        return fit[(turn + place * isinstance(fit[0], TouchedBench)) % len(fit)], known
+        return fit[(turn + place * fit[0].touched) % len(fit)], known
     bench = benches[number % len(benches)]
     return bench, {name: each for name, each in known.items() if bench.places(each)}
 

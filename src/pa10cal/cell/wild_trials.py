@@ -41,7 +41,6 @@ from pa10cal.cell.trials import (
     TRACKED_DRIFT_C,
     Bench,
     Scenario,
-    TouchedBench,
     Trial,
     TrialKind,
     draw_trials,
@@ -178,7 +177,7 @@ class _SetUp:
     @property
     def touched(self) -> bool:
         """Whether it is the PA10 with its balls."""
-        return isinstance(self.bench, TouchedBench)
+        return self.bench.touched
 
     def has(self, need: Need) -> bool:
         """Return whether its campaigns have what a disturbance needs."""
