@@ -168,7 +168,9 @@ class Bench:
         drifts = bool(rng.random() < DRIFTING)
         plan = self.plan | {
             "logs_torques": self.logs_torques and bool(rng.random() < 0.5),
-            "loads_N": LOADS_N if self.arm.mass_kg is not None and rng.random() < LOADED else (0.0,),
+            "loads_N": LOADS_N
+            if self.arm.mass_kg is not None and rng.random() < LOADED
+            else (0.0,),
             "position_mm": log_uniform(POSITION_MM, rng),
             "poses": self.poses,
             "holdout_share": TRACKED_HOLDOUT,

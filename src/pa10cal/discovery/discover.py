@@ -14,7 +14,7 @@ from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.formulas import with_lines_named, with_proposals
-from pa10cal.discovery.gap import gap
+from pa10cal.discovery.gap import Named, gap, in_order
 from pa10cal.discovery.gates import gated
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import (
@@ -34,7 +34,7 @@ from pa10cal.discovery.noise import (
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.row_faults import carries, of_wrong_row
 from pa10cal.discovery.torque_check import stated_wrongly
-from pa10cal.discovery.verdict import Plan, Verdict, Word, is_named, label_of, no_name
+from pa10cal.discovery.verdict import Plan, Searched, Verdict, Word, is_named, label_of, no_name
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
@@ -113,9 +113,8 @@ class NotSought(Verdict[object]):
         return found, found
 
     @override
-    def with_findings(self, findings: Sequence[Finding[object]]) -> NotSought:
-        assert not findings, "nothing was sought"
-        return self
+    def errors_by_name(self) -> tuple[Named, ...]:
+        return in_order(self.train, self.holdout, (), lambda _: self.calibrated)
 
     @property
     @override
@@ -208,7 +207,7 @@ def discover(
     for _ in range(_MOST_CARRIERS):
         # A map is no name: it may well show at one pose.
         carried = [each for each in found.effects if each.carrier and is_named(each.effect)]
-        if not carried:
+        if not (carried and isinstance(found, Searched)):
             break
         # One pose is no evidence of what acts in all of them: it is wrong, and the rest decides.
         fault = carries(str(carried[0].carrier), label_of(carried[0].effect, None), carried[0].gain)
@@ -219,10 +218,12 @@ def discover(
             found = without_names(found, carried)
             break
         found = without
-    return with_compliance(with_lines_named(with_proposals(gated(found))))
+    if isinstance(found, Searched):
+        found = with_lines_named(with_proposals(gated(found)))
+    return with_compliance(found)
 
 
-def without_names(found: Verdict[object], carried: Sequence[Finding[object]]) -> Verdict[object]:
+def without_names(found: Searched[object], carried: Sequence[Finding[object]]) -> Searched[object]:
     """Return a verdict without names that one pose carries each: they are unexplained."""
     gone = [each.effect for each in carried]
     fewer = found.with_findings([each for each in found.findings if each.effect not in gone])

@@ -10,13 +10,13 @@ from typing import TypeVar
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gates import harmless, unfit
 from pa10cal.discovery.short_forms import Proposal, choose
-from pa10cal.discovery.verdict import MAP, Verdict
+from pa10cal.discovery.verdict import MAP, Searched
 from pa10cal.terms.effects.effect import Effect, joint_of, turning_joints
 from pa10cal.terms.effects.joint_angle import PeriodicError
 from pa10cal.terms.forms.catalogue import all_around, forms_at
 from pa10cal.terms.forms.form import Form
 
-V = TypeVar("V", bound=Verdict[object])
+V = TypeVar("V", bound=Searched[object])
 
 #: Poses by which forms are ruled out, where there are many more.
 _FEW_POSES = 800
@@ -27,12 +27,12 @@ _MOST_HELD = 400
 
 def with_proposals(found: V) -> V:
     """Return a verdict with a formula for each map and rival that a short form does as well as."""
-    if found.method is None or found.verdict == "check_the_log":
+    if found.verdict == "check_the_log":
         return found
     return replace(found, proposed=tuple(_proposals(found)))
 
 
-def _proposals(found: Verdict[object]) -> Iterator[Proposal]:
+def _proposals(found: Searched[object]) -> Iterator[Proposal]:
     """Yield one formula for everything without a name; else one for each place, where there is."""
     nameless = found.without_name
     if not nameless and not found.over_noise:
@@ -61,13 +61,15 @@ def _proposals(found: Verdict[object]) -> Iterator[Proposal]:
             yield proposal
 
 
-def _others(found: Verdict[object]) -> tuple[str, ...]:
+def _others(found: Searched[object]) -> tuple[str, ...]:
     """Return every place of the arm and of the instrument at which a form may sit."""
     joints = (f"joint {joint}" for joint in turning_joints(found.context))
     return (*joints, "base", "instrument")
 
 
-def _chosen(found: Verdict[object], held: tuple[Effect, ...], forms: list[Form]) -> Proposal | None:
+def _chosen(
+    found: Searched[object], held: tuple[Effect, ...], forms: list[Form]
+) -> Proposal | None:
     """Return the shortest form that does as well as some effects without a name."""
     if not forms or sum(effect.linear for effect in held) > _MOST_HELD:
         return None

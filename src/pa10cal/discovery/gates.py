@@ -19,7 +19,7 @@ from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import Gap, beside_motion, fallen_back, trusted
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.verdict import FallsBack, Verdict, is_named, no_name
+from pa10cal.discovery.verdict import FallsBack, Searched, is_named, no_name
 from pa10cal.fit.angles_seen import AnglesSeen, nothing_seen, span_visited
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
@@ -32,7 +32,7 @@ from pa10cal.terms.effects.joint_angle import ArrivalError, Backlash, GearRatioE
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.weights import Weights
 
-V = TypeVar("V", bound=Verdict[object])
+V = TypeVar("V", bound=Searched[object])
 
 #: Parameters of a named effect are within so many plausible sizes.
 MOST_SIZES = 10.0
@@ -57,8 +57,6 @@ NO_COMFORT_BY_REPEATS = (*NO_COMFORT, "incomplete")
 
 def gated(found: V) -> V:
     """Return a verdict whose names and whose `none` have passed the gates."""
-    if found.method is None:
-        return found
     found = _without_names_that_move_nothing(with_pulls(_with_names_that_pass(found)))
     if found.verdict == "none" and (reasons := tuple(doubts(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
@@ -207,7 +205,7 @@ def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
         yield f"{len(finding.alternatives)} other effects explain the data as well"
 
 
-def doubts(found: Verdict[object]) -> Iterator[str]:
+def doubts(found: Searched[object]) -> Iterator[str]:
     """Return why it cannot be said that nothing is missing."""
     train, holdout = found.train, trusted(found.holdout, found.prepared.suspected)
     measured = train.poses.measured
@@ -378,7 +376,7 @@ def _is_over(factor: float, harm: BeforeAfter) -> bool:
     return after.mean_mm > factor * before.mean_mm or after.rms_mm > factor * before.rms_mm
 
 
-def _beyond_uncertainty(found: Verdict[object], gap: Gap, rows: Rows) -> bool:
+def _beyond_uncertainty(found: Searched[object], gap: Gap, rows: Rows) -> bool:
     """Return whether errors exceed what noise and the uncertainty of the model explain.
 
     Where single poses scatter by more than noise, as joints do that stop where friction lets them,

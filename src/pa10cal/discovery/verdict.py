@@ -10,6 +10,7 @@ from html import escape
 from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
 import numpy as np
+from typing_extensions import override
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
@@ -173,15 +174,6 @@ class Verdict(ABC, Generic[P_co]):
         """Return whether the search left more than noise, wherever it sits."""
         return False
 
-    def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
-        """Return what short forms are held against in place of some effects without a name.
-
-        Args:
-            held: which of `everything`.
-            most_poses: so many poses are enough, where there are many; None for all.
-        """
-        raise NotImplementedError
-
     @property
     @abstractmethod
     def covariance(self) -> Array:
@@ -252,44 +244,6 @@ class Verdict(ABC, Generic[P_co]):
         """Return the lack of fit of the logged torques; None where they do not judge."""
         return None
 
-    def with_findings(self, findings: Sequence[Finding[P_co]]) -> Self:
-        """Return the verdict with these findings, all fitted anew, and their parameters with it.
-
-        Args:
-            findings: some of its own, each with its own effect or one of its alternatives.
-        """
-        found = self._refitted(tuple(each.effect for each in findings))
-        held_out, reported = self.prepared.held_out, found.extended.reported
-        parameters = [reported(each.effect, found.covariance) for each in findings]
-        return replace(
-            found,
-            findings=tuple(
-                replace(each, x=x, covariance=covariance)
-                for each, (x, covariance) in zip(findings, parameters, strict=True)
-            ),
-            train=found._gap_on(found._fitted_poses),
-            holdout=None if held_out is None else found._gap_on(held_out),
-        )
-
-    # What each way of judging has of its own; nobody needs it where nothing was sought.
-
-    def _refitted(self, effects: tuple[Effect, ...]) -> Self:
-        """Return the verdict with the calibrated model and these effects as extended model."""
-        raise NotImplementedError
-
-    @property
-    def _fitted_poses(self) -> Observations:
-        """Return the averaged poses of the fit."""
-        raise NotImplementedError
-
-    def _gap_on(self, poses: Observations) -> Gap:
-        """Return the gap of the calibrated and the extended model on averaged poses."""
-        raise NotImplementedError
-
-    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
-        """Return the extended model with some of its effects, all else fitted again."""
-        raise NotImplementedError
-
     @abstractmethod
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
         """Return configurations to measure next, at most so many, drawn with a seed."""
@@ -311,9 +265,9 @@ class Verdict(ABC, Generic[P_co]):
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
         """Return where data and model disagree, before and after."""
 
+    @abstractmethod
     def errors_by_name(self) -> tuple[Named, ...]:
         """Return the errors that remain as the effects join the model one by one."""
-        return in_order(self.train, self.holdout, self.extended.effects, self._model_with)
 
     @cached_property
     def naming(self) -> tuple[Named, ...]:
@@ -322,6 +276,62 @@ class Verdict(ABC, Generic[P_co]):
         if self.falls_back is None:
             return steps
         return tuple(each.falling_back(self.falls_back.within, self.gap) for each in steps)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Searched(Verdict[P_co]):
+    """What became of a campaign in which effects were sought."""
+
+    method: ClassVar[str]
+
+    def with_findings(self, findings: Sequence[Finding[P_co]]) -> Self:
+        """Return the verdict with these findings, all fitted anew, and their parameters with it.
+
+        Args:
+            findings: some of its own, each with its own effect or one of its alternatives.
+        """
+        found = self._refitted(tuple(each.effect for each in findings))
+        held_out, reported = self.prepared.held_out, found.extended.reported
+        parameters = [reported(each.effect, found.covariance) for each in findings]
+        return replace(
+            found,
+            findings=tuple(
+                replace(each, x=x, covariance=covariance)
+                for each, (x, covariance) in zip(findings, parameters, strict=True)
+            ),
+            train=found._gap_on(found._fitted_poses),
+            holdout=None if held_out is None else found._gap_on(held_out),
+        )
+
+    @override
+    def errors_by_name(self) -> tuple[Named, ...]:
+        return in_order(self.train, self.holdout, self.extended.effects, self._model_with)
+
+    @abstractmethod
+    def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
+        """Return what short forms are held against in place of some effects without a name.
+
+        Args:
+            held: which of `everything`.
+            most_poses: so many poses are enough, where there are many; None for all.
+        """
+
+    @abstractmethod
+    def _refitted(self, effects: tuple[Effect, ...]) -> Self:
+        """Return the verdict with the calibrated model and these effects as extended model."""
+
+    @property
+    @abstractmethod
+    def _fitted_poses(self) -> Observations:
+        """Return the averaged poses of the fit."""
+
+    @abstractmethod
+    def _gap_on(self, poses: Observations) -> Gap:
+        """Return the gap of the calibrated and the extended model on averaged poses."""
+
+    @abstractmethod
+    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+        """Return the extended model with some of its effects, all else fitted again."""
 
 
 def label_of(effect: Effect, rival: Effect | None) -> str:

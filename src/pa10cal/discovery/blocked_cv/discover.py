@@ -56,7 +56,7 @@ from pa10cal.discovery.noise import (
 )
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
 from pa10cal.discovery.short_forms import Arena, Contest
-from pa10cal.discovery.verdict import Plan, Verdict
+from pa10cal.discovery.verdict import Plan, Searched
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
@@ -77,7 +77,7 @@ _MOST_BY_CHANCE = 0.9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class VerdictByBlocks(Verdict[Prediction]):
+class VerdictByBlocks(Searched[Prediction]):
     """What became of a campaign of many different poses."""
 
     survey: Survey  # the campaign as it was judged

@@ -61,7 +61,7 @@ from pa10cal.discovery.preparation import (
     sought,
 )
 from pa10cal.discovery.short_forms import Arena, Contest
-from pa10cal.discovery.verdict import Plan, Verdict
+from pa10cal.discovery.verdict import Plan, Searched
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import group_means
@@ -77,7 +77,7 @@ _OF_STATED = 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class VerdictByRepeats(Verdict[Confirmation]):
+class VerdictByRepeats(Searched[Confirmation]):
     """What became of a campaign whose poses are repeated."""
 
     problem: Problem  # the campaign as it was weighed
