@@ -126,7 +126,9 @@ def test_gross_errors_of_touched_balls_are_no_noise():
 
 
 def test_few_poses_and_how_many_more(campaign):
-    grade, line = graded(campaign(poses=60, departs="rows"))
+    measured = campaign(poses=60, departs="rows")
+    assert graded(measured)[0] == "good"
+    grade, line = graded(measured, options=CalibrationOptions(wanted_uncertainty_mm=0.002))
     assert grade == "few_poses"
     assert line.startswith("good: 0.0")
     assert "more poses would reach" in line

@@ -89,6 +89,8 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
     [
         # good
         ({"at_bound": ("windup_2",)}, {}, "good", "rank 6"),
+        ({"poses": 8}, {}, "good", "have a standard uncertainty of 0.009 mm"),
+        ({"poses": 8}, {"wanted_mm": 0.01}, "good", "have a standard uncertainty of 0.009 mm"),
         ({"at_bound": ("cubic_share_2",)}, {}, "good", "K_cub_2 at the end"),
         ({}, {"suspected_outliers": 1}, "good", "1 suspected outlier has less weight in the fit"),
         ({"told": 5, "hidden": frozenset({"delta_a_6"})}, {}, "good", "rank 5"),
@@ -101,7 +103,7 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
         ({"told": 5}, {}, "few_poses", "not identifiable with these poses: delta_a_6"),
         ({"told": 3}, {}, "few_poses", "identify 3 of 6"),
         ({"told": 5, "named": "weight"}, {}, "few_poses", "state the mass of the tool"),
-        ({"poses": 8}, {}, "few_poses", "more poses would reach 0.006 mm"),
+        ({"poses": 8}, {"wanted_mm": 0.006}, "few_poses", "more poses would reach 0.006 mm"),
         # incomplete
         ({}, {"noise_mm": 0.004}, "incomplete", "4.3 times the stated noise of 0.004 mm"),
         ({}, {"repeats": repeats(0.5e-5)}, "incomplete", "2 times the noise of 0.009 mm"),
@@ -130,11 +132,16 @@ def test_no_number_is_said_twice_and_few_poses_alarm_nobody():
     line = health(ended(), errors(held_out=left)).line
     assert line.startswith("remaining error 0.017 mm rms over the poses fitted and over held-out")
     assert line.count("0.017") == 1
-    few = health(ended(poses=8), errors(held_out=None))
+    few = health(ended(poses=8), errors(held_out=None, wanted_mm=0.006))
     assert few.grade == "few_poses"
     assert few.line.startswith("good: 0.009 mm standard uncertainty of predicted positions; ")
     worse = health(ended(poses=3, unknowns=8), errors(held_out=None, train_rms_mm=0.005))
-    assert "good" not in worse.line, worse.line
+    assert worse.grade == "few_poses"
+    assert "more uncertain than single readings" in worse.line
+    assert "1 more pose would reach 0.015 mm" in worse.line, worse.line
+    wanted = health(ended(poses=8), errors(held_out=None, wanted_mm=0.006)).poses
+    assert wanted.wanted_mm == wanted.u_needed_mm == 0.006
+    assert health(ended(poses=8), errors(held_out=None)).poses.wanted_mm is None
 
 
 def test_the_worst_is_said_first():

@@ -65,7 +65,8 @@ FITS_NOT = 0.01
 #: Part of the squared error that springs leave where they explain the larger part of it. That of a
 #: robot soft by a hundredth of its reach counts as a missing effect, not as another robot.
 MOSTLY = 0.7
-#: Largest uncertainty of the model as part of the remaining error: it then adds 5 % to it.
+#: Uncertainty of the model, as part of the remaining error, that adds 5 % to it: the number of
+#: poses that would do is told for it, where nobody says what is wanted.
 SMALL_SHARE = 0.3
 #: Condition number in scaled parameters above which some direction is poorly determined.
 ILL_CONDITIONED = 1e5
@@ -132,6 +133,13 @@ class Errors:
     # where weights come from that nobody stated: `assumed` from the lengths of the links, or from
     # the mass of the whole arm (`total`); else nothing
     weights: str = ""
+    # standard uncertainty of predicted positions that is wanted; None where nobody says so
+    wanted_mm: float | None = None
+
+    @property
+    def small_mm(self) -> float:
+        """Return the uncertainty of predicted positions that is wanted, or adds hardly anything."""
+        return SMALL_SHARE * self.train_rms_mm if self.wanted_mm is None else self.wanted_mm
 
 
 @dataclass(frozen=True)
@@ -240,7 +248,7 @@ class Evidence:
 
 def health(ended: FitSummary, errors: Errors) -> Health:
     """Judge a calibration by its convergence and its remaining errors."""
-    poses = poses_needed(ended, SMALL_SHARE * errors.train_rms_mm)
+    poses = poses_needed(ended, errors.small_mm, errors.wanted_mm)
     u_model_mm = float("inf") if poses.u_model_mm is None else poses.u_model_mm
     evidence, away = Evidence(ended, errors, u_model_mm), errors.held_out
     grade, line, findings = graded(evidence)
@@ -326,6 +334,11 @@ def graded(evidence: Evidence) -> tuple[Grade, str, tuple[InputFinding, ...]]:
         agrees = ", as the noise explains"
     if noise_mm is not None and over is not None and over > NOTICED:
         agrees = f", {over:.2g} times the noise of {noise_mm:.3f} mm"
+    if evidence.u_model_mm > SMALL_SHARE * evidence.error_mm:
+        beside = (
+            f"; predicted positions have a standard uncertainty of {evidence.u_model_mm:.3f} mm"
+            f"{beside}"
+        )
     return (
         "good",
         f"{errors}{agrees}; everything that such an instrument can determine is determined"
@@ -448,12 +461,11 @@ def _few(evidence: Evidence) -> str:
 
 
 def _uncertain(evidence: Evidence) -> str:
-    """Return what more poses would bring to predictions; nothing where it is hardly anything.
+    """Return what more poses would bring to predictions; nothing where they are as wanted.
 
-    Below the remaining error of single poses predictions are good all the same: nobody stated that
-    they are to be better.
+    Where nobody says what is wanted, they are to be no more uncertain than single readings.
     """
-    u_mm, wanted_mm = evidence.u_model_mm, SMALL_SHARE * evidence.error_mm
+    u_mm, wanted_mm = evidence.u_model_mm, evidence.left.wanted_mm or evidence.error_mm
     if u_mm <= wanted_mm:
         return ""
     more = int(np.ceil(len(evidence.ended.white) * ((u_mm / wanted_mm) ** 2 - 1.0)))
@@ -461,7 +473,7 @@ def _uncertain(evidence: Evidence) -> str:
     text = f"{word}: {u_mm:.3f} mm standard uncertainty of predicted positions"
     if f"{wanted_mm:.3f}" == f"{u_mm:.3f}":
         return text
-    return f"{text}; {more} more poses would reach {wanted_mm:.3f} mm"
+    return f"{text}; {more} more pose{'s' * (more > 1)} would reach {wanted_mm:.3f} mm"
 
 
 def _remarks(evidence: Evidence) -> Iterator[str]:
@@ -536,13 +548,16 @@ _MOST = 200
 _POSSIBLE_SCALES = 30.0
 
 
-def poses_needed(ended: FitSummary, u_needed_mm: float) -> PosesNeeded:
+def poses_needed(
+    ended: FitSummary, u_needed_mm: float, wanted_mm: float | None = None
+) -> PosesNeeded:
     """Order the poses of a fit by their information, and tell how many an uncertainty takes.
 
     Args:
         ended: how the fit ended.
         u_needed_mm: standard uncertainty of a predicted position to reach, root mean square over
             all poses.
+        wanted_mm: the same, where somebody asked for it.
     """
     white, scale = ended.white, np.array([parameter.scale for parameter in ended.parameters])
     count, scales = len(white), np.outer(scale, scale)
@@ -571,6 +586,7 @@ def poses_needed(ended: FitSummary, u_needed_mm: float) -> PosesNeeded:
         measured=count,
         needed=next(few, None),
         u_needed_mm=u_needed_mm,
+        wanted_mm=wanted_mm,
         u_model_mm=u_mm(white),
         d_optimal_order=tuple(ended.pose[order].tolist()),
         expected=tuple(expected),

@@ -69,6 +69,11 @@ class CalibrationOptions(Section):
         description="model.yaml of the same arm to start from, as after a crash or with a new "
         "tool; null for none",
     )
+    wanted_uncertainty_mm: Positive | None = Field(
+        None,
+        description="standard uncertainty that predicted positions are to have; null: none is asked "
+        "for",
+    )
     epsilon: NonNegative = Field(1.6e-4, description="weight of the tolerance terms")
     epsilon_acts_on: Literal["residual", "cost"] = Field(
         "residual", description="what epsilon multiplies"

@@ -306,6 +306,7 @@ def _health(
             repeats=scatter,
             from_touches=stated.measured.from_touches,
             findings=findings,
+            wanted_mm=case.options.wanted_uncertainty_mm,
         ),
     )
 

@@ -77,6 +77,7 @@ def calibrate_with(
     setup: MeasurementSetup,
     effects: Sequence[EffectOfPlace | Effect],
     suspected: Collection[tuple[str, float]] = (),
+    wanted_mm: float | None = None,
 ) -> CalibratedWith:
     """Fit a calibrated model with effects, all parameters anew.
 
@@ -89,6 +90,7 @@ def calibrate_with(
         effects: what to add: effects of a model, or their names and places.
         suspected: poses, with their load [N], that the calibration without effects suspects; like
             readings with a gross error they have no part in the remaining error.
+        wanted_mm: standard uncertainty that predicted positions are to have; None for any.
 
     Raises:
         CalibrationError: when there is no such effect at that place of the arm, or an effect needs
@@ -142,6 +144,7 @@ def calibrate_with(
         noise_mm=_noise_mm(used, whitener),
         noise_is_found=True,
         spread_mm=used.measured.spread_mm,
+        wanted_mm=wanted_mm,
     )
     summary = _summary(fitted, used, whitener, covariance)
     return CalibratedWith(
@@ -205,7 +208,7 @@ def calibrated_with(
     outliers = record.suspected_outliers if isinstance(record, GeneralCalibrationRecord) else ()
     suspected = {(each.pose, each.load_N) for each in outliers}
     used = every.take(np.flatnonzero(fitted))
-    found = calibrate_with(used, model, setup, effects, suspected)
+    found = calibrate_with(used, model, setup, effects, suspected, options.wanted_uncertainty_mm)
     return with_effects(record, found, campaign)
 
 

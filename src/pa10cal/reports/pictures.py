@@ -289,7 +289,12 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
         figure,
         "Uncertainty of a prediction by number of poses",
         f"Solid with circles: the most informative poses first; dashed with crosses: as measured. "
-        f"The dotted line, {poses.u_needed_mm:.3f} mm, is enough.",
+        f"The dotted line, {poses.u_needed_mm:.3f} mm, "
+        + (
+            "adds hardly anything to the remaining error."
+            if poses.wanted_mm is None
+            else "is wanted."
+        ),
         "poses-needed",
     )
 

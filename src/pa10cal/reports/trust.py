@@ -105,11 +105,13 @@ def _checks(case: CalibrationRecord) -> Iterator[tuple[str, str, str]]:
     poses = health.poses
     if poses.u_model_mm is not None:
         needed = f"more than {len(poses.d_optimal_order)}" if poses.needed is None else poses.needed
+        asked_mm = health.train_rms_mm if poses.wanted_mm is None else poses.wanted_mm
         yield (
-            "expected uncertainty of a prediction is small beside the remaining error",
-            f"{mm(poses.u_model_mm)} mm with {poses.measured} poses, {mm(poses.u_needed_mm)} mm "
-            f"is enough: {needed} well-chosen poses",
-            _passes(poses.u_model_mm <= poses.u_needed_mm),
+            "expected uncertainty of a prediction is no larger than "
+            + ("the remaining error" if poses.wanted_mm is None else "wanted"),
+            f"{mm(poses.u_model_mm)} mm with {poses.measured} poses; {needed} well-chosen poses "
+            f"reach {mm(poses.u_needed_mm)} mm",
+            _passes(poses.u_model_mm <= asked_mm),
         )
     if isinstance(case, GeneralCalibrationRecord):
         outliers = case.suspected_outliers
@@ -305,18 +307,23 @@ def next_poses(results: ResultsBundle) -> Iterator[Block]:
     """Yield what to measure next, and what for."""
     if results.calibration is not None:
         poses = results.calibration.health.poses
+        enough = (
+            "would add hardly anything to the remaining error"
+            if poses.wanted_mm is None
+            else "is wanted"
+        )
         now = f"{poses.measured} poses give a standard uncertainty of {mm(poses.u_model_mm)} mm"
         if poses.u_model_mm is None:
             yield Paragraph("How uncertain predictions are is not known.")
         elif poses.needed is None:
             yield Paragraph(
-                f"{now}; {mm(poses.u_needed_mm)} mm would add hardly anything to the remaining "
-                "error, and no number of such poses reaches it."
+                f"{now}; {mm(poses.u_needed_mm)} mm {enough}, and no number of such poses "
+                "reaches it."
             )
         else:
             yield Paragraph(
-                f"{now} of a predicted position. {mm(poses.u_needed_mm)} mm is enough, beside the "
-                f"remaining error; {poses.needed} well-chosen poses reach it. For a "
+                f"{now} of a predicted position. {mm(poses.u_needed_mm)} mm {enough}; "
+                f"{poses.needed} well-chosen poses reach it. For a "
                 "repetition of the campaign, the most informative of those measured are, in order: "
                 f"{', '.join(list(dict.fromkeys(poses.d_optimal_order))[:_MOST_POSES])}."
             )

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from pa10cal.results.record import Part
+from pa10cal.results.record import Part, optional
 
 #: How good a calibration is.
 Grade = Literal["good", "few_poses", "incomplete", "suspect_input", "not_converged"]
@@ -71,6 +71,10 @@ class PosesNeeded(Part):
     needed: int | None = Field(description="number of poses needed; null where none suffices")
     u_needed_mm: float = Field(
         description="standard uncertainty of a predicted position to reach [mm]"
+    )
+    wanted_mm: float | None = optional(
+        "the same, where the settings ask for one; else the uncertainty to reach is one that adds "
+        "hardly anything to the remaining error"
     )
     u_model_mm: float | None = Field(
         description="standard uncertainty of a predicted position now [mm]; null where not known"

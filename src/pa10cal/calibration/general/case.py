@@ -173,6 +173,7 @@ def general_case(
         findings=findings,
         without_springs_mm=None if geometry is full else summarise(rigid_left.take(trusted)).rms_mm,
         weights=known.origin if known.assumed and full.springs else "",
+        wanted_mm=options.wanted_uncertainty_mm,
     )
     ended = _fit_summary(full)
     judged = health(ended, errors)
