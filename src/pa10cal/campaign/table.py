@@ -55,6 +55,8 @@ def write_pose_table(
         metadata["findings"] = json.dumps([finding.model_dump() for finding in findings])
     if every.base is not None and every.base.found is not None:
         metadata["base_motion"] = json.dumps(asdict(every.base.found))
+    if targets := every.measured.R_first_target_of:
+        metadata["targets"] = json.dumps({name: R.tolist() for name, R in targets.items()})
     table = table.replace_schema_metadata(metadata)
     pq.write_table(table, path, compression="zstd")
 
@@ -78,7 +80,9 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
         here = np.flatnonzero(columns[_CAMPAIGN] == campaign.name)
         each.append(_observations(_own_columns(columns, here), campaign))
         rows.append(here)
-    whole = joined(each, tuple(campaign.name for campaign in description.campaigns))
+    known = json.loads((pq.read_schema(path).metadata or {}).get(b"targets", b"{}"))
+    targets = {name: np.array(R) for name, R in known.items()}
+    whole = joined(each, tuple(campaign.name for campaign in description.campaigns), targets)
     return whole.take(np.argsort(np.concatenate(rows), kind="stable"))
 
 

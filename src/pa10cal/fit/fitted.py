@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
@@ -183,6 +183,8 @@ class Fitted:
     # (3, 3) attitude of the target in the end of the chain, for an instrument that measures
     # attitudes; the target's place there is the term of the tool
     R_ee_target: Array = field(default_factory=lambda: np.eye(3))
+    # (3, 3) attitude of the target of each campaign of a group in that of the first, by name
+    R_first_target_of: Mapping[str, Array] = field(default_factory=dict)
     # (t,) places of further targets in the flange, x, y, z of each
     targets_m: Array = field(default_factory=lambda: np.zeros(0))
     target_names: tuple[str, ...] = ()  # (t / 3,) their names

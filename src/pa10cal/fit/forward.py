@@ -166,7 +166,8 @@ class Forward:
         on_tool = frame in tools or (frame == TOOL_FRAME and bool(tools or not model.target_names))
         T = np.eye(4)
         if on_tool:
-            T[:3, :3] = model.R_ee_target
+            campaign = "" if own is None else own.name
+            T[:3, :3] = model.R_ee_target @ model.R_first_target_of.get(campaign, np.eye(3))
         elif frame != FLANGE:
             name = frame.removeprefix(TARGET)
             row = model.target_names.index(name) if frame != TOOL_FRAME else 0

@@ -110,7 +110,12 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
         "terms": [_term_to_plain(model, term) for term in model.model.terms],
         "payload": None if model.payload is None else _payload_to_plain(model.payload),
         "T_instr_base": model.T_instr_base.tolist(),
-        "tool": {"R_ee_target": model.R_ee_target.tolist()},
+        "tool": {"R_ee_target": model.R_ee_target.tolist()}
+        | (
+            {"R_first_target_of": {name: R.tolist() for name, R in of.items()}}
+            if (of := model.R_first_target_of)
+            else {}
+        ),
         "targets_m": {
             name: place.tolist()
             for name, place in zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True)
@@ -173,6 +178,10 @@ def model_from_plain(
             x=np.concatenate([np.zeros(0), *(x for _, x in pairs)]),
             T_instr_base=_frame(content["T_instr_base"], "T_instr_base"),
             R_ee_target=np.array(content["tool"]["R_ee_target"], dtype=float).reshape(3, 3),
+            R_first_target_of={
+                name: np.array(R, dtype=float).reshape(3, 3)
+                for name, R in content["tool"].get("R_first_target_of", {}).items()
+            },
             targets_m=np.array(list(targets.values()), dtype=float).ravel(),
             target_names=tuple(targets),
             targets_off_m=np.array(content["targets_off_m"], dtype=float),

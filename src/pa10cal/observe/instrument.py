@@ -83,6 +83,11 @@ class Instrument(ABC):
         return ()
 
     @property
+    def R_first_target_of(self) -> Mapping[str, Array]:
+        """Return the attitude (3, 3) of the target of each campaign of a group in the first's."""
+        return {}
+
+    @property
     def parts_seen(self) -> tuple[tuple[Index | slice, slice], ...]:
         """Return poses and the components that may be seen in them, of each campaign of a group."""
         return ((slice(None), slice(None)),)

@@ -7,7 +7,7 @@ are seen. All campaigns stand in one frame, that of the first (see `observe.grou
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, NoReturn, Self
 
@@ -91,6 +91,9 @@ class Joined(OneByOne):
     # (C,) what was measured in the poses of each, in the order in which they stand here
     parts: tuple[Instrument, ...]
     campaign: Index  # (P,) campaign of each pose
+    # (C) attitude (3, 3) of the target of each campaign in that of the first, by name: attitudes
+    # here are turned to the first's
+    targets: Mapping[str, Array] = field(default_factory=dict)
 
     kind: ClassVar[str] = ""
     words: ClassVar[Words] = Words(
@@ -156,6 +159,11 @@ class Joined(OneByOne):
     @override
     def campaigns(self) -> tuple[tuple[str, Instrument], ...]:
         return tuple(zip(self.names, self.parts, strict=True))
+
+    @property
+    @override
+    def R_first_target_of(self) -> Mapping[str, Array]:
+        return self.targets
 
     @property
     @override
@@ -445,21 +453,26 @@ def join(members: Sequence[Member]) -> Observations[Joined]:
         every.with_states(replace(every.states, time_s=time_s))
         for every, time_s in zip(each, times_s, strict=True)
     ]
-    return joined(each, tuple(member.name for member in members))
+    R_first = frames.R_ee_target
+    targets = {member.name: R_first.T @ member.start.R_ee_target for member in members}
+    return joined(each, tuple(targets), targets)
 
 
-def joined(each: Sequence[Observations], names: tuple[str, ...]) -> Observations[Joined]:
+def joined(
+    each: Sequence[Observations], names: tuple[str, ...], targets: Mapping[str, Array]
+) -> Observations[Joined]:
     """Join campaigns that stand in one frame, and whose labels and times are apart.
 
     Args:
         each: single readings of every campaign.
         names: of the campaigns.
+        targets: see `Joined`.
     """
     campaign = np.repeat(np.arange(len(each)), [len(every) for every in each])
     columns = ((every.pose, every.kind, every.repeat, every.readings) for every in each)
     pose, kind, repeat, readings = map(np.concatenate, zip(*columns, strict=True))
     states = _states([every.states for every in each], campaign)
-    measured = Joined(names, tuple(every.measured for every in each), campaign)
+    measured = Joined(names, tuple(every.measured for every in each), campaign, targets)
     log = _log([every.log for every in each])
     return Observations(pose, states, measured, kind, repeat, readings, log)
 

@@ -174,6 +174,22 @@ def test_every_campaigns_tool_and_targets_are_frames_by_name(members, tmp_path):
         back.predict(q, frame="tool@other")
 
 
+@pytest.mark.parametrize("kinds", [("pose", "pose"), ("points", "pose")])
+def test_a_tool_keeps_the_attitude_that_it_had_in_its_own_campaign(members, kinds, tmp_path):
+    first, second = members(kinds, 0.0)
+    R = Rotation.from_euler("XYZ", [0.3, -1.1, 2.0]).as_matrix()
+    turned = second.observations.turned(R.T)
+    mounted = replace(second, observations=turned, start=find_start(ARM, turned))
+    save_model(fitted(together([first, mounted])), tmp_path / "model.yaml")
+    group = load_model(tmp_path / "model.yaml").T_flange_frame("tool@of-1")
+    alone, before = (
+        fitted(calibrate_general(ARM, each.observations, each.start)).T_flange_frame("tool")
+        for each in (mounted, second)
+    )
+    np.testing.assert_allclose(group, alone, atol=1e-4)
+    np.testing.assert_allclose(group[:3, :3], before[:3, :3] @ R, atol=1e-4)
+
+
 @pytest.mark.parametrize(
     ("kinds", "tool"),
     [(("points", "pose"), "tool@of-1"), (("points", "distance"), "target_T1@of-0")],

@@ -322,6 +322,7 @@ def fitted(general: GeneralCalibration) -> FittedModel:
         x=about_moved_base(model.terms, of_model[:count], small),
         T_instr_base=problem.T_instr_base @ motion_of_base(small),
         R_ee_target=general.start.R_ee_target,
+        R_first_target_of=problem.measured.R_first_target_of,
         targets_m=problem.places_at(x),
         target_names=problem.measured.target_names,
         covariance=_covariance(general, count),

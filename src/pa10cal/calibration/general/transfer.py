@@ -97,6 +97,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
         covariance=covariance,
         T_instr_base=start.T_instr_base @ motion_of_base(small),
         R_ee_target=start.R_ee_target,
+        R_first_target_of=observations.measured.R_first_target_of,
         targets_m=problem.places_at(found.x),
         falls_back=None
         if away is None
