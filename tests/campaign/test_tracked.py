@@ -170,6 +170,13 @@ def test_a_row_without_a_torque_or_a_true_uncertainty_is_listed(tracked, column,
     assert not np.isnan(ingested.observations.states.tau_Nm).any()
 
 
+@pytest.mark.parametrize("quote", ["", '"'])
+def test_a_field_longer_than_any_is_listed(tracked, quote):
+    replace(tracked.poses, 12, "x_mm", quote + 150_000 * "7")
+    (row,) = ingest(tracked).quarantined
+    assert (row.line, row.reason) == (13, "not a finite number")
+
+
 def test_an_uncertainty_left_blank_is_not_stated(tracked):
     with_columns(tracked.poses, {"u_x_mm": 0.02})
     replace(tracked.poses, 12, "u_x_mm", "")

@@ -54,8 +54,12 @@ class Layout:
     def fields(self, text: str) -> list[str]:
         """Return the fields of a line."""
         if '"' in text and self.separator is not None:
-            (split,) = csv.reader([text], delimiter=self.separator, skipinitialspace=True)
-            return [field.strip() for field in split]
+            try:
+                (split,) = csv.reader([text], delimiter=self.separator, skipinitialspace=True)
+            except csv.Error:  # a field of more than 131072 characters: no number, quoted or not
+                pass
+            else:
+                return [field.strip() for field in split]
         return [field.strip(' \t"') for field in text.split(self.separator)]
 
     def names(self, text: str) -> list[str]:
