@@ -194,27 +194,38 @@ def simulated_model(
     return made, campaign, model
 
 
-def true_flange(made: Campaign, q: Array, load_N: float = 0.0) -> Array:
+def true_flange(
+    made: Campaign, q: Array, load_N: float = 0.0, arrival: Array | None = None
+) -> Array:
     """Return where the flange of the true robot comes to rest, in its base, (N, 4, 4) [m].
 
     Args:
         made: its campaign.
         q: (N, n) joint positions commanded.
         load_N: external load.
+        arrival: (N, n) direction in which each joint arrived, -1 or 1; None for none.
     """
     truth, zero = made.truth, np.zeros(len(q))
-    motion = Motion(q, np.zeros_like(q), truth.robot.arm.gear_ratio)
+    arrived = np.zeros_like(q) if arrival is None else arrival
+    motion = Motion(q, arrived, truth.robot.arm.gear_ratio)
     drive = q.copy()
     for effect in truth.effects:
         if isinstance(effect, DriveEffect):
             drive = drive + effect.turn_rad(motion)
-    return rest_poses(truth.robot, truth.effects, drive, zero + load_N, zero, zero).T_base_ee
+    rest = rest_poses(truth.robot, truth.effects, drive, zero + load_N, zero, zero, arrived)
+    return rest.T_base_ee
 
 
-def true_frame(made: Campaign, q: Array, frame: str = "tool", load_N: float = 0.0) -> Array:
+def true_frame(
+    made: Campaign,
+    q: Array,
+    frame: str = "tool",
+    load_N: float = 0.0,
+    arrival: Array | None = None,
+) -> Array:
     """Return where a frame of the true robot is, in the instrument's frame, (N, 4, 4) [m]."""
     robot = made.truth.robot
-    T_instr_ee: Array = robot.T_instr_base @ true_flange(made, q, load_N)
+    T_instr_ee: Array = robot.T_instr_base @ true_flange(made, q, load_N, arrival)
     if frame == "flange":
         return T_instr_ee
     kind = instruments()[made.instrument.kind]
@@ -235,7 +246,13 @@ def as_designed(model: FittedModel) -> FittedModel:
     return replace(model, model=rigid, x=x, covariance=None, falls_back=None)
 
 
-def command(made: Campaign, model: FittedModel, q: Array, load_N: float = 0.0) -> Commanded:
+def command(
+    made: Campaign,
+    model: FittedModel,
+    q: Array,
+    load_N: float = 0.0,
+    arrival: Array | None = None,
+) -> Commanded:
     """Command the tool of a robot to where it would be as designed, and see where it comes.
 
     Args:
@@ -243,12 +260,13 @@ def command(made: Campaign, model: FittedModel, q: Array, load_N: float = 0.0) -
         model: its calibrated model.
         q: (N, n) joint positions of the program, as for the arm as designed.
         load_N: external load.
+        arrival: (N, n) from which side each joint comes, which nobody tells the model.
     """
     wanted = as_designed(model).predict(q, frame="tool").T
     found = model.compensate(wanted, frame="tool", seed=q, load_N=load_N)
     T_instr_wanted = model.T_instr_base @ wanted
     before, after = (
-        pose_difference(true_frame(made, each, load_N=load_N), T_instr_wanted)
+        pose_difference(true_frame(made, each, load_N=load_N, arrival=arrival), T_instr_wanted)
         for each in (q, found.q)
     )
     return Commanded(
