@@ -37,12 +37,15 @@ __all__ = [
 ]
 
 
-def read_campaign(folder: Path | str, options: IngestOptions | None = None) -> Campaign:
+def read_campaign(
+    folder: Path | str, options: IngestOptions | None = None, *, arms: Path | str | None = None
+) -> Campaign:
     """Read a measurement campaign: its raw files to single readings, held-out poses marked.
 
     Args:
         folder: the campaign's folder, with `campaign.yaml` and the raw files that it names.
         options: how to ingest; None for the defaults.
+        arms: folder of arm descriptions; None for `arms` beside the campaign's folder.
 
     Raises:
         RawDataError: when the description or a file, or too much of it, cannot be used, when there
@@ -51,7 +54,7 @@ def read_campaign(folder: Path | str, options: IngestOptions | None = None) -> C
     """
     from pa10cal.campaign.table import as_in_table
 
-    found = read_raw(folder, options)
+    found = read_raw(folder, options, arms=arms)
     every = as_in_table(found.observations, found.arm.prismatic, found.description)
     return replace(found, observations=every)
 

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from made_up_sightings import sighted
 from pa10cal.__main__ import main
 from pa10cal.campaign.read import read_campaign
+from pa10cal.files.arms import arm_text, load_arm
 
 Q = [f"q{j}_deg" for j in range(1, 7)]
 PLACE, QUATERNION = ["x_mm", "y_mm", "z_mm"], ["qw", "qx", "qy", "qz"]
@@ -92,6 +93,19 @@ def test_units_without_a_word_are_found_by_the_arm(tmp_path, proposed):
     own[["px", "py", "pz"]] *= 1e-3
     columns = proposed(own, "--robot", "ur10")[0]["columns"]["poses"]
     assert columns["position"] == {"names": ["px", "py", "pz"], "unit": "m"}
+
+
+def test_an_arm_is_taken_from_a_folder_of_arms(tmp_path, proposed):
+    _, table = tracked(tmp_path)
+    arms = tmp_path / "elsewhere"
+    arms.mkdir()
+    own = arm_text(load_arm("ur10")).replace("ur10", "ours")
+    (arms / "ours.yaml").write_text(own, encoding="utf-8")
+    content, text, folder = proposed(table, "--robot", "ours", "--arms", str(arms))
+    assert content["robot"] == "ours"
+    assert "rows can be used, 0 cannot" in text
+    assert read_campaign(folder, arms=arms).arm.n == 6
+    assert main(["columns", str(folder / "export.txt"), "--robot", "ours"]) != 0
 
 
 def test_a_proposal_that_the_arm_does_not_bear_out_says_so(tmp_path, proposed):

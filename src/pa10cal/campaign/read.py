@@ -119,12 +119,15 @@ class Campaign:
         return pd.Series(rows, name=self.name).to_frame().to_html()
 
 
-def read_campaign(folder: Path | str, options: IngestOptions | None = None) -> Campaign:
+def read_campaign(
+    folder: Path | str, options: IngestOptions | None = None, *, arms: Path | str | None = None
+) -> Campaign:
     """Read a measurement campaign: its raw files to single readings, held-out poses marked.
 
     Args:
         folder: the campaign's folder, with `campaign.yaml` and the raw files that it names.
         options: how to ingest; None for the defaults.
+        arms: folder of arm descriptions; None for `arms` beside the campaign's folder.
 
     Raises:
         RawDataError: when the description or a file, or too much of it, cannot be used, when there
@@ -141,7 +144,7 @@ def read_campaign(folder: Path | str, options: IngestOptions | None = None) -> C
             allowed="the folder of one campaign",
             remedy="give the folders of its campaigns to read_group, or to pa10cal join",
         )
-    arm = load_arm(description.robot, folder)
+    arm = load_arm(description.robot, folder, None if arms is None else Path(arms))
     found = ingest_campaign(description, arm, folder, options or IngestOptions())
     return Campaign(
         folder,

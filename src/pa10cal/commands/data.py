@@ -12,7 +12,13 @@ if TYPE_CHECKING:
     from pa10cal.terms.effects.effect import Effect
 
 
-def columns(files: tuple[Path, ...], *, robot: str | None = None, name: str | None = None) -> None:
+def columns(
+    files: tuple[Path, ...],
+    *,
+    robot: str | None = None,
+    name: str | None = None,
+    arms: Path | None = None,
+) -> None:
     """Propose how to read a tracker's or controller's export as it is: a campaign.yaml for it.
 
     Encoding, separator, decimal sign and columns are recognised by the header and the numbers; with
@@ -26,6 +32,7 @@ def columns(files: tuple[Path, ...], *, robot: str | None = None, name: str | No
             joints in one and the readings in the other.
         robot: name of the arm's description, shipped or beside the file.
         name: name of the campaign; without it, that of the folder.
+        arms: folder of arm descriptions; without it, `arms` beside the folder of the files.
 
     Examples:
         pa10cal columns examples/ur10-pose/tracker.txt --robot ur10
@@ -50,7 +57,7 @@ def columns(files: tuple[Path, ...], *, robot: str | None = None, name: str | No
             remedy="give one or two files of the campaign's folder",
         )
     file = files[0]
-    arm = None if robot is None else load_arm(robot, file.parent)
+    arm = None if robot is None else load_arm(robot, file.parent, arms)
     label = name or label_of(file.absolute().parent)
     if len(files) == 2:
         logs = sniff(files[0]), sniff(files[1])
