@@ -52,6 +52,18 @@ def test_a_folder_is_refused_before_anything_is_started(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_file_that_cannot_be_read_is_refused_before_anything_is_started(
+    campaign, tmp_path, capsys
+):
+    folder = campaign("mine")
+    text = (folder / "tracker.txt").read_text(encoding="utf-8")
+    assert "X [m]" in text
+    (folder / "tracker.txt").write_text(text.replace("X [m]", "East"), encoding="utf-8")
+    assert run_command("run", [str(folder), "--out", str(tmp_path / "out")]) == REFUSED
+    assert "X [m]" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_several_folders_are_a_group_with_a_name_of_its_own(campaign, tmp_path, capsys):
     one, two = str(campaign("one")), str(campaign("two"))
     out = ["--out", str(tmp_path / "out")]

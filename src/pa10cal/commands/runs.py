@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pa10cal.options import IngestOptions
 
 #: Options of Snakemake: its progress goes to the display.
 _QUIET = ("--quiet", "all", "--logger", "pa10cal")
@@ -87,6 +91,8 @@ def run(
     if group is not None:
         over["groups"] = {group: names}
     used = settings_of(own, over, f"{settings or places[0] / 'campaign.yaml'}: name")
+    for folder in places:
+        _refuse_small(folder, used.ingest, arms)
     raw = out / WORK_FOLDER / "raw"
     config = {key: json.dumps(value) for key, value in over.items()}
     config |= {"raw_dir": str(raw), "results_dir": str(out)}
@@ -125,6 +131,20 @@ def run(
 
     print(table([summarise(out / name, used.evaluation.calibration)]))
     print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")
+
+
+#: Raw files of so few bytes are read before the workflow starts, within a second.
+_SMALL = 5_000_000
+
+
+def _refuse_small(folder: Path, options: IngestOptions, arms: Path | None) -> None:
+    """Refuse a campaign with small raw files that cannot be ingested, at once."""
+    from pa10cal.planning.campaign import raw_files
+
+    if sum(path.stat().st_size for path in raw_files(folder) if path.is_file()) < _SMALL:
+        from pa10cal.campaign.read import read_campaign
+
+        read_campaign(folder, options, arms=arms)
 
 
 def reproduce(
