@@ -330,53 +330,37 @@ def csv_text(record: MeasuredRobotsRecord) -> str:
 
 
 def _numbers(errors: Mapping[MeasuredModel, HeldOutError]) -> list[str | None]:
-    found = [errors.get(model) for model in MODELS]
-    return [f"{mm:.4f}" if each else None for each in found for mm in _pair(each)]
-
-
-def _pair(error: HeldOutError | None) -> tuple[float, float]:
-    return (0.0, 0.0) if error is None else (error.mean_mm, error.rms_mm)
+    return [
+        f"{getattr(errors[model], kind):.4f}" if model in errors else None
+        for model in MODELS
+        for kind in ("mean_mm", "rms_mm")
+    ]
 
 
 def markdown(record: MeasuredRobotsRecord) -> str:
     """Return the tables of the page."""
-    head = [
-        "campaign",
-        "robot, instrument",
-        "poses",
-        *MODELS,
-        "verdict, names",
-        "reported by others",
-    ]
-    lines = [_line(head), _line(["---"] * len(head))]
+    head = ("campaign", "robot, instrument", "poses", *MODELS)
+    lines = _header(*head, "verdict, names", "reported by others")
     for each in record.robots:
         told = f"{each.status}: {each.message}" if each.message else _verdict(each)
         about = ", ".join(text for text in (each.robot, each.instrument) if text)
         if each.members:
             about += f"; {', '.join(each.members)} as one"
         poses = "" if each.poses is None else f"{each.poses} ({each.held_out})"
-        lines.append(
-            _line(
-                [
-                    f"`{each.campaign}`",
-                    about,
-                    poses,
-                    *_cells(each.errors),
-                    told,
-                    each.published or "",
-                ]
-            )
-        )
+        of = (f"`{each.campaign}`", about, poses, *_cells(each.errors))
+        lines.append(_line([*of, told, each.published or ""]))
     carried = [(each.campaign, other) for each in record.robots for other in each.carried]
-    if not carried:
-        return "\n".join(lines) + "\n"
-    head = ["model of", "in", *MODELS]
-    lines += ["", "Carried to another campaign, base and tool alone fitted there:", ""]
-    lines += [_line(head), _line(["---"] * len(head))]
+    if carried:
+        lines += ["", "Carried to another campaign, base and tool alone fitted there:", ""]
+        lines += _header("model of", "in", *MODELS)
     for name, other in carried:
         cells = [other.message, "", "", ""] if other.message else _cells(other.errors)
         lines.append(_line([f"`{other.source}`", f"`{name}`", *cells]))
     return "\n".join(lines) + "\n"
+
+
+def _header(*titles: str) -> list[str]:
+    return [_line(titles), _line(["---"] * len(titles))]
 
 
 def _verdict(robot: MeasuredRobot) -> str:
