@@ -11,15 +11,7 @@ from pa10cal.calibration.uncertainty import align_nominal
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.preparation import prepared as made_ready
-from pa10cal.evaluation.holdout import (
-    Placed,
-    judged,
-    parts_of,
-    placed,
-    prepared,
-    steps_elsewhere,
-    worth_cutting,
-)
+from pa10cal.evaluation import holdout
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations, poses_of, reading_groups
@@ -87,9 +79,9 @@ class Evaluation:
         def errors(
             model: FittedModel, every: Observations, seen: AnglesSeen | None
         ) -> HeldOutModel:
-            poses = prepared(every, kind, model, setup, cuts_s)
+            poses = holdout.prepared(every, kind, model, setup, cuts_s)
             beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
-            return judged(model, poses, beyond, suspected)
+            return holdout.judged(model, poses, beyond, suspected)
 
         learnt = None if extended is None else extended.seen
         if not elsewhere:
@@ -102,11 +94,11 @@ class Evaluation:
         learnt = learnt or best.seen
         found, left_mm = {}, np.inf
         for name, model in models.items():
-            there = placed(model, every, setup, cuts_s)
+            there = holdout.placed(model, every, setup, cuts_s)
             found[name], left_mm = errors(there.model, every, learnt), there.rms_mm
         if extended is not None:
             arrived = with_arrivals(every)[0]
-            there = placed(extended.model, arrived, setup, cuts_s)
+            there = holdout.placed(extended.model, arrived, setup, cuts_s)
             # Effects that do not even help in the poses to which base and tool were fitted stay
             # away.
             *_, last = found.values()
@@ -119,16 +111,16 @@ class Evaluation:
     ) -> tuple[dict[str, HeldOutModel], tuple[PartOfCampaign, ...]]:
         """Judge the models with a base for every part of the campaign; return the parts too."""
         found = self.judge(elsewhere=True, cuts_s=cuts_s)
-        return found, parts_of(*self.best(cuts_s), cuts_s)
+        return found, holdout.parts_of(*self.best(cuts_s), cuts_s)
 
-    def best(self, cuts_s: Sequence[float] = ()) -> tuple[Placed, Observations]:
+    def best(self, cuts_s: Sequence[float] = ()) -> tuple[holdout.Placed, Observations]:
         """Return what leaves least of the calibration poses, and the readings as it takes them."""
         *_, last = self.models.values()
-        best = placed(last, self.every, self.setup, cuts_s)
+        best = holdout.placed(last, self.every, self.setup, cuts_s)
         if self.extended is None:
             return best, self.every
         arrived = with_arrivals(self.every)[0]
-        with_effects = placed(self.extended.model, arrived, self.setup, cuts_s)
+        with_effects = holdout.placed(self.extended.model, arrived, self.setup, cuts_s)
         return (with_effects, arrived) if with_effects.rms_mm < best.rms_mm else (best, self.every)
 
 
@@ -148,7 +140,7 @@ def held_out_record(campaign: Campaign, calibration: str, own: Evaluation) -> Ho
     found = own.judge()
     cuts_s: Sequence[float] = ()
     if found and own.extended is not None and not own.every.measured.campaigns:
-        cuts_s = worth_cutting(own.every, own.extended.steps_s)
+        cuts_s = holdout.worth_cutting(own.every, own.extended.steps_s)
     parts = by_parts = None
     if cuts_s:
         in_parts, parts = own.judge_in_parts(cuts_s)
@@ -180,7 +172,7 @@ def transfer_record(campaign: Campaign, from_: str, there: Evaluation) -> Transf
     cuts_s: Sequence[float] = ()
     if found:
         best, arrived = there.best()
-        cuts_s = steps_elsewhere(best.model, arrived, there.setup)
+        cuts_s = holdout.steps_elsewhere(best.model, arrived, there.setup)
     parts = one_base = None
     if cuts_s:
         one_base = _errors_of(found)

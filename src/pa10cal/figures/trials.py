@@ -14,15 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from scipy.special import ndtri
 
+from pa10cal.figures import style
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.style import (
-    name_rows,
-    new_figure,
-    note,
-    panel,
-    plain_log,
-    write_beside,
-)
 from pa10cal.figures.table import Table, frame_of
 from pa10cal.reports.formatting import HALF_WIDTH_95
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SEPARATOR, SKY, VERMILLION
@@ -42,10 +35,10 @@ def draw_rates(axes: Axes, rows: Sequence[RateRow]) -> None:
         share = 100.0 * (rate.share or 0.0)
         off = [[share - 100.0 * rate.low], [100.0 * rate.high - share]]
         axes.errorbar(share, y, xerr=off, **_WITH_INTERVAL)
-        write_beside(axes, y, f"{rate.count} of {rate.of}", color=GREY)
+        style.write_beside(axes, y, f"{rate.count} of {rate.of}", color=GREY)
         if allowed is not None:
             axes.plot(100.0 * allowed, y, color=BLACK, marker="|", markersize=10.0)
-    name_rows(axes, [name for name, _, _ in rows])
+    style.name_rows(axes, [name for name, _, _ in rows])
 
 
 def rates_figure(title: str, rows: Sequence[RateRow], row_mm: float, left_mm: float) -> Figure:
@@ -58,13 +51,13 @@ def rates_figure(title: str, rows: Sequence[RateRow], row_mm: float, left_mm: fl
         left_mm: room for their names.
     """
     height = row_mm * len(rows)
-    figure = new_figure(height + 36.0, title)
-    axes = panel(figure, left_mm, 24.0, 144.0 - left_mm, height)
+    figure = style.new_figure(height + 36.0, title)
+    axes = style.panel(figure, left_mm, 24.0, 144.0 - left_mm, height)
     draw_rates(axes, rows)
     highest = max(5.0, *(100.0 * max(rate.high, allowed or 0.0) for _, rate, allowed in rows))
     axes.set_xlim(-0.02 * highest, 1.02 * highest)
     axes.set_xlabel("share of trials [%]")
-    note(
+    style.note(
         figure,
         "Bars: 95 % intervals (Clopper and Pearson). Upright dash: what is allowed, or required.",
     )
@@ -132,8 +125,8 @@ def draw_trials_confusion(scores: TrialScoresRecord) -> Figure:
     ids = sorted({*inside, *(given - set(_WORDS))})
     columns = [*ids, *(word for word in _WORDS if word in given)]
     width, height = _CELL_MM * (len(columns) + 1), _CELL_MM * len(rows)
-    figure = new_figure(_TOP_MM + height + _BOTTOM_MM, _TITLE)
-    axes = panel(figure, _LEFT_MM, _BOTTOM_MM, width, height)
+    figure = style.new_figure(_TOP_MM + height + _BOTTOM_MM, _TITLE)
+    axes = style.panel(figure, _LEFT_MM, _BOTTOM_MM, width, height)
     for y, (name, counts) in enumerate(rows):
         best = _RIGHT_WITHOUT_NAME if y >= len(inside) else name
         _draw_cells(axes, y, counts, columns, best)
@@ -142,7 +135,7 @@ def draw_trials_confusion(scores: TrialScoresRecord) -> Figure:
         axes.axvline(x - 0.5, color=SEPARATOR, linewidth=0.8)
     if 0 < len(inside) < len(rows):
         axes.axhline(len(inside) - 0.5, color=SEPARATOR, linewidth=0.8)
-    note(
+    style.note(
         figure,
         "Blue: right id at the right place, or rightly without a name. Orange: not named alone, "
         "but no wrong name\neither. Red: wrong. Shade: share of the row. Last column: trials.",
@@ -249,15 +242,15 @@ def draw_trials_intervals(scores: TrialScoresRecord) -> Figure:
     if not found.scores:
         raise NothingToShowError("no hidden effect with parameters was named")
     height = max(50.0, _ROW_MM_OF_INTERVALS * len(found.by_parameter))
-    figure = new_figure(height + 44.0, _TITLE_OF_INTERVALS)
-    inside_by_parameter = panel(figure, 50.0, 30.0, 42.0, height)
+    figure = style.new_figure(height + 44.0, _TITLE_OF_INTERVALS)
+    inside_by_parameter = style.panel(figure, 50.0, 30.0, 42.0, height)
     rates = [(f"{row.id} {row.parameter}", row, None) for row in found.by_parameter]
     draw_rates(inside_by_parameter, rates)
     inside_by_parameter.axvline(95.0, color=BLACK, linewidth=0.8)
     inside_by_parameter.set(xlim=(0.0, 102.0), xlabel="inside, 95 % interval [%]")
-    _draw_levels(panel(figure, 123.0, 30.0 + height - 44.0, 44.0, 44.0), scores)
+    _draw_levels(style.panel(figure, 123.0, 30.0 + height - 44.0, 44.0, 44.0), scores)
     inside = found.inside
-    note(
+    style.note(
         figure,
         f"{inside.count} of {inside.of} parameters lie inside their 95 % interval "
         f"({100 * inside.low:.1f} to {100 * inside.high:.1f} %);\nroot mean square of "
@@ -326,17 +319,17 @@ def draw_trials_power(scores: TrialScoresRecord) -> Figure:
     names = sorted({trial.hidden[0].id for trial in trials})
     markers = dict(zip(sorted({trial.layout for trial in trials}), cycle(_MARKERS), strict=False))
     height, below = _ROW_MM_OF_POWER * len(names), 32.0 + 3.5 * ((len(markers) + 2) // 3)
-    figure = new_figure(height + below + 15.0, _TITLE_OF_POWER)
-    by_size = panel(figure, 37.0, below, 60.0, height)
+    figure = style.new_figure(height + below + 15.0, _TITLE_OF_POWER)
+    by_size = style.panel(figure, 37.0, below, 60.0, height)
     _draw_sizes(by_size, trials, names, markers)
     for k, name in enumerate(names):
         curve = scores.power.by_id.get(name)
         if curve is not None and curve.most is not None:
             by_size.plot(curve.most, k, color=BLACK, marker="|", markersize=9.0, linestyle="none")
-    _draw_moved(panel(figure, 112.0, below, 55.0, height), scores)
+    _draw_moved(style.panel(figure, 112.0, below, 55.0, height), scores)
     layouts = "; ".join(f"{_MARKERS[marker]}: {layout}" for layout, marker in markers.items())
     layouts = fill(f"{layouts[0].upper()}{layouts[1:]}.", _LINE)
-    note(
+    style.note(
         figure,
         "Filled blue: named or in the alternatives; hollow red: neither; hollow grey: declared "
         f"not testable.\n{layouts}\n"
@@ -357,8 +350,8 @@ def _draw_sizes(
         hidden = trial.hidden[0]
         y = names.index(hidden.id) + offsets[trial.layout]
         axes.plot(hidden.size, y, marker=markers[trial.layout], **_look(hidden))
-    plain_log(axes, "x", 0.085, 3.5)
-    name_rows(axes, names)
+    style.plain_log(axes, "x", 0.085, 3.5)
+    style.name_rows(axes, names)
     axes.set_xlabel("size, in the reference size of the effect")
     axes.set_title("every trial")
 
@@ -387,7 +380,7 @@ def _draw_moved(axes: Axes, scores: TrialScoresRecord) -> None:
         x = np.sqrt(ratio**2 - 1.0)
         axes.axvline(x, color=GREY, linewidth=0.8, linestyle=":")
         axes.text(x, 1.06, f" {ratio:g} × ", ha=side, color=GREY)
-    plain_log(axes, "x", _LOWEST, _HIGHEST)
+    style.plain_log(axes, "x", _LOWEST, _HIGHEST)
     axes.set_ylim(-0.1, 1.12)
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
     axes.set_xlabel("residual moved, over the noise floor")

@@ -30,14 +30,7 @@ from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.cell.write import truth_record
-from pa10cal.evaluation.known_truth import (
-    class_of,
-    coverage,
-    coverage_by_parameter,
-    parameter_scores,
-    prediction_scores,
-    reported_scores,
-)
+from pa10cal.evaluation import known_truth
 from pa10cal.evaluation.options import CoverageCase, CoverageOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.kinds import instruments
@@ -141,8 +134,8 @@ def _papers_model(
     table = np.array([[row[name] for name in names] for row in scores])
     return results.PaperCoverage(
         campaigns=len(scores),
-        parameters=coverage_by_parameter(names, table),
-        **dict(coverage(table)),
+        parameters=known_truth.coverage_by_parameter(names, table),
+        **dict(known_truth.coverage(table)),
     )
 
 
@@ -157,7 +150,7 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
         options,
         ErrorSources(readings, 1e-3 * options.apparatus_uncertainty_mm),
     )
-    return reported_scores(parameter_records(found), truth_record(made).parameters)
+    return known_truth.reported_scores(parameter_records(found), truth_record(made).parameters)
 
 
 @dataclass(frozen=True)
@@ -179,7 +172,7 @@ def _general_model(
     several = instruments()[case.instrument].several_targets
     title = f"{case.robot}, {targets if several else case.instrument}"
     own, free = (_scores(case, options, calibration, any_way) for any_way in (False, True))
-    classes = [class_of(name) for name in own.names]
+    classes = [known_truth.class_of(name) for name in own.names]
     return results.CoverageCase(
         case=title + (", springs" if case.flexible_joints else ""),
         **case.model_dump(mode="json"),
@@ -188,18 +181,18 @@ def _general_model(
         unknowns=len(own.names),
         redundant={each.name: each.replaced_by for each in own.unknowns.redundant},
         parameters=results.ClassCoverage(
-            **dict(coverage(own.parameters)),
+            **dict(known_truth.coverage(own.parameters)),
             by_class={
-                kind: coverage(own.parameters[:, [each == kind for each in classes]])
+                kind: known_truth.coverage(own.parameters[:, [each == kind for each in classes]])
                 for kind in sorted(set(classes))
             },
-            by_parameter=coverage_by_parameter(own.names, own.parameters),
+            by_parameter=known_truth.coverage_by_parameter(own.names, own.parameters),
         ),
-        predictions=coverage(own.predictions),
+        predictions=known_truth.coverage(own.predictions),
         departing_in_any_way=results.FreeDeparture(
             campaigns=len(free.converged),
             converged=float(free.converged.mean()),
-            predictions=coverage(free.predictions),
+            predictions=known_truth.coverage(free.predictions),
         ),
     )
 
@@ -221,9 +214,9 @@ def _scores(
         else:
             robot, truth = draw_by_unknowns(arm, plan, unknowns, rng)
         found = _calibrated(robot, plan, calibration, seed)
-        by_name.append(parameter_scores(found, truth))
+        by_name.append(known_truth.parameter_scores(found, truth))
         others = exact_observations(robot, plan, _PREDICTED_POSES, seed + _OTHER_POSES * 10**6)
-        predictions.append(prediction_scores(found, others))
+        predictions.append(known_truth.prediction_scores(found, others))
         converged.append(found.fit.converged)
     names = tuple(dict.fromkeys(name for scores in by_name for name in scores))
     scores = [[each.get(name, np.nan) for name in names] for each in by_name]
