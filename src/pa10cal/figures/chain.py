@@ -118,8 +118,7 @@ def _draw_means(axes: Axes, study: CurveCalibrationRecord) -> None:
     names = [f"{_SHORT[model]}\n{DEPARTS[departs]}" for departs, model in columns]
     axes.set_xticks(range(len(columns)), names, fontsize=7.0)
     axes.grid(visible=False, axis="x")
-    axes.set_ylabel("mean error / noise floor")
-    axes.set_title("every arm: fitted (full), held out (hollow)")
+    axes.set(ylabel="mean error / noise floor", title="every arm: fitted (full), held out (hollow)")
 
 
 def _draw_scores(axes: Axes, study: CurveCalibrationRecord) -> None:

@@ -74,6 +74,17 @@ class Bar(Part):
             return f"too few to judge ({self.trials_needed} needed)"
         return "yes" if self.met else "no"
 
+    def written(self, value: float) -> str:
+        """Return a figure as readers see it: a share in per cent."""
+        return f"{100.0 * value:.1f} %" if self.share else f"{value:.3g}"
+
+    @property
+    def interval(self) -> str:
+        """Return its 95 % interval in words; empty where it has none."""
+        if self.low is None or self.high is None:
+            return ""
+        return f"{self.written(self.low)} to {self.written(self.high)}"
+
 
 # What proposed formulas come to over many trials.
 
