@@ -36,15 +36,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import average_repeats, poses_of
 from pa10cal.results import studies as results
-from pa10cal.studies.simulated import (
-    as_read,
-    draw_by_unknowns,
-    exact_observations,
-    measured,
-    observations_of,
-    payload_of_individual,
-    truth_of,
-)
+from pa10cal.studies import simulated
 from pa10cal.terms.joint_spring import baseline
 
 PROVENANCE = "synthetic: virtual cell, no hidden effect"
@@ -143,7 +135,7 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
     """Simulate, ingest and calibrate one campaign; score every identifiable parameter."""
     arm = load_arm(simulate.robot)
     made = simulate_campaign("coverage", arm, simulate, "text_e7")
-    readings = poses_of(as_read(made).observations, average=False)
+    readings = poses_of(simulated.as_read(made).observations, average=False)
     found = calibrate(
         baseline(arm, options.flexible_joints, options.tolerances),
         average_repeats(readings),
@@ -210,12 +202,14 @@ def _scores(
         rng = np.random.default_rng([seed, _ANY if any_way else _OWN])
         if any_way:
             robot = draw_individual(arm, plan, rng)
-            truth = truth_of(robot, {})
+            truth = simulated.truth_of(robot, {})
         else:
-            robot, truth = draw_by_unknowns(arm, plan, unknowns, rng)
+            robot, truth = simulated.draw_by_unknowns(arm, plan, unknowns, rng)
         found = _calibrated(robot, plan, calibration, seed)
         by_name.append(known_truth.parameter_scores(found, truth))
-        others = exact_observations(robot, plan, _PREDICTED_POSES, seed + _OTHER_POSES * 10**6)
+        others = simulated.exact_observations(
+            robot, plan, _PREDICTED_POSES, seed + _OTHER_POSES * 10**6
+        )
         predictions.append(known_truth.prediction_scores(found, others))
         converged.append(found.fit.converged)
     names = tuple(dict.fromkeys(name for scores in by_name for name in scores))
@@ -230,7 +224,7 @@ def _unknowns(
 ) -> Unknowns:
     """Return what arm and instrument can identify, which is the same in every campaign."""
     robot = draw_individual(arm, plan, np.random.default_rng(seed))
-    seen = observations_of(measured(robot, plan, seed))
+    seen = simulated.observations_of(simulated.measured(robot, plan, seed))
     start = find_start(arm, seen)
     return choose_unknowns(
         arm, calibration.tolerances, seen.measured, start.T_instr_base, start.targets_m
@@ -241,9 +235,11 @@ def _calibrated(
     robot: Robot, plan: TrackerOptions, calibration: CalibrationOptions, seed: int
 ) -> GeneralCalibration:
     """Measure a robot and calibrate it."""
-    seen = observations_of(measured(robot, plan, seed))
+    seen = simulated.observations_of(simulated.measured(robot, plan, seed))
     start = find_start(robot.arm, seen)
-    return calibrate_general(robot.arm, seen, start, payload_of_individual(robot), calibration)
+    return calibrate_general(
+        robot.arm, seen, start, simulated.payload_of_individual(robot), calibration
+    )
 
 
 def _plan(case: CoverageCase, options: CoverageOptions) -> TrackerOptions:

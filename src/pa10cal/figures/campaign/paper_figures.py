@@ -17,28 +17,16 @@ from pa10cal.arrays import Array
 from pa10cal.figures import published, style
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.results import COMBINED, PLACE_MM, Results
+from pa10cal.reports import theme
 from pa10cal.reports.formatting import written_load
-from pa10cal.reports.theme import (
-    AFTER,
-    AFTER_COMBINED,
-    BEFORE,
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    MODELS,
-    ORANGE,
-    SEPARATOR,
-    VERMILLION,
-)
 from pa10cal.results.evaluation import Accuracy, HeldOutModel, HoldoutRecord
 
 #: How the places of each kind are drawn, in space, and what is smaller in a view of them.
 _LOOKS: dict[str, dict[str, Any]] = {
-    "grid": {"color": BLUE, "marker": "o", "linewidth": 0.8},
-    "holdout": {"color": VERMILLION, "marker": "^", "linestyle": "none"},
-    "line_x": {"color": GREEN, "marker": ".", "linewidth": 1.4},
-    "line_y": {"color": ORANGE, "marker": ".", "linewidth": 1.4},
+    "grid": {"color": theme.BLUE, "marker": "o", "linewidth": 0.8},
+    "holdout": {"color": theme.VERMILLION, "marker": "^", "linestyle": "none"},
+    "line_x": {"color": theme.GREEN, "marker": ".", "linewidth": 1.4},
+    "line_y": {"color": theme.ORANGE, "marker": ".", "linewidth": 1.4},
 }
 _IN_A_VIEW: dict[str, dict[str, Any]] = {
     "grid": {"markersize": 2.5, "linewidth": 0.6},
@@ -97,12 +85,14 @@ def _draw_space(axes: Any, p_base_mm: dict[str, Array]) -> None:
     for kind, places in p_base_mm.items():
         if len(places):
             axes.plot(*places.T, label=names[kind], **_LOOKS[kind])
-    axes.text(*grid[0], "first ", ha="right", va="center", color=BLUE)
-    axes.text(*grid[-1], " last", ha="left", va="center", color=BLUE)
+    axes.text(*grid[0], "first ", ha="right", va="center", color=theme.BLUE)
+    axes.text(*grid[-1], " last", ha="left", va="center", color=theme.BLUE)
     for name, tip in zip("xyz", _AXIS_LENGTH_MM * np.eye(3), strict=True):
-        axes.quiver(0, 0, 0, *tip, color=BLACK, linewidth=1.2, arrow_length_ratio=0.15)
+        axes.quiver(0, 0, 0, *tip, color=theme.BLACK, linewidth=1.2, arrow_length_ratio=0.15)
         axes.text(*(1.25 * tip), name, ha="center", va="center")
-    axes.plot([0.0], [0.0], [0.0], color=BLACK, marker="s", linestyle="none", label="robot base")
+    axes.plot(
+        [0.0], [0.0], [0.0], color=theme.BLACK, marker="s", linestyle="none", label="robot base"
+    )
     low, high = _extent(p_base_mm)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.05)
@@ -122,7 +112,7 @@ def _draw_view(axes: Axes, p_base_mm: dict[str, Array], seen: list[int], title: 
     """Draw a projection along one of the base axes."""
     for kind, places in p_base_mm.items():
         axes.plot(*places[:, seen].T, **_LOOKS[kind] | _IN_A_VIEW[kind])
-    axes.plot(0.0, 0.0, color=BLACK, marker="s")
+    axes.plot(0.0, 0.0, color=theme.BLACK, marker="s")
     axes.annotate("base", (0.0, 0.0), (4.0, 4.0), textcoords="offset points")
     (x_low, y_low), (x_high, y_high) = (corner[seen] for corner in _extent(p_base_mm))
     axes.set(xlim=(x_low, x_high), ylim=(y_low, y_high), title=title)
@@ -147,7 +137,12 @@ _SLOTS = {"before": -0.28, "after": -0.01, "combined": 0.10, "repeats": 0.38}
 _PAPER_ASIDE = -0.11
 #: What the panel of orientations adds to the height.
 _ORIENTATION_MM = 42.0
-_COLOURS = {"before": BEFORE, "after": AFTER, "combined": AFTER_COMBINED, "repeats": BLACK}
+_COLOURS = {
+    "before": theme.BEFORE,
+    "after": theme.AFTER,
+    "combined": theme.AFTER_COMBINED,
+    "repeats": theme.BLACK,
+}
 
 
 @dataclass(frozen=True)
@@ -279,7 +274,7 @@ def _draw_columns(
     axes.tick_params(axis="x", length=0.0)
     axes.grid(visible=False, axis="x")
     for k in range(1, len(loads)):
-        axes.axvline(k - 0.5, color=SEPARATOR, linewidth=0.6)
+        axes.axvline(k - 0.5, color=theme.SEPARATOR, linewidth=0.6)
 
 
 def _text(column: _Column) -> str:
@@ -292,20 +287,20 @@ def _text(column: _Column) -> str:
 
 def _legend(results: Results) -> list[Line2D]:
     entries = [
-        ("o", BEFORE, BEFORE, "before: nominal rigid model"),
-        ("o", AFTER, AFTER, "after, calibrated at this load"),
-        ("o", AFTER_COMBINED, AFTER_COMBINED, "after, all loads together"),
-        ("o", BLACK, BLACK, "repeats, one axis (largest)"),
+        ("o", theme.BEFORE, theme.BEFORE, "before: nominal rigid model"),
+        ("o", theme.AFTER, theme.AFTER, "after, calibrated at this load"),
+        ("o", theme.AFTER_COMBINED, theme.AFTER_COMBINED, "after, all loads together"),
+        ("o", theme.BLACK, theme.BLACK, "repeats, one axis (largest)"),
     ]
     if results.is_paper_arm:
-        entries.append(("D", BLACK, "white", "the paper's figures, same colours"))
+        entries.append(("D", theme.BLACK, "white", "the paper's figures, same colours"))
     handles = [
         style.mark(text, color=edge, marker=marker, markerfacecolor=face)
         for marker, edge, face, text in entries
     ]
     return [
         *handles,
-        style.mark("mean / peak, as written", color=BLACK, marker="|", markersize=9.0),
+        style.mark("mean / peak, as written", color=theme.BLACK, marker="|", markersize=9.0),
     ]
 
 
@@ -409,7 +404,7 @@ def _draw_configurations(axes: Axes, held_out: HoldoutRecord) -> None:
         at = np.flatnonzero(loads == load)
         axes.text(at.mean(), 1.02, f"{load:g} N", transform=axes.get_xaxis_transform(), ha="center")
         if at[0]:
-            axes.axvline(at[0] - 0.5, color=SEPARATOR, linewidth=0.6)
+            axes.axvline(at[0] - 0.5, color=theme.SEPARATOR, linewidth=0.6)
 
 
 def _draw_summary(axes: Axes, held_out: HoldoutRecord, with_paper: bool) -> None:
@@ -421,7 +416,7 @@ def _draw_summary(axes: Axes, held_out: HoldoutRecord, with_paper: bool) -> None
         if name in paper:
             text = "paper: " + _text_of_model(paper[name], "g")
             look = _dots(name) | {"markerfacecolor": "white", "marker": "D"}
-            _draw_range(axes, k + 0.2, paper[name], text, look, GREY)
+            _draw_range(axes, k + 0.2, paper[name], text, look, theme.GREY)
     shown: list[HeldOutModel | published.PublishedError] = [*held_out.models.values()]
     shown += paper.values()
     lowest, highest = min(e.mean_mm for e in shown), max(e.peak_mm for e in shown)
@@ -439,7 +434,7 @@ def _draw_range(
     errors: HeldOutModel | published.PublishedError,
     text: str,
     look: dict[str, Any],
-    color: str = BLACK,
+    color: str = theme.BLACK,
 ) -> None:
     axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=look["color"], linewidth=1.4)
     axes.plot(errors.peak_mm, y, color=look["color"], marker="|", markersize=7.0)
@@ -448,7 +443,7 @@ def _draw_range(
 
 
 def _dots(name: str) -> dict[str, Any]:
-    return {"color": MODELS[name], "marker": _MARKERS[name], "linestyle": "none"}
+    return {"color": theme.MODELS[name], "marker": _MARKERS[name], "linestyle": "none"}
 
 
 def _text_of_model(errors: HeldOutModel | published.PublishedError, digits: str) -> str:
