@@ -233,10 +233,7 @@ def _robot(
         held_out=held_out.configurations,
         grade=fitted.health.grade,
         verdict=verdict.verdict,
-        names=tuple(
-            " or ".join(f"{each.id} of {each.of}" for each in (effect, *effect.alternatives))
-            for effect in verdict.effects
-        ),
+        names=tuple(effect.either for effect in verdict.effects),
         faults=tuple(f"{fault.kind}, {fault.where}" for fault in verdict.faults or ()),
         errors=errors_by_model(held_out.models, springs=fitted.has_springs),
         carried=tuple(_carried(name, folder, fitted.has_springs, not_carried)),

@@ -207,8 +207,3 @@ class BlindTrial:
 def cycles_of(found: FoundEffect) -> float | None:
     """Return the cycles a turn that a finding reports; None where it reports none."""
     return found.parameters["k"].value if "k" in found.parameters else None
-
-
-def words_of(found: FoundEffect) -> str:
-    """Return name and alternatives in words."""
-    return " or ".join(f"{name.id} of {name.of}" for name in found.all_names)

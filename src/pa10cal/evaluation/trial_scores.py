@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import ndtri
 
-from pa10cal.evaluation.blind_trial import MAP, OUTSIDE, TRACKED, BlindTrial, words_of
+from pa10cal.evaluation.blind_trial import MAP, OUTSIDE, TRACKED, BlindTrial
 from pa10cal.evaluation.trial_rates import LEVEL, bar, figure, longest, power, rate, score_formulas
 from pa10cal.results import trials as results
 from pa10cal.results.discovery import FoundEffect
@@ -418,7 +418,7 @@ def _judged(trial: BlindTrial) -> results.JudgedTrial:
             for hidden in trial.hidden
         ),
         verdict=FAILED if verdict is None else verdict.word,
-        named=() if verdict is None else tuple(map(words_of, verdict.effects)),
+        named=() if verdict is None else tuple(effect.either for effect in verdict.effects),
         places=tuple(place or "unknown" for place in (() if verdict is None else verdict.places)),
         extra=trial.extra(),
         held_out_after_mm=None if verdict is None else verdict.held_out_after_mm,

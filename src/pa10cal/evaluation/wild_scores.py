@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from pa10cal.evaluation.blind_trial import SORTED, SPRING, UNSTATED, BlindTrial, words_of
+from pa10cal.evaluation.blind_trial import SORTED, SPRING, UNSTATED, BlindTrial
 from pa10cal.evaluation.trial_rates import (
     Outcomes,
     at_least,
@@ -159,7 +159,7 @@ def _motions(verdict: results.JudgedTrialRecord) -> tuple[str, ...]:
     return (
         *(fault.what for fault in verdict.faults if fault.kind == _IN_TIME),
         *(each.why for each in unexplained if _OF_MOTION.search(each.why)),
-        *(words_of(effect) for effect in verdict.effects if effect.id == _DRIFT),
+        *(effect.either for effect in verdict.effects if effect.id == _DRIFT),
     )
 
 
@@ -432,5 +432,6 @@ def _said(trial: BlindTrial) -> str:
     verdict = trial.verdict
     if verdict is None:
         return f"{'refused' if trial.refused else 'crashed'}: {trial.failed}"
+    effects = (effect.either for effect in verdict.effects)
     faults = (f"{fault.kind} of {fault.where}" for fault in verdict.faults)
-    return "; ".join([f"{verdict.word}, {verdict.grade}", *map(words_of, verdict.effects), *faults])
+    return "; ".join([f"{verdict.word}, {verdict.grade}", *effects, *faults])

@@ -136,10 +136,7 @@ def _mean(errors: Iterable[Accuracy]) -> float | None:
 
 def notes(verdict: VerdictKeys) -> tuple[str, ...]:
     """Return what a verdict says beside its word, in one line each."""
-    effects = [
-        " or ".join(f"{name.id} of {name.of}" for name in (each, *each.alternatives))
-        for each in verdict.effects_by_share
-    ]
+    effects = [each.either for each in verdict.effects_by_share]
     lead = verdict.explained
     explained = [lead.headline, *lead.sentences[:1]] if lead is not None and lead.of else []
     named = [f"{verdict.verdict}: {', '.join(effects)}"] if effects else []

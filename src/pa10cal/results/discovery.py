@@ -117,6 +117,11 @@ class NamedEffect(EffectName):
         """Return the name and those of its alternatives."""
         return (self.name, *(each.name for each in self.alternatives))
 
+    @property
+    def either(self) -> str:
+        """Return the name and its alternatives in words: `backlash of joint 2 or ...`."""
+        return " or ".join(f"{name.id} of {name.of}" for name in self.all_names)
+
 
 class FoundEffect(NamedEffect):
     """An effect that was named, with what decided."""
