@@ -7,6 +7,7 @@ import pytest
 from pa10cal.__main__ import main
 from pa10cal.reports import summary
 from pa10cal.reports.summary import CampaignSummary
+from pa10cal.results.fleet import ChainRecord
 from pa10cal.running import workflow
 
 
@@ -21,9 +22,9 @@ def started(monkeypatch):
         display.finished(1)
 
     def summarise(results, calibration):
-        return CampaignSummary(
-            results.name, "good", "none", 2.0, 0.1, "held-out poses", (f"good: {calibration}",)
-        )
+        about = {"grade": "good", "line": calibration, "verdict": "none", "over": "held-out poses"}
+        errors = {"before_mm": 2.0, "after_mm": 0.1}
+        return CampaignSummary(ChainRecord(campaign=results.name, status="done", **about, **errors))
 
     monkeypatch.setattr(workflow, "run_workflow", run_workflow)
     monkeypatch.setattr(summary, "summarise", summarise)

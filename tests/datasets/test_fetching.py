@@ -56,11 +56,6 @@ def test_a_file_that_cannot_be_had_leaves_nothing(published, tmp_path, source):
     assert not (tmp_path / "copy").exists()
 
 
-def test_a_layout_without_one_place_is_refused(tmp_path):
-    with pytest.raises(RawDataError, match="without an address to fetch it from"):
-        fetch(replace(dataset_named("faro-irb120"), published=None), tmp_path)
-
-
 def test_names_with_blanks_are_fetched_from_an_address(tmp_path):
     source = write_irb120(tmp_path / "a b")
     dataset = dataset_named("faro-irb120")

@@ -81,8 +81,7 @@ def test_names_of_readers():
     for name in dataset_names():
         dataset = dataset_named(name)
         assert dataset.name == name
-        if dataset.published is not None:
-            assert set(dataset.files) <= set(dataset.published.sha256)
+        assert set(dataset.files) <= set(dataset.published.sha256)
     with pytest.raises(RawDataError, match="is 'ipa-robot-accuracy' meant"):
         dataset_named("ipa-robot-acuracy")
     with pytest.raises(

@@ -162,7 +162,6 @@ def test_scores_are_drawn_and_listed(tmp_path):
     write(scores, tmp_path / "scores.json")
     assert run_command("figures", ["--results", str(tmp_path)]) == 0
     assert "another cause" in (tmp_path / "tables/wild_summary.md").read_text("utf-8")
-    assert (tmp_path / "figures/wild_rates.svg").exists()
 
 
 def test_truths_of_these_kinds_are_scored_as_such(tmp_path):

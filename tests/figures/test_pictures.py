@@ -18,7 +18,7 @@ from pa10cal.figures.style import WIDTH_MM, looks, write_figure
 FIGURES = {name: entry for name, entry in entries("campaign").items() if entry.kind == "figure"}
 BLOCKS = ("joint_error_maps",)
 #: Drawn of groups of campaigns alone.
-OF_GROUPS = ("campaigns_agree", "joint_errors_by_campaign")
+OF_GROUPS = ("joint_errors_by_campaign",)
 PAPER = [name for name in FIGURES if name not in (*BLOCKS, *OF_GROUPS)]
 #: Pictures of discovery are drawn where it named something as well.
 DISCOVERY = [name for name in PAPER if {"analysis", "verdict", "gap"} & set(FIGURES[name].needs)]

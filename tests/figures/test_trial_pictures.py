@@ -17,7 +17,6 @@ from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.style import WIDTH_MM
 from pa10cal.figures.trials import (
     draw_trials_confusion,
-    draw_trials_false_names,
     draw_trials_intervals,
     draw_trials_power,
     tabulate_trials_summary,
@@ -32,7 +31,7 @@ from pa10cal.results.trials import (
     TrialTruthRecord,
 )
 
-DRAWN = (draw_trials_confusion, draw_trials_power, draw_trials_false_names, draw_trials_intervals)
+DRAWN = (draw_trials_confusion, draw_trials_power, draw_trials_intervals)
 LEAST_POINTS = 8.0
 COUNTS = {"null": 9, "wrong_noise": 3, "wrong_mass": 3, "pair": 6, "triple": 5}
 
@@ -174,9 +173,6 @@ def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(full,
 @pytest.mark.usefixtures("project_looks")
 @pytest.mark.parametrize("draw", DRAWN, ids=lambda draw: draw.__name__)
 def test_of_a_few_trials_it_is_drawn_or_has_nothing_to_show(few, draw):
-    if draw is draw_trials_false_names:
-        assert texts_of(draw(read(TrialScoresRecord, few)))[0]
-        return
     with pytest.raises(NothingToShowError, match=r"^no (trial|hidden effect)"):
         draw(read(TrialScoresRecord, few))
 
@@ -188,18 +184,6 @@ def test_the_matrix_shows_every_count(full):
     shown = [int(text.get_text()) for text, _ in texts if text.get_text().isdigit()]
     rows = [*scores.confusion.single.values(), *scores.confusion.outside.values()]
     assert sum(shown) == 2 * sum(sum(row.values()) for row in rows)  # cells, and sums of rows
-
-
-@pytest.mark.usefixtures("project_looks")
-def test_shares_are_drawn_where_they_are_with_what_is_allowed(full):
-    axes = draw_trials_false_names(read(TrialScoresRecord, full)).axes[0]
-    named = read(TrialScoresRecord, full).nothing_hidden["null"].named
-    label = axes.get_yticklabels()[0].get_text()
-    assert label.startswith("nothing hidden")
-    drawn = axes.containers[0].lines[0]
-    assert drawn.get_xdata()[0] == pytest.approx(100.0 * named.share)
-    dashes = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "|"]
-    assert {2.0, 5.0} <= {round(x, 6) for x in dashes}
 
 
 def test_the_table_has_a_row_a_bar_with_its_figure(full):

@@ -7,18 +7,31 @@ from dataclasses import replace
 from made_up_records import accuracy, effect, verdict_keys
 from pa10cal.reports.summary import CampaignSummary, notes, paths, table
 from pa10cal.results.evaluation import mean_and_peak
+from pa10cal.results.fleet import ChainRecord
 
 GOOD = CampaignSummary(
-    "mine", "good", "none", 2.76, 0.013, "held-out poses", ("good: at the noise",)
+    ChainRecord(
+        campaign="mine",
+        status="done",
+        grade="good",
+        line="at the noise",
+        verdict="none",
+        before_mm=2.76,
+        after_mm=0.013,
+        over="held-out poses",
+    )
 )
 FAULTY = CampaignSummary(
-    "other",
-    "suspect_input",
-    "check_the_log",
-    None,
-    1.5,
-    "fitted poses",
-    ("suspect_input: joint 2 reversed", "the log: joint 2: its sign is reversed; negate q2_deg"),
+    ChainRecord(
+        campaign="other",
+        status="done",
+        grade="suspect_input",
+        line="joint 2 reversed",
+        verdict="check_the_log",
+        notes=("the log: joint 2: its sign is reversed; negate q2_deg",),
+        after_mm=1.5,
+        over="fitted poses",
+    )
 )
 
 
@@ -38,7 +51,6 @@ def test_one_row_a_campaign_and_under_it_what_to_know():
 def test_what_is_flagged_as_wrong_stands_apart():
     held_out = replace(
         GOOD,
-        after=1.752,
         trusted=(2.41, 0.018),
         with_flagged="with 1 reading flagged as wrong 1.752 mm",
     )

@@ -183,8 +183,7 @@ def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
     from pa10cal.datasets.importing import fetch as fetch_files
 
     asked = dataset_named(dataset)
-    if asked.published is not None:
-        print(asked.published.terms, flush=True)
+    print(asked.published.terms, flush=True)
     fetched = fetch_files(asked, out, source or None)
     print(f"{out}: {', '.join(fetched) or 'nothing to fetch'}; all checksums are right")
 

@@ -129,17 +129,10 @@ def _words(entry: str | JudgedEffect) -> str:
 
 def _said(bar: Bar) -> str:
     """Return a bar in one line."""
-    limit = f"{'at least' if bar.at_least else 'at most'} {_figure(bar.limit, bar.share)}"
+    limit = f"{'at least' if bar.at_least else 'at most'} {bar.written(bar.limit)}"
     if bar.reached is None:
         return f"{bar.what}: no trial counts ({limit})"
-    interval = ""
-    if bar.low is not None and bar.high is not None:
-        interval = f" ({_figure(bar.low, True)} to {_figure(bar.high, True)})"
-    return (
-        f"{bar.what}: {_figure(bar.reached, bar.share)}{interval} of {bar.trials} trials, {limit}: "
-        + {"yes": "met", "no": "NOT met"}.get(bar.verdict, bar.verdict)
-    )
-
-
-def _figure(value: float, share: bool) -> str:
-    return f"{100 * value:.1f} %" if share else f"{value:.3g}"
+    interval = f" ({bar.interval})" if bar.interval else ""
+    verdict = {"yes": "met", "no": "NOT met"}.get(bar.verdict, bar.verdict)
+    reached = f"{bar.written(bar.reached)}{interval}"
+    return f"{bar.what}: {reached} of {bar.trials} trials, {limit}: {verdict}"

@@ -14,20 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
+from pa10cal.curve import roll
 from pa10cal.curve.angles import JointAngles, Order, chain_points, first_axes, joint_angles
 from pa10cal.curve.curve import Curve, circle, helix, line, polyline, serpenoid, spline_through
 from pa10cal.curve.options import CircleShape, CurveOptions, HelixShape, LineShape, Shape
 from pa10cal.curve.points import Points, equal_links, lay_points
-from pa10cal.curve.roll import (
-    JointLimits,
-    RollMap,
-    feasible_rolls,
-    most_room,
-    roll_for_last,
-    room_at,
-    smallest_angle,
-    smallest_angle_near,
-)
 from pa10cal.errors import CurveError
 from pa10cal.results.studies import CurveRecord, CurveShape
 
@@ -60,10 +51,10 @@ class Gait:
 
 
 #: Chooses the roll of a shape: its number, its links, and the joints of the shape before.
-RollChoice = Callable[[int, RollMap, JointAngles | None], float]
+RollChoice = Callable[[int, roll.RollMap, JointAngles | None], float]
 
 
-def given_rolls(rolls_rad: Array, limits: JointLimits | None = None) -> RollChoice:
+def given_rolls(rolls_rad: Array, limits: roll.JointLimits | None = None) -> RollChoice:
     """Return the choice of rolls given for every shape, (T,).
 
     Args:
@@ -71,15 +62,15 @@ def given_rolls(rolls_rad: Array, limits: JointLimits | None = None) -> RollChoi
         limits: of the joints; `follow` raises where they are not kept.
     """
 
-    def choose(shape: int, chain: RollMap, _last: JointAngles | None) -> float:
+    def choose(shape: int, chain: roll.RollMap, _last: JointAngles | None) -> float:
         if limits is not None:
-            room_at(chain, rolls_rad[shape], limits)
+            roll.room_at(chain, rolls_rad[shape], limits)
         return float(rolls_rad[shape])
 
     return choose
 
 
-def small_angles(move_rad: float = 0.0, limits: JointLimits | None = None) -> RollChoice:
+def small_angles(move_rad: float = 0.0, limits: roll.JointLimits | None = None) -> RollChoice:
     """Return the choice of small joint angles, reached by small moves.
 
     The first shape has the smallest largest angle. Each one after has the smallest of those to
@@ -91,10 +82,10 @@ def small_angles(move_rad: float = 0.0, limits: JointLimits | None = None) -> Ro
         limits: of the joints; `follow` raises where no roll keeps them.
     """
 
-    def choose(_shape: int, chain: RollMap, last: JointAngles | None) -> float:
+    def choose(_shape: int, chain: roll.RollMap, last: JointAngles | None) -> float:
         if last is None:
-            return smallest_angle(chain, limits).roll_rad
-        return smallest_angle_near(chain, last.a_rad, last.b_rad, move_rad, limits).roll_rad
+            return roll.smallest_angle(chain, limits).roll_rad
+        return roll.smallest_angle_near(chain, last.a_rad, last.b_rad, move_rad, limits).roll_rad
 
     return choose
 
@@ -128,7 +119,7 @@ def follow(
     for curve, time in zip(curves, time_s, strict=True):
         try:
             points = _fitting(curve, link_m, links)
-            chain = RollMap.of(points.directions, order, z_carried)
+            chain = roll.RollMap.of(points.directions, order, z_carried)
             rolls.append(choose(len(shapes), chain, joints[-1] if joints else None))
         except CurveError as error:
             raise CurveError(
@@ -195,12 +186,12 @@ def shape_of(shape: Shape, phase_rad: float = 0.0) -> Curve:
     return serpenoid(shape.length_m, shape.waves, amplitude_rad, phase_rad)
 
 
-def limits_of(settings: CurveOptions, joints: int) -> JointLimits | None:
+def limits_of(settings: CurveOptions, joints: int) -> roll.JointLimits | None:
     """Return the limits of every joint, None where there are none."""
     if settings.limits is None:
         return None
     a_rad, b_rad = np.radians([settings.limits.a_deg, settings.limits.b_deg])
-    return JointLimits(np.tile(a_rad, (joints, 1)), np.tile(b_rad, (joints, 1)))
+    return roll.JointLimits(np.tile(a_rad, (joints, 1)), np.tile(b_rad, (joints, 1)))
 
 
 def curve_through(points_m: NDArray[np.float64], through: Through) -> Curve:
@@ -216,23 +207,23 @@ def _still(curve: Curve, options: CurveOptions) -> Gait:
         points = lay_points(curve, options.link_m, options.links)
     else:
         points = equal_links(curve, options.links or 1)
-    chain = RollMap.of(points.directions, options.order)
+    chain = roll.RollMap.of(points.directions, options.order)
     roll_rad = _roll(chain, options)
     axes_first = first_axes(points.directions, roll_rad)
     joints = joint_angles(points.directions, axes_first, options.order)
     return Gait(np.zeros(1), (curve,), (points,), (joints,), np.array([roll_rad]), np.zeros(0))
 
 
-def _roll(chain: RollMap, options: CurveOptions) -> float:
+def _roll(chain: roll.RollMap, options: CurveOptions) -> float:
     limits = limits_of(options, chain.n - 1)
     if options.roll == "smallest_angle":
-        return smallest_angle(chain, limits).roll_rad
+        return roll.smallest_angle(chain, limits).roll_rad
     if options.roll == "most_room" and limits is not None:
-        return most_room(chain, limits).roll_rad
+        return roll.most_room(chain, limits).roll_rad
     roll_rad = float(np.radians(options.roll_deg))
     if options.roll == "of_last":
-        roll_rad = roll_for_last(chain, np.array(options.z_of_last)).roll_rad
-    return roll_rad if limits is None else room_at(chain, roll_rad, limits).roll_rad
+        roll_rad = roll.roll_for_last(chain, np.array(options.z_of_last)).roll_rad
+    return roll_rad if limits is None else roll.room_at(chain, roll_rad, limits).roll_rad
 
 
 def _moving(curve: Curve, options: CurveOptions) -> Gait:
@@ -278,8 +269,8 @@ def laid(curve: Curve, options: CurveOptions) -> tuple[CurveRecord, dict[str, Co
     points, free = gait.points[0], None
     limits = limits_of(options, points.n - 1)
     if limits is not None:
-        chain = RollMap.of(points.directions, options.order)
-        free = tuple(map(tuple, np.degrees(feasible_rolls(chain, limits)).tolist()))
+        chain = roll.RollMap.of(points.directions, options.order)
+        free = tuple(map(tuple, np.degrees(roll.feasible_rolls(chain, limits)).tolist()))
     shapes = tuple(map(_shape, gait.time_s, gait.points, gait.joints, gait.roll_rad))
     record = CurveRecord(
         link_m=points.link_m,

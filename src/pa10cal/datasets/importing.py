@@ -7,7 +7,7 @@ import hashlib
 import pkgutil
 import urllib.request
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from http.client import HTTPException
 from importlib import import_module
 from pathlib import Path
@@ -40,11 +40,25 @@ class Published:
 
     @classmethod
     def on_github(
-        cls, repository: str, commit: str, sha256: Mapping[str, str], licence: str | None = None
+        cls, repository: str, commit: str, sums: str, licence: str | None = None, folder: str = ""
     ) -> Published:
-        """Return files of a commit of a public repository."""
+        """Return files of a commit of a public repository.
+
+        Args:
+            repository: the owner's, as `owner/name`.
+            commit: the version meant.
+            sums: checksums and paths, a line a file, as `sha256sum` prints them.
+            licence: that which the owner states.
+            folder: of the repository, with a slash at its end, that the paths are counted from.
+        """
         address = f"https://raw.githubusercontent.com/{repository}/{commit}/"
+        pairs = (line.split(maxsplit=1) for line in sums.strip().splitlines())
+        sha256 = {f"{folder}{path}": checksum for checksum, path in pairs}
         return cls(commit, address, sha256, repository, licence)
+
+    def told(self, provenance: str, **more: object) -> str:
+        """Return a provenance with repository and commit in their places."""
+        return provenance.format(repository=self.repository, commit=self.version, **more)
 
     @property
     def terms(self) -> str:
@@ -78,10 +92,11 @@ class ImportedCampaign:
     provenance: str  # whose measurements these are, and what was done with them
     instrument: str  # kind of the instrument
     uncertainty_mm: float  # standard uncertainty of one measured place, per axis
-    reference_temperature_C: float  # temperature at which lengths are nominal
-    holdout: Mapping[str, float]  # which poses are held out, as campaign.yaml has it
     readings: AsItIs | pd.DataFrame  # a file that is read as it is; or columns of `files.poses`
     files: tuple[str, ...]  # paths of the files read, inside the data set's folder
+    reference_temperature_C: float = 20.0  # lengths are nominal at it; assumed where not stated
+    # which poses are held out, as campaign.yaml has it
+    holdout: Mapping[str, float] = field(default_factory=lambda: {"every": 5})
     left_out: tuple[Quarantined, ...] = ()  # rows omitted
     notes: tuple[str, ...] = ()  # what the reader should know, one clause each
     joints: JointPositions = "logged"  # whether joint positions are `logged`, or those `commanded`
@@ -110,12 +125,16 @@ class DataSet:
     """A data set that can be imported."""
 
     name: str  # what it is called on the command line
-    title: str  # one line for the reader
-    files: tuple[str, ...]  # paths inside its folder that are read
-    # reads that folder, in which all `files` are; leaves out at most the given part of a file's
+    # reads its folder, in which all `files` are; leaves out at most the given part of a file's
     # rows, or raises RawDataError
     read: Callable[[Path, float], tuple[ImportedCampaign, ...]]
-    published: Published | None = None  # where it is published; None for a layout without one place
+    published: Published  # where it is published, and the files that are fetched
+    unread: tuple[str, ...] = ()  # paths of those that are not read, such as a licence
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Return the paths inside its folder that are read."""
+        return tuple(path for path in self.published.sha256 if path not in self.unread)
 
 
 # The data sets that can be imported, found by looking through the folder of readers.
@@ -171,12 +190,9 @@ def import_campaigns(
     """
     refuse_missing(folder, dataset.files)
     published = dataset.published
-    differing: tuple[Differing, ...] = ()
-    if published is not None:
-        read = {name: published.sha256[name] for name in dataset.files}
-        differing = differing_files(folder, read)
+    differing = differing_files(folder, {name: published.sha256[name] for name in dataset.files})
     campaigns = dataset.read(folder, max_left_out)
-    if published is None or not differing:
+    if not differing:
         return campaigns
     if not any_version:
         raise refusal_of(
@@ -294,19 +310,10 @@ def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[st
         Paths of the files fetched, inside the folder.
 
     Raises:
-        RawDataError: when the data set has no one place, a file cannot be had, or one is not the
-            published one.
+        RawDataError: when a file cannot be had, or one is not the published one.
         OutputError: when the folder cannot be written to.
     """
     published = dataset.published
-    if published is None:
-        raise RawDataError(
-            "this data set is a layout without an address to fetch it from",
-            where="data set",
-            value=dataset.name,
-            allowed="a data set that is published at an address",
-            remedy="import a folder of your own",
-        )
     expected = {
         name: checksum
         for name, checksum in published.sha256.items()

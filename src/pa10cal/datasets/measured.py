@@ -17,18 +17,11 @@ from pa10cal.campaign.description import read_description
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
 from pa10cal.files.output import csv_cell, markdown_cell, write_text
+from pa10cal.results import fleet
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import HeldOutModel, HoldoutRecord, TransferRecord
-from pa10cal.results.fleet import (
-    Carried,
-    ChainRecord,
-    HeldOutError,
-    MeasuredModel,
-    MeasuredRobot,
-    MeasuredRobotsRecord,
-)
 
 
 @dataclass(frozen=True)
@@ -173,7 +166,7 @@ def _source(dataset: str | None, measured_dir: Path, sources: Mapping[str, str])
 # python -m pa10cal.datasets.measured [RECORD] [PAGE] (from the root of the repository) puts
 # the table of RECORD (results/measured/measured.json) into PAGE (docs/measured.md).
 
-MODELS: tuple[MeasuredModel, ...] = ("nominal", "geometry", "springs", "effects")
+MODELS: tuple[fleet.MeasuredModel, ...] = ("nominal", "geometry", "springs", "effects")
 RECORD, PAGE = Path("results/measured/measured.json"), Path("docs/measured.md")
 BEGIN = "<!-- From here to the next mark generated: python -m pa10cal.datasets.measured -->"
 END = "<!-- End of what is generated. -->"
@@ -181,7 +174,7 @@ END = "<!-- End of what is generated. -->"
 
 def measured_record(
     folders: Mapping[str, Path], results: Path, calibration: str, not_carried: Mapping[str, str]
-) -> MeasuredRobotsRecord:
+) -> fleet.MeasuredRobotsRecord:
     """Return the table of the campaigns at hand and of the groups that they make.
 
     Args:
@@ -197,22 +190,22 @@ def measured_record(
         _robot(name, folder, results, calibration, not_carried) for name, folder in folders.items()
     ]
     for name, members in groups_of(folders).items():
-        if not (results / name / ChainRecord.FILE).is_file():
+        if not (results / name / fleet.ChainRecord.FILE).is_file():
             continue
         row = _robot(name, folders[members[0]], results, calibration, {})
         instruments = dict.fromkeys(CAMPAIGNS[member].instrument for member in members)
         together = {"members": members, "instrument": "; ".join(instruments), "published": None}
         last = max(k for k, each in enumerate(rows) if each.campaign in members)
         rows.insert(last + 1, row.model_copy(update=together))
-    return MeasuredRobotsRecord(robots=tuple(rows))
+    return fleet.MeasuredRobotsRecord(robots=tuple(rows))
 
 
 def _robot(
     name: str, raw: Path, results: Path, calibration: str, not_carried: Mapping[str, str]
-) -> MeasuredRobot:
+) -> fleet.MeasuredRobot:
     """Return the row of a campaign; what its stages did not come to is not in it."""
     folder, known = results / name, CAMPAIGNS.get(name)
-    became = read(ChainRecord, folder / ChainRecord.FILE)
+    became = read(fleet.ChainRecord, folder / fleet.ChainRecord.FILE)
     robot, kind = _described(raw)
     common = {
         "campaign": name,
@@ -222,7 +215,7 @@ def _robot(
         "published": (known.published or None) if known else None,
     }
     if became.status != "done":
-        return MeasuredRobot(
+        return fleet.MeasuredRobot(
             **common,
             message=_without_folders(f"{became.stage}: {became.message}", raw, results),
             names=(),
@@ -234,16 +227,13 @@ def _robot(
     verdict = read(VerdictRecord, folder / "discovery/verdict.json")
     held_out = read(HoldoutRecord, folder / HoldoutRecord.FILE)
     calibrated = sum(each.after.configurations for each in fitted.errors.values())
-    return MeasuredRobot(
+    return fleet.MeasuredRobot(
         **common,
         poses=calibrated + held_out.configurations,
         held_out=held_out.configurations,
         grade=fitted.health.grade,
         verdict=verdict.verdict,
-        names=tuple(
-            " or ".join(f"{each.id} of {each.of}" for each in (effect, *effect.alternatives))
-            for effect in verdict.effects
-        ),
+        names=tuple(effect.either for effect in verdict.effects),
         faults=tuple(f"{fault.kind}, {fault.where}" for fault in verdict.faults or ()),
         errors=errors_by_model(held_out.models, springs=fitted.has_springs),
         carried=tuple(_carried(name, folder, fitted.has_springs, not_carried)),
@@ -268,7 +258,7 @@ def _without_folders(message: str, *folders: Path) -> str:
 
 def errors_by_model(
     models: Mapping[str, HeldOutModel], *, springs: bool
-) -> dict[MeasuredModel, HeldOutError]:
+) -> dict[fleet.MeasuredModel, fleet.HeldOutError]:
     """Return errors by the models of the table; without springs `linear` is the geometry alone."""
     named = {
         "nominal": "uncalibrated",
@@ -277,7 +267,7 @@ def errors_by_model(
         "effects": "extended",
     }
     return {
-        model: HeldOutError(
+        model: fleet.HeldOutError(
             mean_mm=models[named[model]].mean_mm, rms_mm=models[named[model]].rms_mm
         )
         for model in MODELS
@@ -287,7 +277,7 @@ def errors_by_model(
 
 def _carried(
     name: str, folder: Path, springs: bool, not_carried: Mapping[str, str]
-) -> list[Carried]:
+) -> list[fleet.Carried]:
     """Return the models of other campaigns in this one."""
     found = []
     for source, target in CARRIED:
@@ -297,15 +287,15 @@ def _carried(
             continue
         if message is not None:
             message = _without_folders(message, folder.parent)
-            found.append(Carried(source=source, message=message, errors={}))
+            found.append(fleet.Carried(source=source, message=message, errors={}))
             continue
         models = read(TransferRecord, path).models
         errors = errors_by_model(models, springs=springs or "geometry" in models)
-        found.append(Carried(source=source, errors=errors))
+        found.append(fleet.Carried(source=source, errors=errors))
     return found
 
 
-def csv_text(record: MeasuredRobotsRecord) -> str:
+def csv_text(record: fleet.MeasuredRobotsRecord) -> str:
     """Return the table as CSV, a row a campaign and a row a model carried to it."""
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
@@ -329,62 +319,46 @@ def csv_text(record: MeasuredRobotsRecord) -> str:
     return text.getvalue()
 
 
-def _numbers(errors: Mapping[MeasuredModel, HeldOutError]) -> list[str | None]:
-    found = [errors.get(model) for model in MODELS]
-    return [f"{mm:.4f}" if each else None for each in found for mm in _pair(each)]
-
-
-def _pair(error: HeldOutError | None) -> tuple[float, float]:
-    return (0.0, 0.0) if error is None else (error.mean_mm, error.rms_mm)
-
-
-def markdown(record: MeasuredRobotsRecord) -> str:
-    """Return the tables of the page."""
-    head = [
-        "campaign",
-        "robot, instrument",
-        "poses",
-        *MODELS,
-        "verdict, names",
-        "reported by others",
+def _numbers(errors: Mapping[fleet.MeasuredModel, fleet.HeldOutError]) -> list[str | None]:
+    return [
+        f"{getattr(errors[model], kind):.4f}" if model in errors else None
+        for model in MODELS
+        for kind in ("mean_mm", "rms_mm")
     ]
-    lines = [_line(head), _line(["---"] * len(head))]
+
+
+def markdown(record: fleet.MeasuredRobotsRecord) -> str:
+    """Return the tables of the page."""
+    head = ("campaign", "robot, instrument", "poses", *MODELS)
+    lines = _header(*head, "verdict, names", "reported by others")
     for each in record.robots:
         told = f"{each.status}: {each.message}" if each.message else _verdict(each)
         about = ", ".join(text for text in (each.robot, each.instrument) if text)
         if each.members:
             about += f"; {', '.join(each.members)} as one"
         poses = "" if each.poses is None else f"{each.poses} ({each.held_out})"
-        lines.append(
-            _line(
-                [
-                    f"`{each.campaign}`",
-                    about,
-                    poses,
-                    *_cells(each.errors),
-                    told,
-                    each.published or "",
-                ]
-            )
-        )
+        of = (f"`{each.campaign}`", about, poses, *_cells(each.errors))
+        lines.append(_line([*of, told, each.published or ""]))
     carried = [(each.campaign, other) for each in record.robots for other in each.carried]
-    if not carried:
-        return "\n".join(lines) + "\n"
-    head = ["model of", "in", *MODELS]
-    lines += ["", "Carried to another campaign, base and tool alone fitted there:", ""]
-    lines += [_line(head), _line(["---"] * len(head))]
+    if carried:
+        lines += ["", "Carried to another campaign, base and tool alone fitted there:", ""]
+        lines += _header("model of", "in", *MODELS)
     for name, other in carried:
         cells = [other.message, "", "", ""] if other.message else _cells(other.errors)
         lines.append(_line([f"`{other.source}`", f"`{name}`", *cells]))
     return "\n".join(lines) + "\n"
 
 
-def _verdict(robot: MeasuredRobot) -> str:
+def _header(*titles: str) -> list[str]:
+    return [_line(titles), _line(["---"] * len(titles))]
+
+
+def _verdict(robot: fleet.MeasuredRobot) -> str:
     named = [f"`{robot.verdict}`", *robot.names]
     return "; ".join([*named, *(f"the log: {fault}" for fault in robot.faults)])
 
 
-def _cells(errors: Mapping[MeasuredModel, HeldOutError]) -> list[str]:
+def _cells(errors: Mapping[fleet.MeasuredModel, fleet.HeldOutError]) -> list[str]:
     found = [errors.get(model) for model in MODELS]
     return [f"{each.mean_mm:.3f} / {each.rms_mm:.3f}" if each else "" for each in found]
 
@@ -393,7 +367,7 @@ def _line(cells: Sequence[str]) -> str:
     return f"| {' | '.join(markdown_cell(cell) for cell in cells)} |"
 
 
-def page_text(now: str, record: MeasuredRobotsRecord) -> str:
+def page_text(now: str, record: fleet.MeasuredRobotsRecord) -> str:
     """Return the page with its generated part renewed."""
     part = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
     return part.sub(lambda _: f"{BEGIN}\n\n{markdown(record)}\n{END}", now)
@@ -403,7 +377,7 @@ def main(words: Sequence[str]) -> None:
     """Put the table of a record into the page."""
     record, page = (Path(word) for word in (*words, *map(str, (RECORD, PAGE)[len(words) :])))
     text = page.read_text(encoding="utf-8")
-    write_text(page, page_text(text, read(MeasuredRobotsRecord, record)))
+    write_text(page, page_text(text, read(fleet.MeasuredRobotsRecord, record)))
 
 
 if __name__ == "__main__":

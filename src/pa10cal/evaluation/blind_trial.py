@@ -8,15 +8,8 @@ from itertools import permutations
 
 import numpy as np
 
+from pa10cal.results import trials as results
 from pa10cal.results.discovery import FoundEffect
-from pa10cal.results.trials import (
-    FailedTrialRecord,
-    HiddenEffect,
-    JudgedTrialRecord,
-    PutIn,
-    TrialTruthRecord,
-    TrialVerdictRecord,
-)
 
 MAP = "joint_error_map"
 #: A map that is one line, of `k` cycles a turn, and effects outside the vocabulary that are one.
@@ -48,23 +41,23 @@ _OF_ANGLE = ("third_harmonic", "dress_pack", "sawtooth", "soft_by_angle")
 class BlindTrial:
     """A trial: what is true, and what was said of it."""
 
-    truth: TrialTruthRecord
-    said: TrialVerdictRecord
+    truth: results.TrialTruthRecord
+    said: results.TrialVerdictRecord
 
     @property
-    def verdict(self) -> JudgedTrialRecord | None:
+    def verdict(self) -> results.JudgedTrialRecord | None:
         """The verdict; None where the trial failed."""
-        return self.said if isinstance(self.said, JudgedTrialRecord) else None
+        return self.said if isinstance(self.said, results.JudgedTrialRecord) else None
 
     @property
     def failed(self) -> str | None:
         """The message where it failed."""
-        return self.said.failed if isinstance(self.said, FailedTrialRecord) else None
+        return self.said.failed if isinstance(self.said, results.FailedTrialRecord) else None
 
     @property
     def refused(self) -> bool:
         """Whether a command refused the campaign, as not fit to be calibrated."""
-        return isinstance(self.said, FailedTrialRecord) and self.said.refused
+        return isinstance(self.said, results.FailedTrialRecord) and self.said.refused
 
     @property
     def kind(self) -> str:
@@ -72,16 +65,16 @@ class BlindTrial:
         return self.truth.kind
 
     @property
-    def hidden(self) -> tuple[HiddenEffect, ...]:
+    def hidden(self) -> tuple[results.HiddenEffect, ...]:
         """The effects that it hides."""
         return self.truth.hidden_effects
 
     @property
-    def put_in(self) -> tuple[PutIn, ...]:
+    def put_in(self) -> tuple[results.PutIn, ...]:
         """Stressors and faults in its raw files."""
         return self.truth.put_in
 
-    def moved_over_floor(self, hidden: HiddenEffect | PutIn) -> float | None:
+    def moved_over_floor(self, hidden: results.HiddenEffect | results.PutIn) -> float | None:
         """Return how far an effect moves the residual, relative to that of noise alone.
 
         Both are position errors, root mean square over averaged poses; the floor's from its mean as
@@ -91,7 +84,7 @@ class BlindTrial:
             return None
         return hidden.moved_mm / (_RMS_OVER_MEAN * self.verdict.gap.noise_floor_mm)
 
-    def ratio(self, hidden: HiddenEffect, *, apart: bool = False) -> float | None:
+    def ratio(self, hidden: results.HiddenEffect, *, apart: bool = False) -> float | None:
         """Return the residual that an effect makes of the floor, in floors: sqrt(1 + moved²).
 
         Args:
@@ -107,13 +100,13 @@ class BlindTrial:
         moved = self.moved_over_floor(hidden)
         return None if moved is None else float(np.hypot(1.0, moved))
 
-    def moves_poses(self, hidden: HiddenEffect) -> bool:
+    def moves_poses(self, hidden: results.HiddenEffect) -> bool:
         """Return whether an effect can move the residual of the poses at all."""
         if hidden.id == _TORQUE_BY_SPRING:
             return int(hidden.of.removeprefix("joint ")) in self.truth.flexible_joints
         return hidden.id != _TORQUE_ALONE
 
-    def is_testable(self, hidden: HiddenEffect) -> bool:
+    def is_testable(self, hidden: results.HiddenEffect) -> bool:
         """Return whether the verdict lists an effect as testable, at its plausible size.
 
         A compliance at a joint to which the judged model gives a spring is in the model already.
@@ -123,7 +116,7 @@ class BlindTrial:
         springs = {f"joint {joint}" for joint in self.verdict.springs}
         return hidden.id != SPRING or hidden.of not in springs
 
-    def is_separable(self, hidden: HiddenEffect) -> bool:
+    def is_separable(self, hidden: results.HiddenEffect) -> bool:
         """Return whether an effect is testable and distinguishable from others by the verdict.
 
         A map of its joint's error can do what any named form of the joint does and is no rival of
@@ -140,21 +133,21 @@ class BlindTrial:
             return not any(mine in group and len(group) > 1 for group in groups)
         return not any(sum(name.of == mine.of for name in group) > 1 for group in groups)
 
-    def names(self, hidden: HiddenEffect) -> bool:
+    def names(self, hidden: results.HiddenEffect) -> bool:
         """Return whether the verdict names an effect at its place."""
         return any(named.name == hidden.name for named in self._effects())
 
-    def lists(self, hidden: HiddenEffect) -> bool:
+    def lists(self, hidden: results.HiddenEffect) -> bool:
         """Return whether an effect is among those named and their alternatives."""
         return any(hidden.name in named.all_names for named in self._effects())
 
-    def alternatives(self, hidden: HiddenEffect) -> int:
+    def alternatives(self, hidden: results.HiddenEffect) -> int:
         """Return how many other names stand beside an effect that is listed."""
         return min(
             len(named.alternatives) for named in self._effects() if hidden.name in named.all_names
         )
 
-    def all_listed(self, among: Sequence[HiddenEffect]) -> bool:
+    def all_listed(self, among: Sequence[results.HiddenEffect]) -> bool:
         """Return whether some hidden effects are listed, each by a finding of its own."""
         return self._matched(among) == len(among)
 
@@ -195,11 +188,11 @@ class BlindTrial:
     def _effects(self) -> tuple[FoundEffect, ...]:
         return () if self.verdict is None else self.verdict.effects
 
-    def _matched(self, among: Sequence[HiddenEffect]) -> int:
+    def _matched(self, among: Sequence[results.HiddenEffect]) -> int:
         """Return how many hidden effects and findings can be paired off."""
         return max(map(len, self._pairings(among)), default=0)
 
-    def _pairings(self, among: Sequence[HiddenEffect]) -> Iterator[list[FoundEffect]]:
+    def _pairings(self, among: Sequence[results.HiddenEffect]) -> Iterator[list[FoundEffect]]:
         effects = self._effects()
         count = min(len(effects), len(among))
         for chosen in permutations(among, count):
@@ -214,8 +207,3 @@ class BlindTrial:
 def cycles_of(found: FoundEffect) -> float | None:
     """Return the cycles a turn that a finding reports; None where it reports none."""
     return found.parameters["k"].value if "k" in found.parameters else None
-
-
-def words_of(found: FoundEffect) -> str:
-    """Return name and alternatives in words."""
-    return " or ".join(f"{name.id} of {name.of}" for name in found.all_names)

@@ -11,27 +11,12 @@ from pa10cal.calibration.uncertainty import align_nominal
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.preparation import prepared as made_ready
-from pa10cal.evaluation.holdout import (
-    Placed,
-    judged,
-    parts_of,
-    placed,
-    prepared,
-    steps_elsewhere,
-    worth_cutting,
-)
+from pa10cal.evaluation import holdout
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations, poses_of, reading_groups
 from pa10cal.observe.order import with_arrivals
-from pa10cal.results.evaluation import (
-    Accuracy,
-    HeldOutModel,
-    HoldoutRecord,
-    PartOfCampaign,
-    TransferRecord,
-    mean_and_peak,
-)
+from pa10cal.results import evaluation as results
 from pa10cal.results.record import Campaign
 from pa10cal.terms.joint_spring import nominal
 
@@ -53,7 +38,7 @@ class Evaluation:
 
     def judge(
         self, *, kind: str = "holdout", elsewhere: bool = False, cuts_s: Sequence[float] = ()
-    ) -> dict[str, HeldOutModel]:
+    ) -> dict[str, results.HeldOutModel]:
         """Judge the models.
 
         Args:
@@ -86,10 +71,10 @@ class Evaluation:
 
         def errors(
             model: FittedModel, every: Observations, seen: AnglesSeen | None
-        ) -> HeldOutModel:
-            poses = prepared(every, kind, model, setup, cuts_s)
+        ) -> results.HeldOutModel:
+            poses = holdout.prepared(every, kind, model, setup, cuts_s)
             beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
-            return judged(model, poses, beyond, suspected)
+            return holdout.judged(model, poses, beyond, suspected)
 
         learnt = None if extended is None else extended.seen
         if not elsewhere:
@@ -102,11 +87,11 @@ class Evaluation:
         learnt = learnt or best.seen
         found, left_mm = {}, np.inf
         for name, model in models.items():
-            there = placed(model, every, setup, cuts_s)
+            there = holdout.placed(model, every, setup, cuts_s)
             found[name], left_mm = errors(there.model, every, learnt), there.rms_mm
         if extended is not None:
             arrived = with_arrivals(every)[0]
-            there = placed(extended.model, arrived, setup, cuts_s)
+            there = holdout.placed(extended.model, arrived, setup, cuts_s)
             # Effects that do not even help in the poses to which base and tool were fitted stay
             # away.
             *_, last = found.values()
@@ -116,23 +101,23 @@ class Evaluation:
 
     def judge_in_parts(
         self, cuts_s: Sequence[float]
-    ) -> tuple[dict[str, HeldOutModel], tuple[PartOfCampaign, ...]]:
+    ) -> tuple[dict[str, results.HeldOutModel], tuple[results.PartOfCampaign, ...]]:
         """Judge the models with a base for every part of the campaign; return the parts too."""
         found = self.judge(elsewhere=True, cuts_s=cuts_s)
-        return found, parts_of(*self.best(cuts_s), cuts_s)
+        return found, holdout.parts_of(*self.best(cuts_s), cuts_s)
 
-    def best(self, cuts_s: Sequence[float] = ()) -> tuple[Placed, Observations]:
+    def best(self, cuts_s: Sequence[float] = ()) -> tuple[holdout.Placed, Observations]:
         """Return what leaves least of the calibration poses, and the readings as it takes them."""
         *_, last = self.models.values()
-        best = placed(last, self.every, self.setup, cuts_s)
+        best = holdout.placed(last, self.every, self.setup, cuts_s)
         if self.extended is None:
             return best, self.every
         arrived = with_arrivals(self.every)[0]
-        with_effects = placed(self.extended.model, arrived, self.setup, cuts_s)
+        with_effects = holdout.placed(self.extended.model, arrived, self.setup, cuts_s)
         return (with_effects, arrived) if with_effects.rms_mm < best.rms_mm else (best, self.every)
 
 
-def held_out_record(campaign: Campaign, calibration: str, own: Evaluation) -> HoldoutRecord:
+def held_out_record(campaign: Campaign, calibration: str, own: Evaluation) -> results.HoldoutRecord:
     """Judge models on held-out poses of their own campaign.
 
     Where the verdict tells steps, they are judged with a base for every part as well.
@@ -148,12 +133,12 @@ def held_out_record(campaign: Campaign, calibration: str, own: Evaluation) -> Ho
     found = own.judge()
     cuts_s: Sequence[float] = ()
     if found and own.extended is not None and not own.every.measured.campaigns:
-        cuts_s = worth_cutting(own.every, own.extended.steps_s)
+        cuts_s = holdout.worth_cutting(own.every, own.extended.steps_s)
     parts = by_parts = None
     if cuts_s:
         in_parts, parts = own.judge_in_parts(cuts_s)
         by_parts = _errors_of(in_parts)
-    return HoldoutRecord(
+    return results.HoldoutRecord(
         campaign=campaign.name,
         provenance=campaign.provenance,
         calibration=calibration,
@@ -165,7 +150,7 @@ def held_out_record(campaign: Campaign, calibration: str, own: Evaluation) -> Ho
     )
 
 
-def transfer_record(campaign: Campaign, from_: str, there: Evaluation) -> TransferRecord:
+def transfer_record(campaign: Campaign, from_: str, there: Evaluation) -> results.TransferRecord:
     """Judge models of one campaign in another, part by part where instrument or base moved there.
 
     Args:
@@ -180,12 +165,12 @@ def transfer_record(campaign: Campaign, from_: str, there: Evaluation) -> Transf
     cuts_s: Sequence[float] = ()
     if found:
         best, arrived = there.best()
-        cuts_s = steps_elsewhere(best.model, arrived, there.setup)
+        cuts_s = holdout.steps_elsewhere(best.model, arrived, there.setup)
     parts = one_base = None
     if cuts_s:
         one_base = _errors_of(found)
         found, parts = there.judge_in_parts(cuts_s)
-    return TransferRecord(
+    return results.TransferRecord(
         campaign=campaign.name,
         provenance=campaign.provenance,
         from_=from_,
@@ -196,28 +181,30 @@ def transfer_record(campaign: Campaign, from_: str, there: Evaluation) -> Transf
     )
 
 
-def _configurations(models: Mapping[str, HeldOutModel]) -> int:
+def _configurations(models: Mapping[str, results.HeldOutModel]) -> int:
     return max((model.configurations for model in models.values()), default=0)
 
 
-def _errors_of(models: Mapping[str, HeldOutModel]) -> dict[str, Accuracy]:
+def _errors_of(models: Mapping[str, results.HeldOutModel]) -> dict[str, results.Accuracy]:
     """Return the errors of models over all configurations."""
     return {
-        name: Accuracy(**{key: getattr(model, key) for key in Accuracy.model_fields})
+        name: results.Accuracy(
+            **{key: getattr(model, key) for key in results.Accuracy.model_fields}
+        )
         for name, model in models.items()
     }
 
 
 def judged_where_repeated(
-    own: Evaluation, *, held_out: Mapping[str, HeldOutModel]
-) -> dict[str, Mapping[str, HeldOutModel]]:
+    own: Evaluation, *, held_out: Mapping[str, results.HeldOutModel]
+) -> dict[str, Mapping[str, results.HeldOutModel]]:
     """Judge models on all configurations of the kinds that have repeats, by kind.
 
     Args:
         own: the models and the readings of their campaign.
         held_out: errors of the held-out poses, as `own.judge()` gave them.
     """
-    found: dict[str, Mapping[str, HeldOutModel]] = {}
+    found: dict[str, Mapping[str, results.HeldOutModel]] = {}
     for kind in _KINDS:
         single = own.every.of_kind(kind)
         if len(single) == len(np.unique(reading_groups(single))):
@@ -227,7 +214,7 @@ def judged_where_repeated(
     return found
 
 
-def said_of_parts(parts: Sequence[PartOfCampaign]) -> str:
+def said_of_parts(parts: Sequence[results.PartOfCampaign]) -> str:
     """Return in one sentence how instrument or base moved between parts; empty where not."""
     moves = [
         f"{part.moved_by_mm:.2g} mm before {part.from_s:g} s"
@@ -239,7 +226,7 @@ def said_of_parts(parts: Sequence[PartOfCampaign]) -> str:
     return f"instrument or base moved at once, by {', '.join(moves)}: a base for every part"
 
 
-def summary(record: HoldoutRecord, *, springs: bool) -> str:
+def summary(record: results.HoldoutRecord, *, springs: bool) -> str:
     """Return the errors in one line.
 
     Args:
@@ -251,7 +238,7 @@ def summary(record: HoldoutRecord, *, springs: bool) -> str:
     rigid = {"linear": "calibrated", "cubic": ""}
     names = {name: name if springs else rigid.get(name, name) for name in record.models}
     errors = ", ".join(
-        f"{names[name]} {mean_and_peak(model, model.trusted)}"
+        f"{names[name]} {results.mean_and_peak(model, model.trusted)}"
         for name, model in record.models.items()
         if names[name]
     )

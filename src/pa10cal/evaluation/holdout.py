@@ -35,13 +35,7 @@ from pa10cal.observe.observations import (
     part_of,
     reading_groups,
 )
-from pa10cal.results.evaluation import (
-    Accuracy,
-    HeldOutModel,
-    HeldOutRows,
-    PartOfCampaign,
-    ToolTwist,
-)
+from pa10cal.results import evaluation as results
 from pa10cal.terms.of_campaign import OfPart, motion_of_base
 
 #: More points than this are listed pose by pose only.
@@ -77,7 +71,7 @@ def judged(
     held_out: Observations,
     extrapolated: NDArray[np.bool_] | None = None,
     suspected: NDArray[np.bool_] | None = None,
-) -> HeldOutModel:
+) -> results.HeldOutModel:
     """Return errors of one model over held-out poses, by load, by point and pose by pose.
 
     Args:
@@ -89,10 +83,10 @@ def judged(
     """
     found = model.deviations(held_out)
 
-    def errors(rows: NDArray[np.bool_] | None) -> Accuracy | None:
+    def errors(rows: NDArray[np.bool_] | None) -> results.Accuracy | None:
         return summarise(found.take(rows)) if rows is not None and rows.any() else None
 
-    return HeldOutModel(
+    return results.HeldOutModel(
         **dict(summarise(found)),
         per_load=summarise_by_load(found, held_out.states.load_N),
         per_point={
@@ -102,7 +96,7 @@ def judged(
         inside=errors(None if extrapolated is None else ~extrapolated),
         outside=errors(extrapolated),
         trusted=errors(None if suspected is None else ~suspected),
-        rows=HeldOutRows(
+        rows=results.HeldOutRows(
             pose=held_out.pose,
             load_N=held_out.states.load_N,
             position_mm=found.position_mm,
@@ -118,7 +112,7 @@ def _points(held_out: Observations) -> NDArray[np.str_]:
     return labels if len(labels) <= _MOST_POINTS else labels[:0]
 
 
-def _twist(model: FittedModel, held_out: Observations) -> ToolTwist | None:
+def _twist(model: FittedModel, held_out: Observations) -> results.ToolTwist | None:
     attitudes = held_out.measured.turned(model.R_ee_target).attitudes
     if attitudes is None:
         return None
@@ -132,12 +126,12 @@ def _twist(model: FittedModel, held_out: Observations) -> ToolTwist | None:
 # tool that sat differently on the flange between the two sessions would show just so.
 
 
-def constant_tool_twist(R_predicted: Array, R_measured: Array) -> ToolTwist:
+def constant_tool_twist(R_predicted: Array, R_measured: Array) -> results.ToolTwist:
     """Fit one rotation of the tool to the differences of (P, 3, 3) attitudes."""
     difference = Rotation.from_matrix(R_predicted.transpose(0, 2, 1) @ R_measured)
     twist = difference.mean()
     left = twist.inv() * difference
-    return ToolTwist(
+    return results.ToolTwist(
         rotation_deg=np.degrees(twist.as_rotvec()),
         angle_deg=float(np.degrees(twist.magnitude())),
         before_deg=float(np.degrees(difference.magnitude()).mean()),
@@ -251,7 +245,7 @@ def worth_cutting(every: Observations, steps_s: Sequence[float]) -> tuple[float,
 
 def parts_of(
     found: Placed, every: Observations, cuts_s: Sequence[float]
-) -> tuple[PartOfCampaign, ...]:
+) -> tuple[results.PartOfCampaign, ...]:
     """Return the parts of a campaign, and how the base moved between them.
 
     Args:
@@ -273,7 +267,7 @@ def parts_of(
     for k, (moved_mm, turned_mrad) in enumerate(moved):
         here = every.take(part == k)
         parts.append(
-            PartOfCampaign(
+            results.PartOfCampaign(
                 from_s=float(here.states.time_s.min()),
                 to_s=float(here.states.time_s.max()),
                 poses=_configurations(here, "grid"),

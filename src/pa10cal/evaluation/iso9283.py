@@ -16,13 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.observe.observations import Observations, measured_as_poses, reading_groups
-from pa10cal.results.evaluation import (
-    AccuracyRows,
-    HeldOutModel,
-    Iso9283Record,
-    PoseAccuracy,
-    RepeatabilityRows,
-)
+from pa10cal.results import evaluation as results
 from pa10cal.results.record import Campaign
 
 #: Repeats of a configuration below which its scatter says too little; the standard has 30.
@@ -64,9 +58,9 @@ def iso9283_record(
     campaign: Campaign,
     calibration: str,
     every: Observations,
-    judged: Mapping[str, Mapping[str, HeldOutModel]],
+    judged: Mapping[str, Mapping[str, results.HeldOutModel]],
     R_instr_base: Array,
-) -> Iso9283Record:
+) -> results.Iso9283Record:
     """Return accuracy under every model and repeatability of every configuration repeated enough.
 
     Args:
@@ -81,7 +75,7 @@ def iso9283_record(
     chosen = {kind: _repeated(readings[kind], code) for kind, code in groups.items()}
     note = _why_not(every, max((len(rows) for rows in chosen.values()), default=0))
     if note is not None:
-        return Iso9283Record(
+        return results.Iso9283Record(
             campaign=campaign.name,
             provenance=campaign.provenance,
             calibration=calibration,
@@ -93,11 +87,11 @@ def iso9283_record(
         if len(rows)
     ]
     names = list(judged[next(kind for kind, rows in chosen.items() if len(rows))])
-    return Iso9283Record(
+    return results.Iso9283Record(
         campaign=campaign.name,
         provenance=campaign.provenance,
         calibration=calibration,
-        repeatability=RepeatabilityRows(**_joined([dict(part) for part in parts])),
+        repeatability=results.RepeatabilityRows(**_joined([dict(part) for part in parts])),
         accuracy={
             name: _accuracy([(judged[kind][name], rows) for kind, rows in chosen.items()])
             for name in names
@@ -135,7 +129,7 @@ def _repeatability(
     code: NDArray[np.intp],
     rows: NDArray[np.intp],
     R_instr_base: Array,
-) -> RepeatabilityRows:
+) -> results.RepeatabilityRows:
     positions, attitudes = _attained(single, R_instr_base)
     found = []
     for row in rows:
@@ -146,7 +140,7 @@ def _repeatability(
         found.append(repeatability(p[:, seen].mean(axis=1), R))
     first = np.array([int(np.flatnonzero(code == row)[0]) for row in rows])
     turns = [each.RP_deg for each in found if each.RP_deg is not None]
-    return RepeatabilityRows(
+    return results.RepeatabilityRows(
         kind=np.full(len(rows), kind),
         pose=single.pose[first],
         load_N=single.states.load_N[first],
@@ -170,9 +164,9 @@ def _one_side(arrival: Array) -> bool:
     return bool((np.ptp(arrival, axis=0) == 0.0).all())
 
 
-def _accuracy(parts: list[tuple[HeldOutModel, NDArray[np.intp]]]) -> PoseAccuracy:
+def _accuracy(parts: list[tuple[results.HeldOutModel, NDArray[np.intp]]]) -> results.PoseAccuracy:
     tables = [
-        AccuracyRows(
+        results.AccuracyRows(
             pose=model.rows.pose[rows],
             load_N=model.rows.load_N[rows],
             AP_mm=np.linalg.norm(model.rows.position_mm[rows], axis=1),
@@ -182,9 +176,9 @@ def _accuracy(parts: list[tuple[HeldOutModel, NDArray[np.intp]]]) -> PoseAccurac
         for model, rows in parts
         if len(rows)
     ]
-    joined = AccuracyRows(**_joined([dict(table) for table in tables]))
+    joined = results.AccuracyRows(**_joined([dict(table) for table in tables]))
     turns = None if joined.AP_deg is None else np.linalg.norm(joined.AP_deg, axis=1)
-    return PoseAccuracy(
+    return results.PoseAccuracy(
         AP_mean_mm=float(joined.AP_mm.mean()),
         AP_largest_mm=float(joined.AP_mm.max()),
         AP_mean_deg=None if turns is None else float(turns.mean()),

@@ -6,18 +6,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, FiniteFloat, NonNegativeInt
 
+from pa10cal import options
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.observe.kinds import TrackerKind
-from pa10cal.options import (
-    BaseFrameOptions,
-    DiscoveryOptions,
-    IngestOptions,
-    MonteCarloOptions,
-    Section,
-)
 
 
-class EvaluationOptions(Section):
+class EvaluationOptions(options.Section):
     """Held-out points and loads."""
 
     calibration: str = Field(
@@ -26,7 +20,7 @@ class EvaluationOptions(Section):
     )
 
 
-class TrialCounts(Section):
+class TrialCounts(options.Section):
     """How many blind trials of each kind."""
 
     null: NonNegativeInt = Field(200, description="nothing hidden")
@@ -46,7 +40,7 @@ class TrialCounts(Section):
     )
 
 
-class WildCounts(Section):
+class WildCounts(options.Section):
     """How many wild trials of each kind."""
 
     right: NonNegativeInt = Field(170, description="nothing wrong and nothing hidden")
@@ -62,7 +56,7 @@ class WildCounts(Section):
     fault: NonNegativeInt = Field(5, description="rounds through the faults, one a trial")
 
 
-class DriveCounts(Section):
+class DriveCounts(options.Section):
     """How many trials of sensors and gears that err, by what errs."""
 
     sensor: NonNegativeInt = Field(40, description="sensors behind gears")
@@ -71,7 +65,7 @@ class DriveCounts(Section):
     neither: NonNegativeInt = Field(40, description="none; motors ripple all the same")
 
 
-class UnstatedCounts(Section):
+class UnstatedCounts(options.Section):
     """How many trials of arms whose masses are not stated."""
 
     unstated_masses: NonNegativeInt = Field(
@@ -79,7 +73,7 @@ class UnstatedCounts(Section):
     )
 
 
-class SortedCounts(Section):
+class SortedCounts(options.Section):
     """How many trials of files that are sorted by a joint."""
 
     sorted_rows: NonNegativeInt = Field(
@@ -87,7 +81,7 @@ class SortedCounts(Section):
     )
 
 
-class BlindTrialsOptions(Section):
+class BlindTrialsOptions(options.Section):
     """Campaigns of the virtual cell judged without their truth, and scored apart."""
 
     random_seed: Annotated[int, Field(ge=0)] = Field(
@@ -132,7 +126,7 @@ class BlindTrialsOptions(Section):
     )
 
 
-class CoverageCase(Section):
+class CoverageCase(options.Section):
     """An arm under an instrument, calibrated with the general model."""
 
     robot: str = Field(description="an arm description")
@@ -148,7 +142,7 @@ def _case(**fields: Any) -> CoverageCase:
     return CoverageCase.model_construct(**fields)
 
 
-class CoverageOptions(Section):
+class CoverageOptions(options.Section):
     """Do 95 % intervals hold the truth of simulated campaigns in 95 % of cases?"""
 
     random_seed: Annotated[int, Field(ge=0)] = Field(1, description="of the first campaign")
@@ -185,7 +179,7 @@ class CoverageOptions(Section):
 # Options of the figures.
 
 
-class FigureOptions(Section):
+class FigureOptions(options.Section):
     """Looks shared by all figures."""
 
     png_dpi: Annotated[int, Field(ge=50, le=600)] = Field(150, description="resolution of the PNG")
@@ -202,39 +196,39 @@ KcubReading = Annotated[
         description="exponent of the paper's cubic stiffness: text_e7, or table_e8 (its Table I)"
     ),
 ]
-Ingest = Annotated[IngestOptions, Field(description="raw logs to a table of poses")]
+Ingest = Annotated[options.IngestOptions, Field(description="raw logs to a table of poses")]
 BaseFrame = Annotated[
-    BaseFrameOptions, Field(description="from the straight-line moves, equations (5)-(7)")
+    options.BaseFrameOptions, Field(description="from the straight-line moves, equations (5)-(7)")
 ]
 Calibration = Annotated[
     CalibrationOptions,
     Field(description="two levels, equations (1)-(4), and the general model"),
 ]
 MonteCarlo = Annotated[
-    MonteCarloOptions, Field(description="position error from resolver uncertainty")
+    options.MonteCarloOptions, Field(description="position error from resolver uncertainty")
 ]
 Evaluation = Annotated[EvaluationOptions, Field(description="held-out points and loads")]
 Discovery = Annotated[
-    DiscoveryOptions,
+    options.DiscoveryOptions,
     Field(description="the search for missing effects; standard uncertainties"),
 ]
 Figures = Annotated[FigureOptions, Field(description="looks shared by all figures")]
 
 
-class PictureOptions(Section):
+class PictureOptions(options.Section):
     """The settings that pictures of a campaign read."""
 
     figures: Figures = FigureOptions()
     kcub_reading: KcubReading = "text_e7"
-    montecarlo: MonteCarlo = MonteCarloOptions()
+    montecarlo: MonteCarlo = options.MonteCarloOptions()
     evaluation: Evaluation = EvaluationOptions()
 
 
-class ChainOptions(Section):
+class ChainOptions(options.Section):
     """The settings of every stage from raw files to a model."""
 
-    ingest: Ingest = IngestOptions()
-    base_frame: BaseFrame = BaseFrameOptions()
+    ingest: Ingest = options.IngestOptions()
+    base_frame: BaseFrame = options.BaseFrameOptions()
     calibration: Calibration = CalibrationOptions()
     evaluation: Evaluation = EvaluationOptions()
-    discovery: Discovery = DiscoveryOptions()
+    discovery: Discovery = options.DiscoveryOptions()

@@ -9,30 +9,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import ndtri
 
-from pa10cal.evaluation.blind_trial import MAP, OUTSIDE, TRACKED, BlindTrial, words_of
+from pa10cal.evaluation.blind_trial import MAP, OUTSIDE, TRACKED, BlindTrial
 from pa10cal.evaluation.trial_rates import LEVEL, bar, figure, longest, power, rate, score_formulas
+from pa10cal.results import trials as results
 from pa10cal.results.discovery import FoundEffect
-from pa10cal.results.trials import (
-    Bar,
-    Confusion,
-    Failure,
-    GapScore,
-    HiddenEffect,
-    Intervals,
-    JudgedEffect,
-    JudgedTrial,
-    MovedBin,
-    NothingHidden,
-    Outside,
-    ParameterRate,
-    ParameterScore,
-    PowerStudy,
-    Rate,
-    Seconds,
-    Several,
-    Singles,
-    TrialScoresRecord,
-)
 
 NOTHING_HIDDEN = ("null", "wrong_noise", "wrong_mass")
 SEVERAL = ("pair", "triple")
@@ -49,15 +29,15 @@ def of_kinds(trials: Iterable[BlindTrial], *kinds: str) -> list[BlindTrial]:
     return [trial for trial in trials if trial.kind in kinds]
 
 
-def score_nothing_hidden(trials: Sequence[BlindTrial]) -> NothingHidden:
+def score_nothing_hidden(trials: Sequence[BlindTrial]) -> results.NothingHidden:
     """Score trials of one kind that hide no effect."""
-    return NothingHidden(
+    return results.NothingHidden(
         named=rate(t.verdict is None or bool(t.verdict.effects) for t in trials),
         unexplained=rate(t.verdict is not None and t.verdict.word == "unexplained" for t in trials),
     )
 
 
-def score_singles(trials: Sequence[BlindTrial]) -> Singles:
+def score_singles(trials: Sequence[BlindTrial]) -> results.Singles:
     """Score trials that hide one effect; one that failed counts against every share."""
     pairs = [(trial, trial.hidden[0]) for trial in trials]
     moving = [(t, h) for t, h in pairs if t.moves_poses(h)]
@@ -67,7 +47,7 @@ def score_singles(trials: Sequence[BlindTrial]) -> Singles:
     testable = [(t, h) for t, h in pairs if t.verdict is None or t.is_testable(h)]
     torque = [(t, h) for t, h in testable if not t.moves_poses(h)]
     alternatives = [t.alternatives(h) for t, h in pairs if t.lists(h)]
-    return Singles(
+    return results.Singles(
         large=rate(t.names(h) for t, h in large),
         large_alone=rate(t.names(h) and not t.alternatives(h) and not t.extra() for t, h in large),
         above=rate(t.lists(h) for t, h in above),
@@ -82,30 +62,30 @@ def score_singles(trials: Sequence[BlindTrial]) -> Singles:
     )
 
 
-def _is_large(trial: BlindTrial, hidden: HiddenEffect) -> bool:
+def _is_large(trial: BlindTrial, hidden: results.HiddenEffect) -> bool:
     return (trial.ratio(hidden) or 0.0) >= LARGE and trial.is_separable(hidden)
 
 
-def score_outside(trials: Sequence[BlindTrial]) -> Outside:
+def score_outside(trials: Sequence[BlindTrial]) -> results.Outside:
     """Score trials that hide what no name covers; one that failed counts against every share."""
-    return Outside(
+    return results.Outside(
         confidently_wrong=rate(t.verdict is None or t.is_confidently_wrong() for t in trials),
         right_place=rate(t.has_right_place() for t in trials),
         silent=rate(t.verdict is None or not t.verdict.says_something for t in trials),
     )
 
 
-def score_several(trials: Sequence[BlindTrial]) -> Several:
+def score_several(trials: Sequence[BlindTrial]) -> results.Several:
     """Score trials that hide several effects; one that failed counts against every share."""
     above = [(t, [h for h in t.hidden if _is_above(t, h)]) for t in trials]
-    return Several(
+    return results.Several(
         all_listed=rate(t.all_listed(t.hidden) for t in trials),
         nothing_extra=rate(t.verdict is not None and not t.extra() for t in trials),
         above_listed=rate(t.all_listed(those) for t, those in above if those),
     )
 
 
-def _is_above(trial: BlindTrial, hidden: HiddenEffect) -> bool:
+def _is_above(trial: BlindTrial, hidden: results.HiddenEffect) -> bool:
     if trial.verdict is None:
         return True
     if not trial.moves_poses(hidden):
@@ -113,7 +93,7 @@ def _is_above(trial: BlindTrial, hidden: HiddenEffect) -> bool:
     return (trial.ratio(hidden) or 0.0) >= LIMIT
 
 
-def score_gap(trials: Sequence[BlindTrial]) -> GapScore | None:
+def score_gap(trials: Sequence[BlindTrial]) -> results.GapScore | None:
     """Score held-out errors layout by layout; None without nulls or without any name."""
     null = of_kinds(trials, "null")
     reference = {
@@ -138,7 +118,7 @@ def score_gap(trials: Sequence[BlindTrial]) -> GapScore | None:
     ratios = over(named)
     if not ratios:
         return None
-    return GapScore(
+    return results.GapScore(
         mean=float(np.mean(ratios)),
         median=float(np.median(ratios)),
         high=float(np.quantile(ratios, 0.95)),
@@ -155,7 +135,7 @@ def _held_out(trials: list[BlindTrial]) -> list[float]:
     ]
 
 
-def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
+def bars(trials: Sequence[BlindTrial]) -> tuple[results.Bar, ...]:
     """Return the figures to reach and those reached."""
     singles = score_singles(of_kinds(trials, "single"))
     outside = score_outside(of_kinds(trials, OUTSIDE))
@@ -169,10 +149,10 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
     ]
     tracked = any(trial.truth.measured == TRACKED for trial in trials)
 
-    def least(found: Rate, limit: float) -> tuple[Rate, bool, float]:
+    def least(found: results.Rate, limit: float) -> tuple[results.Rate, bool, float]:
         return found, True, limit
 
-    def most(found: Rate, limit: float) -> tuple[Rate, bool, float]:
+    def most(found: results.Rate, limit: float) -> tuple[results.Rate, bool, float]:
         return found, False, limit
 
     plausible = {
@@ -225,7 +205,7 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
 _AXES = "xyz"
 
 
-def intervals(trials: Sequence[BlindTrial]) -> Intervals:
+def intervals(trials: Sequence[BlindTrial]) -> results.Intervals:
     """Score the parameters of every finding that is what was hidden, at its place.
 
     Of phases the difference modulo a turn counts, with the sign of an amplitude taken into the
@@ -243,11 +223,11 @@ def intervals(trials: Sequence[BlindTrial]) -> Intervals:
     )
     keys = sorted({(score.id, score.parameter) for score in scores})
     values = np.array([score.score for score in scores])
-    return Intervals(
+    return results.Intervals(
         inside=rate(map(is_inside, scores)),
         rms=float(np.sqrt(np.mean(values**2))) if scores else None,
         by_parameter=tuple(
-            ParameterRate(
+            results.ParameterRate(
                 id=effect,
                 parameter=parameter,
                 **dict(
@@ -260,12 +240,12 @@ def intervals(trials: Sequence[BlindTrial]) -> Intervals:
     )
 
 
-def is_inside(score: ParameterScore) -> bool:
+def is_inside(score: results.ParameterScore) -> bool:
     """Return whether the 95 % interval of a parameter holds the truth."""
     return bool(abs(score.score) <= ndtri(0.5 + LEVEL / 2.0))
 
 
-def _scores(hidden: HiddenEffect, named: FoundEffect) -> list[ParameterScore]:
+def _scores(hidden: results.HiddenEffect, named: FoundEffect) -> list[results.ParameterScore]:
     if hidden.id == MAP:
         return []
     truth = true_parameters(hidden)
@@ -276,11 +256,13 @@ def _scores(hidden: HiddenEffect, named: FoundEffect) -> list[ParameterScore]:
         off = found.value - truth[parameter]
         if parameter == "phi":
             off = float(np.angle(np.exp(1j * off)))
-        scores.append(ParameterScore(id=named.id, parameter=parameter, score=off / found.std))
+        scores.append(
+            results.ParameterScore(id=named.id, parameter=parameter, score=off / found.std)
+        )
     return scores
 
 
-def true_parameters(hidden: HiddenEffect) -> dict[str, float]:
+def true_parameters(hidden: results.HiddenEffect) -> dict[str, float]:
     """Return what was hidden under the names of a verdict, amplitudes positive."""
     flat: dict[str, float] = {}
     known: Mapping[str, object] = hidden.parameters
@@ -315,7 +297,7 @@ MOVED_EDGES = (
 _LEAST_MOVED = 0.03
 
 
-def outcome(trial: BlindTrial, hidden: HiddenEffect) -> str:
+def outcome(trial: BlindTrial, hidden: results.HiddenEffect) -> str:
     """Return what became of one hidden effect: an id of the vocabulary or one of the words here.
 
     Where findings match no hidden effect, the first of them counts.
@@ -346,14 +328,14 @@ def confusion(trials: Sequence[BlindTrial]) -> dict[str, Counter[str]]:
     return counts
 
 
-def study_power(trials: Sequence[BlindTrial]) -> PowerStudy:
+def study_power(trials: Sequence[BlindTrial]) -> results.PowerStudy:
     """Fit power curves to trials that hide one effect and did not fail."""
     known = [(t, t.hidden[0]) for t in trials if t.verdict is not None]
     ids = sorted({hidden.id for _, hidden in known})
     moving = [(t, h) for t, h in known if t.moves_poses(h)]
     moved = np.array([t.moved_over_floor(h) or 0.0 for t, h in moving])
     listed = np.array([t.lists(h) for t, h in moving], dtype=bool)
-    return PowerStudy(
+    return results.PowerStudy(
         by_id={
             name: power(
                 np.array([h.size for _, h in known if h.id == name]),
@@ -363,7 +345,7 @@ def study_power(trials: Sequence[BlindTrial]) -> PowerStudy:
         },
         by_moved=power(np.maximum(moved, _LEAST_MOVED), listed),
         bins=tuple(
-            MovedBin(
+            results.MovedBin(
                 low=low,
                 high=high if np.isfinite(high) else None,
                 listed=rate(listed[(moved >= low) & (moved < high)].tolist()),
@@ -378,15 +360,15 @@ def study_power(trials: Sequence[BlindTrial]) -> PowerStudy:
 _PROVENANCE = "synthetic: virtual cell, robots, poses, noise and hidden effects drawn at random"
 
 
-def scores_record(trials: Sequence[BlindTrial]) -> TrialScoresRecord:
+def scores_record(trials: Sequence[BlindTrial]) -> results.TrialScoresRecord:
     """Return what many trials come to."""
     singles, outside = (of_kinds(trials, kind) for kind in ("single", OUTSIDE))
     seconds = [t.verdict.seconds for t in trials if t.verdict is not None]
-    return TrialScoresRecord(
+    return results.TrialScoresRecord(
         provenance=_PROVENANCE,
         trials=len(trials),
         failed=tuple(
-            Failure(campaign=trial.truth.campaign, kind=trial.kind, message=trial.failed)
+            results.Failure(campaign=trial.truth.campaign, kind=trial.kind, message=trial.failed)
             for trial in trials
             if trial.failed is not None
         ),
@@ -399,13 +381,13 @@ def scores_record(trials: Sequence[BlindTrial]) -> TrialScoresRecord:
         several={kind: score_several(of_kinds(trials, kind)) for kind in SEVERAL},
         gap=score_gap(trials),
         intervals=intervals(trials),
-        confusion=Confusion(
+        confusion=results.Confusion(
             single={name: dict(counts) for name, counts in confusion(singles).items()},
             outside={name: dict(counts) for name, counts in confusion(outside).items()},
         ),
         proposed=score_formulas(trials),
         power=study_power(singles),
-        seconds=Seconds(
+        seconds=results.Seconds(
             median=float(np.median(seconds)) if seconds else None,
             longest=max(seconds, default=None),
         ),
@@ -413,16 +395,16 @@ def scores_record(trials: Sequence[BlindTrial]) -> TrialScoresRecord:
     )
 
 
-def _judged(trial: BlindTrial) -> JudgedTrial:
+def _judged(trial: BlindTrial) -> results.JudgedTrial:
     """Return what became of a trial."""
     verdict = trial.verdict
-    return JudgedTrial(
+    return results.JudgedTrial(
         campaign=trial.truth.campaign,
         kind=trial.kind,
         layout=trial.truth.layout,
         path=trial.truth.path,
         hidden=tuple(
-            JudgedEffect(
+            results.JudgedEffect(
                 id=hidden.id,
                 of=hidden.of,
                 size=hidden.size,
@@ -436,7 +418,7 @@ def _judged(trial: BlindTrial) -> JudgedTrial:
             for hidden in trial.hidden
         ),
         verdict=FAILED if verdict is None else verdict.word,
-        named=() if verdict is None else tuple(map(words_of, verdict.effects)),
+        named=() if verdict is None else tuple(effect.either for effect in verdict.effects),
         places=tuple(place or "unknown" for place in (() if verdict is None else verdict.places)),
         extra=trial.extra(),
         held_out_after_mm=None if verdict is None else verdict.held_out_after_mm,

@@ -24,15 +24,7 @@ from pa10cal.fit.fitted import FLANGE, TOOL_FRAME
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward, conditions
 from pa10cal.frame.rigid_fit import cross_matrix
-from pa10cal.results.comparison import (
-    ComparedFrame,
-    ComparedModel,
-    ComparisonRecord,
-    DriftRecord,
-    DriftRows,
-    DriftStep,
-    ParameterRows,
-)
+from pa10cal.results import comparison as results
 from pa10cal.results.health import UNRESERVED
 from pa10cal.terms.term import Offsets
 from pa10cal.terms.weights import Weights
@@ -49,7 +41,7 @@ _SAME = 1e-9
 
 def compare_models(
     first: FittedModel, second: FittedModel, names: tuple[str, str] = ("first", "second")
-) -> ComparisonRecord:
+) -> results.ComparisonRecord:
     """Compare two models of arms of the same layout.
 
     Args:
@@ -67,7 +59,7 @@ def compare_models(
     compared = (FLANGE, TOOL_FRAME) if len(q) else ()
     frames = {frame: compared_frame(first, second, frame, q, load_N) for frame in compared}
     agree, line = _judged(frames, (first, second), names)
-    return ComparisonRecord(
+    return results.ComparisonRecord(
         first=_about(first, second, names[0]),
         second=_about(second, first, names[1]),
         described_otherwise=_described_otherwise(first, second),
@@ -131,10 +123,10 @@ def _same(mine: object, theirs: object) -> bool:
     return np.allclose(one, other, rtol=_SAME, atol=_SAME, equal_nan=True)
 
 
-def _about(model: FittedModel, other: FittedModel, name: str) -> ComparedModel:
+def _about(model: FittedModel, other: FittedModel, name: str) -> results.ComparedModel:
     fitted = model.fitted_to
     theirs = {(term.id, term.of) for term in other.model.terms}
-    return ComparedModel(
+    return results.ComparedModel(
         name=name,
         robot=model.arm.name,
         campaign=fitted.campaign if fitted else None,
@@ -154,7 +146,7 @@ def _about(model: FittedModel, other: FittedModel, name: str) -> ComparedModel:
 _Values = Mapping[tuple[str, str, str, str], tuple[float, float, float]]
 
 
-def _parameters(first: FittedModel, second: FittedModel) -> ParameterRows:
+def _parameters(first: FittedModel, second: FittedModel) -> results.ParameterRows:
     """Return every parameter of two models, in the order of the first."""
     mine, theirs = _values(first), _values(second)
     keys = [*mine, *(key for key in theirs if key not in mine)]
@@ -173,7 +165,7 @@ def _parameters(first: FittedModel, second: FittedModel) -> ParameterRows:
     )
     over_u = np.divide(difference, u, out=np.full(len(u), np.nan), where=determined)
     term, of, parameter, unit = np.array(keys, dtype=str).reshape(-1, 4).T
-    return ParameterRows(
+    return results.ParameterRows(
         term=term,
         of=of,
         parameter=parameter,
@@ -195,7 +187,7 @@ def _values(model: FittedModel) -> _Values:
 
 
 def _judged(
-    frames: Mapping[str, ComparedFrame],
+    frames: Mapping[str, results.ComparedFrame],
     models: tuple[FittedModel, FittedModel],
     names: tuple[str, str],
 ) -> tuple[bool | None, str]:
@@ -297,7 +289,7 @@ def _predicted(
 
 def compared_frame(
     first: FittedModel, second: FittedModel, frame: str, q: Array, load_N: Array
-) -> ComparedFrame:
+) -> results.ComparedFrame:
     """Compare one frame in postures (P, n) under loads (P,)."""
     temperature_C = _temperature(first, second)
     T_one, noise_one = _predicted(first, frame, q, load_N, temperature_C)
@@ -314,7 +306,7 @@ def compared_frame(
         expected_rad, chance_rad = _expected(by_turn, np.radians(left_deg))
         expected_mm, expected_deg = 1e3 * expected_m, float(np.degrees(expected_rad))
         chance = min(1.0, 2.0 * min(chance_m, chance_rad))
-    return ComparedFrame(
+    return results.ComparedFrame(
         rms_mm=_rms(apart_mm),
         peak_mm=float(apart_mm.max()),
         orientation_deg=_rms(apart_deg),
@@ -409,7 +401,7 @@ _MOST = 24
 _HALF_95 = 1.96
 
 
-def drift(models: Sequence[FittedModel], names: Sequence[str]) -> DriftRecord:
+def drift(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftRecord:
     """Return the parameters of an arm over campaigns.
 
     Args:
@@ -425,13 +417,15 @@ def drift(models: Sequence[FittedModel], names: Sequence[str]) -> DriftRecord:
     for k in range(1, len(models)):
         found = compare_models(models[k - 1], models[k], (names[k - 1], names[k]))
         assert found.what_moved is not None
-        steps.append(DriftStep(first=names[k - 1], second=names[k], what_moved=found.what_moved))
+        steps.append(
+            results.DriftStep(first=names[k - 1], second=names[k], what_moved=found.what_moved)
+        )
     told = [
         f"{step.first} to {step.second}: {step.what_moved.line}"
         for step in steps
         if step.what_moved.verdict != "unchanged"
     ]
-    return DriftRecord(
+    return results.DriftRecord(
         robot=models[0].arm.name,
         campaigns=tuple(names),
         parameters=_rows(models, names),
@@ -467,7 +461,7 @@ def _refuse(models: Sequence[FittedModel], names: Sequence[str]) -> None:
         )
 
 
-def _rows(models: Sequence[FittedModel], names: Sequence[str]) -> DriftRows:
+def _rows(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftRows:
     """Return links, springs and effects of all models, with 95 % intervals."""
     rows: list[tuple[str, str, str, str, str]] = []
     numbers: list[tuple[float, float]] = []
@@ -480,7 +474,7 @@ def _rows(models: Sequence[FittedModel], names: Sequence[str]) -> DriftRows:
                 numbers.append((value, std))
     campaign, term_id, of, parameter_name, unit = np.array(rows, dtype=str).reshape(-1, 5).T
     values, stds = np.array(numbers).reshape(-1, 2).T
-    return DriftRows(
+    return results.DriftRows(
         campaign=campaign,
         term=term_id,
         of=of,

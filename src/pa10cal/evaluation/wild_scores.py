@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from pa10cal.evaluation.blind_trial import SORTED, SPRING, UNSTATED, BlindTrial, words_of
+from pa10cal.evaluation.blind_trial import SORTED, SPRING, UNSTATED, BlindTrial
 from pa10cal.evaluation.trial_rates import (
     Outcomes,
     at_least,
@@ -26,17 +26,8 @@ from pa10cal.evaluation.trial_rates import (
     score_formulas,
 )
 from pa10cal.evaluation.trial_scores import LIMIT
+from pa10cal.results import trials as results
 from pa10cal.results.record import Name
-from pa10cal.results.trials import (
-    Bar,
-    FormulaScores,
-    HiddenEffect,
-    JudgedTrialRecord,
-    PutIn,
-    WildScoresRecord,
-    WildSubject,
-    WildTrial,
-)
 
 #: From here on, in units of the noise floor, something wrong must show.
 ABOVE = 3.0
@@ -75,7 +66,7 @@ def has_fault(trial: BlindTrial) -> bool:
     return any(not each.stressor or each.kinds for each in trial.put_in)
 
 
-def matters(trial: BlindTrial, put_in: PutIn) -> bool:
+def matters(trial: BlindTrial, put_in: results.PutIn) -> bool:
     """Return whether what was put in is more than three times the noise.
 
     Where it cannot be measured, since the campaign was refused, it is.
@@ -86,7 +77,7 @@ def matters(trial: BlindTrial, put_in: PutIn) -> bool:
     return trial.verdict is None or (over is not None and over >= ABOVE)
 
 
-def is_told(trial: BlindTrial, put_in: PutIn) -> bool:
+def is_told(trial: BlindTrial, put_in: results.PutIn) -> bool:
     """Return whether a fault is told, by kind and place, or the campaign refused or suspected."""
     if trial.verdict is None:
         return trial.refused
@@ -162,17 +153,17 @@ def motions_as_facts(trial: BlindTrial) -> tuple[str, ...]:
     return tuple(said for said in motions if not _RIVAL.search(said))
 
 
-def _motions(verdict: JudgedTrialRecord) -> tuple[str, ...]:
+def _motions(verdict: results.JudgedTrialRecord) -> tuple[str, ...]:
     """Return what a verdict says of motions in the course of time, with a name or without."""
     unexplained = () if verdict.unexplained is None else verdict.unexplained.all
     return (
         *(fault.what for fault in verdict.faults if fault.kind == _IN_TIME),
         *(each.why for each in unexplained if _OF_MOTION.search(each.why)),
-        *(words_of(effect) for effect in verdict.effects if effect.id == _DRIFT),
+        *(effect.either for effect in verdict.effects if effect.id == _DRIFT),
     )
 
 
-def leaves_much(trial: BlindTrial, hidden: HiddenEffect, *, apart: bool = False) -> bool:
+def leaves_much(trial: BlindTrial, hidden: results.HiddenEffect, *, apart: bool = False) -> bool:
     """Return whether the residual with an effect is 1.5 times that of noise alone, or more.
 
     Args:
@@ -227,7 +218,7 @@ def _effects_listed(*, large: bool) -> Outcomes:
         large: only if it is above the limit of detection in the poses, as trials go.
     """
 
-    def counts(trial: BlindTrial, hidden: HiddenEffect) -> bool:
+    def counts(trial: BlindTrial, hidden: results.HiddenEffect) -> bool:
         shows = not large or not trial.moves_poses(hidden) or leaves_much(trial, hidden)
         return trial.verdict is None or (shows and trial.is_testable(hidden))
 
@@ -333,7 +324,7 @@ def are_measured(trials: Sequence[BlindTrial]) -> bool:
     return bool(trials) and all(trial.kind in _MEASURED for trial in trials)
 
 
-def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
+def bars(trials: Sequence[BlindTrial]) -> tuple[results.Bar, ...]:
     """Return the figures to reach and those reached."""
     table = _WILD_TABLE
     if are_measured(trials):
@@ -356,11 +347,11 @@ def failings(trial: BlindTrial) -> tuple[str, ...]:
 # The record: counts by what was put in, and every trial.
 
 
-def scores_record(trials: Sequence[BlindTrial]) -> WildScoresRecord:
+def scores_record(trials: Sequence[BlindTrial]) -> results.WildScoresRecord:
     """Return what many wild trials come to."""
     measured = are_measured(trials)
     about = sorted({(t.kind, name) for t in trials for name in _subjects(t)})
-    return WildScoresRecord(
+    return results.WildScoresRecord(
         provenance=_PROVENANCE_MEASURED if measured else _PROVENANCE,
         trials=len(trials),
         bars=bars(trials),
@@ -368,7 +359,7 @@ def scores_record(trials: Sequence[BlindTrial]) -> WildScoresRecord:
             _subject(kind, name, [t for t in trials if t.kind == kind and name in _subjects(t)])
             for kind, name in about
         ),
-        proposed=FormulaScores() if measured else score_formulas(trials),
+        proposed=results.FormulaScores() if measured else score_formulas(trials),
         per_trial=tuple(map(_row, trials)),
     )
 
@@ -381,7 +372,7 @@ def _subjects(trial: BlindTrial) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names)) or ("nothing",)
 
 
-def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
+def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> results.WildSubject:
     """Return the counts of trials that put in the same."""
     if kind in _MEASURED:
         mine = [(t, each) for t in trials for each in t.hidden if each.id == name]
@@ -408,7 +399,7 @@ def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
             "found": sum(t.lists(each) for t in trials for each in t.hidden),
             "false_comfort": sum(map(has_false_comfort, trials)),
         }
-    return WildSubject(
+    return results.WildSubject(
         **own,
         kind=kind,
         id=name,
@@ -421,9 +412,9 @@ def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
     )
 
 
-def _row(trial: BlindTrial) -> WildTrial:
+def _row(trial: BlindTrial) -> results.WildTrial:
     """Return a trial, what was said of it, and the bars that it counts against."""
-    return WildTrial(
+    return results.WildTrial(
         campaign=trial.truth.campaign,
         kind=trial.kind,
         bench=trial.truth.layout,
@@ -441,5 +432,6 @@ def _said(trial: BlindTrial) -> str:
     verdict = trial.verdict
     if verdict is None:
         return f"{'refused' if trial.refused else 'crashed'}: {trial.failed}"
+    effects = (effect.either for effect in verdict.effects)
     faults = (f"{fault.kind} of {fault.where}" for fault in verdict.faults)
-    return "; ".join([f"{verdict.word}, {verdict.grade}", *map(words_of, verdict.effects), *faults])
+    return "; ".join([f"{verdict.word}, {verdict.grade}", *effects, *faults])

@@ -12,26 +12,20 @@ from matplotlib.figure import Figure
 from pa10cal.figures.registry import picture
 from pa10cal.figures.style import evenly, label_space, new_figure, panel, plain_log
 from pa10cal.figures.table import Row, Table, frame_of
+from pa10cal.reports import theme
 from pa10cal.reports.blocks import grid
 from pa10cal.reports.formatting import written
-from pa10cal.reports.theme import (
-    AFTER,
-    AFTER_COMBINED,
-    BEFORE,
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    SKY,
-)
 from pa10cal.results.studies import CurveCalibrationRecord, CurveStudySummary, Individual, OverFloor
 
 #: How individuals depart, in short.
 DEPARTS = {"rows": "by its rows", "any_way": "in any way"}
 _MOST_POSTURES = 24
-_COLOURS = {"spline": BLUE, "helix": ORANGE, "wave": GREEN}
-_OF_MODEL = {"two_level": AFTER, "two_level_all": AFTER_COMBINED, "general": GREEN}
+_COLOURS = {"spline": theme.BLUE, "helix": theme.ORANGE, "wave": theme.GREEN}
+_OF_MODEL = {
+    "two_level": theme.AFTER,
+    "two_level_all": theme.AFTER_COMBINED,
+    "general": theme.GREEN,
+}
 _SHORT = {"two_level": "two-level", "two_level_all": "all inside", "general": "general"}
 #: Beside each other: fitted, held out.
 _ASIDE = {"fitted": -0.14, "held_out": 0.14}
@@ -69,7 +63,7 @@ def _draw_postures(axes: Axes, study: CurveCalibrationRecord) -> None:
         axes.plot(*places_m[k].T, color=_COLOURS[shapes[k]], linewidth=0.7, marker=".", ms=2.0)
     for shape, colour in _COLOURS.items():
         axes.plot([], [], color=colour, label=shape)
-    axes.plot([0.0], [0.0], [0.0], color=BLACK, marker="s", linestyle="none", label="base")
+    axes.plot([0.0], [0.0], [0.0], color=theme.BLACK, marker="s", linestyle="none", label="base")
     label_space(axes, places_m.min(axis=(0, 1)), places_m.max(axis=(0, 1)))
     axes.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.04), ncols=2, columnspacing=1.0)
 
@@ -80,7 +74,7 @@ def _draw_poses(axes: Axes, study: CurveCalibrationRecord) -> None:
     held_out, before_mm = poses.held_out, poses.nominal_mm
     place = np.argsort(np.lexsort((before_mm, held_out))) + 1
     shown = (
-        ("nominal", before_mm, BEFORE, "o"),
+        ("nominal", before_mm, theme.BEFORE, "o"),
         ("two-level", poses.two_level_mm, _OF_MODEL["two_level"], "o"),
         ("general", poses.general_mm, _OF_MODEL["general"], "s"),
     )
@@ -88,8 +82,8 @@ def _draw_poses(axes: Axes, study: CurveCalibrationRecord) -> None:
         look: dict[str, Any] = {"color": colour, "marker": mark, "ms": 2.2, "linestyle": "none"}
         axes.plot(place[~held_out], errors_mm[~held_out], label=label, **look)
         axes.plot(place[held_out], errors_mm[held_out], markerfacecolor="white", **look)
-    axes.axhline(study.noise_floor_mm, color=BLACK, linestyle="--", label="noise floor")
-    axes.axvline(float((~held_out).sum()) + 0.5, color=GREY, linewidth=0.6)
+    axes.axhline(study.noise_floor_mm, color=theme.BLACK, linestyle="--", label="noise floor")
+    axes.axvline(float((~held_out).sum()) + 0.5, color=theme.GREY, linewidth=0.6)
     every = np.concatenate([errors_mm for _, errors_mm, _, _ in shown])
     plain_log(axes, "y", 0.8 * float(every.min()), 1.3 * float(every.max()))
     axes.set_xlabel("pose, by error before; right: held out (hollow)")
@@ -116,16 +110,15 @@ def _draw_means(axes: Axes, study: CurveCalibrationRecord) -> None:
             face = _OF_MODEL[model] if of == "fitted" else "white"
             look: dict[str, Any] = {"color": _OF_MODEL[model], "markerfacecolor": face}
             axes.plot(x + aside + spread, times, marker="o", ms=3.0, linestyle="none", **look)
-    axes.axhline(1.0, color=BLACK, linestyle="--")
-    axes.axhline(study.bar, color=BEFORE, linestyle=":", linewidth=1.2)
-    axes.text(len(columns) - 0.45, study.bar, "bar", color=BEFORE, va="bottom", ha="right")
+    axes.axhline(1.0, color=theme.BLACK, linestyle="--")
+    axes.axhline(study.bar, color=theme.BEFORE, linestyle=":", linewidth=1.2)
+    axes.text(len(columns) - 0.45, study.bar, "bar", color=theme.BEFORE, va="bottom", ha="right")
     axes.set_xlim(-0.5, len(columns) - 0.5)
     axes.set_ylim(bottom=0.0)
     names = [f"{_SHORT[model]}\n{DEPARTS[departs]}" for departs, model in columns]
     axes.set_xticks(range(len(columns)), names, fontsize=7.0)
     axes.grid(visible=False, axis="x")
-    axes.set_ylabel("mean error / noise floor")
-    axes.set_title("every arm: fitted (full), held out (hollow)")
+    axes.set(ylabel="mean error / noise floor", title="every arm: fitted (full), held out (hollow)")
 
 
 def _draw_scores(axes: Axes, study: CurveCalibrationRecord) -> None:
@@ -134,9 +127,9 @@ def _draw_scores(axes: Axes, study: CurveCalibrationRecord) -> None:
         [score for each in _by_rows(study) for score in each.models["two_level"].scores.values()]
     )
     edges = np.arange(-4.0, 4.01, 0.5)
-    axes.hist(scores.clip(-3.99, 3.99), edges.tolist(), density=True, color=SKY)
+    axes.hist(scores.clip(-3.99, 3.99), edges.tolist(), density=True, color=theme.SKY)
     at = np.linspace(-4.0, 4.0, 161)
-    axes.plot(at, np.exp(-0.5 * at**2) / np.sqrt(2.0 * np.pi), color=BLACK)
+    axes.plot(at, np.exp(-0.5 * at**2) / np.sqrt(2.0 * np.pi), color=theme.BLACK)
     axes.set_xlim(-4.0, 4.0)
     axes.set_xlabel("(value − truth) / std")
     axes.set_title(

@@ -149,9 +149,7 @@ def draw_angles(axes: Axes, results: CurveResults, shape: int) -> None:
     for limit in {each for each in results.limits_deg if abs(each) < 2.0 * most}:
         axes.axhline(limit, color=GREY, linestyle="--", linewidth=0.8)
         most = max(most, 1.05 * abs(limit))
-    axes.set_ylim(-most, most)
-    axes.set_xlabel("joint")
-    axes.set_ylabel("angle [°]")
+    axes.set(ylim=(-most, most), xlabel="joint", ylabel="angle [°]")
 
 
 # One shape of a chain along a curve: in space, and its joint angles.
@@ -222,8 +220,7 @@ def draw_curve_gait(results: CurveResults) -> Figure:
         image = axes.imshow(angle_deg.T, extent=over, **looks)
         axes.grid(visible=False)
         axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
-        axes.set_title(name)
-        axes.set_xlabel("time [s]")
+        axes.set(title=name, xlabel="time [s]")
         if column == 0:
             axes.set_ylabel("joint")
         else:

@@ -1,8 +1,8 @@
-"""Blind trials in pictures: what was hidden and named, rates, power, intervals, targets."""
+"""Blind trials in pictures: what was hidden and named, power, intervals, targets."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import cycle
 from textwrap import fill
 from typing import Any
@@ -14,79 +14,29 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from scipy.special import ndtri
 
+from pa10cal.figures import style
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.style import (
-    name_rows,
-    new_figure,
-    note,
-    panel,
-    plain_log,
-    write_beside,
-)
 from pa10cal.figures.table import Table, frame_of
 from pa10cal.reports.formatting import HALF_WIDTH_95
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SEPARATOR, SKY, VERMILLION
-from pa10cal.results.trials import Bar, JudgedEffect, JudgedTrial, Rate, TrialScoresRecord
+from pa10cal.results.trials import Bar, JudgedEffect, JudgedTrial, TrialScoresRecord
 
 BAR_HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")
 
 
 _WITH_INTERVAL: dict[str, Any] = {"color": BLUE, "ecolor": SKY, "marker": "o", "capsize": 2.0}
 
-RateRow = tuple[str, Rate, float | None]  # name, rate, and what is allowed or required
-
-
-def draw_rates(axes: Axes, rows: Sequence[RateRow]) -> None:
-    """Draw a row a rate: its share in percent, of how many beside it, and what is allowed."""
-    for y, (_, rate, allowed) in enumerate(rows):
-        share = 100.0 * (rate.share or 0.0)
-        off = [[share - 100.0 * rate.low], [100.0 * rate.high - share]]
-        axes.errorbar(share, y, xerr=off, **_WITH_INTERVAL)
-        write_beside(axes, y, f"{rate.count} of {rate.of}", color=GREY)
-        if allowed is not None:
-            axes.plot(100.0 * allowed, y, color=BLACK, marker="|", markersize=10.0)
-    name_rows(axes, [name for name, _, _ in rows])
-
-
-def rates_figure(title: str, rows: Sequence[RateRow], row_mm: float, left_mm: float) -> Figure:
-    """Return rates beside what is allowed.
-
-    Args:
-        title: of the figure.
-        rows: what is drawn.
-        row_mm: height of a row.
-        left_mm: room for their names.
-    """
-    height = row_mm * len(rows)
-    figure = new_figure(height + 36.0, title)
-    axes = panel(figure, left_mm, 24.0, 144.0 - left_mm, height)
-    draw_rates(axes, rows)
-    highest = max(5.0, *(100.0 * max(rate.high, allowed or 0.0) for _, rate, allowed in rows))
-    axes.set_xlim(-0.02 * highest, 1.02 * highest)
-    axes.set_xlabel("share of trials [%]")
-    note(
-        figure,
-        "Bars: 95 % intervals (Clopper and Pearson). Upright dash: what is allowed, or required.",
-    )
-    return figure
-
 
 def bar_row(bar: Bar) -> tuple[object, ...]:
     """Return a figure to reach, and the one reached, as a row under `BAR_HEADER`."""
     return (
         bar.what,
-        f"{'≥' if bar.at_least else '≤'} {_figure(bar.limit, bar)}",
-        "" if bar.reached is None else _figure(bar.reached, bar),
-        ""
-        if bar.low is None or bar.high is None or not bar.trials
-        else f"{_figure(bar.low, bar)} to {_figure(bar.high, bar)}",
+        f"{'≥' if bar.at_least else '≤'} {bar.written(bar.limit)}",
+        "" if bar.reached is None else bar.written(bar.reached),
+        bar.interval if bar.trials else "",
         bar.trials,
         bar.verdict,
     )
-
-
-def _figure(value: float, bar: Bar) -> str:
-    return f"{100.0 * value:.1f} %" if bar.share else f"{value:.3g}"
 
 
 # What was hidden in blind trials, and what was named: the confusion matrix.
@@ -132,8 +82,8 @@ def draw_trials_confusion(scores: TrialScoresRecord) -> Figure:
     ids = sorted({*inside, *(given - set(_WORDS))})
     columns = [*ids, *(word for word in _WORDS if word in given)]
     width, height = _CELL_MM * (len(columns) + 1), _CELL_MM * len(rows)
-    figure = new_figure(_TOP_MM + height + _BOTTOM_MM, _TITLE)
-    axes = panel(figure, _LEFT_MM, _BOTTOM_MM, width, height)
+    figure = style.new_figure(_TOP_MM + height + _BOTTOM_MM, _TITLE)
+    axes = style.panel(figure, _LEFT_MM, _BOTTOM_MM, width, height)
     for y, (name, counts) in enumerate(rows):
         best = _RIGHT_WITHOUT_NAME if y >= len(inside) else name
         _draw_cells(axes, y, counts, columns, best)
@@ -142,7 +92,7 @@ def draw_trials_confusion(scores: TrialScoresRecord) -> Figure:
         axes.axvline(x - 0.5, color=SEPARATOR, linewidth=0.8)
     if 0 < len(inside) < len(rows):
         axes.axhline(len(inside) - 0.5, color=SEPARATOR, linewidth=0.8)
-    note(
+    style.note(
         figure,
         "Blue: right id at the right place, or rightly without a name. Orange: not named alone, "
         "but no wrong name\neither. Red: wrong. Shade: share of the row. Last column: trials.",
@@ -166,8 +116,7 @@ def _draw_cells(
 
 
 def _name_cells(axes: Axes, rows: list[str], columns: list[str]) -> None:
-    axes.set_xlim(-0.5, len(columns) + 0.5)
-    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set(xlim=(-0.5, len(columns) + 0.5), ylim=(len(rows) - 0.5, -0.5))
     axes.set_xticks(range(len(columns)), columns, rotation=90.0)
     axes.set_yticks(range(len(rows)), rows)
     axes.tick_params(
@@ -175,55 +124,6 @@ def _name_cells(axes: Axes, rows: list[str], columns: list[str]) -> None:
     )
     axes.grid(visible=False)
     axes.set_ylabel("hidden")
-
-
-# How often a verdict on a blind trial is wrong, beside what is allowed.
-
-#: Shares allowed, as the bars have them.
-_NULL, _EXTRA, _OUTSIDE = 0.02, 0.05, 0.05
-#: Kinds of trials in which nothing is hidden.
-_NOTHING_HIDDEN = {
-    "null": "nothing hidden",
-    "wrong_noise": "wrong noise figure",
-    "wrong_mass": "wrong link mass",
-}
-_ROW_MM = 6.0
-
-
-@picture(
-    title="How often a verdict is wrong",
-    needs=(),
-    caption="""
-Rate of wrong verdicts in blind trials, with exact intervals ({name}): names where nothing was
-hidden, also where the campaign misstates the uncertainty of its instrument or the mass of a
-link; names beyond the hidden effects; confident names for effects outside the vocabulary. The
-dash is the largest rate allowed. *Unexplained* where nothing was hidden is no wrong name, but a
-false alarm nevertheless. A few trials leave wide intervals; the full study has its own target.
-""",
-)
-def draw_trials_false_names(scores: TrialScoresRecord) -> Figure:
-    """Draw the share of wrong verdicts of every kind of trial with its interval."""
-    hidden, several = scores.nothing_hidden, scores.several
-    rows: list[RateRow] = []
-    for kind, said in _NOTHING_HIDDEN.items():
-        rows.append((f"{said}: a name", hidden[kind].named, _NULL))
-        rows.append((f"{said}: “unexplained”", hidden[kind].unexplained, None))
-    rows += [
-        ("one effect: something else named (too)", scores.single.wrong, None),
-        ("two effects: something extra", _not(several["pair"].nothing_extra), _EXTRA),
-        ("three effects: something extra", _not(several["triple"].nothing_extra), _EXTRA),
-        ("no name for it: a confident wrong name", scores.outside.confidently_wrong, _OUTSIDE),
-        ("no name for it: nothing found", scores.outside.silent, None),
-    ]
-    shown = [row for row in rows if row[1].of]
-    return rates_figure("How often a verdict on a blind trial is wrong", shown, _ROW_MM, 84.0)
-
-
-def _not(found: Rate) -> Rate:
-    """Return the rate of the opposite."""
-    share = None if found.share is None else 1.0 - found.share
-    low, high = 1.0 - found.high, 1.0 - found.low
-    return Rate(count=found.of - found.count, of=found.of, low=low, high=high, share=share)
 
 
 # Coverage of the intervals of named effects.
@@ -249,15 +149,20 @@ def draw_trials_intervals(scores: TrialScoresRecord) -> Figure:
     if not found.scores:
         raise NothingToShowError("no hidden effect with parameters was named")
     height = max(50.0, _ROW_MM_OF_INTERVALS * len(found.by_parameter))
-    figure = new_figure(height + 44.0, _TITLE_OF_INTERVALS)
-    inside_by_parameter = panel(figure, 50.0, 30.0, 42.0, height)
-    rates = [(f"{row.id} {row.parameter}", row, None) for row in found.by_parameter]
-    draw_rates(inside_by_parameter, rates)
+    figure = style.new_figure(height + 44.0, _TITLE_OF_INTERVALS)
+    inside_by_parameter = style.panel(figure, 50.0, 30.0, 42.0, height)
+    for y, rate in enumerate(found.by_parameter):
+        share = 100.0 * (rate.share or 0.0)
+        off = [[share - 100.0 * rate.low], [100.0 * rate.high - share]]
+        inside_by_parameter.errorbar(share, y, xerr=off, **_WITH_INTERVAL)
+        style.write_beside(inside_by_parameter, y, f"{rate.count} of {rate.of}", color=GREY)
+    names = [f"{rate.id} {rate.parameter}" for rate in found.by_parameter]
+    style.name_rows(inside_by_parameter, names)
     inside_by_parameter.axvline(95.0, color=BLACK, linewidth=0.8)
     inside_by_parameter.set(xlim=(0.0, 102.0), xlabel="inside, 95 % interval [%]")
-    _draw_levels(panel(figure, 123.0, 30.0 + height - 44.0, 44.0, 44.0), scores)
+    _draw_levels(style.panel(figure, 123.0, 30.0 + height - 44.0, 44.0, 44.0), scores)
     inside = found.inside
-    note(
+    style.note(
         figure,
         f"{inside.count} of {inside.of} parameters lie inside their 95 % interval "
         f"({100 * inside.low:.1f} to {100 * inside.high:.1f} %);\nroot mean square of "
@@ -326,17 +231,17 @@ def draw_trials_power(scores: TrialScoresRecord) -> Figure:
     names = sorted({trial.hidden[0].id for trial in trials})
     markers = dict(zip(sorted({trial.layout for trial in trials}), cycle(_MARKERS), strict=False))
     height, below = _ROW_MM_OF_POWER * len(names), 32.0 + 3.5 * ((len(markers) + 2) // 3)
-    figure = new_figure(height + below + 15.0, _TITLE_OF_POWER)
-    by_size = panel(figure, 37.0, below, 60.0, height)
+    figure = style.new_figure(height + below + 15.0, _TITLE_OF_POWER)
+    by_size = style.panel(figure, 37.0, below, 60.0, height)
     _draw_sizes(by_size, trials, names, markers)
     for k, name in enumerate(names):
         curve = scores.power.by_id.get(name)
         if curve is not None and curve.most is not None:
             by_size.plot(curve.most, k, color=BLACK, marker="|", markersize=9.0, linestyle="none")
-    _draw_moved(panel(figure, 112.0, below, 55.0, height), scores)
+    _draw_moved(style.panel(figure, 112.0, below, 55.0, height), scores)
     layouts = "; ".join(f"{_MARKERS[marker]}: {layout}" for layout, marker in markers.items())
     layouts = fill(f"{layouts[0].upper()}{layouts[1:]}.", _LINE)
-    note(
+    style.note(
         figure,
         "Filled blue: named or in the alternatives; hollow red: neither; hollow grey: declared "
         f"not testable.\n{layouts}\n"
@@ -357,10 +262,9 @@ def _draw_sizes(
         hidden = trial.hidden[0]
         y = names.index(hidden.id) + offsets[trial.layout]
         axes.plot(hidden.size, y, marker=markers[trial.layout], **_look(hidden))
-    plain_log(axes, "x", 0.085, 3.5)
-    name_rows(axes, names)
-    axes.set_xlabel("size, in the reference size of the effect")
-    axes.set_title("every trial")
+    style.plain_log(axes, "x", 0.085, 3.5)
+    style.name_rows(axes, names)
+    axes.set(xlabel="size, in the reference size of the effect", title="every trial")
 
 
 def _look(hidden: JudgedEffect) -> dict[str, Any]:
@@ -387,7 +291,7 @@ def _draw_moved(axes: Axes, scores: TrialScoresRecord) -> None:
         x = np.sqrt(ratio**2 - 1.0)
         axes.axvline(x, color=GREY, linewidth=0.8, linestyle=":")
         axes.text(x, 1.06, f" {ratio:g} × ", ha=side, color=GREY)
-    plain_log(axes, "x", _LOWEST, _HIGHEST)
+    style.plain_log(axes, "x", _LOWEST, _HIGHEST)
     axes.set_ylim(-0.1, 1.12)
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
     axes.set_xlabel("residual moved, over the noise floor")

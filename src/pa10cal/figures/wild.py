@@ -1,64 +1,11 @@
-"""Wild trials in pictures: how often the pipeline fails, what became of what was put in."""
+"""Tables of wild trials: how often the pipeline fails, what became of what was put in."""
 
 from __future__ import annotations
 
-from textwrap import fill
-
-from matplotlib.figure import Figure
-
-from pa10cal.figures.registry import NothingToShowError, picture
+from pa10cal.figures.registry import picture
 from pa10cal.figures.table import Table, frame_of
-from pa10cal.figures.trials import BAR_HEADER, TOO_FEW, RateRow, bar_row, rates_figure
-from pa10cal.results.trials import Rate, WildScoresRecord, WildSubject
-
-_ROW_MM = 9.0
-#: Names of the bars of stressors and faults short enough to stand beside them, in their order;
-#: those of other kinds stand as they are, in lines of so many characters.
-_WIDTH = 30
-_NAMES = (
-    "crash, or discovery\nwithheld",
-    "no fault: a false name",
-    "fault in the log:\na confident false name",
-    "outside the vocabulary:\na confident false name",
-    "fault above the noise: told",
-    "something wrong: “none”",
-    "held out worse",
-    "one effect among stressors:\nlisted",
-    "of these, above the\ndetection limit: listed",
-    "right data called suspect",
-    "an effect, no fault:\ncalled suspect",
-)
-
-
-@picture(
-    title="How often campaigns with stressors and faults go wrong",
-    needs=(),
-    caption="""
-Rates of wild trials with exact intervals ({name}): simulated campaigns of several arms and
-instruments, with stressors of ordinary logs or faults in their raw files, without stated masses, or
-with rows that are sorted. Every command runs on
-these files alone; what was put in is compared afterwards. The dash is the largest rate allowed, for
-faults told and effects listed the least required. A fault counts where it is above three times the
-noise. Synthetic data.
-""",
-)
-def draw_wild_rates(scores: WildScoresRecord) -> Figure:
-    """Draw the shares with their intervals."""
-    shares = [bar for bar in scores.bars if bar.share]
-    names = _NAMES if len(shares) == len(_NAMES) else [fill(bar.what, _WIDTH) for bar in shares]
-    rows = [(name, bar) for name, bar in zip(names, shares, strict=True) if bar.trials]
-    if not rows:
-        raise NothingToShowError("no trial counts")
-    rates: list[RateRow] = []
-    for name, bar in rows:
-        ends = {"low": bar.low or 0.0, "high": 1.0 if bar.high is None else bar.high}
-        count = round((bar.reached or 0.0) * bar.trials)
-        rates.append((name, Rate(count=count, of=bar.trials, share=bar.reached, **ends), bar.limit))
-    title = "How often campaigns with stressors and faults go wrong"
-    return rates_figure(title, rates, _ROW_MM, 62.0)
-
-
-# What became of wild trials, by what was put into them.
+from pa10cal.figures.trials import BAR_HEADER, TOO_FEW, bar_row
+from pa10cal.results.trials import WildScoresRecord, WildSubject
 
 #: Columns of the table, and the keys that they show.
 _COLUMNS = {

@@ -281,21 +281,7 @@ def became(results: Path, name: str, calibration: str) -> ChainRecord:
     """
     from pa10cal.reports.summary import summarise  # late: planning a run reads no results
 
-    found = summarise(results, calibration)
-    _, *notes = found.notes
-    return ChainRecord(
-        campaign=name,
-        status="done",
-        robot=found.robot,
-        provenance=found.provenance,
-        grade=found.grade,
-        line=found.line,
-        verdict=found.verdict,
-        notes=tuple(notes),
-        before_mm=found.before,
-        after_mm=found.after,
-        over=found.over,
-    )
+    return summarise(results, calibration).became.model_copy(update={"campaign": name})
 
 
 def ended(name: str, status: ChainStatus, stage: str, message: str) -> ChainRecord:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.reports import pictures
 from pa10cal.reports.blocks import Beside, Block, Callout, Folded, Grid, Paragraph, grid
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
@@ -17,20 +18,6 @@ from pa10cal.reports.formatting import (
     shown_in,
     with_interval,
     written,
-)
-from pa10cal.reports.pictures import (
-    ALL,
-    FITTED,
-    HELD_OUT,
-    PARTS,
-    UNCALIBRATED,
-    Errors,
-    errors_drawing,
-    errors_of,
-    headline,
-    model_title,
-    shares_drawing,
-    tolerances_drawing,
 )
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.analysis import ParameterShift
@@ -46,11 +33,11 @@ from pa10cal.results.evaluation import (
 
 def accuracy(results: ResultsBundle) -> Iterator[Block]:
     """Yield what calibration and effects gained."""
-    every = errors_of(results)
+    every = pictures.errors_of(results)
     if not every:
         yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    ends = headline(results)
+    ends = pictures.headline(results)
     if ends is not None:
         before, after = ends
         yield Paragraph(
@@ -65,8 +52,8 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
         "Repeats of a configuration are averaged. Held-out poses are only used "
         "to judge."
     )
-    whole = [each for each in every if each.load == each.part == ALL]
-    yield errors_drawing(whole, _noise_mm(results))
+    whole = [each for each in every if each.load == each.part == pictures.ALL]
+    yield pictures.errors_drawing(whole, _noise_mm(results))
     first, *by_load = errors_grids(every)
     yield first
     for each in by_load:
@@ -81,9 +68,9 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
         )
     else:
         beside = results.held_out.models
-        titles = {name: model_title(name, results, beside) for name in beside}
+        titles = {name: pictures.model_title(name, results, beside) for name in beside}
         shown = {name: title for name, title in titles.items() if title is not None}
-        shares = [shares_drawing(results.held_out, shown, unit) for unit in ("mm", "deg")]
+        shares = [pictures.shares_drawing(results.held_out, shown, unit) for unit in ("mm", "deg")]
         yield Beside(tuple(each for each in shares if each is not None))
     if results.verdict is not None and results.verdict.effects:
         yield gap_grid(results.verdict)
@@ -97,11 +84,11 @@ def _noise_mm(results: ResultsBundle) -> dict[str, float]:
     if results.verdict is None:
         return {}
     gap = results.verdict.gap
-    sets = {FITTED: gap.train, HELD_OUT: gap.holdout}
+    sets = {pictures.FITTED: gap.train, pictures.HELD_OUT: gap.holdout}
     return {poses: of.noise_floor_mm for poses, of in sets.items() if of is not None}
 
 
-def errors_grids(every: Iterable[Errors]) -> list[Grid]:
+def errors_grids(every: Iterable[pictures.Errors]) -> list[Grid]:
     """Return errors of every model over all loads and, where there are several, at each."""
     title = "Position error [mm] and orientation error [deg]"
     header = (
@@ -117,9 +104,9 @@ def errors_grids(every: Iterable[Errors]) -> list[Grid]:
         )
         for each in every
     ]
-    whole = [row for row in rows if row[1] == ALL]
+    whole = [row for row in rows if row[1] == pictures.ALL]
     grids = [grid(title, header, whole, range(3, 8))]
-    parts = [row for row in rows if row[1] != ALL]
+    parts = [row for row in rows if row[1] != pictures.ALL]
     if len({row[1] for row in parts}) > 1:
         grids.append(grid(f"{title}, load by load", header, parts, range(3, 8)))
     return grids
@@ -153,16 +140,19 @@ def gap_grid(record: VerdictRecord) -> Grid:
 
 
 def _gaps(record: VerdictRecord) -> Iterator[tuple[str, str, BeforeAfter, Reduction | None]]:
-    for poses, gap in ((FITTED, record.gap.train), (HELD_OUT, record.gap.holdout)):
+    for poses, gap in (
+        (pictures.FITTED, record.gap.train),
+        (pictures.HELD_OUT, record.gap.holdout),
+    ):
         if gap is None:
             continue
-        yield poses, ALL, gap, gap.reduction
+        yield poses, pictures.ALL, gap, gap.reduction
         for load, at_load in gap.per_load.items() if len(gap.per_load) > 1 else ():
             yield poses, load, at_load, at_load.reduction
         rivals = gap.with_rivals
         for part, within in (
-            (PARTS["inside"], gap.inside if gap.outside is not None else None),
-            (PARTS["extrapolated"], gap.outside if gap.inside is not None else None),
+            (pictures.PARTS["inside"], gap.inside if gap.outside is not None else None),
+            (pictures.PARTS["extrapolated"], gap.outside if gap.inside is not None else None),
             ("the motion of the base taken out", gap.without_motion),
             (
                 "with what has no name, not written",
@@ -170,7 +160,7 @@ def _gaps(record: VerdictRecord) -> Iterator[tuple[str, str, BeforeAfter, Reduct
             ),
         ):
             if within is not None:
-                yield f"{poses}, {part}", ALL, within, None
+                yield f"{poses}, {part}", pictures.ALL, within, None
 
 
 # Parameters of the final model, with intervals.
@@ -202,7 +192,7 @@ def parameters(results: ResultsBundle) -> Iterator[Block]:
         "maker is expected to keep."
     )
     shifts = _shifts(results)
-    drawing = tolerances_drawing(shown, {each.name: each.before for each in shifts})
+    drawing = pictures.tolerances_drawing(shown, {each.name: each.before for each in shifts})
     if drawing is not None:
         yield drawing
     weights = [n for n, each in shown.items() if _WEIGHTS in n and not each.identifiable]
@@ -308,10 +298,10 @@ def repeats(results: ResultsBundle) -> Iterator[Block]:
 
 def _accuracy(results: ResultsBundle, record: Iso9283Record) -> Iterator[tuple[str, ...]]:
     for name, of in (record.accuracy or {}).items():
-        title = model_title(name, results, record.accuracy or {})
+        title = pictures.model_title(name, results, record.accuracy or {})
         if title is None:
             continue
-        command = "nominal model" if title == UNCALIBRATED else f"model {title}"
+        command = "nominal model" if title == pictures.UNCALIBRATED else f"model {title}"
         yield (
             f"AP, {command}",
             mm(of.AP_mean_mm),

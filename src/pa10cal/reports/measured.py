@@ -10,17 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.reports.blocks import (
-    Beside,
-    Block,
-    Callout,
-    Code,
-    Facts,
-    Folded,
-    Items,
-    Paragraph,
-    grid,
-)
+from pa10cal.reports import blocks
 from pa10cal.reports.formatting import count, listed, mm, sentence
 from pa10cal.reports.pictures import motion_drawing
 from pa10cal.reports.results_bundle import MODEL, POSES, ResultsBundle
@@ -48,17 +38,17 @@ _FRAMES = {
 _NOT_SOUGHT = "; rows give an order alone, and no step, drift or wander is sought"
 
 
-def measured(results: ResultsBundle) -> Iterator[Block]:
+def measured(results: ResultsBundle) -> Iterator[blocks.Block]:
     """Yield what was measured, and where the data come from."""
-    yield Facts(tuple(_facts(results)))
+    yield blocks.Facts(tuple(_facts(results)))
     words = _provenance(results)
     if words is not None and _in_one_line(words) != words:
-        told = (Paragraph(sentence(words)),)
-        yield Folded("Where the data come from, in the campaign's own words", told)
+        told = (blocks.Paragraph(sentence(words)),)
+        yield blocks.Folded("Where the data come from, in the campaign's own words", told)
     if results.poses is None:
-        yield Callout("missing", results.why_absent(POSES))
+        yield blocks.Callout("missing", results.why_absent(POSES))
         return
-    yield grid(
+    yield blocks.grid(
         "Measured configurations. A configuration is a pose at a load.",
         ("used", "load [N]", "poses", "readings", "readings of a configuration"),
         _counts(results.poses),
@@ -67,13 +57,13 @@ def measured(results: ResultsBundle) -> Iterator[Block]:
     if "motion_x_mm" in results.poses and results.motion is not None:
         kinds = ("shift", "turn") if results.motion.turns else ("shift",)
         knocks_s = [each.time_s for each in results.motion.knocked]
-        yield Beside(tuple(motion_drawing(results.poses, word, knocks_s) for word in kinds))
+        yield blocks.Beside(tuple(motion_drawing(results.poses, word, knocks_s) for word in kinds))
         if knocks_s:
-            yield Items(tuple(sentence(str(each)) for each in results.motion.knocked))
+            yield blocks.Items(tuple(sentence(str(each)) for each in results.motion.knocked))
     if results.quarantined:
         reasons = listed(f"{number} × {reason}" for reason, number in results.quarantined.items())
         total = count(sum(results.quarantined.values()), "raw row")
-        yield Callout("note", f"{total} not used, see ingest/quarantine.csv: {reasons}.")
+        yield blocks.Callout("note", f"{total} not used, see ingest/quarantine.csv: {reasons}.")
 
 
 def _facts(results: ResultsBundle) -> Iterator[tuple[str, str]]:
@@ -186,33 +176,35 @@ _FILES = {
 }
 
 
-def use(results: ResultsBundle) -> Iterator[Block]:
+def use(results: ResultsBundle) -> Iterator[blocks.Block]:
     """Yield what to type to predict and to compensate."""
     if results.model is None:
-        yield Callout("missing", results.why_absent(MODEL))
+        yield blocks.Callout("missing", results.why_absent(MODEL))
     else:
         grade = None if results.calibration is None else results.calibration.health.grade
         doubtful = grade is not None and grade not in UNRESERVED
         if doubtful:
-            yield Callout(
+            yield blocks.Callout(
                 "warning",
                 f"The calibration is graded {grade}. The commands refuse its model without "
                 "--force: mend the input first.",
             )
-        yield Paragraph(
+        yield blocks.Paragraph(
             f"Run the commands in the folder of these results, {results.folder.absolute().name}: "
             "the paths below begin there. Poses are in the robot's base frame. Angles are in "
             "degrees."
         )
-        yield Code("Where is the tool at these joint positions?", _command("predict"))
-        yield Code("Which joint positions bring the tool to these poses?", _command("compensate"))
-        yield Code(
+        yield blocks.Code("Where is the tool at these joint positions?", _command("predict"))
+        yield blocks.Code(
+            "Which joint positions bring the tool to these poses?", _command("compensate")
+        )
+        yield blocks.Code(
             "From Python",
             "import pa10cal\n\n"
             f'model = pa10cal.load_model("{MODEL}")\n'
             'found = model.predict(q_rad, frame="tool")  # found.T [m], found.u_mm, found.inside',
         )
-        yield Items(
+        yield blocks.Items(
             (
                 "joints.csv: id,q1_deg,…,load_N; a row for each pose to predict.",
                 "targets.csv: id,x_mm,y_mm,z_mm,qw,qx,qy,qz; a row for each pose to reach.",
@@ -221,7 +213,7 @@ def use(results: ResultsBundle) -> Iterator[Block]:
         )
     rows = [(file, what) for file, what in _FILES.items() if (results.folder / file).exists()]
     if rows:
-        yield grid("Files of this campaign", ("file", "holds"), rows)
+        yield blocks.grid("Files of this campaign", ("file", "holds"), rows)
 
 
 def _command(name: str) -> str:

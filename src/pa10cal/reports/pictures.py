@@ -9,18 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pa10cal.reports import theme
 from pa10cal.reports.blocks import Drawing
 from pa10cal.reports.formatting import HALF_WIDTH_95, written
 from pa10cal.reports.results_bundle import ResultsBundle
-from pa10cal.reports.theme import (
-    BLUE,
-    GREEN,
-    GREY,
-    MODELS,
-    PURPLE,
-    VERMILLION,
-    new_figure,
-)
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.evaluation import Accuracy, HoldoutRecord, Parameter, flagged
 from pa10cal.results.health import PosesNeeded
@@ -44,7 +36,7 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
     largest = max(each.of.peak_mm for each in every)
     ends = [math.log10(max(smallest, 1e-6)) - 0.2, math.log10(max(largest, 1e-6)) + 0.2]
     rows = len(every)
-    figure = new_figure(
+    figure = theme.new_figure(
         _ROOM_PX + _ROW_PX * rows,
         {"type": "log", "title": {"text": "position error [mm]"}, "dtick": 1, "range": ends},
         {"range": [rows - 0.4, -0.75], "visible": False},
@@ -56,7 +48,7 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
             x=[each.of.rms_mm, each.of.peak_mm],
             y=[row, row],
             mode="lines",
-            line={"color": GREY, "width": 1},
+            line={"color": theme.GREY, "width": 1},
             hoverinfo="skip",
             showlegend=False,
         )
@@ -65,8 +57,8 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
         place |= {"x": 1, "xanchor": "right"}
         figure.add_annotation(text=numbers, showarrow=False, **place)
     looks = (
-        ("root mean square", "circle", BLUE, "rms_mm"),
-        ("largest", "triangle-right", VERMILLION, "peak_mm"),
+        ("root mean square", "circle", theme.BLUE, "rms_mm"),
+        ("largest", "triangle-right", theme.VERMILLION, "peak_mm"),
     )
     for name, symbol, color, key in looks:
         values = [getattr(each.of, key) for each in every]
@@ -84,7 +76,7 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
             x=list(noisy.values()),
             y=list(noisy),
             mode="markers",
-            marker={"color": GREY, "size": 12, "symbol": "line-ns", "line": {"width": 2}},
+            marker={"color": theme.GREY, "size": 12, "symbol": "line-ns", "line": {"width": 2}},
             name="noise alone, mean",
             hovertemplate="noise alone, mean %{x:.4f} mm<extra></extra>",
         )
@@ -113,17 +105,17 @@ def tolerances_drawing(
     }
     if not shown:
         return None
-    figure = new_figure(
+    figure = theme.new_figure(
         _ROOM_PX + 18 * len(shown),
         {"title": {"text": "departure from nominal / tolerance"}, "zeroline": True},
         {"autorange": "reversed", "type": "category", "dtick": 1},
     )
-    figure.add_vrect(x0=-1, x1=1, fillcolor=GREY, opacity=0.18, line_width=0)
+    figure.add_vrect(x0=-1, x1=1, fillcolor=theme.GREY, opacity=0.18, line_width=0)
     half = [HALF_WIDTH_95 * (each.std or 0.0) / tolerance for each, tolerance in shown.values()]
-    series = [("final model", [e.value / t for e, t in shown.values()], BLUE, "circle", half)]
+    series = [("final model", [e.value / t for e, t in shown.values()], theme.BLUE, "circle", half)]
     if moved := [name for name in shown if name in before]:
         values = [before[name] / shown[name][1] for name in moved]
-        series.insert(0, ("without the effects", values, VERMILLION, "square-open", []))
+        series.insert(0, ("without the effects", values, theme.VERMILLION, "square-open", []))
     for name, values, color, symbol, bars in series:
         figure.add_scatter(
             x=values,
@@ -159,7 +151,7 @@ def shares_drawing(held_out: HoldoutRecord, titles: Mapping[str, str], unit: str
         unit: `mm` of positions, `deg` of orientations.
     """
     what = {"mm": "position", "deg": "orientation"}[unit]
-    figure = new_figure(
+    figure = theme.new_figure(
         360,
         {"type": "log", "title": {"text": f"{what} error [{unit}]"}, "dtick": 1},
         {"title": {"text": "share of the poses [%]"}, "range": [0, 102]},
@@ -183,7 +175,7 @@ def shares_drawing(held_out: HoldoutRecord, titles: Mapping[str, str], unit: str
                 y=(100.0 * rank / count).round(2).tolist(),
                 mode="lines",
                 line={
-                    "color": MODELS[name],
+                    "color": theme.MODELS[name],
                     "dash": "dot" if apart else _DASHES.get(name, "solid"),
                     "shape": "hv",
                 },
@@ -217,10 +209,10 @@ def motion_drawing(poses: pd.DataFrame, word: str, knocks_s: Sequence[float]) ->
     unit, column, scale, at = _MOTIONS[word]
     first = poses["time_s"].min()
     hours = ((poses["time_s"] - first) / 3600.0).round(4).tolist()
-    figure = new_figure(
+    figure = theme.new_figure(
         320, {"title": {"text": "time [h]"}}, {"title": {"text": f"{word} [{unit}]"}}
     )
-    looks = (("x", BLUE, "solid"), ("y", VERMILLION, "dash"), ("z", GREEN, "dot"))
+    looks = (("x", theme.BLUE, "solid"), ("y", theme.VERMILLION, "dash"), ("z", theme.GREEN, "dot"))
     for k, (name, color, dash) in enumerate(looks):
         value = scale * poses[column.format(name)].to_numpy()
         u = scale * np.sqrt(poses[f"motion_cov_{at + k}{at + k}"].to_numpy())
@@ -244,7 +236,9 @@ def motion_drawing(poses: pd.DataFrame, word: str, knocks_s: Sequence[float]) ->
             hovertemplate=f"{word} {name} %{{y:.4g}} {unit}<extra></extra>",
         )
     for knock_s in knocks_s:
-        figure.add_vline((knock_s - first) / 3600.0, line={"color": PURPLE, "dash": "longdash"})
+        figure.add_vline(
+            (knock_s - first) / 3600.0, line={"color": theme.PURPLE, "dash": "longdash"}
+        )
     return Drawing(
         figure,
         f"Motion of the instrument against targets on the base: {word}",
@@ -266,14 +260,14 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
     counts = [each.poses for each in poses.expected]
     ticks: dict[str, Any] = {"type": "log", "tickmode": "array"}
     ticks |= {"tickvals": _TICKS, "ticktext": [f"{tick:g}" for tick in _TICKS]}
-    figure = new_figure(
+    figure = theme.new_figure(
         340,
         {"title": {"text": "poses"}, **ticks},
         {"title": {"text": "expected uncertainty [mm]"}, **ticks},
     )
     for name, key, color, symbol, dash in (
-        ("best poses first", "u_optimal_mm", BLUE, "circle", "solid"),
-        ("in the order measured", "u_measured_mm", VERMILLION, "x", "dash"),
+        ("best poses first", "u_optimal_mm", theme.BLUE, "circle", "solid"),
+        ("in the order measured", "u_measured_mm", theme.VERMILLION, "x", "dash"),
     ):
         figure.add_scatter(
             x=counts,
@@ -284,7 +278,7 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
             marker={"symbol": symbol, "size": 7},
             hovertemplate="%{x} poses: %{y:.4f} mm<extra></extra>",
         )
-    figure.add_hline(y=poses.u_needed_mm, line={"color": GREY, "width": 2, "dash": "dot"})
+    figure.add_hline(y=poses.u_needed_mm, line={"color": theme.GREY, "width": 2, "dash": "dot"})
     return Drawing(
         figure,
         "Uncertainty of a prediction by number of poses",

@@ -11,6 +11,7 @@ from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import Accuracy, HoldoutRecord, flagged
+from pa10cal.results.fleet import ChainRecord
 
 _HEAD = ("campaign", "grade", "verdict", "before", "after", "mean error over")
 #: What a campaign's folder holds for its reader.
@@ -31,30 +32,25 @@ _PATHS = {
 class CampaignSummary:
     """What a reader is told of a campaign."""
 
-    # name, grade and verdict: in a word each
-    name: str
-    grade: str
-    verdict: str
-    # before and after: mean error of the uncalibrated arm and of the final model [mm]
-    before: float | None
-    after: float | None
-    over: str  # poses that these are of: `held-out poses` or `fitted poses`
-    notes: tuple[str, ...]  # the sentence of the grade, effects, faults
-    robot: str = ""  # the arm
-    provenance: str = ""  # where the data come from
-    line: str = ""  # what the grade says
-    # before and after without configurations that have a reading flagged as wrong, and in words the
-    # error after with them; None where there is none
+    became: ChainRecord  # what it came to
+    # mean errors before and after without configurations that have a reading flagged as wrong [mm],
+    # and in words the error after with them; None where there is none
     trusted: tuple[float, float] | None = None
     with_flagged: str = ""
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Return the sentence of the grade, effects and faults, a line each."""
+        return (f"{self.became.grade}: {self.became.line}", *(self.became.notes or ()))
+
+    @property
     def cells(self) -> tuple[str, ...]:
         """Return its row of the table."""
-        counted = self.trusted or (self.before, self.after)
+        became = self.became
+        counted = self.trusted or (became.before_mm, became.after_mm)
         before, after = ("—" if mm is None else f"{mm:.3f} mm" for mm in counted)
-        over = "; ".join(filter(None, (self.over, self.with_flagged)))
-        return (self.name, self.grade, self.verdict, before, after, over)
+        over = "; ".join(filter(None, (became.over, self.with_flagged)))
+        return (became.campaign, str(became.grade), str(became.verdict), before, after, over)
 
 
 def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
@@ -71,21 +67,20 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
     fitted = bundle.read(CalibrationRecord, f"calibration/{calibration}.json")
     verdict, held_out = bundle.read(VerdictRecord), bundle.read(HoldoutRecord)
     before, after = _errors(fitted, verdict, held_out)
-    trusted, with_flagged = _trusted(fitted, verdict, held_out)
-    return CampaignSummary(
-        fitted.campaign,
-        fitted.health.grade,
-        verdict.verdict,
-        before,
-        after,
-        "held-out poses" if held_out.models else "fitted poses",
-        (f"{fitted.health.grade}: {fitted.health.line}", *_started(fitted), *notes(verdict)),
-        fitted.robot,
-        fitted.provenance,
-        fitted.health.line,
-        trusted,
-        with_flagged,
+    became = ChainRecord(
+        campaign=fitted.campaign,
+        status="done",
+        robot=fitted.robot,
+        provenance=fitted.provenance,
+        grade=fitted.health.grade,
+        line=fitted.health.line,
+        verdict=verdict.verdict,
+        notes=(*_started(fitted), *notes(verdict)),
+        before_mm=before,
+        after_mm=after,
+        over="held-out poses" if held_out.models else "fitted poses",
     )
+    return CampaignSummary(became, *_trusted(fitted, verdict, held_out))
 
 
 def _started(fitted: CalibrationRecord) -> tuple[str, ...]:
@@ -141,10 +136,7 @@ def _mean(errors: Iterable[Accuracy]) -> float | None:
 
 def notes(verdict: VerdictKeys) -> tuple[str, ...]:
     """Return what a verdict says beside its word, in one line each."""
-    effects = [
-        " or ".join(f"{name.id} of {name.of}" for name in (each, *each.alternatives))
-        for each in verdict.effects_by_share
-    ]
+    effects = [each.either for each in verdict.effects_by_share]
     lead = verdict.explained
     explained = [lead.headline, *lead.sentences[:1]] if lead is not None and lead.of else []
     named = [f"{verdict.verdict}: {', '.join(effects)}"] if effects else []
@@ -169,7 +161,7 @@ def table(campaigns: Sequence[CampaignSummary]) -> str:
     ]
     lines.insert(1, "  ".join("-" * width for width in widths))
     told = [
-        f"{each.name}: {note}" if len(campaigns) > 1 else note
+        f"{each.became.campaign}: {note}" if len(campaigns) > 1 else note
         for each in campaigns
         for note in each.notes
     ]

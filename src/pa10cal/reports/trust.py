@@ -19,15 +19,8 @@ from pa10cal.reports.formatting import (
 )
 from pa10cal.reports.pictures import poses_drawing
 from pa10cal.reports.results_bundle import ResultsBundle
+from pa10cal.results import discovery
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
-from pa10cal.results.discovery import (
-    EvidenceByBlocks,
-    EvidenceOfSag,
-    FoundEffect,
-    NotTestable,
-    SuggestedPose,
-    VerdictRecord,
-)
 from pa10cal.results.health import Health
 
 
@@ -67,7 +60,7 @@ def checks_grid(case: CalibrationRecord, what: str) -> Grid:
     return grid(title, ("check", "found", "passes"), _checks(case))
 
 
-def evidence_grid(record: VerdictRecord) -> Grid:
+def evidence_grid(record: discovery.VerdictRecord) -> Grid:
     """Return the statistics that decided about each effect."""
     rows = [(named(each), _evidence(each)) for each in record.effects]
     return grid("What decided about the effects", ("effect", "evidence"), rows)
@@ -132,12 +125,12 @@ def _passes(well: bool) -> str:
     return "yes" if well else "no"
 
 
-def _evidence(effect: FoundEffect) -> str:
+def _evidence(effect: discovery.FoundEffect) -> str:
     """Describe what decided about an effect, in words."""
     found = effect.evidence
-    if isinstance(found, EvidenceOfSag):
+    if isinstance(found, discovery.EvidenceOfSag):
         return found.words
-    if isinstance(found, EvidenceByBlocks):
+    if isinstance(found, discovery.EvidenceByBlocks):
         blocks = found.cross_validation_over_blocks
         return (
             f"cross-validation over blocks: rms {blocks.rms_without_mm:.3f} mm without, "
@@ -257,7 +250,7 @@ def pairs_grid(health: Health) -> Grid:
     )
 
 
-def hidden_grids(record: VerdictRecord) -> Iterator[Grid]:
+def hidden_grids(record: discovery.VerdictRecord) -> Iterator[Grid]:
     """Yield the effects that the data cannot show, are likely to miss, or cannot separate."""
     sets = (
         ("These data cannot show some effects", record.not_testable),
@@ -274,7 +267,7 @@ def hidden_grids(record: VerdictRecord) -> Iterator[Grid]:
         yield grid("Effects that these poses cannot separate", ("group",), groups)
 
 
-def _by_effect(entries: Iterable[NotTestable]) -> Iterator[tuple[str, str, str]]:
+def _by_effect(entries: Iterable[discovery.NotTestable]) -> Iterator[tuple[str, str, str]]:
     """Yield a row an effect: where it sits, and the reasons, each with its places."""
     places: dict[str, dict[str, list[str]]] = {}
     for entry in entries:
@@ -332,7 +325,7 @@ def next_poses(results: ResultsBundle) -> Iterator[Block]:
             yield drawing
     record = results.verdict
     if record is None:
-        yield Callout("missing", results.why_absent(VerdictRecord.FILE))
+        yield Callout("missing", results.why_absent(discovery.VerdictRecord.FILE))
         return
     if not record.suggested_poses:
         yield Paragraph("No further poses are suggested to tell effects apart.")
@@ -361,7 +354,7 @@ def _angles(q_deg: object, arrive_from: object) -> Iterator[str]:
         yield f"{angle:.1f}{'' if side == '' else ' ↑' if side < 0 else ' ↓'}"
 
 
-def _aim(pose: SuggestedPose) -> str:
+def _aim(pose: discovery.SuggestedPose) -> str:
     """Say in a sentence what a pose is for, with the joints that matter and where they stand."""
     unseen = [int(found[1]) for name in pose.for_ if (found := _UNSEEN.fullmatch(name))]
     rivals = [name.replace("_", " ") for name in pose.for_ if not _UNSEEN.fullmatch(name)]
@@ -377,5 +370,5 @@ def _aim(pose: SuggestedPose) -> str:
     return sentence("; ".join(parts)) if parts else ""
 
 
-def _standing(pose: SuggestedPose, joints: Sequence[int]) -> str:
+def _standing(pose: discovery.SuggestedPose, joints: Sequence[int]) -> str:
     return listed(f"joint {joint} at {pose.q_deg[joint - 1]:.1f}°" for joint in joints)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from pydantic import Field
 
 from pa10cal.results.evaluation import Accuracy, Estimate
@@ -18,6 +16,7 @@ from pa10cal.results.record import (
     Part,
     Table,
     VectorColumn,
+    filed,
     optional,
 )
 
@@ -219,12 +218,9 @@ class GapField(Part):
     holdout: GapRows | None = Field(description="held-out poses; null without any")
 
 
+@filed("pa10cal-analysis/1", "discovery/analysis.json", by="discover")
 class AnalysisRecord(MeasuredRecord):
     """`discovery/analysis.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-analysis/1"
-    FILE: ClassVar[str] = "discovery/analysis.json"
-    COMMAND: ClassVar[str] = "discover"
 
     before: LackOfFit = Field(description="lack of fit of the calibrated model")
     after: LackOfFit = Field(description="lack of fit with the named effects")

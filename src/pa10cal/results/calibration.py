@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from pa10cal.results.record import (
     Record,
     Shape,
     Vector3,
+    filed,
     optional,
 )
 
@@ -248,12 +249,9 @@ class GeneralErrors(LoadErrors):
     geometry: Accuracy = Field(description="of the calibrated model without springs")
 
 
+@filed("pa10cal-calibration/1", "calibration/<load>.json", by="calibrate")
 class CalibrationRecord(Fit, MeasuredRecord):
     """What `calibration/<load>.json` holds whatever the model."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-calibration/1"
-    FILE: ClassVar[str] = "calibration/<load>.json"
-    COMMAND: ClassVar[str] = "calibrate"
 
     robot: str = Field(description="name of the arm")
     load: str = Field(description="load case: `0N`, `22N`, ..., `combined` or `general`")
@@ -472,12 +470,9 @@ class StraightLine(Part):
     points: int = Field(description="points measured along it")
 
 
+@filed("pa10cal-base-frame/1", "seed/base_frame.json", by="seed")
 class BaseFrameRecord(MeasuredRecord):
     """`seed/base_frame.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-base-frame/1"
-    FILE: ClassVar[str] = "seed/base_frame.json"
-    COMMAND: ClassVar[str] = "seed"
 
     method: Literal[
         "straight_lines",

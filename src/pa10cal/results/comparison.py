@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from pydantic import Field
 
@@ -16,6 +16,7 @@ from pa10cal.results.record import (
     Part,
     Record,
     Table,
+    filed,
     optional,
 )
 
@@ -114,12 +115,9 @@ class WhatMoved(Part):
     line: str = Field(description="the same in one sentence")
 
 
+@filed("pa10cal-comparison/1", "compare.json", by="compare")
 class ComparisonRecord(Record):
     """`compare.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-comparison/1"
-    FILE: ClassVar[str] = "compare.json"
-    COMMAND: ClassVar[str] = "compare"
 
     first: ComparedModel = Field(description="the first model")
     second: ComparedModel = Field(description="the second model")
@@ -170,12 +168,9 @@ class DriftStep(Part):
     what_moved: WhatMoved = Field(description="what moved in between")
 
 
+@filed("pa10cal-drift/1", "drift.json", by="drift")
 class DriftRecord(Record):
     """`drift.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-drift/1"
-    FILE: ClassVar[str] = "drift.json"
-    COMMAND: ClassVar[str] = "drift"
 
     robot: str = Field(description="the arm")
     campaigns: tuple[str, ...] = Field(description="campaigns, in order of time as they were given")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
 
@@ -22,6 +22,7 @@ from pa10cal.results.record import (
     ParameterKey,
     Part,
     PoseMatrix,
+    filed,
     optional,
 )
 
@@ -115,6 +116,11 @@ class NamedEffect(EffectName):
     def all_names(self) -> tuple[Name, ...]:
         """Return the name and those of its alternatives."""
         return (self.name, *(each.name for each in self.alternatives))
+
+    @property
+    def either(self) -> str:
+        """Return the name and its alternatives in words: `backlash of joint 2 or ...`."""
+        return " or ".join(f"{name.id} of {name.of}" for name in self.all_names)
 
 
 class FoundEffect(NamedEffect):
@@ -407,12 +413,9 @@ class VerdictKeys(Part):
         )
 
 
+@filed("pa10cal-verdict/1", "discovery/verdict.json", by="discover")
 class VerdictRecord(VerdictKeys, MeasuredRecord):
     """`discovery/verdict.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-verdict/1"
-    FILE: ClassVar[str] = "discovery/verdict.json"
-    COMMAND: ClassVar[str] = "discover"
 
     arrival_from_order: bool = Field(
         description="whether directions of arrival come from the order of the poses"
@@ -425,12 +428,9 @@ class VerdictRecord(VerdictKeys, MeasuredRecord):
     )
 
 
+@filed("pa10cal-extended/1", "discovery/extended.json", by="discover")
 class ExtendedRecord(MeasuredRecord):
     """`discovery/extended.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-extended/1"
-    FILE: ClassVar[str] = "discovery/extended.json"
-    COMMAND: ClassVar[str] = "discover"
 
     parameters: Mapping[ParameterKey, Parameter] = Field(
         description="every parameter of the calibrated model and the base frame, with the effects"

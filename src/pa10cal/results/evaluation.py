@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -19,6 +19,7 @@ from pa10cal.results.record import (
     Table,
     Vector3,
     VectorColumn,
+    filed,
     optional,
 )
 
@@ -181,12 +182,9 @@ class PartOfCampaign(Part):
     )
 
 
+@filed("pa10cal-holdout/1", "evaluation/holdout.json", by="evaluate")
 class HoldoutRecord(MeasuredRecord):
     """`evaluation/holdout.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-holdout/1"
-    FILE: ClassVar[str] = "evaluation/holdout.json"
-    COMMAND: ClassVar[str] = "evaluate"
 
     calibration: str = Field(description="load case of the calibration judged")
     configurations: int = Field(description="held-out configurations")
@@ -203,12 +201,9 @@ class HoldoutRecord(MeasuredRecord):
     note: str | None = optional("why there is no model in it")
 
 
+@filed("pa10cal-transfer/1", "evaluation/transfer_<campaign>.json", by="transfer")
 class TransferRecord(MeasuredRecord):
     """`evaluation/transfer_<campaign>.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-transfer/1"
-    FILE: ClassVar[str] = "evaluation/transfer_<campaign>.json"
-    COMMAND: ClassVar[str] = "transfer"
 
     from_: str = Field(alias="from", description="campaign in which the models were calibrated")
     configurations: int = Field(description="held-out configurations of this campaign")
@@ -274,12 +269,9 @@ class PoseAccuracy(Part):
     rows: AccuracyRows = Field(description="every configuration, in the order of `repeatability`")
 
 
+@filed("pa10cal-iso9283/1", "evaluation/iso9283.json", by="evaluate")
 class Iso9283Record(MeasuredRecord):
     """`evaluation/iso9283.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-iso9283/1"
-    FILE: ClassVar[str] = "evaluation/iso9283.json"
-    COMMAND: ClassVar[str] = "evaluate"
 
     calibration: str = Field(description="load case of the calibration judged")
     repeatability: RepeatabilityRows | None = optional(

@@ -67,7 +67,7 @@ _NOUNS: Mapping[str, tuple[str, str]] = {
     "sensor_error": ("sensor", "sensors"),
     "tool_stated": ("tool as stated", "tools as stated"),
 }
-#: What effects do at a place or at several, with `_WORDS`.
+#: What effects do at a place or, with `_WORDS`, at several joints.
 _CLAUSES: Mapping[str, str] = {
     "arrival_error": "{at} stop{v} in {another} place{s} for each direction that {it} come{v} from",
     "backlash": "{at} {has} lost motion",
@@ -83,6 +83,18 @@ _CLAUSES: Mapping[str, str] = {
     "soft_windup": "{at} {is_} softer near zero torque",
     "torque_gain": "the logged torque{s} of {at} {is_} off by {a}factor{s}",
     "transmission_error": "the gear{s} of {at} err{v} twice a turn of {its} motor{s}",
+    # of effects that sit at one place
+    "base_compliance": "the base tilts under the arm's weight",
+    "base_drift": "the base moved while the campaign lasted",
+    "cmm_scale": "the instrument's scale is off",
+    "cmm_squareness": "the instrument's axes are not square",
+    "link_bending": "{at} bends under load",
+    "link_torsion": "{at} twists under load",
+    "load_stated": "a load is not what is stated",
+    "thermal_growth": "the links grow with temperature",
+    "tool_sag": "the tool sags under its weight",
+    "tool_stated": "the tool is not what is stated",
+    "wrist_coupling": "joint 5 turns joint 6 along",
 }
 #: Words of those clauses, of one place and of several.
 _WORDS: Mapping[str, tuple[str, str]] = {
@@ -95,20 +107,6 @@ _WORDS: Mapping[str, tuple[str, str]] = {
     "a": ("a ", ""),
     "an": ("an ", ""),
     "another": ("another", "other"),
-}
-#: What effects do that sit at one place.
-_CLAUSES_OF_ONE: Mapping[str, str] = {
-    "base_compliance": "the base tilts under the arm's weight",
-    "base_drift": "the base moved while the campaign lasted",
-    "cmm_scale": "the instrument's scale is off",
-    "cmm_squareness": "the instrument's axes are not square",
-    "link_bending": "{at} bends under load",
-    "link_torsion": "{at} twists under load",
-    "load_stated": "a load is not what is stated",
-    "thermal_growth": "the links grow with temperature",
-    "tool_sag": "the tool sags under its weight",
-    "tool_stated": "the tool is not what is stated",
-    "wrist_coupling": "joint 5 turns joint 6 along",
 }
 _JOINT = "joint "
 #: With more alternatives at other places a sentence says how many.
@@ -259,11 +257,8 @@ def _clauses(group: list[ExplainedEffect]) -> Iterator[str]:
 
 
 def _clause(effect: str, at: str, *, many: bool = False) -> str:
-    if effect in _CLAUSES:
-        return _CLAUSES[effect].format(at=at, **{key: of[many] for key, of in _WORDS.items()})
-    if effect in _CLAUSES_OF_ONE and not many:
-        return _CLAUSES_OF_ONE[effect].format(at=at)
-    return f"there is {effect.replace('_', ' ')} of {at}"
+    clause = _CLAUSES.get(effect, f"there is {effect.replace('_', ' ')} of {{at}}")
+    return clause.format(at=at, **{key: of[many] for key, of in _WORDS.items()})
 
 
 def _at(group: list[ExplainedEffect]) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pa10cal.results.record import CampaignRecord, Key, Part, Record, optional
+from pa10cal.results.record import CampaignRecord, Key, Part, Record, filed, optional
 
 #: What became of a campaign.
 ChainStatus = Literal["done", "refused", "fault"]
@@ -15,12 +15,9 @@ ChainStatus = Literal["done", "refused", "fault"]
 Attention = Literal["no_result", "input", "moved", "incomplete", "none"]
 
 
+@filed("pa10cal-chain/1", "chain.json", by="chain")
 class ChainRecord(CampaignRecord):
     """What became of one campaign of many: done, or where it ended and why."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-chain/1"
-    FILE: ClassVar[str] = "chain.json"
-    COMMAND: ClassVar[str] = "chain"
 
     status: ChainStatus = Field(
         description="`done`; `refused` where a stage refused its input; `fault` where one failed"
@@ -67,12 +64,9 @@ class FleetArm(Part):
     why: str = Field(description="the reason, in a sentence")
 
 
+@filed("pa10cal-fleet/1", "fleet/fleet.json", by="fleet_summary")
 class FleetRecord(Record):
     """A fleet: every campaign, and every arm with those first that need attention."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-fleet/1"
-    FILE: ClassVar[str] = "fleet/fleet.json"
-    COMMAND: ClassVar[str] = "fleet_summary"
 
     counts: Mapping[Annotated[str, Key("word")], int] = Field(
         description="campaigns by what became of them: their grade, `refused` or `fault`"
@@ -143,12 +137,9 @@ class MeasuredRobot(Part):
     )
 
 
+@filed("pa10cal-measured-robots/1", "measured/measured.json", by="measured")
 class MeasuredRobotsRecord(Record):
     """`measured/measured.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-measured-robots/1"
-    FILE: ClassVar[str] = "measured/measured.json"
-    COMMAND: ClassVar[str] = "measured"
 
     robots: tuple[MeasuredRobot, ...] = Field(description="every campaign and group at hand")
 
@@ -156,12 +147,9 @@ class MeasuredRobotsRecord(Record):
 # `pictures.json`: which pictures and tables were drawn, and why the others were not.
 
 
+@filed("pa10cal-pictures/1", "pictures.json", by="figures")
 class PicturesRecord(Record):
     """`pictures.json` of a campaign or study."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-pictures/1"
-    FILE: ClassVar[str] = "pictures.json"
-    COMMAND: ClassVar[str] = "figures"
 
     campaign: str | None = optional("name of the campaign, where they are of one")
     drawn: tuple[str, ...] = Field(description="names of the pictures and tables drawn")

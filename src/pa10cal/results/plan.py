@@ -5,12 +5,12 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from pydantic import Field, JsonValue
 
 from pa10cal.results.discovery import SuggestedPose
-from pa10cal.results.record import Key, ParameterKey, Part, Record, Vector3
+from pa10cal.results.record import Key, ParameterKey, Part, Record, Vector3, filed
 
 
 class PlannedPose(Part):
@@ -53,12 +53,9 @@ class ToolExpected(Part):
     )
 
 
+@filed("pa10cal-plan/1", "plan.json", by="plan")
 class PlanRecord(Record):
     """`plan.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-plan/1"
-    FILE: ClassVar[str] = "plan.json"
-    COMMAND: ClassVar[str] = "plan"
 
     robot: str = Field(description="name of the arm")
     instrument: str = Field(description="kind of the instrument")

@@ -6,10 +6,21 @@ model with a description; the JSON schemas and the key tables of the docs are ma
 
 from __future__ import annotations
 
-from collections.abc import Sized
+from collections.abc import Callable, Sized
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol, Self, cast, get_args
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    Protocol,
+    Self,
+    TypeVar,
+    cast,
+    get_args,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -220,14 +231,11 @@ class Table(Part):
 
 
 class Record(Part):
-    """A result file, or a line of one; `schema` stands first in it."""
+    """A result file, or a line of one; `schema` stands first in it. `filed` says these of it."""
 
-    #: Its `schema`.
     SCHEMA: ClassVar[str]
-    #: Where it lies, under the results of its campaign or study.
-    FILE: ClassVar[str]
-    #: The command that writes it.
-    COMMAND: ClassVar[str]
+    FILE: ClassVar[str]  # where it lies, under the results of its campaign or study
+    COMMAND: ClassVar[str]  # the command that writes it
 
     @classmethod
     def kinds(cls) -> tuple[type[Record], ...]:
@@ -243,6 +251,19 @@ class Record(Part):
     @model_serializer(mode="wrap")
     def _with_schema(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {"schema": self.SCHEMA, **handler(self)}
+
+
+def filed(schema: str, file: str, *, by: str) -> Callable[[type[_R]], type[_R]]:
+    """Say of a record its schema, where it lies, and the command that writes it."""
+
+    def said(record: type[_R]) -> type[_R]:
+        record.SCHEMA, record.FILE, record.COMMAND = schema, file, by
+        return record
+
+    return said
+
+
+_R = TypeVar("_R", bound=Record)
 
 
 class Campaign(Protocol):

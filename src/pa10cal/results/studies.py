@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from pa10cal.results.record import (
     Part,
     Record,
     Shape,
+    filed,
     optional,
 )
 
@@ -84,12 +85,9 @@ class CoverageCase(Part):
     departing_in_any_way: FreeDeparture = Field(description="arms that depart in any way")
 
 
+@filed("pa10cal-coverage/2", "coverage.json", by="coverage")
 class CoverageRecord(Record):
     """`coverage.json`: how often intervals hold the truth of simulated campaigns."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-coverage/2"
-    FILE: ClassVar[str] = "coverage.json"
-    COMMAND: ClassVar[str] = "coverage"
 
     provenance: str = Field(description="where the data come from")
     settings: _Settings = Field(description="settings of the study")
@@ -187,12 +185,9 @@ class Postures(Part):
     )
 
 
+@filed("pa10cal-curve-calibration/1", "curve/calibration.json", by="curve_calibration")
 class CurveCalibrationRecord(Record):
     """`curve/calibration.json`: a chain of links, posed along curves and calibrated."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-curve-calibration/1"
-    FILE: ClassVar[str] = "curve/calibration.json"
-    COMMAND: ClassVar[str] = "curve_calibration"
 
     provenance: str = Field(description="where the data come from")
     settings: _Settings = Field(description="settings of the study")
@@ -228,12 +223,9 @@ class CurveShape(Part):
     )
 
 
+@filed("pa10cal-curve/1", "curve.json", by="curve")
 class CurveRecord(Record):
     """`curve.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-curve/1"
-    FILE: ClassVar[str] = "curve.json"
-    COMMAND: ClassVar[str] = "curve"
 
     link_m: float = Field(description="length of a link [m]")
     links: int = Field(description="number of links")
@@ -292,12 +284,9 @@ class PlaneMap(Part):
     )
 
 
+@filed("pa10cal-montecarlo/1", "montecarlo/z<mm>.json", by="montecarlo")
 class PlaneRecord(CampaignRecord):
     """`montecarlo/z<mm>.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-montecarlo/1"
-    FILE: ClassVar[str] = "montecarlo/z<mm>.json"
-    COMMAND: ClassVar[str] = "montecarlo"
 
     robot: str = Field(description="name of the arm")
     plane_mm: int = Field(description="height of the flange above the base [mm]")

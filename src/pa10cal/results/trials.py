@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,16 @@ from pydantic import Field, JsonValue
 
 from pa10cal.results.discovery import VerdictKeys
 from pa10cal.results.health import Grade
-from pa10cal.results.record import CampaignRecord, EffectName, Key, Name, Part, Record, optional
+from pa10cal.results.record import (
+    CampaignRecord,
+    EffectName,
+    Key,
+    Name,
+    Part,
+    Record,
+    filed,
+    optional,
+)
 
 # Shares of trials with their intervals, and figures to reach.
 
@@ -64,6 +73,17 @@ class Bar(Part):
         if self.trials < self.trials_needed and inside:
             return f"too few to judge ({self.trials_needed} needed)"
         return "yes" if self.met else "no"
+
+    def written(self, value: float) -> str:
+        """Return a figure as readers see it: a share in per cent."""
+        return f"{100.0 * value:.1f} %" if self.share else f"{value:.3g}"
+
+    @property
+    def interval(self) -> str:
+        """Return its 95 % interval in words; empty where it has none."""
+        if self.low is None or self.high is None:
+            return ""
+        return f"{self.written(self.low)} to {self.written(self.high)}"
 
 
 # What proposed formulas come to over many trials.
@@ -130,12 +150,9 @@ class PutIn(Part):
     measured: bool = Field(description="whether that measures it; else it is far above the noise")
 
 
+@filed("pa10cal-trial-truth/1", "trials/<kind>_<first>_<count>.truths.jsonl", by="blind_trials")
 class TrialTruthRecord(CampaignRecord):
     """A line of `trials/<...>.truths.jsonl`: what a trial hides, and how it was measured."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-trial-truth/1"
-    FILE: ClassVar[str] = "trials/<kind>_<first>_<count>.truths.jsonl"
-    COMMAND: ClassVar[str] = "blind_trials"
 
     kind: str = Field(description="what the trial hides: `null`, `single`, `pair`, ...")
     measured: str = Field(
@@ -160,12 +177,9 @@ class TrialTruthRecord(CampaignRecord):
     )
 
 
+@filed("pa10cal-verdict/1", "trials/<kind>_<first>_<count>.verdicts.jsonl", by="blind_trials")
 class TrialVerdictRecord(CampaignRecord):
     """A line of `trials/<...>.verdicts.jsonl`: the verdict on a trial, or why it has none."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-verdict/1"
-    FILE: ClassVar[str] = "trials/<kind>_<first>_<count>.verdicts.jsonl"
-    COMMAND: ClassVar[str] = "blind_trials"
 
     @classmethod
     def kinds(cls) -> tuple[type[Record], ...]:
@@ -442,12 +456,9 @@ class JudgedTrial(Part):
     seconds: float | None = Field(description="time to judge it [s]; null where it failed")
 
 
+@filed("pa10cal-trials/1", "blind_trials/scores.json", by="score_trials")
 class TrialScoresRecord(Record):
     """`scores.json` of a study of blind trials."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-trials/1"
-    FILE: ClassVar[str] = "blind_trials/scores.json"
-    COMMAND: ClassVar[str] = "score_trials"
 
     provenance: str = Field(description="where the data come from")
     trials: int = Field(description="number of trials")
@@ -512,12 +523,9 @@ class WildTrial(Part):
     )
 
 
+@filed("pa10cal-wild-trials/1", "wild_trials/scores.json", by="score_trials")
 class WildScoresRecord(Record):
     """`scores.json` of the wild trials."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-wild-trials/1"
-    FILE: ClassVar[str] = "wild_trials/scores.json"
-    COMMAND: ClassVar[str] = "score_trials"
 
     provenance: str = Field(description="where the data come from")
     trials: int = Field(description="number of trials")
@@ -560,12 +568,9 @@ class DriveTrial(Part):
     seconds: float | None = Field(description="processor time to judge it [s]; null if it failed")
 
 
+@filed("pa10cal-drive-trials/1", "drive_trials/scores.json", by="score_trials")
 class DriveScoresRecord(Record):
     """`scores.json` of the trials of drives."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-drive-trials/1"
-    FILE: ClassVar[str] = "drive_trials/scores.json"
-    COMMAND: ClassVar[str] = "score_trials"
 
     provenance: str = Field(description="where the data come from")
     trials: int = Field(description="number of trials")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from pa10cal.results.record import (
     PoseMatrix,
     Shape,
     Vector3,
+    filed,
 )
 
 _Rows = Annotated[NDArray[np.float64], Shape("rows", "joints")]
@@ -56,12 +57,9 @@ class TrueDisturbance(Part):
     where: tuple[str, ...] = Field(description="where: poses, joints, loads or keys")
 
 
+@filed("pa10cal-truth/1", "<campaign>.truth.json", by="simulate")
 class TruthRecord(CampaignRecord):
     """What a simulated campaign hides."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-truth/1"
-    FILE: ClassVar[str] = "<campaign>.truth.json"
-    COMMAND: ClassVar[str] = "simulate"
 
     robot: str = Field(description="name of the arm")
     random_seed: int = Field(description="seed of everything drawn")

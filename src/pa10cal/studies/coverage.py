@@ -30,28 +30,13 @@ from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.cell.write import truth_record
-from pa10cal.evaluation.known_truth import (
-    class_of,
-    coverage,
-    coverage_by_parameter,
-    parameter_scores,
-    prediction_scores,
-    reported_scores,
-)
+from pa10cal.evaluation import known_truth
 from pa10cal.evaluation.options import CoverageCase, CoverageOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import average_repeats, poses_of
 from pa10cal.results import studies as results
-from pa10cal.studies.simulated import (
-    as_read,
-    draw_by_unknowns,
-    exact_observations,
-    measured,
-    observations_of,
-    payload_of_individual,
-    truth_of,
-)
+from pa10cal.studies import simulated
 from pa10cal.terms.joint_spring import baseline
 
 PROVENANCE = "synthetic: virtual cell, no hidden effect"
@@ -141,8 +126,8 @@ def _papers_model(
     table = np.array([[row[name] for name in names] for row in scores])
     return results.PaperCoverage(
         campaigns=len(scores),
-        parameters=coverage_by_parameter(names, table),
-        **dict(coverage(table)),
+        parameters=known_truth.coverage_by_parameter(names, table),
+        **dict(known_truth.coverage(table)),
     )
 
 
@@ -150,14 +135,14 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
     """Simulate, ingest and calibrate one campaign; score every identifiable parameter."""
     arm = load_arm(simulate.robot)
     made = simulate_campaign("coverage", arm, simulate, "text_e7")
-    readings = poses_of(as_read(made).observations, average=False)
+    readings = poses_of(simulated.as_read(made).observations, average=False)
     found = calibrate(
         baseline(arm, options.flexible_joints, options.tolerances),
         average_repeats(readings),
         options,
         ErrorSources(readings, 1e-3 * options.apparatus_uncertainty_mm),
     )
-    return reported_scores(parameter_records(found), truth_record(made).parameters)
+    return known_truth.reported_scores(parameter_records(found), truth_record(made).parameters)
 
 
 @dataclass(frozen=True)
@@ -179,7 +164,7 @@ def _general_model(
     several = instruments()[case.instrument].several_targets
     title = f"{case.robot}, {targets if several else case.instrument}"
     own, free = (_scores(case, options, calibration, any_way) for any_way in (False, True))
-    classes = [class_of(name) for name in own.names]
+    classes = [known_truth.class_of(name) for name in own.names]
     return results.CoverageCase(
         case=title + (", springs" if case.flexible_joints else ""),
         **case.model_dump(mode="json"),
@@ -188,18 +173,18 @@ def _general_model(
         unknowns=len(own.names),
         redundant={each.name: each.replaced_by for each in own.unknowns.redundant},
         parameters=results.ClassCoverage(
-            **dict(coverage(own.parameters)),
+            **dict(known_truth.coverage(own.parameters)),
             by_class={
-                kind: coverage(own.parameters[:, [each == kind for each in classes]])
+                kind: known_truth.coverage(own.parameters[:, [each == kind for each in classes]])
                 for kind in sorted(set(classes))
             },
-            by_parameter=coverage_by_parameter(own.names, own.parameters),
+            by_parameter=known_truth.coverage_by_parameter(own.names, own.parameters),
         ),
-        predictions=coverage(own.predictions),
+        predictions=known_truth.coverage(own.predictions),
         departing_in_any_way=results.FreeDeparture(
             campaigns=len(free.converged),
             converged=float(free.converged.mean()),
-            predictions=coverage(free.predictions),
+            predictions=known_truth.coverage(free.predictions),
         ),
     )
 
@@ -217,13 +202,15 @@ def _scores(
         rng = np.random.default_rng([seed, _ANY if any_way else _OWN])
         if any_way:
             robot = draw_individual(arm, plan, rng)
-            truth = truth_of(robot, {})
+            truth = simulated.truth_of(robot, {})
         else:
-            robot, truth = draw_by_unknowns(arm, plan, unknowns, rng)
+            robot, truth = simulated.draw_by_unknowns(arm, plan, unknowns, rng)
         found = _calibrated(robot, plan, calibration, seed)
-        by_name.append(parameter_scores(found, truth))
-        others = exact_observations(robot, plan, _PREDICTED_POSES, seed + _OTHER_POSES * 10**6)
-        predictions.append(prediction_scores(found, others))
+        by_name.append(known_truth.parameter_scores(found, truth))
+        others = simulated.exact_observations(
+            robot, plan, _PREDICTED_POSES, seed + _OTHER_POSES * 10**6
+        )
+        predictions.append(known_truth.prediction_scores(found, others))
         converged.append(found.fit.converged)
     names = tuple(dict.fromkeys(name for scores in by_name for name in scores))
     scores = [[each.get(name, np.nan) for name in names] for each in by_name]
@@ -237,7 +224,7 @@ def _unknowns(
 ) -> Unknowns:
     """Return what arm and instrument can identify, which is the same in every campaign."""
     robot = draw_individual(arm, plan, np.random.default_rng(seed))
-    seen = observations_of(measured(robot, plan, seed))
+    seen = simulated.observations_of(simulated.measured(robot, plan, seed))
     start = find_start(arm, seen)
     return choose_unknowns(
         arm, calibration.tolerances, seen.measured, start.T_instr_base, start.targets_m
@@ -248,9 +235,11 @@ def _calibrated(
     robot: Robot, plan: TrackerOptions, calibration: CalibrationOptions, seed: int
 ) -> GeneralCalibration:
     """Measure a robot and calibrate it."""
-    seen = observations_of(measured(robot, plan, seed))
+    seen = simulated.observations_of(simulated.measured(robot, plan, seed))
     start = find_start(robot.arm, seen)
-    return calibrate_general(robot.arm, seen, start, payload_of_individual(robot), calibration)
+    return calibrate_general(
+        robot.arm, seen, start, simulated.payload_of_individual(robot), calibration
+    )
 
 
 def _plan(case: CoverageCase, options: CoverageOptions) -> TrackerOptions:

@@ -24,11 +24,7 @@ from pa10cal.errors import RawDataError
 PUBLISHED = Published.on_github(
     "dlr-alr/dlr-elastic-calibration",
     "35149b71639187d0e05f798f679049ff59442756",
-    {
-        "dataset/measurements.csv.zip": (
-            "e56d4d2bceae6283105d643d7e4fa847731323bc84f7fb5eb8bf978d9125dfab"
-        )
-    },
+    "e56d4d2bceae6283105d643d7e4fa847731323bc84f7fb5eb8bf978d9125dfab dataset/measurements.csv.zip",
 )
 (FILE,) = PUBLISHED.sha256
 TABLE = "measurements.csv"
@@ -36,7 +32,7 @@ TABLE = "measurements.csv"
 SIDES = {"right": (slice(3, 10), 0), "left": (slice(10, 17), 1)}
 JOINTS, MARKERS = 19, 6
 #: What the table does not state.
-ASSUMED_MM, ASSUMED_C = 1.0, 20.0
+ASSUMED_MM = 1.0
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _TOLD = (
     "Measured, not simulated: the humanoid DLR Agile Justin, torso and {side} arm, a marker on "
@@ -68,17 +64,9 @@ def read(folder: Path, max_left_out: float) -> tuple[ImportedCampaign, ...]:
         ImportedCampaign(
             name=f"justin-{side}",
             robot=f"justin_{side}",
-            provenance=_TOLD.format(
-                side=side,
-                file=FILE,
-                repository=PUBLISHED.repository,
-                commit=PUBLISHED.version,
-                u=ASSUMED_MM,
-            ),
+            provenance=PUBLISHED.told(_TOLD, side=side, file=FILE, u=ASSUMED_MM),
             instrument="points",
             uncertainty_mm=ASSUMED_MM,
-            reference_temperature_C=ASSUMED_C,
-            holdout={"every": 5},
             readings=_table(q_rad, q_rad[:, arm], p_m[:, marker]),
             files=(FILE,),
             left_out=left_out,
@@ -121,10 +109,4 @@ def _table(
     )
 
 
-DATASET = DataSet(
-    name="dlr-elastic-calibration",
-    title="DLR Agile Justin, torso and each arm, one marker (real measurements)",
-    files=(FILE,),
-    read=read,
-    published=PUBLISHED,
-)
+DATASET = DataSet("dlr-elastic-calibration", read, PUBLISHED)

@@ -21,29 +21,16 @@ _FOLDER = "3-Full Measurement/Output/Backup"
 PUBLISHED = Published.on_github(
     "icelinker/Robot-Calibration-LaserTracker",
     "188abd2d773b26dd32bafe50943c3ab0044a72d8",
-    {
-        f"{_FOLDER}/measured_joints.txt": (
-            "87fc42231d4c61ecebd3db7b716f3af5ad346538c01fb36c29beebc22c9db3a1"
-        ),
-        f"{_FOLDER}/measured_SMR_1.txt": (
-            "293aadc0017c02e314b23b549d7f51f129bfab3a3adf65c04fddcad6676a9bc0"
-        ),
-        f"{_FOLDER}/measured_SMR_2.txt": (
-            "6bd480669b5dbd798150297b14547ed9b027c25909233d35dd71df51970c2772"
-        ),
-        f"{_FOLDER}/measured_SMR_3.txt": (
-            "ff4ecb1edffef871c7184b43461df32fd91ee9d0bde7bb5405f8793a179fb688"
-        ),
-        f"{_FOLDER}/measured_base_1.txt": (
-            "c560d8b7723309498b353f589dcdba0441a3da38453a7af75e3cc7bba88e38c2"
-        ),
-        f"{_FOLDER}/measured_base_2.txt": (
-            "d76441a62762845016cd03ac9d0eb9f4c20aa2cc75b6ad0dff7aa9319b44af2b"
-        ),
-        f"{_FOLDER}/measured_base_3.txt": (
-            "c234dc42785290342c0185b1d64733a072e2ef0028182093a03a2b6cc05448e0"
-        ),
-    },
+    """
+87fc42231d4c61ecebd3db7b716f3af5ad346538c01fb36c29beebc22c9db3a1  measured_joints.txt
+293aadc0017c02e314b23b549d7f51f129bfab3a3adf65c04fddcad6676a9bc0  measured_SMR_1.txt
+6bd480669b5dbd798150297b14547ed9b027c25909233d35dd71df51970c2772  measured_SMR_2.txt
+ff4ecb1edffef871c7184b43461df32fd91ee9d0bde7bb5405f8793a179fb688  measured_SMR_3.txt
+c560d8b7723309498b353f589dcdba0441a3da38453a7af75e3cc7bba88e38c2  measured_base_1.txt
+d76441a62762845016cd03ac9d0eb9f4c20aa2cc75b6ad0dff7aa9319b44af2b  measured_base_2.txt
+c234dc42785290342c0185b1d64733a072e2ef0028182093a03a2b6cc05448e0  measured_base_3.txt
+    """,
+    folder=f"{_FOLDER}/",
 )
 JOINTS = tuple(f"q{joint}_deg" for joint in range(1, 7))
 FILES = tuple(PUBLISHED.sha256)
@@ -51,13 +38,13 @@ FILES = tuple(PUBLISHED.sha256)
 TARGETS = dict(zip(("T1", "T2", "T3", "base1", "base2", "base3"), FILES[1:], strict=True))
 AT_FLANGE = 3
 #: What the tables do not state.
-ASSUMED_MM, ASSUMED_C = 0.05, 20.0
+ASSUMED_MM = 0.05
 _TOLD = (
     "Measured, not simulated: ABB IRB 120 with three reflectors under a FARO laser tracker, "
-    f"three more on its base read with every configuration; {_FOLDER} of the repository "
-    f"{PUBLISHED.repository}, commit {PUBLISHED.version}. Not stated, hence assumed: "
-    f"uncertainty_mm {ASSUMED_MM}, reference temperature, an upright arm, no load, mass 0 for a "
-    "tool not described. No time was recorded. No licence is stated by the owner."
+    "three more on its base read with every configuration; {folder} of the repository "
+    "{repository}, commit {commit}. Not stated, hence assumed: uncertainty_mm {u}, reference "
+    "temperature, an upright arm, no load, mass 0 for a tool not described. No time was recorded. "
+    "No licence is stated by the owner."
 )
 
 
@@ -80,10 +67,9 @@ def read(folder: Path, max_left_out: float) -> tuple[ImportedCampaign, ...]:
         ImportedCampaign(
             name="irb120",
             robot="irb120",
-            provenance=_TOLD,
+            provenance=PUBLISHED.told(_TOLD, folder=_FOLDER, u=ASSUMED_MM),
             instrument="points",
             uncertainty_mm=ASSUMED_MM,
-            reference_temperature_C=ASSUMED_C,
             holdout={"last_fraction": 0.3},
             readings=pd.DataFrame(columns),
             files=FILES,
@@ -96,10 +82,4 @@ def read(folder: Path, max_left_out: float) -> tuple[ImportedCampaign, ...]:
     )
 
 
-DATASET = DataSet(
-    name="faro-irb120",
-    title="ABB IRB 120 with three reflectors and three on its base, FARO (real measurements)",
-    files=FILES,
-    read=read,
-    published=PUBLISHED,
-)
+DATASET = DataSet("faro-irb120", read, PUBLISHED)

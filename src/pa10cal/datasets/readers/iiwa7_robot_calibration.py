@@ -18,18 +18,12 @@ from pa10cal.datasets.text_table import read_bare_table
 PUBLISHED = Published.on_github(
     "Zhangzhongqiu/robot-calibration",
     "be44742b3b312bde09d87d9d40e89d8a634ac83b",
-    {
-        "20161118_run_1.csv": "800f9e37b712834456c6959f219c2809da920ad58d456039152efa5f7e506987",
-        "0kg/20161216_run1_0kg.csv": (
-            "0160b0f7b92a961cbcd068929e912b83d50ae7e140dd8d961b4f7e1bee21c261"
-        ),
-        "1.25kg/20161216_run2_1.25kg.csv": (
-            "ca0f830e55a4365b25960264a941c84f07b66055fa1fa01865eb369588cfab84"
-        ),
-        "2.5kg/20161216_run3_2.5kg.csv": (
-            "5337ad463be5226880311f6aa725e37014028b111c7fb092e2f5148a61866dc0"
-        ),
-    },
+    """
+800f9e37b712834456c6959f219c2809da920ad58d456039152efa5f7e506987  20161118_run_1.csv
+0160b0f7b92a961cbcd068929e912b83d50ae7e140dd8d961b4f7e1bee21c261  0kg/20161216_run1_0kg.csv
+ca0f830e55a4365b25960264a941c84f07b66055fa1fa01865eb369588cfab84  1.25kg/20161216_run2_1.25kg.csv
+5337ad463be5226880311f6aa725e37014028b111c7fb092e2f5148a61866dc0  2.5kg/20161216_run3_2.5kg.csv
+    """,
 )
 #: Campaigns in the order of the files, and the payload that the folder of each is named after [kg].
 CAMPAIGNS = {"iiwa7-free": 0.0, "iiwa7-0kg": 0.0, "iiwa7-1250g": 1.25, "iiwa7-2500g": 2.5}
@@ -38,7 +32,7 @@ _Q, _TAU = [f"q{k}_rad" for k in JOINTS], [f"load{k}_Nm" for k in JOINTS]
 _T = [f"T{row}{column}" for row in range(4) for column in range(4)]
 COLUMNS = ("row", *_Q, *_TAU, *_T)
 #: What the tables do not state. In the sweep of joint 7 the target scatters about a circle by this.
-ASSUMED_MM, ASSUMED_C = 0.07, 20.0
+ASSUMED_MM = 0.07
 _TOLD = (
     "Measured, not simulated: KUKA LBR iiwa 7 R800 under an optical tracker, {file} of the "
     "repository {repository}, commit {commit}, of 2016. Torques as the controller logged them, "
@@ -67,21 +61,12 @@ def _campaign(
     columns = {f"q{k}_deg": q_deg[:, k - 1] for k in JOINTS}
     columns |= {f"tau{k}_Nm": tau_Nm[:, k - 1] for k in JOINTS}
     columns |= {f"{axis}_mm": T_mm[:, k, 3] for k, axis in enumerate("xyz")}
-    told = _TOLD.format(
-        file=file,
-        repository=PUBLISHED.repository,
-        commit=PUBLISHED.version,
-        kg=payload_kg,
-        u=ASSUMED_MM,
-    )
     return ImportedCampaign(
         name=name,
         robot="iiwa7",
-        provenance=told,
+        provenance=PUBLISHED.told(_TOLD, file=file, kg=payload_kg, u=ASSUMED_MM),
         instrument="pose",
         uncertainty_mm=ASSUMED_MM,
-        reference_temperature_C=ASSUMED_C,
-        holdout={"every": 5},
         readings=pd.DataFrame(columns | rotation_columns(T_mm[:, :3, :3])),
         files=(file,),
         left_out=table.left_out,
@@ -91,10 +76,4 @@ def _campaign(
     )
 
 
-DATASET = DataSet(
-    name="iiwa7-robot-calibration",
-    title="KUKA LBR iiwa 7 with torques, free and with three payloads (real measurements)",
-    files=tuple(PUBLISHED.sha256),
-    read=read,
-    published=PUBLISHED,
-)
+DATASET = DataSet("iiwa7-robot-calibration", read, PUBLISHED)

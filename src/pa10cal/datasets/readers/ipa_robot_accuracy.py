@@ -10,11 +10,21 @@ from typing import Any
 
 from pa10cal.datasets.importing import AsItIs, DataSet, ImportedCampaign, Published
 
-COMMIT = "507fba69bdaf6c43c2faf306e70a7e37c5e39b89"
 SERIES = {
     "ur10-a": "Series_A/measurements_grid.csv",
     "ur10-c": "Series_C/measurements_random_poses.csv",
 }
+LICENCE = "LICENSE.md"
+PUBLISHED = Published.on_github(
+    "christianlandgraf/ipa-robot-accuracy",
+    "507fba69bdaf6c43c2faf306e70a7e37c5e39b89",
+    f"""
+2597e491177bda28228ec1e6d1966b58e01d21a2891c524e781289b32f629e3a  LICENSE.md
+84d5c81234cab58ebe88b4c73c582c26ad0e407f0de5350571c91f5ce6f28b76  {SERIES["ur10-a"]}
+904a1d195e558315bd21469abb02bfcc000dd1296c0cd68eb86c62e95f7ba160  {SERIES["ur10-c"]}
+    """,
+    licence="MIT licence",
+)
 COLUMNS: dict[str, Any] = {
     "separator": ";",
     "decimal": ",",
@@ -47,7 +57,7 @@ HELD_OUT = {"last_fraction": 0.3}
 
 _OF_ALL = (
     "Real measurements of a UR10 with a laser tracker and its T-Mac, not simulated: {file} of the "
-    "data set ipa-robot-accuracy (repository christianlandgraf/ipa-robot-accuracy, commit "
+    "data set ipa-robot-accuracy (repository {repository}, commit "
     "{commit}, MIT licence; C. Landgraf et al., A Hybrid Neural Network Approach for Increasing "
     "the Absolute Accuracy of Industrial Robots, IEEE CASE 2021). Joint angles are the commanded "
     "ones, not read back. x, y, z and the quaternion are the T-Mac's own pose in the tracker's "
@@ -76,17 +86,15 @@ def read(folder: Path, max_left_out: float) -> tuple[ImportedCampaign, ...]:
 
 
 def _series_a(folder: Path) -> ImportedCampaign:
-    told = _OF_ALL.format(file=SERIES["ur10-a"], commit=COMMIT)
-    return _campaign(
-        folder, "ur10-a", f"{told} {_CLOCK} {_UNSTATED}", UNSTATED_MM, {"time": TIME, **COLUMNS}
-    )
+    told, columns = f"{_OF_ALL} {_CLOCK} {_UNSTATED}", {"time": TIME, **COLUMNS}
+    return _campaign(folder, "ur10-a", told, UNSTATED_MM, columns)
 
 
 def _series_c(folder: Path) -> ImportedCampaign:
     stated = {key: dict(COLUMNS[key]) for key in ("position", "rotation")}
     stated["position"]["u"], stated["rotation"]["u"] = PLACE_STD, ATTITUDE_STD
-    told = _OF_ALL.format(file=SERIES["ur10-c"], commit=COMMIT)
-    return _campaign(folder, "ur10-c", f"{told} {_NO_CLOCK} {_STATED}", STATED_MM, COLUMNS | stated)
+    told, columns = f"{_OF_ALL} {_NO_CLOCK} {_STATED}", COLUMNS | stated
+    return _campaign(folder, "ur10-c", told, STATED_MM, columns)
 
 
 def _campaign(
@@ -95,7 +103,7 @@ def _campaign(
     return ImportedCampaign(
         name=name,
         robot="ur10",
-        provenance=provenance,
+        provenance=PUBLISHED.told(provenance, file=SERIES[name]),
         instrument="pose",
         uncertainty_mm=uncertainty_mm,
         reference_temperature_C=MEAN_C[name],
@@ -106,19 +114,4 @@ def _campaign(
     )
 
 
-DATASET = DataSet(
-    name="ipa-robot-accuracy",
-    title="UR10 with a 6-D laser tracker, series A and C (real measurements)",
-    files=tuple(SERIES.values()),
-    read=read,
-    published=Published.on_github(
-        "christianlandgraf/ipa-robot-accuracy",
-        COMMIT,
-        {
-            "LICENSE.md": "2597e491177bda28228ec1e6d1966b58e01d21a2891c524e781289b32f629e3a",
-            SERIES["ur10-a"]: "84d5c81234cab58ebe88b4c73c582c26ad0e407f0de5350571c91f5ce6f28b76",
-            SERIES["ur10-c"]: "904a1d195e558315bd21469abb02bfcc000dd1296c0cd68eb86c62e95f7ba160",
-        },
-        licence="MIT licence",
-    ),
-)
+DATASET = DataSet("ipa-robot-accuracy", read, PUBLISHED, unread=(LICENCE,))

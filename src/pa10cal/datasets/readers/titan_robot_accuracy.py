@@ -18,10 +18,10 @@ from pa10cal.datasets.text_table import TextTable, read_bare_table
 PUBLISHED = Published.on_github(
     "BotScutters/robot_accuracy",
     "26417a4f4c04632c2ce2c63d246af9ec3fca96dc",
-    {
-        "robodata.csv": "d0af11fde4f1e8e4763e82b0e7f0a94398e090e095d1b33b8c314a32e3df9bde",
-        "robodata2.csv": "f1d606a2dd1f1ea000b0548fa1e155a04efa718918dbac213fcace3d0e7a11bc",
-    },
+    """
+d0af11fde4f1e8e4763e82b0e7f0a94398e090e095d1b33b8c314a32e3df9bde  robodata.csv
+f1d606a2dd1f1ea000b0548fa1e155a04efa718918dbac213fcace3d0e7a11bc  robodata2.csv
+    """,
 )
 #: Campaigns by their file, and the arm of each.
 CAMPAIGNS = {
@@ -40,7 +40,7 @@ def _places(letter: str) -> tuple[str, ...]:
 _DIFFERENCES = tuple(f"{name}{k}" for k in POINTS for name in ("dx", "dy", "dz", "err"))
 COLUMNS = (*AXES, "E", *_places("a"), *_places("n"), *_DIFFERENCES)
 #: What the tables do not state. Distances between the points scatter by 0.012 to 0.026 mm.
-ASSUMED_MM, ASSUMED_C = 0.03, 20.0
+ASSUMED_MM = 0.03
 _TOLD = (
     "Measured, not simulated: {file} of the repository {repository}, commit {commit}, of 2018. "
     "Axes as commanded; three points on the end-effector. The owner names neither robot nor "
@@ -66,28 +66,17 @@ def _campaign(
     table = read_bare_table(folder, file, COLUMNS, separator=",", header=True)
     table.refuse_too_many(max_left_out)
     q_deg = table.numbers(AXES) * SIGNS
-    columns: dict[str, object] = {}
-    if robot == "titan_rail":
-        columns["q1_mm"] = table.columns["E"]
+    columns = {"q1_mm": table.columns["E"]} if robot == "titan_rail" else {}
     first = 1 + len(columns)
     columns |= {f"q{first + k}_deg": q_deg[:, k] for k in range(len(AXES))}
     for k in POINTS:
         columns |= {f"T{k}_{axis}_mm": table.columns[f"{axis}a{k}"] for axis in "xyz"}
-    told = _TOLD.format(
-        file=file,
-        repository=PUBLISHED.repository,
-        commit=PUBLISHED.version,
-        u=ASSUMED_MM,
-        own=_owners_error_mm(table),
-    )
     return ImportedCampaign(
         name=name,
         robot=robot,
-        provenance=told,
+        provenance=PUBLISHED.told(_TOLD, file=file, u=ASSUMED_MM, own=_owners_error_mm(table)),
         instrument="points",
         uncertainty_mm=ASSUMED_MM,
-        reference_temperature_C=ASSUMED_C,
-        holdout={"every": 5},
         readings=pd.DataFrame(columns),
         files=(file,),
         left_out=table.left_out,
@@ -103,10 +92,4 @@ def _owners_error_mm(table: TextTable) -> float:
     return float(np.sqrt(np.mean(np.sum(difference_mm.reshape(-1, len(POINTS), 3) ** 2, axis=2))))
 
 
-DATASET = DataSet(
-    name="titan-robot-accuracy",
-    title="KUKA KR 1000 titan, three points, fixed and on a rail (real measurements)",
-    files=tuple(PUBLISHED.sha256),
-    read=read,
-    published=PUBLISHED,
-)
+DATASET = DataSet("titan-robot-accuracy", read, PUBLISHED)

@@ -18,26 +18,19 @@ _FOLDER = "mocap/kinematic_raw_data"
 PUBLISHED = Published.on_github(
     "hehonglu123/Welding_Motoman",
     "eba6d1acf8639dc16a0ecca7b00adf610f42d59e",
-    {
-        f"{_FOLDER}/test0516_R1/robot_q_align.csv": (
-            "6e60f04cd904662f881e8a87bf15940637e4a62646fb145518fd5bff619320df"
-        ),
-        f"{_FOLDER}/test0516_R1/mocap_T_align.csv": (
-            "8d7d0fb6674b7f3fd747796934e82904ab8de46248070b67fa76b47a4cce303a"
-        ),
-        f"{_FOLDER}/test0801_R1/robot_q_align.csv": (
-            "bf19aa9c70d7e3f1b10ca0a9ede5fd75e3e8cb2b527d86451f22542938358361"
-        ),
-        f"{_FOLDER}/test0801_R1/mocap_T_align.csv": (
-            "27fff3a7fbf00dca43dca977ae7f83b9440ae61ad22779a922ee0d36a7fde94b"
-        ),
-    },
+    """
+6e60f04cd904662f881e8a87bf15940637e4a62646fb145518fd5bff619320df  test0516_R1/robot_q_align.csv
+8d7d0fb6674b7f3fd747796934e82904ab8de46248070b67fa76b47a4cce303a  test0516_R1/mocap_T_align.csv
+bf19aa9c70d7e3f1b10ca0a9ede5fd75e3e8cb2b527d86451f22542938358361  test0801_R1/robot_q_align.csv
+27fff3a7fbf00dca43dca977ae7f83b9440ae61ad22779a922ee0d36a7fde94b  test0801_R1/mocap_T_align.csv
+    """,
+    folder=f"{_FOLDER}/",
 )
 CAMPAIGNS = {"ma2010-0516": "test0516_R1", "ma2010-0801": "test0801_R1"}
 JOINTS = tuple(f"q{k}_rad" for k in range(1, 7))
 PLACE, QUATERNION = ("x_mm", "y_mm", "z_mm"), ("qw", "qx", "qy", "qz")
 #: What the tables do not state.
-ASSUMED_MM, ASSUMED_C = 0.1, 20.0
+ASSUMED_MM = 0.1
 _TOLD = (
     "Measured, not simulated: Yaskawa Motoman MA2010 with a rigid body on its torch under "
     "OptiTrack, {date} of the repository {repository}, commit {commit}, of 2023. Joint positions "
@@ -69,13 +62,9 @@ def _campaign(folder: Path, name: str, date: str, max_left_out: float) -> Import
     return ImportedCampaign(
         name=name,
         robot="ma2010",
-        provenance=_TOLD.format(
-            date=date, repository=PUBLISHED.repository, commit=PUBLISHED.version, u=ASSUMED_MM
-        ),
+        provenance=PUBLISHED.told(_TOLD, date=date, u=ASSUMED_MM),
         instrument="pose",
         uncertainty_mm=ASSUMED_MM,
-        reference_temperature_C=ASSUMED_C,
-        holdout={"every": 5},
         readings=pd.DataFrame(columns),
         files=files,
         left_out=tuple(row for table in tables for row in table.left_out),
@@ -84,10 +73,4 @@ def _campaign(folder: Path, name: str, date: str, max_left_out: float) -> Import
     )
 
 
-DATASET = DataSet(
-    name="welding-motoman",
-    title="Yaskawa Motoman MA2010 under OptiTrack, two dates (real measurements)",
-    files=tuple(PUBLISHED.sha256),
-    read=read,
-    published=PUBLISHED,
-)
+DATASET = DataSet("welding-motoman", read, PUBLISHED)

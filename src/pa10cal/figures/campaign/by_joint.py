@@ -264,8 +264,7 @@ def draw_where_torque(results: Results) -> Figure:
             _draw_torques(axes, joint)
             noise = _NOISES * part.noise_Nm
             axes.axhspan(-noise, noise, color=SEPARATOR, alpha=0.5, linewidth=0.0)
-            axes.set_ylim(-limit, limit)
-            axes.set_title(f"joint {joint.joint}" if when == "before" else "")
+            axes.set(ylim=(-limit, limit), title=f"joint {joint.joint}" if when == "before" else "")
     label_below(figure, 13.5, "joint angle [deg]")
     sides = {int(side) for joint in joints for side in np.sign(joint.arrival)}
     shown = [mark(label, **look) for sign, look, label in _SIDES if sign in sides]

@@ -107,8 +107,7 @@ def _draw_means(axes: Axes, planes: list[PlaneRecord], with_paper: bool) -> None
             label="the paper, z = 300 to 700 mm (± 0.001 mm)",
         )
         axes.plot(published.MONTE_CARLO_PLANE_MM + _ASIDE_MM, mean_mm, **PAPER)
-    axes.set_title("the means, enlarged")
-    axes.set_ylabel("mean position error [mm]")
+    axes.set(title="the means, enlarged", ylabel="mean position error [mm]")
     _name_planes(axes, planes)
 
 

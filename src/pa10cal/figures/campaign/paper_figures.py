@@ -14,42 +14,19 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
 from pa10cal.arrays import Array
-from pa10cal.figures import published
+from pa10cal.figures import published, style
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.results import COMBINED, PLACE_MM, Results
-from pa10cal.figures.style import (
-    WIDTH_MM,
-    legend_at,
-    mark,
-    name_rows,
-    new_figure,
-    note,
-    panel,
-    plain_log,
-    write_beside,
-)
+from pa10cal.reports import theme
 from pa10cal.reports.formatting import written_load
-from pa10cal.reports.theme import (
-    AFTER,
-    AFTER_COMBINED,
-    BEFORE,
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    MODELS,
-    ORANGE,
-    SEPARATOR,
-    VERMILLION,
-)
 from pa10cal.results.evaluation import Accuracy, HeldOutModel, HoldoutRecord
 
 #: How the places of each kind are drawn, in space, and what is smaller in a view of them.
 _LOOKS: dict[str, dict[str, Any]] = {
-    "grid": {"color": BLUE, "marker": "o", "linewidth": 0.8},
-    "holdout": {"color": VERMILLION, "marker": "^", "linestyle": "none"},
-    "line_x": {"color": GREEN, "marker": ".", "linewidth": 1.4},
-    "line_y": {"color": ORANGE, "marker": ".", "linewidth": 1.4},
+    "grid": {"color": theme.BLUE, "marker": "o", "linewidth": 0.8},
+    "holdout": {"color": theme.VERMILLION, "marker": "^", "linestyle": "none"},
+    "line_x": {"color": theme.GREEN, "marker": ".", "linewidth": 1.4},
+    "line_y": {"color": theme.ORANGE, "marker": ".", "linewidth": 1.4},
 }
 _IN_A_VIEW: dict[str, dict[str, Any]] = {
     "grid": {"markersize": 2.5, "linewidth": 0.6},
@@ -76,12 +53,12 @@ shows where the arm went, not how accurate it was.
 def draw_fig4_test_path(results: Results) -> Figure:
     """Draw the first pass over the grid, the held-out places and the straight-line moves."""
     p_base_mm = _first_visits(results.places(), results.base_frame())
-    figure = new_figure(
+    figure = style.new_figure(
         128.0, "Experimental test path in the robot's base frame (compare Fig. 4 of the paper)"
     )
-    _draw_space(panel(figure, 2.0, 29.0, 110.0, 94.0, projection="3d"), p_base_mm)
-    _draw_view(panel(figure, 119.0, 76.0, 48.0, 38.0), p_base_mm, [0, 1], "From above")
-    _draw_view(panel(figure, 119.0, 15.0, 48.0, 46.0), p_base_mm, [0, 2], "From the side")
+    _draw_space(style.panel(figure, 2.0, 29.0, 110.0, 94.0, projection="3d"), p_base_mm)
+    _draw_view(style.panel(figure, 119.0, 76.0, 48.0, 38.0), p_base_mm, [0, 1], "From above")
+    _draw_view(style.panel(figure, 119.0, 15.0, 48.0, 46.0), p_base_mm, [0, 2], "From the side")
     figure.legend(loc="lower left", bbox_to_anchor=(0.012, 0.055), ncols=2)
     return figure
 
@@ -108,12 +85,14 @@ def _draw_space(axes: Any, p_base_mm: dict[str, Array]) -> None:
     for kind, places in p_base_mm.items():
         if len(places):
             axes.plot(*places.T, label=names[kind], **_LOOKS[kind])
-    axes.text(*grid[0], "first ", ha="right", va="center", color=BLUE)
-    axes.text(*grid[-1], " last", ha="left", va="center", color=BLUE)
+    axes.text(*grid[0], "first ", ha="right", va="center", color=theme.BLUE)
+    axes.text(*grid[-1], " last", ha="left", va="center", color=theme.BLUE)
     for name, tip in zip("xyz", _AXIS_LENGTH_MM * np.eye(3), strict=True):
-        axes.quiver(0, 0, 0, *tip, color=BLACK, linewidth=1.2, arrow_length_ratio=0.15)
+        axes.quiver(0, 0, 0, *tip, color=theme.BLACK, linewidth=1.2, arrow_length_ratio=0.15)
         axes.text(*(1.25 * tip), name, ha="center", va="center")
-    axes.plot([0.0], [0.0], [0.0], color=BLACK, marker="s", linestyle="none", label="robot base")
+    axes.plot(
+        [0.0], [0.0], [0.0], color=theme.BLACK, marker="s", linestyle="none", label="robot base"
+    )
     low, high = _extent(p_base_mm)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.05)
@@ -133,7 +112,7 @@ def _draw_view(axes: Axes, p_base_mm: dict[str, Array], seen: list[int], title: 
     """Draw a projection along one of the base axes."""
     for kind, places in p_base_mm.items():
         axes.plot(*places[:, seen].T, **_LOOKS[kind] | _IN_A_VIEW[kind])
-    axes.plot(0.0, 0.0, color=BLACK, marker="s")
+    axes.plot(0.0, 0.0, color=theme.BLACK, marker="s")
     axes.annotate("base", (0.0, 0.0), (4.0, 4.0), textcoords="offset points")
     (x_low, y_low), (x_high, y_high) = (corner[seen] for corner in _extent(p_base_mm))
     axes.set(xlim=(x_low, x_high), ylim=(y_low, y_high), title=title)
@@ -158,7 +137,12 @@ _SLOTS = {"before": -0.28, "after": -0.01, "combined": 0.10, "repeats": 0.38}
 _PAPER_ASIDE = -0.11
 #: What the panel of orientations adds to the height.
 _ORIENTATION_MM = 42.0
-_COLOURS = {"before": BEFORE, "after": AFTER, "combined": AFTER_COMBINED, "repeats": BLACK}
+_COLOURS = {
+    "before": theme.BEFORE,
+    "after": theme.AFTER,
+    "combined": theme.AFTER_COMBINED,
+    "repeats": theme.BLACK,
+}
 
 
 @dataclass(frozen=True)
@@ -196,18 +180,20 @@ def draw_fig5_before_after(results: Results) -> Figure:
     angles = _columns(results, lambda errors: (errors.orientation_deg, None))
     seen = any(not column.is_paper for column in angles)
     raised = _ORIENTATION_MM if seen else 0.0
-    figure = new_figure(108.0 + raised, _TITLE)
-    lowest = position = panel(figure, 23.0, 26.0 + raised, 145.0, 73.0)
+    figure = style.new_figure(108.0 + raised, _TITLE)
+    lowest = position = style.panel(figure, 23.0, 26.0 + raised, 145.0, 73.0)
     columns = _columns(results, lambda errors: (errors.mean_mm, errors.peak_mm))
     columns += _scatter_columns(results, loads)
     _draw_columns(position, columns, loads, room=(3.0, 3.0))
     position.set_ylabel("position error [mm]")
     if seen:
-        lowest = panel(figure, 23.0, 26.0, 145.0, 32.0)
+        lowest = style.panel(figure, 23.0, 26.0, 145.0, 32.0)
         _draw_columns(lowest, angles, loads, room=(2.5, 6.0))
         lowest.set_ylabel("orientation\nerror [deg]")
     lowest.set_xlabel("external load")
-    legend_at(figure, 0.012 * WIDTH_MM, 6.75, _legend(results), ncols=3, columnspacing=1.2)
+    style.legend_at(
+        figure, 0.012 * style.WIDTH_MM, 6.75, _legend(results), ncols=3, columnspacing=1.2
+    )
     return figure
 
 
@@ -282,13 +268,13 @@ def _draw_columns(
         )
     low = min(column.mean for column in columns)
     high = max(column.peak or column.mean for column in columns)
-    plain_log(axes, "y", low / room[0], high * room[1])
+    style.plain_log(axes, "y", low / room[0], high * room[1])
     axes.set_xlim(-0.5, len(loads) - 0.5)
     axes.set_xticks(range(len(loads)), [written_load(load) for load in loads])
     axes.tick_params(axis="x", length=0.0)
     axes.grid(visible=False, axis="x")
     for k in range(1, len(loads)):
-        axes.axvline(k - 0.5, color=SEPARATOR, linewidth=0.6)
+        axes.axvline(k - 0.5, color=theme.SEPARATOR, linewidth=0.6)
 
 
 def _text(column: _Column) -> str:
@@ -301,18 +287,21 @@ def _text(column: _Column) -> str:
 
 def _legend(results: Results) -> list[Line2D]:
     entries = [
-        ("o", BEFORE, BEFORE, "before: nominal rigid model"),
-        ("o", AFTER, AFTER, "after, calibrated at this load"),
-        ("o", AFTER_COMBINED, AFTER_COMBINED, "after, all loads together"),
-        ("o", BLACK, BLACK, "repeats, one axis (largest)"),
+        ("o", theme.BEFORE, theme.BEFORE, "before: nominal rigid model"),
+        ("o", theme.AFTER, theme.AFTER, "after, calibrated at this load"),
+        ("o", theme.AFTER_COMBINED, theme.AFTER_COMBINED, "after, all loads together"),
+        ("o", theme.BLACK, theme.BLACK, "repeats, one axis (largest)"),
     ]
     if results.is_paper_arm:
-        entries.append(("D", BLACK, "white", "the paper's figures, same colours"))
+        entries.append(("D", theme.BLACK, "white", "the paper's figures, same colours"))
     handles = [
-        mark(text, color=edge, marker=marker, markerfacecolor=face)
+        style.mark(text, color=edge, marker=marker, markerfacecolor=face)
         for marker, edge, face, text in entries
     ]
-    return [*handles, mark("mean / peak, as written", color=BLACK, marker="|", markersize=9.0)]
+    return [
+        *handles,
+        style.mark("mean / peak, as written", color=theme.BLACK, marker="|", markersize=9.0),
+    ]
 
 
 # Errors at held-out points and loads, as Fig. 6 of the paper.
@@ -362,16 +351,16 @@ def draw_fig6_holdout(results: Results) -> Figure:
     if not case.has_springs:  # one model: what has no springs has no linear or cubic ones
         held_out = _of_rigid_joints(held_out)
         said = "All joints were held rigid; calibrated"
-    figure = new_figure(146.0, _TITLE_OF_FIG6)
-    single = panel(figure, 16.0, 81.0, 152.0, 53.0)
+    figure = style.new_figure(146.0, _TITLE_OF_FIG6)
+    single = style.panel(figure, 16.0, 81.0, 152.0, 53.0)
     _draw_configurations(single, held_out)
     load = held_out.calibration
     fitted = "all loads together" if load == COMBINED else f"{load} alone"
-    note(figure, f"{said} with {fitted}.", 7.0)
+    style.note(figure, f"{said} with {fitted}.", 7.0)
     figure.legend(
         *single.get_legend_handles_labels(), loc="center", bbox_to_anchor=(0.5, 0.446), ncols=4
     )
-    summary = panel(figure, 30.0, 22.0, 66.0, 32.0)
+    summary = style.panel(figure, 30.0, 22.0, 66.0, 32.0)
     _draw_summary(summary, held_out, results.is_paper_arm)
     return figure
 
@@ -404,7 +393,7 @@ def _draw_configurations(axes: Axes, held_out: HoldoutRecord) -> None:
             axes.plot(at[beyond], errors[beyond], label="extrapolated", **hollow)
     lowest = min(errors.min() for errors in errors_mm.values())
     highest = max(errors.max() for errors in errors_mm.values())
-    plain_log(axes, "y", lowest / 1.5, highest * 1.5)
+    style.plain_log(axes, "y", lowest / 1.5, highest * 1.5)
     axes.set_xlim(-0.7, len(poses) - 0.3)
     axes.set_ylabel("position error [mm]")
     axes.set_xlabel("held-out configuration: pose, grouped by load")
@@ -415,7 +404,7 @@ def _draw_configurations(axes: Axes, held_out: HoldoutRecord) -> None:
         at = np.flatnonzero(loads == load)
         axes.text(at.mean(), 1.02, f"{load:g} N", transform=axes.get_xaxis_transform(), ha="center")
         if at[0]:
-            axes.axvline(at[0] - 0.5, color=SEPARATOR, linewidth=0.6)
+            axes.axvline(at[0] - 0.5, color=theme.SEPARATOR, linewidth=0.6)
 
 
 def _draw_summary(axes: Axes, held_out: HoldoutRecord, with_paper: bool) -> None:
@@ -427,12 +416,12 @@ def _draw_summary(axes: Axes, held_out: HoldoutRecord, with_paper: bool) -> None
         if name in paper:
             text = "paper: " + _text_of_model(paper[name], "g")
             look = _dots(name) | {"markerfacecolor": "white", "marker": "D"}
-            _draw_range(axes, k + 0.2, paper[name], text, look, GREY)
+            _draw_range(axes, k + 0.2, paper[name], text, look, theme.GREY)
     shown: list[HeldOutModel | published.PublishedError] = [*held_out.models.values()]
     shown += paper.values()
     lowest, highest = min(e.mean_mm for e in shown), max(e.peak_mm for e in shown)
-    plain_log(axes, "x", lowest / 1.5, highest * 1.5)
-    name_rows(axes, [_NAMES_OF_FIG6[name] for name in held_out.models], 0.6, lines=False)
+    style.plain_log(axes, "x", lowest / 1.5, highest * 1.5)
+    style.name_rows(axes, [_NAMES_OF_FIG6[name] for name in held_out.models], 0.6, lines=False)
     axes.set_title(
         "Mean and peak over all held-out configurations: ours filled, the paper's hollow"
     )
@@ -445,16 +434,16 @@ def _draw_range(
     errors: HeldOutModel | published.PublishedError,
     text: str,
     look: dict[str, Any],
-    color: str = BLACK,
+    color: str = theme.BLACK,
 ) -> None:
     axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=look["color"], linewidth=1.4)
     axes.plot(errors.peak_mm, y, color=look["color"], marker="|", markersize=7.0)
     axes.plot(errors.mean_mm, y, **look)
-    write_beside(axes, y, text, 1.03, color=color)
+    style.write_beside(axes, y, text, 1.03, color=color)
 
 
 def _dots(name: str) -> dict[str, Any]:
-    return {"color": MODELS[name], "marker": _MARKERS[name], "linestyle": "none"}
+    return {"color": theme.MODELS[name], "marker": _MARKERS[name], "linestyle": "none"}
 
 
 def _text_of_model(errors: HeldOutModel | published.PublishedError, digits: str) -> str:

@@ -9,18 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from pa10cal.figures import style
 from pa10cal.figures.registry import picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.style import (
-    legend_at,
-    mark,
-    name_rows,
-    new_figure,
-    panel,
-    plain_log,
-    write_beside,
-    write_text_at,
-)
 from pa10cal.reports.formatting import HALF_WIDTH_95
 from pa10cal.reports.theme import AFTER, BEFORE, BLACK, BLUE, GREY, ORANGE
 from pa10cal.results.analysis import AnalysisRecord
@@ -60,43 +51,43 @@ Errors common to all poses are removed first.
 def draw_where_breakdown(results: Results) -> Figure:
     """Draw errors by load, axis, joint and direction, and drifts, beside the floor."""
     found = results.analysis()
-    figure = new_figure(
+    figure = style.new_figure(
         _HEIGHT_MM, "Where model and measurement disagree, without and with the named effects"
     )
     before, after = found.before, found.after
     _draw_parts(
-        panel(figure, 18.0, 95.0, 36.0, 38.0),
+        style.panel(figure, 18.0, 95.0, 36.0, 38.0),
         [part.of.removesuffix(" N") for part in before.by_load],
         [[part.rms_mm for part in fit.by_load] for fit in (before, after)],
         [part.floor_mm for part in before.by_load],
     ).set(title="by load", xlabel="load [N]", ylabel="position error, rms [mm]")
     _draw_parts(
-        panel(figure, 71.0, 95.0, 32.0, 38.0),
+        style.panel(figure, 71.0, 95.0, 32.0, 38.0),
         [part.of for part in before.by_axis],
         [[part.rms_mm for part in fit.by_axis] for fit in (before, after)],
         [part.floor_mm for part in before.by_axis],
     ).set(title="by axis of the instrument", xlabel="axis", ylabel="rms [mm]")
     joints = [str(part.joint) for part in before.by_joint]
     _draw_parts(
-        panel(figure, 121.0, 95.0, 46.0, 38.0),
+        style.panel(figure, 121.0, 95.0, 46.0, 38.0),
         joints,
         [[1e6 * part.rms_rad for part in fit.by_joint] for fit in (before, after)],
         [1e6 * part.floor_rad for part in before.by_joint],
     ).set(title="by joint, as an error of its angle", xlabel="joint", ylabel="rms [µrad]")
-    direction = panel(figure, 18.0, 39.0, 85.0, 38.0)
+    direction = style.panel(figure, 18.0, 39.0, 85.0, 38.0)
     _draw_directions(direction, found)
     direction.set_title("by direction of arrival: mean angle error, with 95 % intervals")
-    drift = panel(figure, 121.0, 39.0, 46.0, 38.0)
+    drift = style.panel(figure, 121.0, 39.0, 46.0, 38.0)
     _draw_drifts(drift, found)
     drift.set_title("drift over the whole campaign")
     noise_from = results.verdict().gap.noise_floor_from
-    write_text_at(figure, 18.0, 8.0, _against_pure_error(found, noise_from))
+    style.write_text_at(figure, 18.0, 8.0, _against_pure_error(found, noise_from))
     handles = [
-        mark("before: without the effects", **_BEFORE),
-        mark("after: with the named effects", **_AFTER),
-        mark(results.verdict().gap.floor_is, **_FLOOR),
+        style.mark("before: without the effects", **_BEFORE),
+        style.mark("after: with the named effects", **_AFTER),
+        style.mark(results.verdict().gap.floor_is, **_FLOOR),
     ]
-    legend_at(figure, 4.0, 18.5, handles, ncols=3, columnspacing=1.2)
+    style.legend_at(figure, 4.0, 18.5, handles, ncols=3, columnspacing=1.2)
     return figure
 
 
@@ -109,7 +100,7 @@ def _draw_parts(axes: Axes, names: list[str], rms: list[list[float]], floor: lis
     everything = [each for each in (*floor, *rms[0], *rms[1]) if each > 0.0]  # 0: not measured
     low, high = min(everything) / _ROOM, max(everything) * _ROOM
     aside = max(np.sqrt(_LEAST_RATIO * low / high), 1.0)
-    plain_log(axes, "y", low / aside, high * aside)
+    style.plain_log(axes, "y", low / aside, high * aside)
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.set_xticks(at, names)
     axes.tick_params(axis="x", length=0.0)
@@ -220,8 +211,8 @@ def draw_gap_by_step(results: Results) -> Figure:
     steps = found.naming
     rows = _ROW_MM * len(steps)
     height_mm = _BELOW_STEPS_MM + rows + _ABOVE_STEPS_MM
-    figure = new_figure(height_mm, "Gap between model and measurement, effect by effect")
-    axes = panel(figure, 46.0, _BELOW_STEPS_MM, 84.0, rows)
+    figure = style.new_figure(height_mm, "Gap between model and measurement, effect by effect")
+    axes = style.panel(figure, 46.0, _BELOW_STEPS_MM, 84.0, rows)
     for k, step in enumerate(steps):
         _draw_errors(axes, k - _ASIDE_OF_STEP, step.train, _TRAIN)
         if step.holdout is not None:
@@ -229,22 +220,22 @@ def draw_gap_by_step(results: Results) -> Figure:
     everything = [errors for step in steps for errors in (step.train, step.holdout) if errors]
     floor = found.noise_floor_mm
     lowest = min(floor, *(errors.mean_mm for errors in everything))
-    plain_log(axes, "x", lowest / 1.5, max(errors.peak_mm for errors in everything) * 1.4)
+    style.plain_log(axes, "x", lowest / 1.5, max(errors.peak_mm for errors in everything) * 1.4)
     axes.axvline(floor, **_FLOOR_LINE)
     names = []
     for step in steps:
         effect, _, place = step.effects[-1].words.partition(", ") if step.effects else ("", "", "")
         names.append(f"+ {effect}\n   {place}" if effect else "calibrated model")
-    name_rows(axes, names, lines=False)
+    style.name_rows(axes, names, lines=False)
     axes.set_xlabel("position error [mm]: mean, rms (bar) and peak (end)")
-    write_text_at(figure, 133.0, _BELOW_STEPS_MM + rows + 2.0, "mean / rms / peak [mm]")
+    style.write_text_at(figure, 133.0, _BELOW_STEPS_MM + rows + 2.0, "mean / rms / peak [mm]")
     handles = [Line2D([], [], label="poses fitted", **_TRAIN)]
     if steps[0].holdout is not None:
         handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
     floor_is = f"{results.verdict().gap.floor_is} alone: mean"
     handles.append(Line2D([], [], label=floor_is, **_FLOOR_LINE))
-    legend_at(figure, 10.0, 11.0, handles, ncols=3)
-    write_text_at(figure, 10.0, 6.5, _beyond(found), color=GREY)
+    style.legend_at(figure, 10.0, 11.0, handles, ncols=3)
+    style.write_text_at(figure, 10.0, 6.5, _beyond(found), color=GREY)
     return figure
 
 
@@ -273,4 +264,4 @@ def _draw_errors(axes: Axes, y: float, errors: Accuracy, look: dict[str, Any]) -
         axes.plot(value, y, color=look["color"], marker="|", markersize=size)
     axes.plot(errors.mean_mm, y, **look)
     said = f"{errors.mean_mm:.3f} / {errors.rms_mm:.3f} / {errors.peak_mm:.3f}"
-    write_beside(axes, y, said, 1.035)
+    style.write_beside(axes, y, said, 1.035)
