@@ -230,6 +230,23 @@ class NumberColumn:
         return f"{self.values[row]:.10g}"
 
 
+#: A column of numbers, or one of text (N,).
+Column = NumberColumn | NDArray[np.object_]
+
+
+def joined_columns(parts: Sequence[Column]) -> Column:
+    """Return parts of a column, one below the other."""
+    numbers = [part for part in parts if isinstance(part, NumberColumn)]
+    if not numbers:
+        return np.concatenate([part for part in parts if not isinstance(part, NumberColumn)])
+    starts = np.cumsum([0, *(len(part.values) for part in numbers)])
+    return NumberColumn(
+        np.concatenate([part.values for part in numbers]),
+        np.concatenate([part.odd + start for part, start in zip(numbers, starts, strict=False)]),
+        np.concatenate([part.text for part in numbers]),
+    )
+
+
 def number_column(values: Array) -> NumberColumn:
     """Return a column of numbers that were calculated."""
     return NumberColumn(values, np.zeros(0, dtype=np.intp), np.zeros(0, dtype=object))
@@ -252,7 +269,7 @@ class RawRows:
 
     file: str  # name of the file
     # the columns requested, those of `TEXT` as (N,) text
-    columns: dict[str, NumberColumn | NDArray[np.object_]]
+    columns: dict[str, Column]
     line: NDArray[np.int64]  # (N,) physical line of every row, the header being line 1
     total: int  # rows in the file, quarantined ones included
     unused: tuple[str, ...]  # columns that were not requested

@@ -430,13 +430,19 @@ def _formats(word: str) -> Iterator[str]:
     """Yield the formats that a date or time may have: those that read its first row."""
     every = itertools.chain(
         (ISO, "%Y%m%d%H%M%S", "%Y%m%d_%H%M%S", "%Y%m%dT%H%M%S"),
-        (
-            f"{date}{between}{clock}{zone}"
-            for date, between, clock, zone in itertools.product(_DATES, _BETWEEN, _CLOCKS, _ZONES)
-        ),
+        map("".join, itertools.product(_DATES, _BETWEEN, _CLOCKS, _ZONES)),
         _CLOCKS,
     )
+    shape = _shape(word)
     for how in dict.fromkeys(every):
         form = "ISO8601" if how == ISO else how
+        if how != ISO and _shape(how) != shape:
+            continue  # to read it takes longer
         if not pd.isna(pd.to_datetime(word, format=form, errors="coerce", utc=True)):
             yield how
+
+
+def _shape(moment: str) -> str:
+    """Return what stands between the numbers of a date or time, or of its format."""
+    bare = re.sub(r"\s*([-+]\d\d:?\d\d(:?\d\d(\.\d+)?)?|Z|%Z)$", "", moment.strip().upper())
+    return re.sub(r"\s+", " ", re.sub(r"(%[A-OQ-Z]|\d)+", "0", re.sub("%P|[AP]M", "AM", bare)))
