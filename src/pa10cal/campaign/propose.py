@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
+from pa10cal.campaign.bounds import in_words
 from pa10cal.campaign.conventions import attitude_scatter, modelled_attitudes
 from pa10cal.campaign.csv_rows import Layout, Sniffed
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
@@ -220,34 +221,6 @@ def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[st
     for name in sniffed.names:
         lines.append(f"  {name:{width}}  {'; '.join(uses.get(name, ['not read']))}")
     return tuple(lines)
-
-
-#: What the columns of the contract are, in words.
-_WORDS = (
-    (r"q(\d+)_(?:deg|mm)", r"position of joint \1"),
-    (r"tau(\d+)_Nm", r"torque of joint \1"),
-    (r"([xyz])_mm", r"\1 of the target"),
-    (r"(base\w+)_([xyz])_mm", r"\2 of \1, on the base"),
-    (r"(\w+)_([xyz])_mm", r"\2 of target \1"),
-    (r"q[wxyz]", "attitude of the target"),
-    (r"d_mm", "distance"),
-    (r"time_s", "time"),
-    (r"temperature_C", "temperature"),
-    (r"load_N", "external load"),
-    (r"kind", "calibration or held out"),
-    (r"pose", "label of the pose"),
-    (r"repeat", "number of the repeat"),
-)
-
-
-def in_words(name: str) -> str:
-    """Return what a column of the contract is, in words."""
-    if name.startswith("u_"):
-        return f"standard uncertainty of the {in_words(name[2:])}"
-    for like, words in _WORDS:
-        if re.fullmatch(like, name):
-            return re.sub(like, words, name)
-    return name
 
 
 def follows_contract(sniffed: Sniffed) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -15,23 +15,22 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
+from pa10cal.campaign.bounds import rule_of
 from pa10cal.campaign.csv_rows import Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
 from pa10cal.campaign.own_columns import (
     ANGLES,
-    FORCES,
+    FACTORS,
     ISO,
-    LENGTHS,
+    OFFSETS,
     SEPARATORS,
-    TIMES,
-    TORQUES,
     FileColumns,
-    Position,
     RotationColumns,
     Time,
 )
 from pa10cal.campaign.raw_rows import (
     TEXT,
+    Column,
     NumberColumn,
     OwnColumn,
     RawRows,
@@ -49,18 +48,6 @@ LEAST_U = 1e-9
 FILLED = {
     "poses": ("time_s", "load_N", "pose", "repeat"),
     "cmm": ("load_N", "repeat", "touch"),
-}
-#: Columns of the contract, by the key of `columns` that maps them.
-_KEYS = {
-    "time_s": "time",
-    "load_N": "load",
-    "temperature_C": "temperature",
-    "d_mm": "distance",
-    r"q\d+_(deg|mm)": "joints",
-    r"tau\d+_Nm": "torques",
-    "[xyz]_mm": "position",
-    "q[wxyz]": "rotation",
-    r"\w+_[xyz]_mm": "targets",
 }
 
 
@@ -163,13 +150,24 @@ class RawFile:
         Raises:
             RawDataError: as `read_rows`; when `columns` maps nothing to a column that is required.
         """
-        return self._with_joints_turned(self._read(required, optional, together))
-
-    def _read(
-        self, required: Sequence[str], optional: Sequence[str], together: Sequence[str]
-    ) -> RawRows:
         if self.columns is None:
-            return self._by_contract(required, optional, together)
+            # Poses without times are numbered.
+            timed = self.key != "poses" or "time_s" in self.names
+            there = [name for name in required if name != "time_s" or timed]
+            raw = read_rows(self.path, there, optional, together)
+            if len(there) < len(required):
+                raw.columns["time_s"] = number_column(np.arange(float(len(raw.line))))
+        else:
+            raw = self._as_mapped(self.columns, required, optional, together)
+        return self._with_joints_turned(raw)
+
+    def _as_mapped(
+        self,
+        columns: FileColumns,
+        required: Sequence[str],
+        optional: Sequence[str],
+        together: Sequence[str],
+    ) -> RawRows:
         sources = self.sources
         filled = FILLED.get(self.key, ())
         needed = [*required, *(together if set(together) & set(sources) else ())]
@@ -177,11 +175,10 @@ class RawFile:
         if missing:
             raise self._unmapped(missing)
         wanted = {name for name in (*needed, *optional) if name in sources}
-        raw = self._own_rows(self.columns)
-        found = self._translated(raw, self.columns, wanted)
+        found = self._translated(self._own_rows(columns), columns, wanted)
         labels = {"pose", "repeat"} if self.key == "poses" else set()  # made of what is read
         for name in set(filled) & set(required) - set(sources) - labels:
-            counted = np.arange(len(found.line), dtype=np.float64)
+            counted = np.arange(float(len(found.line)))
             value = {"load_N": 0.0 * counted, "repeat": 0.0 * counted + 1.0}.get(name, counted)
             found.columns[name] = number_column(value)
         return found
@@ -204,33 +201,19 @@ class RawFile:
                 own[name] = replace(was, factor=sign * was.factor, offset=sign * was.offset + added)
         return replace(raw, columns=columns, own=own)
 
-    def _by_contract(
-        self, required: Sequence[str], optional: Sequence[str], together: Sequence[str]
-    ) -> RawRows:
-        """Return rows under the contract's names; poses without times are numbered."""
-        there = [name for name in required if name != "time_s" or self._timed]
-        raw = read_rows(self.path, there, optional, together)
-        if len(there) < len(required):
-            raw.columns["time_s"] = number_column(np.arange(len(raw.line), dtype=np.float64))
-        return raw
-
-    @property
-    def _timed(self) -> bool:
-        return self.key != "poses" or "time_s" in column_names(self.path)
-
     def _own_rows(self, columns: FileColumns) -> RawRows:
         names = dict.fromkeys(
             each for source in self.sources.values() for each in source.name.split(", ")
         )
-        text = [getattr(columns, name) for name in ("pose", "ball") if getattr(columns, name)]
-        text += [columns.kind.names] if columns.kind else []
-        text += [columns.time.names] if columns.time and columns.time.format else []
+        text = [*(columns.pose or ()), *(columns.ball or ())]
+        text += columns.kind.names if columns.kind else ()
+        text += columns.time.names if columns.time and columns.time.format else ()
         layout = Layout(
             SEPARATORS.get(columns.separator, columns.separator),
             columns.decimal,
             columns.header,
             columns.first_row,
-            tuple(name for some in text for name in some),
+            tuple(text),
             f"correct columns.{self.key} in {DESCRIPTION_FILE}",
             own=True,
         )
@@ -244,7 +227,7 @@ class RawFile:
             off = no_rotation(values, turned)
             raw = raw.take(~off, f"{', '.join(turned.names[:2])} …: no rotation", [""] * off.sum())
             raw = raw if turned.u is None else finite(raw, turned.u, may_be_blank=True)
-        made: dict[str, NumberColumn | NDArray[np.object_]] = {}
+        made: dict[str, Column] = {}
         for name in sorted(wanted - {*QUATERNION, *(f"u_{each}" for each in QUATERNION)}):
             source = self.sources[name]
             if name in TEXT:
@@ -308,8 +291,8 @@ class RawFile:
             )
 
     def _unmapped(self, missing: Sequence[str]) -> RawDataError:
-        keys = [key for name in missing for like, key in _KEYS.items() if re.fullmatch(like, name)]
-        key = next(iter(keys), missing[0])
+        keys = (rule.key for name in missing if (rule := rule_of(name)).key != name)
+        key = next(keys, missing[0])
         return RawDataError(
             f"nothing is mapped to {', '.join(missing)}",
             where=f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}",
@@ -324,67 +307,38 @@ def own_columns(
     columns: FileColumns, prismatic: NDArray[np.bool_]
 ) -> Iterator[tuple[str, OwnColumn]]:
     """Yield the columns of the contract, and what each is read from."""
-    if columns.time is not None:
-        time = columns.time
-        factor = 1.0 if time.format else TIMES[time.unit]
-        yield "time_s", OwnColumn(", ".join(time.names), "" if time.format else time.unit, factor)
+    if (time := columns.time) is not None:
+        unit = "" if time.format else time.unit
+        yield "time_s", OwnColumn(", ".join(time.names), unit, FACTORS[unit])
     for name in ("pose", "repeat", "ball", "touch"):
         if (one := getattr(columns, name)) is not None:
             yield name, OwnColumn(one[0])
     if columns.kind is not None:
         yield "kind", OwnColumn(columns.kind.names[0])
-    if columns.load is not None:
-        load = columns.load
-        yield "load_N", OwnColumn(load.names[0], load.unit, FORCES[load.unit])
-    if columns.temperature is not None:
-        yield "temperature_C", _temperature(columns.temperature.names[0], columns.temperature.unit)
-    if columns.joints is not None:
-        joints = columns.joints
-        for k, slides in enumerate(prismatic):
-            unit = joints.stroke_unit if slides else joints.unit
-            factor = LENGTHS[joints.stroke_unit] if slides else ANGLES[joints.unit]
-            name = f"q{k + 1}_{'mm' if slides else 'deg'}"
-            yield from _with_u(name, OwnColumn(joints.names[k], unit, factor), joints.u, k)
-    if columns.torques is not None:
-        torques = columns.torques
-        for k, name in enumerate(torques.names):
-            own = OwnColumn(name, torques.unit, TORQUES[torques.unit])
-            yield from _with_u(f"tau{k + 1}_Nm", own, torques.u, k)
-    if columns.position is not None:
-        yield from _position("", columns.position)
-    for target, position in columns.targets.items():
-        yield from _position(f"{target}_", position)
-    if columns.distance is not None:
-        distance = columns.distance
-        own = OwnColumn(distance.names[0], distance.unit, LENGTHS[distance.unit])
-        yield from _with_u("d_mm", own, distance.u, 0)
-    if columns.rotation is not None:
+    torques = () if columns.torques is None else columns.torques.names
+    joints = enumerate(prismatic, start=1)
+    places = {"": columns.position} | {f"{name}_": at for name, at in columns.targets.items()}
+    mapped: list[tuple[Any, Sequence[str]]] = [
+        (columns.load, ["load_N"]),
+        (columns.temperature, ["temperature_C"]),
+        (columns.joints, [f"q{k}_{'mm' if slides else 'deg'}" for k, slides in joints]),
+        (columns.torques, [f"tau{k}_Nm" for k in range(1, len(torques) + 1)]),
+        *((at, [f"{before}{axis}_mm" for axis in "xyz"]) for before, at in places.items()),
+        (columns.distance, ["d_mm"]),
+    ]
+    for section, ours in mapped:
+        for k, name in enumerate(ours if section is not None else ()):
+            stroke = section is columns.joints and name.endswith("_mm")
+            unit = section.stroke_unit if stroke else section.unit
+            own = OwnColumn(section.names[k], unit, FACTORS[unit], OFFSETS.get(unit, 0.0))
+            yield name, own
+            if (u := getattr(section, "u", None)) is not None:
+                yield f"u_{name}", replace(own, name=u[k])
+    if (turned := columns.rotation) is not None:
         for name in QUATERNION:
-            yield name, OwnColumn(", ".join(columns.rotation.names))
-            if columns.rotation.u is not None:
-                yield f"u_{name}", OwnColumn(", ".join(columns.rotation.u))
-
-
-def _position(before: str, position: Position) -> Iterator[tuple[str, OwnColumn]]:
-    for k, axis in enumerate("xyz"):
-        own = OwnColumn(position.names[k], position.unit, LENGTHS[position.unit])
-        yield from _with_u(f"{before}{axis}_mm", own, position.u, k)
-
-
-def _with_u(
-    name: str, own: OwnColumn, u: Sequence[str] | None, k: int
-) -> Iterator[tuple[str, OwnColumn]]:
-    yield name, own
-    if u is not None:
-        yield f"u_{name}", replace(own, name=u[k])
-
-
-def _temperature(name: str, unit: str) -> OwnColumn:
-    if unit == "K":
-        return OwnColumn(name, unit, 1.0, -273.15)
-    if unit == "F":
-        return OwnColumn(name, unit, 5.0 / 9.0, -160.0 / 9.0)
-    return OwnColumn(name, unit)
+            yield name, OwnColumn(", ".join(turned.names))
+            if turned.u is not None:
+                yield f"u_{name}", OwnColumn(", ".join(turned.u))
 
 
 def _linear(column: NumberColumn, own: OwnColumn, uncertainty: bool) -> NumberColumn:
