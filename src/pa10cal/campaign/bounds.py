@@ -144,7 +144,7 @@ def within_bounds(raw: RawRows, names: list[str], bounds: Bounds) -> RawRows:
         RawDataError: when temperatures are in kelvin.
     """
     for name in names:
-        column = raw.numbers_of(name).values
+        column = raw.columns[name]
         if name == "temperature_C" and np.isfinite(column).any():
             middle_C = float(np.median(column[np.isfinite(column)]))
             if _KELVIN[0] < middle_C < _KELVIN[1]:

@@ -10,26 +10,20 @@ import csv
 import difflib
 import re
 import sys
-from collections import Counter
+from collections import ChainMap, Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.campaign.raw_rows import (
-    TEXT,
-    Column,
-    NumberColumn,
-    RawRows,
-    joined_columns,
-    quarantined,
-)
+from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import canonical_unit, unit_alone
 from pa10cal.campaign.text_file import Line, encoding_of, is_workbook, lines_of
 from pa10cal.errors import RawDataError
@@ -191,8 +185,9 @@ def read_rows(
         *quarantined(path.name, line[-1:] if cut else [], CUT, [last.text] if cut else []),
     )
     unused = tuple(name for name in header if name not in used)
-    columns = {name: joined_columns([part.columns.pop(name) for part in parts]) for name in used}
-    raw = RawRows(path.name, columns, line[right], len(line), unused, listed)
+    columns = {name: np.concatenate([part.columns.pop(name) for part in parts]) for name in used}
+    odd = {name: dict(ChainMap(*(part.odd[name] for part in parts))) for name in used}
+    raw = RawRows(path.name, columns, line[right], len(line), unused, listed, odd)
     if not last.ended and right[-1] and _cut_last(decimals):
         kept = np.arange(len(hashes)) < len(hashes) - 1
         raw = raw.take(kept, CUT, [layout.row(last.text, len(header))[-1]])
@@ -200,7 +195,7 @@ def read_rows(
     if repeats:
         return raw
     once = ~pd.Series(hashes).duplicated().to_numpy()
-    return raw.take(once, REPEATED, [""] * int((~once).sum()))
+    return raw.take(once, REPEATED)
 
 
 @dataclass(frozen=True)
@@ -212,7 +207,8 @@ class _Part:
     # hashes and decimals: of the rows as wide as the header: of all fields, and digits of the last
     hashes: NDArray[np.int64]
     decimals: NDArray[np.int64]
-    columns: dict[str, Column]
+    columns: dict[str, NDArray[Any]]  # text as it is, and numbers, nan where there is none
+    odd: dict[str, dict[int, str]]  # what stands there, by line
 
     @classmethod
     def of(
@@ -220,33 +216,35 @@ class _Part:
     ) -> _Part:
         """Read lines."""
         every = [layout.row(line.text, len(header)) for line in lines]
+        number = np.array([line.number for line in lines], dtype=np.int64)
+        widths = np.array([len(row) for row in every], dtype=np.int64)
         rows = [row for row in every if len(row) == len(header)]
-        columns: dict[str, Column] = {}
+        right = number[widths == len(header)]
+        columns: dict[str, NDArray[Any]] = {}
+        odd: dict[str, dict[int, str]] = {name: {} for name in used}
         for name in used:
             at = header.index(name)
             fields = [row[at] for row in rows]
             if name in layout.text:
                 columns[name] = np.array(list(map(sys.intern, fields)), dtype=object)
-            else:
-                columns[name] = _number_column(fields, layout)
-        return cls(
-            np.array([line.number for line in lines], dtype=np.int64),
-            np.array([len(row) for row in every], dtype=np.int64),
-            np.array([hash(tuple(row)) for row in rows], dtype=np.int64),
-            np.array([len(row[-1].partition(layout.decimal)[2]) for row in rows], dtype=np.int64),
-            columns,
-        )
+                continue
+            values = columns[name] = _numbers(fields, layout)
+            unread = np.flatnonzero(np.isnan(values)).tolist()
+            odd[name] = {int(right[k]): fields[k] for k in unread}
+        hashes = np.array([hash(tuple(row)) for row in rows], dtype=np.int64)
+        after = [row[-1].partition(layout.decimal)[2] for row in rows]
+        decimals = np.array(list(map(len, after)), dtype=np.int64)
+        return cls(number, widths, hashes, decimals, columns, odd)
 
 
-def _number_column(fields: Sequence[str], layout: Layout) -> NumberColumn:
+def _numbers(fields: Sequence[str], layout: Layout) -> Array:
+    """Return fields as numbers, nan where one is none, or none that is finite."""
     plain = fields if layout.decimal == "." else [layout.plain(field) for field in fields]
-    text = np.array(fields, dtype=object)
     values = np.array(pd.to_numeric(np.array(plain, dtype=object), errors="coerce"), dtype=float)
-    unread = np.flatnonzero(~np.isfinite(values))
-    values[unread] = [layout.number(field) for field in text[unread]]
-    odd = np.flatnonzero(~np.isfinite(values))
-    values[odd] = np.nan
-    return NumberColumn(values, odd, text[odd])
+    for k in np.flatnonzero(~np.isfinite(values)).tolist():
+        value = layout.number(fields[k])
+        values[k] = value if np.isfinite(value) else np.nan
+    return values
 
 
 def _check_header(

@@ -158,7 +158,7 @@ def _at_joints(
         raw = two.read([*LABELS[:-1], *two.measured.names])
     except RawDataError:
         return None
-    q = np.column_stack([raw.numbers_of(name).values for name in position_columns(arm.prismatic)])
+    q = np.column_stack([raw.columns[name] for name in position_columns(arm.prismatic)])
     row = {line: k for k, line in enumerate(sniffed.lines)}
     T_base_ee = np.full((len(sniffed.lines), 4, 4), np.nan)
     known = [k for k, line in enumerate(raw.line.tolist()) if line in row]

@@ -30,12 +30,9 @@ from pa10cal.campaign.own_columns import (
 )
 from pa10cal.campaign.raw_rows import (
     TEXT,
-    Column,
-    NumberColumn,
     OwnColumn,
     RawRows,
     finite,
-    number_column,
     numbers,
 )
 from pa10cal.errors import RawDataError
@@ -156,7 +153,7 @@ class RawFile:
             there = [name for name in required if name != "time_s" or timed]
             raw = read_rows(self.path, there, optional, together)
             if len(there) < len(required):
-                raw.columns["time_s"] = number_column(np.arange(float(len(raw.line))))
+                raw.columns["time_s"] = np.arange(float(len(raw.line)))
         else:
             raw = self._as_mapped(self.columns, required, optional, together)
         return self._with_joints_turned(raw)
@@ -179,8 +176,8 @@ class RawFile:
         labels = {"pose", "repeat"} if self.key == "poses" else set()  # made of what is read
         for name in set(filled) & set(required) - set(sources) - labels:
             counted = np.arange(float(len(found.line)))
-            value = {"load_N": 0.0 * counted, "repeat": 0.0 * counted + 1.0}.get(name, counted)
-            found.columns[name] = number_column(value)
+            made = {"load_N": 0.0 * counted, "repeat": 0.0 * counted + 1.0}
+            found.columns[name] = made.get(name, counted)
         return found
 
     def _with_joints_turned(self, raw: RawRows) -> RawRows:
@@ -195,8 +192,7 @@ class RawFile:
             for name, added in ((f"q{k + 1}_{unit}", offset), (f"tau{k + 1}_Nm", 0.0)):
                 if name not in columns:
                     continue
-                column = raw.numbers_of(name)
-                columns[name] = replace(column, values=sign * column.values + added)
+                columns[name] = sign * raw.columns[name] + added
                 was = own.get(name, OwnColumn(name, unit if name[0] == "q" else "Nm"))
                 own[name] = replace(was, factor=sign * was.factor, offset=sign * was.offset + added)
         return replace(raw, columns=columns, own=own)
@@ -225,30 +221,37 @@ class RawFile:
         if turned is not None:
             raw, values = numbers(raw, turned.names)
             off = no_rotation(values, turned)
-            raw = raw.take(~off, f"{', '.join(turned.names[:2])} …: no rotation", [""] * off.sum())
+            raw = raw.take(~off, f"{', '.join(turned.names[:2])} …: no rotation")
             raw = raw if turned.u is None else finite(raw, turned.u, may_be_blank=True)
-        made: dict[str, Column] = {}
+        made: dict[str, NDArray[Any]] = {}
+        odd: dict[str, dict[int, str]] = {}
         for name in sorted(wanted - {*QUATERNION, *(f"u_{each}" for each in QUATERNION)}):
             source = self.sources[name]
             if name in TEXT:
                 made[name] = raw.text_of(source.name).astype(object)
             elif name == "time_s" and columns.time and columns.time.format:
-                made[name] = _clock(raw, columns.time, from_first=self.key == "poses")
+                seconds, text = _clock(raw, columns.time, from_first=self.key == "poses")
+                made[name], unread = seconds, np.flatnonzero(np.isnan(seconds))
+                odd[name] = {int(raw.line[k]): text[k] for k in unread}
             else:
-                made[name] = _linear(raw.numbers_of(source.name), source, name.startswith("u_"))
+                values = source.factor * raw.columns[source.name] + source.offset
+                # An uncertainty of 0 states nothing.
+                unstated = name.startswith("u_") & (values == 0.0)
+                made[name] = np.where(unstated, np.nan, values)
+                odd[name] = raw.odd[source.name]
         if columns.kind is not None and "kind" in made:
             words = columns.kind.words
             stated = raw.text_of(self.sources["kind"].name).tolist()
             made["kind"] = np.array([words.get(each, each) for each in stated], dtype=np.object_)
         if turned is not None:
             _, values = numbers(raw, turned.names)
-            made |= zip(QUATERNION, map(number_column, quaternions(values, turned).T), strict=True)
+            made |= zip(QUATERNION, quaternions(values, turned).T, strict=True)
             if turned.u is not None:
                 _, u = numbers(raw, turned.u, may_be_blank=True)
                 u = quaternion_uncertainty(values, np.where(u > 0.0, u, np.nan), turned)
                 u = np.maximum(u, LEAST_U)
-                made |= {f"u_{name}": number_column(u[:, k]) for k, name in enumerate(QUATERNION)}
-        return replace(raw, columns=made, own=self.sources)
+                made |= {f"u_{name}": u[:, k] for k, name in enumerate(QUATERNION)}
+        return replace(raw, columns=made, odd=odd, own=self.sources)
 
     def _check_counts(self, columns: FileColumns) -> None:
         """Refuse a list of names that is too long or too short for what it maps."""
@@ -341,25 +344,17 @@ def own_columns(
                 yield f"u_{name}", OwnColumn(", ".join(turned.u))
 
 
-def _linear(column: NumberColumn, own: OwnColumn, uncertainty: bool) -> NumberColumn:
-    """Return a column in the contract's unit; an uncertainty of 0 states nothing."""
-    values = own.factor * column.values + own.offset
-    values = np.where(values == 0.0, np.nan, values) if uncertainty else values
-    return NumberColumn(values, column.odd, column.text)
-
-
-def _clock(raw: RawRows, time: Time, *, from_first: bool) -> NumberColumn:
-    """Return seconds since 1970, or since the first row, of dates and times of day."""
+def _clock(raw: RawRows, time: Time, *, from_first: bool) -> tuple[Array, list[str]]:
+    """Return seconds since 1970, or since the first row, of dates and times, and these."""
     parts = [raw.text_of(name) for name in time.names]
-    text = pd.Series([" ".join(words) for words in zip(*parts, strict=True)], dtype=object)
+    text = [" ".join(words) for words in zip(*parts, strict=True)]
     how = "ISO8601" if time.format == ISO else time.format
-    moments = pd.to_datetime(text, format=how, errors="coerce", utc=True)
+    moments = pd.to_datetime(pd.Series(text, dtype=object), format=how, errors="coerce", utc=True)
     since = (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
     seconds: Array = np.array(since, dtype=np.float64)
-    odd = np.flatnonzero(np.isnan(seconds))
-    if from_first and len(odd) < len(seconds):
+    if from_first and not np.isnan(seconds).all():
         seconds -= np.nanmin(seconds)
-    return NumberColumn(seconds, odd, text.to_numpy(dtype=object)[odd])
+    return seconds, text
 
 
 # Attitudes in a user's own convention to quaternions, with their uncertainties.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,13 +20,11 @@ from pa10cal.campaign.bounds import Bounds, within_bounds
 from pa10cal.campaign.raw_file import PoseFile, RawFile
 from pa10cal.campaign.raw_rows import (
     Exclusions,
-    NumberColumn,
     Quarantined,
     RawRows,
     choices,
     finite,
     numbers,
-    whole_numbers,
 )
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import KINDS, JointLog, Observations
@@ -148,12 +146,10 @@ def read_samples(file: RawFile, bounds: Bounds) -> tuple[Samples, FileRead]:
     """
     joints = bounds.arm.n
     q = [f"q{j}_deg" for j in range(1, joints + 1)]
-    tau = [f"tau{j}_Nm" for j in range(1, joints + 1)]
-    raw = file.read(["time_s", *q, *tau, "temperature_C"])
-    raw = finite(raw, ["time_s", *q, *tau, "temperature_C"])
-    raw = within_bounds(raw, ["time_s", *q, *tau, "temperature_C"], bounds)
-    _, table = numbers(raw, ["time_s", *q, *tau, "temperature_C"])
-    raw, time_s = raw.without_columns(), table[:, 0]
+    names = ["time_s", *q, *(f"tau{j}_Nm" for j in range(1, joints + 1)), "temperature_C"]
+    raw = within_bounds(finite(file.read(names), names), names, bounds)
+    _, table = numbers(raw, names)
+    raw, time_s = replace(raw, columns={}), table[:, 0]
     order = np.argsort(time_s, kind="stable")
     first = np.ones(len(time_s), dtype=bool)
     first[order[1:]] = np.diff(time_s[order]) > 0.0
@@ -273,7 +269,7 @@ def _arrivals(raw: RawRows, joints: int) -> Array:
     names = [f"arrival{joint}" for joint in range(1, joints + 1)]
     if names[0] not in raw.columns:
         return np.zeros((len(raw.line), joints))
-    return np.column_stack([raw.numbers_of(name).values for name in names])
+    return np.column_stack([raw.columns[name] for name in names])
 
 
 def _usable(
@@ -306,10 +302,8 @@ def _with_labels(raw: RawRows, q: Sequence[str], same_deg: float) -> RawRows:
     if "repeat" not in raw.columns:
         keys = pd.DataFrame({"pose": raw.text_of("pose"), "load": table[:, 1]}).iloc[order]
         counted = keys.groupby(["pose", "load"], sort=False).cumcount().to_numpy() + 1.0
-        repeat = np.empty(len(order))
-        repeat[order] = counted
-        nothing = np.zeros(0, dtype=np.intp)
-        raw.columns["repeat"] = NumberColumn(repeat, nothing, nothing.astype(object))
+        raw.columns["repeat"] = np.empty(len(order))
+        raw.columns["repeat"][order] = counted
     return raw
 
 
@@ -318,7 +312,7 @@ def _labelled(raw: RawRows, bounds: Bounds) -> tuple[RawRows, dict[str, Any]]:
     raw = within_bounds(raw, ["load_N"], bounds)
     raw, repeat = _whole(raw, "repeat", bounds)
     named = raw.text_of("pose") != ""
-    raw = raw.take(named, "the pose has no label", [""] * int((~named).sum()))
+    raw = raw.take(named, "the pose has no label")
     _, table = numbers(raw, ["time_s", "load_N"])
     kind, pose = raw.text_of("kind"), raw.text_of("pose")
     return raw, {
@@ -333,8 +327,11 @@ def _labelled(raw: RawRows, bounds: Bounds) -> tuple[RawRows, dict[str, Any]]:
 
 def _whole(raw: RawRows, name: str, bounds: Bounds) -> tuple[RawRows, NDArray[np.int64]]:
     """Read a column as whole numbers within its bounds."""
-    raw = finite(raw, [name])
-    return whole_numbers(within_bounds(raw, [name], bounds), name)
+    raw = within_bounds(finite(raw, [name]), [name], bounds)
+    column = raw.columns[name]
+    keep = column == np.round(column)
+    values = [f"{raw.name_of(name)} = {value:g}" for value in column[~keep]]
+    return raw.take(keep, "not a whole number", values), column[keep].astype(np.int64)
 
 
 def _in_time(rows: _T, raw: RawRows) -> tuple[_T, FileRead]:
