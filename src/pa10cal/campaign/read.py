@@ -344,20 +344,14 @@ def wrong_rows(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:
         where = f"{row.file}: {row.place or f'line {row.line}'}"
         if exchanged:
             labels = row.reason.removeprefix(EXCHANGED).removeprefix(": ") or row.value
-            finding = InputFinding(
-                kind="target_label",
-                where=where,
-                what=f"the labels of {labels} seem exchanged there; its rows are quarantined",
-                remedy="correct the labels of this configuration",
-                would_leave_mm=None,
-            )
+            kind, what = "target_label", f"the labels of {labels} seem exchanged there"
+            remedy = "correct the labels of this configuration"
         else:
-            finding = InputFinding(
-                kind="outlier",
-                where=where,
-                what=f"{row.reason}; its rows are quarantined",
-                remedy="look at the raw reading, and measure it again or leave it out",
-                would_leave_mm=None,
-            )
-        found.setdefault((where, finding.kind), finding)
+            kind, what = "outlier", row.reason
+            remedy = "look at the raw reading, and measure it again or leave it out"
+        what += "; its rows are quarantined"
+        finding = InputFinding(
+            kind=kind, where=where, what=what, remedy=remedy, would_leave_mm=None
+        )
+        found.setdefault((where, kind), finding)
     return tuple(found.values())

@@ -213,10 +213,17 @@ def read_pose_rows(
     given = [name for name in optional if name in raw.columns]
     raw = finite(raw, given, may_be_blank=True)
     raw = within_bounds(raw, ["time_s", *q, *logged, *lengths, *given], bounds)
-    raw = _with_labels(_usable(raw, instrument, measured, file), q, same_deg)
+    _, values = numbers(raw, measured.names, may_be_blank=measured.may_be_blank)
+    remaining = np.ones(len(raw.line), dtype=bool)
+    for off in instrument.unusable(measured, values):
+        shown = list(map(file.in_own_words, off.values))
+        raw = raw.take(~off.rows[remaining], off.reason, shown)
+        remaining &= ~off.rows
+    raw = _with_labels(raw, q, same_deg)
     raw = exclusions.labels(raw)
     raw, labelled = _labelled(raw, bounds)
-    given += [*logged, *q, *lengths]
+    arrivals = [f"arrival{joint}" for joint in range(1, len(q) + 1)]
+    given += [*logged, *q, *lengths, *(name for name in arrivals if name in raw.columns)]
     columns = dict(zip(given, numbers(raw, given, may_be_blank=True)[1].T, strict=True))
     unknown = np.full(len(raw.line), np.nan)
 
@@ -230,7 +237,7 @@ def read_pose_rows(
     states = PoseStates(
         q_rad=in_radians(read(q), prismatic),
         tau_Nm=read(tau),
-        arrival=_arrivals(raw, len(q)),
+        arrival=np.nan_to_num(read(arrivals)),  # 0 where the file says nothing of it
         load_N=labelled["load_N"],
         temperature_C=read(["temperature_C"])[:, 0],
         time_s=labelled["time_s"],
@@ -262,28 +269,6 @@ def position_columns(prismatic: NDArray[np.bool_]) -> list[str]:
 def in_radians(q: Array, prismatic: NDArray[np.bool_]) -> Array:
     """Return logged joint positions (N, n) in radians; in metres of prismatic joints."""
     return np.asarray(np.where(prismatic, 1e-3 * q, np.radians(q)))
-
-
-def _arrivals(raw: RawRows, joints: int) -> Array:
-    """Return the sign of each joint's last motion (N, n); 0 where the file says nothing of it."""
-    names = [f"arrival{joint}" for joint in range(1, joints + 1)]
-    if names[0] not in raw.columns:
-        return np.zeros((len(raw.line), joints))
-    return np.column_stack([raw.columns[name] for name in names])
-
-
-def _usable(
-    raw: RawRows, instrument: type[Instrument], measured: RawColumns, file: PoseFile
-) -> RawRows:
-    """Quarantine rows that are no measurement of the instrument."""
-    _, values = numbers(raw, measured.names, may_be_blank=measured.may_be_blank)
-    remaining = np.ones(len(raw.line), dtype=bool)
-    for found in instrument.unusable(measured, values):
-        raw = raw.take(
-            ~found.rows[remaining], found.reason, list(map(file.in_own_words, found.values))
-        )
-        remaining &= ~found.rows
-    return raw
 
 
 def _with_labels(raw: RawRows, q: Sequence[str], same_deg: float) -> RawRows:

@@ -11,6 +11,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
+from pa10cal.campaign import screens
 from pa10cal.campaign.balls import (
     LEAST_TOUCHES,
     LocatedBalls,
@@ -33,14 +34,6 @@ from pa10cal.campaign.labels import EXCHANGED, exchange_text, exchanged, misfit_
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import Ingested, Quarantined, quarantined, refuse_too_many
 from pa10cal.campaign.rows import Samples, Touches, read_samples, read_touches
-from pa10cal.campaign.screens import (
-    OFF_MODEL,
-    OTHER_COMMAND,
-    count_warnings,
-    off_command,
-    off_model,
-    refuse_wrong_angle_unit,
-)
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.observe.quantities import Misfit
@@ -109,9 +102,9 @@ def read_touched(
     balls = locate_balls(touches.p_instr_mm[groups.row], groups.valid, tool, str(cmm))
     readings = dwell_readings(samples, dwells)
     dwell = dwell[groups.first]
-    off = off_command(touches.pose[groups.first], readings.q_rad[dwell], arm.prismatic)
+    off = screens.off_command(touches.pose[groups.first], readings.q_rad[dwell], arm.prismatic)
     late = (balls.reason == "") & off
-    reason = np.where(late, OTHER_COMMAND, balls.reason)
+    reason = np.where(late, screens.OTHER_COMMAND, balls.reason)
     T_base_ee = Chain.of(arm).forward(readings.q_rad[dwell])
     held_out = touches.kind[groups.first] == "holdout"
     reason = _off_the_arm(reason, balls, T_base_ee, held_out, tool)
@@ -123,7 +116,7 @@ def read_touched(
     idle, idle_notes = _idle_samples(samples, dwells, touched, dwell[good], resolver.name)
     notes = [note for read in reads for note in read.notes] + _scatter_notes(balls) + idle_notes
     warnings = (
-        *count_warnings(campaign.configurations, logged, cmm.name),
+        *screens.count_warnings(campaign.configurations, logged, cmm.name),
         *_cut_touches(dwells, touched, cmm.name),
     )
     return Ingested(poses, (*listed, *idle), tuple(notes), warnings)
@@ -135,7 +128,7 @@ def _check_angle_unit(
     """Compare the joints' motion with that of one ball's touches."""
     one = touches.ball == np.bincount(touches.ball).argmax()
     reach_mm = float(np.linalg.norm(campaign.p_ee_balls_mm, axis=1).max())
-    refuse_wrong_angle_unit(
+    screens.refuse_wrong_angle_unit(
         (samples.time_s, samples.q_deg),
         (touches.time_s[one], touches.p_instr_mm[one]),
         arm,
@@ -232,8 +225,8 @@ def _off_the_arm(
     if modelled is None:
         return found
     misfit = Misfit(1e-3 * misfit_mm(p_m, modelled)[:, None], np.zeros(len(rows)))
-    off = off_model(misfit, held_out[rows])[:, 0]
-    found[rows[off & (reason[rows] == "")]] = OFF_MODEL
+    off = screens.off_model(misfit, held_out[rows])[:, 0]
+    found[rows[off & (reason[rows] == "")]] = screens.OFF_MODEL
     for row, order in zip(rows, exchanged(p_m, modelled), strict=True):
         if order is not None:
             found[row] = f"{EXCHANGED}: {exchange_text(order, tool.names)}"
