@@ -387,7 +387,9 @@ def sniff(path: Path) -> Sniffed:
     units: tuple[str, ...] = ()
     if named:
         titles = rows[body - 1]
-        if body > 1 and _are_units(titles[1]):
+        # Most words of a line of units are known ones.
+        known = [canonical_unit(unit_alone(field)) != "" for field in titles[1] if field]
+        if body > 1 and known and np.mean(known) > 0.6:
             units, titles = tuple(map(unit_alone, titles[1])), rows[body - 2]
         follows = rows[body][0] > titles[0] + 1 + bool(units)
         first = rows[body][0] if units or follows else 0
@@ -402,12 +404,6 @@ def sniff(path: Path) -> Sniffed:
     return Sniffed(layout, encoding, names, units, of_rows, text.reshape(-1, width), every[body:])
 
 
-def _are_units(fields: Sequence[str]) -> bool:
-    """Return whether a line under the names holds units: short words, most of them known ones."""
-    given = [unit_alone(field) for field in fields if field]
-    return bool(given) and float(np.mean([canonical_unit(unit) != "" for unit in given])) > 0.6
-
-
 def _judged(lines: Sequence[tuple[int, str]], layout: Layout) -> tuple[float, int, Layout]:
     """Return the share of fields that are numbers in rows of the usual width, and that width."""
     rows = [layout.fields(text) for _, text in lines]
@@ -415,10 +411,8 @@ def _judged(lines: Sequence[tuple[int, str]], layout: Layout) -> tuple[float, in
     rows = [row[:-1] if row[-1] == "" else row for row in rows]
     width, times = Counter(map(len, rows)).most_common(1)[0]
     usual = [row for row in rows if len(row) == width]
-    share = float(np.mean([_numeric(row, layout) for row in usual[-200:]]))
+    shares = [
+        np.mean([not np.isnan(layout.number(field)) for field in row]) for row in usual[-200:]
+    ]
+    share = float(np.mean(shares))
     return share * times / len(rows), width, layout
-
-
-def _numeric(row: Sequence[str], layout: Layout) -> float:
-    """Return the share of the fields of a row that are numbers."""
-    return float(np.mean([not np.isnan(layout.number(field)) for field in row]))

@@ -27,7 +27,6 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-UTF8 = ("utf-8", "utf-8-sig")
 #: Encodings of one byte a letter, the commonest first: Windows, DOS, old Macintosh.
 _ONE_BYTE = ("cp1252", "cp850", "mac_roman")
 #: What such files hold besides ASCII: units, letters of German, French and Spanish.

@@ -81,7 +81,15 @@ def read_touched(
     totals = {read.file: read.total for read in reads}
     listed = [*cmm_read.quarantined, *resolver_read.quarantined]
     refuse_too_many(listed, totals, settings.max_quarantined_fraction)
-    _check_angle_unit(campaign, arm, touches, samples, str(resolver))
+    # The joints' motion beside that of one ball's touches.
+    one = touches.ball == np.bincount(touches.ball).argmax()
+    screens.refuse_wrong_angle_unit(
+        (samples.time_s, samples.q_deg),
+        (touches.time_s[one], touches.p_instr_mm[one]),
+        arm,
+        float(np.linalg.norm(campaign.p_ee_balls_mm, axis=1).max()),
+        f"{resolver}: q1_deg … q{arm.n}_deg",
+    )
 
     dwells = find_dwells(samples, settings.still_speed_deg_s)
     touched = dwells.at(touches.time_s)
@@ -114,27 +122,17 @@ def read_touched(
     good = np.flatnonzero(reason == "")
     poses = _assemble(tool, touches, groups, balls, readings, dwell, good)
     idle, idle_notes = _idle_samples(samples, dwells, touched, dwell[good], resolver.name)
-    notes = [note for read in reads for note in read.notes] + _scatter_notes(balls) + idle_notes
+    notes = [note for read in reads for note in read.notes]
+    if balls.pooled_sigma_mm > SCATTER_NOTE * balls.touch_sigma_mm:
+        notes.append(
+            f"touches scatter by {balls.pooled_sigma_mm:.4f} mm where the stated uncertainty "
+            f"implies {balls.touch_sigma_mm:.4f} mm"
+        )
     warnings = (
         *screens.count_warnings(campaign.configurations, logged, cmm.name),
         *_cut_touches(dwells, touched, cmm.name),
     )
-    return Ingested(poses, (*listed, *idle), tuple(notes), warnings)
-
-
-def _check_angle_unit(
-    campaign: CampaignDescription, arm: Arm, touches: Touches, samples: Samples, where: str
-) -> None:
-    """Compare the joints' motion with that of one ball's touches."""
-    one = touches.ball == np.bincount(touches.ball).argmax()
-    reach_mm = float(np.linalg.norm(campaign.p_ee_balls_mm, axis=1).max())
-    screens.refuse_wrong_angle_unit(
-        (samples.time_s, samples.q_deg),
-        (touches.time_s[one], touches.p_instr_mm[one]),
-        arm,
-        reach_mm,
-        f"{where}: q1_deg … q{arm.n}_deg",
-    )
+    return Ingested(poses, (*listed, *idle), (*notes, *idle_notes), warnings)
 
 
 def _check_clocks(
@@ -246,7 +244,9 @@ def _unused_touches(
     off[groups.row[balls.outlier]] = True
     why = np.where(off, "", reason[groups.of_touch])
     lost = np.flatnonzero(why != "")
-    labels = _labels(touches)
+    parts = (touches.pose, touches.load_N, touches.repeat)
+    text = [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
+    labels = np.array(text, dtype=object)
     where = np.array([f"pose {label}" for label in labels], dtype=object)
     outlier = f"suspected outlier: more than {settings.stray_touch_sigma:g} sigmas off its ball"
     rows = quarantined(file, touches.line[off], outlier, labels[off])
@@ -321,21 +321,6 @@ def _cut_touches(dwells: Dwells, touched: Index, file: str) -> tuple[str, ...]:
         f"nothing was touched in {without} of the {len(dwells)} dwells of the log: {file} seems "
         f"cut short, {without} configurations are missing",
     )
-
-
-def _scatter_notes(balls: LocatedBalls) -> list[str]:
-    if not balls.pooled_sigma_mm > SCATTER_NOTE * balls.touch_sigma_mm:
-        return []
-    return [
-        f"touches scatter by {balls.pooled_sigma_mm:.4f} mm where the stated uncertainty "
-        f"implies {balls.touch_sigma_mm:.4f} mm"
-    ]
-
-
-def _labels(touches: Touches) -> NDArray[np.object_]:
-    parts = (touches.pose, touches.load_N, touches.repeat)
-    text = [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
-    return np.array(text, dtype=object)
 
 
 def _seconds(time_s: Array) -> list[str]:

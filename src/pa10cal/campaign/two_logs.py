@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
@@ -167,20 +168,16 @@ def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
     Of a label that both logs have several times, the k-th reading has the k-th joints; joints that
     were logged once are those of all readings under their label.
     """
-    rows: dict[str, list[int]] = {}
-    for k, label in enumerate(joints):
-        rows.setdefault(str(label), []).append(k)
-    seen: dict[str, int] = {}
-    found = np.full(len(readings), -1)
-    for i, label in enumerate(map(str, readings)):
-        listed = rows.get(label, [])
-        number = seen.get(label, 0)
-        seen[label] = number + 1
-        if len(listed) == 1:
-            found[i] = listed[0]
-        elif number < len(listed):
-            found[i] = listed[number]
-    return found
+    logged = pd.DataFrame({"label": joints.astype(str), "row": np.arange(len(joints))})
+    read = pd.DataFrame({"label": readings.astype(str)})
+    for each in (logged, read):
+        each["number"] = each.groupby("label").cumcount()
+    once = logged[~logged["label"].duplicated(keep=False)].set_index("label")["row"]
+    of_many = logged.set_index(["label", "number"])["row"]
+    found = of_many.reindex(pd.MultiIndex.from_frame(read)).to_numpy(dtype=float)
+    alone = read["label"].map(once).to_numpy(dtype=float)
+    station = np.where(np.isnan(alone), found, alone)
+    return np.where(np.isnan(station), -1, station).astype(np.intp)
 
 
 def shifted(station: Index, stations: int, fit: Fit) -> Shift | None:
@@ -429,7 +426,16 @@ class TwoLogs:
         if by == "time":
             time_s = read.columns["time_s"]
             clocks = by_time(stations, time_s, fit, self.join.clock_offset_s)
-            self._refuse_apart(clocks.inside, count)
+            if 2 * clocks.inside <= count:
+                raise RawDataError(
+                    "the two logs cannot be joined by time",
+                    where=str(self.readings.path),
+                    value=f"{clocks.inside} of {count} readings lie where the arm stood, at the "
+                    "best offset of the clocks",
+                    allowed="readings taken while the arm stands still",
+                    remedy="check that both logs are of the same run, and the units and formats of "
+                    "columns.joints.time and columns.readings.time",
+                )
             found = "" if self.join.clock_offset_s is not None else f" ± {2.0 * clocks.u_s:.2g} s"
             self.notes.append(
                 f"{files} joined by time: the joints' clock is that of the readings "
@@ -479,19 +485,6 @@ class TwoLogs:
             return left_m
 
         return fit
-
-    def _refuse_apart(self, inside: int, count: int) -> None:
-        if 2 * inside > count:
-            return
-        raise RawDataError(
-            "the two logs cannot be joined by time",
-            where=str(self.readings.path),
-            value=f"{inside} of {count} readings lie where the arm stood, at the best offset of "
-            "the clocks",
-            allowed="readings taken while the arm stands still",
-            remedy="check that both logs are of the same run, and the units and formats of "
-            "columns.joints.time and columns.readings.time",
-        )
 
     def _refuse_shifted(self, shift: Shift | None, read: RawRows, by: str) -> None:
         if shift is None:
