@@ -233,8 +233,15 @@ def read_description(folder: Path) -> CampaignDescription:
     refuse_impossible_gravity(campaign.gravity_m_s2, str(path))
     refuse_impossible_temperature(campaign.reference_temperature_C, str(path))
     _check_instrument(campaign, folder)
-    if campaign.holdout is not None:
-        _check_holdout(campaign.holdout, path)
+    stated = {} if campaign.holdout is None else campaign.holdout.model_dump(exclude_none=True)
+    if campaign.holdout is not None and len(stated) != 1:
+        raise RawDataError(
+            "the held-out poses are not stated in one way",
+            where=f"{path}: holdout",
+            value=stated,
+            allowed="last_fraction or every, one of them",
+            remedy="keep one of the two keys",
+        )
     return campaign
 
 
@@ -322,18 +329,6 @@ def _is_there(path: Path) -> bool:
         return path.is_file()
     except OSError:  # no name that this file system can have
         return False
-
-
-def _check_holdout(holdout: Holdout, path: Path) -> None:
-    given = holdout.model_dump(exclude_none=True)
-    if len(given) != 1:
-        raise RawDataError(
-            "the held-out poses are not stated in one way",
-            where=f"{path}: holdout",
-            value=given,
-            allowed="last_fraction or every, one of them",
-            remedy="keep one of the two keys",
-        )
 
 
 def _unfit(folder: Path, key: str, value: object, allowed: str) -> RawDataError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -376,8 +376,15 @@ def quaternions(values: Array, columns: RotationColumns) -> Array:
     if word.startswith("quaternion"):
         found = values if word.endswith("wxyz") else values[:, [3, 0, 1, 2]]
         return np.where([True, *3 * [not columns.inverse]], found, -found)
-    degrees = values * ANGLES[columns.unit] if word not in ("matrix",) else values
-    rotation = _read(degrees, word)
+    degrees = values * ANGLES[columns.unit]
+    if word == "matrix":
+        rotation = Rotation.from_matrix(values.reshape(-1, 3, 3))
+    elif word == "rotation_vector":
+        rotation = Rotation.from_rotvec(degrees, degrees=True)
+    else:
+        # Capitals turn along, as SciPy has it too.
+        sequence = "xyz" if word == "rpy" else word.rpartition("_")[2]
+        rotation = Rotation.from_euler(sequence, degrees, degrees=True)
     rotation = rotation.inv() if columns.inverse else rotation
     return np.asarray(rotation.as_quat(canonical=True, scalar_first=True))
 
@@ -403,24 +410,10 @@ def quaternion_uncertainty(values: Array, u: Array, columns: RotationColumns) ->
     """
     square = np.zeros((len(values), 4))
     for k in range(values.shape[1]):
-        square += (_derivative(lambda x: quaternions(x, columns), values, k) * u[:, [k]]) ** 2
+        step = np.zeros(values.shape[1])
+        step[k] = _STEP
+        ahead, behind = quaternions(values + step, columns), quaternions(values - step, columns)
+        # A quaternion and its negative are one rotation.
+        same = np.where(np.sum(ahead * behind, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+        square += ((ahead - same * behind) / (2.0 * _STEP) * u[:, [k]]) ** 2
     return np.sqrt(square)
-
-
-def _derivative(of: Callable[[Array], Array], values: Array, k: int) -> Array:
-    step = np.zeros(values.shape[1])
-    step[k] = _STEP
-    ahead, behind = of(values + step), of(values - step)
-    # A quaternion and its negative are one rotation.
-    same = np.where(np.sum(ahead * behind, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
-    return np.asarray((ahead - same * behind) / (2.0 * _STEP))
-
-
-def _read(values: Array, word: str) -> Rotation:
-    if word == "matrix":
-        return Rotation.from_matrix(values.reshape(-1, 3, 3))
-    if word == "rotation_vector":
-        return Rotation.from_rotvec(values, degrees=True)
-    sequence = "xyz" if word == "rpy" else word.rpartition("_")[2]
-    # Capitals turn along, as SciPy has it too.
-    return Rotation.from_euler(sequence, values, degrees=True)

@@ -206,32 +206,21 @@ def roles_of(names: Sequence[str], joints: int | None) -> Roles:
     times = tuple(
         name
         for name in free
-        if _has(words[name], _SINGLE["time"]) and name not in {*single.values()} - {_time(single)}
+        if _has(words[name], _SINGLE["time"])
+        and name not in {found for key, found in single.items() if key != "time"}
     )
     return Roles(turns, torques, positions, attitude, of, single, times)
-
-
-def _time(single: Mapping[str, str]) -> str:
-    return single.get("time", "")
 
 
 def _single(names: Sequence[str], words: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, str]]:
     """Yield columns that stand alone, by the key of `columns`; whole words before parts of one."""
     taken: set[str] = set()
     for key, vocabulary in _SINGLE.items():
-        known = vocabulary.split()
         free = [name for name in names if name not in taken]
         found = next((name for name in free if _has(words[name], vocabulary)), None)
         if found is None and key in ("time", "temperature", "load", "distance"):
-            long = [word for word in known if len(word) > 3]
-            found = next(
-                (
-                    name
-                    for name in free
-                    if any(part in word for word in words[name] for part in long)
-                ),
-                None,
-            )
+            part = re.compile("|".join(word for word in vocabulary.split() if len(word) > 3))
+            found = next((name for name in free if any(map(part.search, words[name]))), None)
         if found is not None:
             taken.add(found)
             yield key, found

@@ -205,11 +205,7 @@ def shifted(station: Index, stations: int, fit: Fit) -> Shift | None:
     one, two = (two if first == 0 else one), (one if first == count else two)
     if (one, two) == (1, 1):
         return None
-    moved = np.zeros(count, dtype=bool)
-    if one != 1:
-        moved[:first] = True
-    if two != 1:
-        moved[first:] = True
+    moved = np.where(np.arange(count) < first, one != 1, two != 1)
     shift = (one if one != 1 else two) - 1
     if moved.sum() < FEW or (one != 1 and two != 1 and one != two):
         return None
