@@ -369,10 +369,13 @@ def same_commands(q: Array, tolerance: float) -> NDArray[np.intp]:
 
 def _joined(q: Array, tolerance: float) -> NDArray[np.intp]:
     """Number the groups of positions (N, n) that neighbours join."""
-    count = len(q)
     pairs = cKDTree(q).query_pairs(tolerance, p=np.inf, output_type="ndarray")
-    ones = np.ones(len(pairs), dtype=np.int8)
-    graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return groups_joined(pairs[:, 0], pairs[:, 1], len(q))
+
+
+def groups_joined(one: Index, other: Index, count: int) -> Index:
+    """Return the number of each of so many things' group, where each of one is joined to other."""
+    graph = coo_array((np.ones(len(one), dtype=np.int8), (one, other)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
 
 

@@ -245,8 +245,8 @@ def _unused_touches(
     why = np.where(off, "", reason[groups.of_touch])
     lost = np.flatnonzero(why != "")
     parts = (touches.pose, touches.load_N, touches.repeat)
-    text = [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
-    labels = np.array(text, dtype=object)
+    words = [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
+    labels = np.array(words, dtype=object)
     where = np.array([f"pose {label}" for label in labels], dtype=object)
     outlier = f"suspected outlier: more than {settings.stray_touch_sigma:g} sigmas off its ball"
     rows = quarantined(file, touches.line[off], outlier, labels[off])

@@ -11,20 +11,12 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
-from pa10cal.campaign import screens
+from pa10cal.campaign import labels, screens
 from pa10cal.campaign.base_motion import base_target_names, refuse_base_targets, steadied
 from pa10cal.campaign.bounds import Bounds
 from pa10cal.campaign.conventions import other_axes
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
-from pa10cal.campaign.labels import (
-    EXCHANGED,
-    NOT_RIGID,
-    exchange_text,
-    exchanged,
-    nominal_places,
-    not_rigid,
-)
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import (
     Ingested,
@@ -162,7 +154,7 @@ class _Screen:
             self._leave_out(
                 screens.off_model(misfit, self.found.kind == "holdout"), screens.OFF_MODEL
             )
-        self._leave_out(not_rigid(self.found.measured.places_m), NOT_RIGID)
+        self._leave_out(labels.not_rigid(self.found.measured.places_m), labels.NOT_RIGID)
 
     def leave_out(self, off: Mask, reason: str, values: Iterable[object]) -> None:
         """Quarantine rows (N,), with what was found in each."""
@@ -193,12 +185,12 @@ class _Screen:
     def _leave_out_exchanged(self) -> None:
         """Quarantine rows whose targets are exchanged; refuse columns that are, in most rows."""
         names, places_m = self.found.measured.target_names, self.found.measured.places_m
-        modelled = nominal_places(self.T_base_ee, places_m) if len(names) > 1 else None
+        modelled = labels.nominal_places(self.T_base_ee, places_m) if len(names) > 1 else None
         if modelled is None:
             return
-        orders = exchanged(places_m, modelled)
+        orders = labels.exchanged(places_m, modelled)
         swapped = np.array([order is not None for order in orders])
-        said = [exchange_text(order, names) for order in orders[swapped]]
+        said = [labels.exchange_text(order, names) for order in orders[swapped]]
         if 2 * swapped.sum() > len(swapped):
             raise RawDataError(
                 f"the columns of targets {said[0]} are exchanged",
@@ -208,7 +200,7 @@ class _Screen:
                 allowed="every target under its own name",
                 remedy="rename the columns",
             )
-        self.leave_out(swapped, EXCHANGED, said)
+        self.leave_out(swapped, labels.EXCHANGED, said)
 
     def _most_seen(self) -> tuple[int, Mask]:
         """Return the target that most rows have, and which these are."""
