@@ -46,10 +46,16 @@ def _both(largest: float, reason: str) -> Bound:
     return Bound(-largest, largest, reason, reason)
 
 
-#: No instrument measures further.
+#: No instrument measures further; loads and torques are beyond the largest industrial arms; Unix
+#: time in seconds has ten digits, in milliseconds thirteen.
 _LENGTH = _both(1e6, "a coordinate beyond any measuring volume")
+_TORQUE = _both(1e5, "a torque beyond that of any arm")
+_LOAD = Bound(0.0, 3e4, "negative load", "a load beyond any arm's")
+_TIME = _both(1e11, "a time beyond any clock in seconds")
 _COUNT = _both(1e9, "a number beyond any count")
+_QUATERNION = _both(2.0, "the quaternion is not of unit length")
 _OUTSIDE = "a temperature outside {:g} to {:g} deg C".format(*TEMPERATURES_C)
+_TEMPERATURE = Bound(*TEMPERATURES_C, _OUTSIDE, _OUTSIDE)
 
 
 @dataclass(frozen=True)
@@ -65,32 +71,15 @@ class Rule:
 #: The columns of the contract; of several that a name is like the first.
 RULES = (
     Rule(r"q(\d+)_(?:deg|mm)", "joints", r"position of joint \1"),
-    # Loads and torques beyond the largest industrial arms.
-    Rule(
-        r"tau(\d+)_Nm",
-        "torques",
-        r"torque of joint \1",
-        _both(1e5, "a torque beyond that of any arm"),
-    ),
-    Rule(
-        "load_N",
-        "load",
-        "external load",
-        Bound(0.0, 3e4, "negative load", "a load beyond any arm's"),
-    ),
-    # Unix time in seconds has ten digits, in milliseconds thirteen.
-    Rule("time_s", "time", "time", _both(1e11, "a time beyond any clock in seconds")),
-    Rule("temperature_C", "temperature", "temperature", Bound(*TEMPERATURES_C, _OUTSIDE, _OUTSIDE)),
+    Rule(r"tau(\d+)_Nm", "torques", r"torque of joint \1", _TORQUE),
+    Rule("load_N", "load", "external load", _LOAD),
+    Rule("time_s", "time", "time", _TIME),
+    Rule("temperature_C", "temperature", "temperature", _TEMPERATURE),
     Rule("kind", "kind", "calibration or held out"),
     Rule("pose", "pose", "label of the pose"),
     Rule("repeat", "repeat", "number of the repeat", _COUNT),
     Rule("touch", "touch", "touch", _COUNT),
-    Rule(
-        "q[wxyz]",
-        "rotation",
-        "attitude of the target",
-        _both(2.0, "the quaternion is not of unit length"),
-    ),
+    Rule("q[wxyz]", "rotation", "attitude of the target", _QUATERNION),
     Rule("d_mm", "distance", "distance"),
     Rule("([xyz])_mm", "position", r"\1 of the target"),
     Rule(r"(base\w+)_([xyz])_mm", "targets", r"\2 of \1, on the base"),

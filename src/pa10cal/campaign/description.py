@@ -491,19 +491,17 @@ def _described(name: str, members: Sequence[CampaignDescription]) -> GroupDescri
 
 def _refuse_another_robot(first: MemberRead, other: MemberRead, where: str) -> None:
     """Refuse campaigns of two robots, or of one described by two nominal tables."""
-    names = first.description.robot, other.description.robot
-    differ = None if names[0] == names[1] else f"robot: {names[0]} and {names[1]}"
-    if differ is None:
-        differ = _difference(first.arm, other.arm)
-    if differ is None:
-        return
-    raise RawDataError(
-        "the campaigns of a group are not of one robot",
-        where=where,
-        value=differ,
-        allowed="campaigns of one robot, described by the same nominal rows",
-        remedy="take the other campaign out of the group, or describe the robot alike in both",
-    )
+    one, two = first.description.robot, other.description.robot
+    same = one == two
+    differ = _difference(first.arm, other.arm) if same else f"robot: {one} and {two}"
+    if differ is not None:
+        raise RawDataError(
+            "the campaigns of a group are not of one robot",
+            where=where,
+            value=differ,
+            allowed="campaigns of one robot, described by the same nominal rows",
+            remedy="take the other campaign out of the group, or describe the robot alike in both",
+        )
 
 
 def _difference(first: Arm, other: Arm) -> str | None:

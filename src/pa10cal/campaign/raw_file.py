@@ -35,6 +35,7 @@ from pa10cal.campaign.raw_rows import (
     finite,
     numbers,
 )
+from pa10cal.campaign.recognise import moments_of
 from pa10cal.errors import RawDataError
 
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -348,9 +349,7 @@ def _clock(raw: RawRows, time: Time, *, from_first: bool) -> tuple[Array, list[s
     """Return seconds since 1970, or since the first row, of dates and times, and these."""
     parts = [raw.text_of(name) for name in time.names]
     text = [" ".join(words) for words in zip(*parts, strict=True)]
-    how = "ISO8601" if time.format == ISO else time.format
-    moments = pd.to_datetime(pd.Series(text, dtype=object), format=how, errors="coerce", utc=True)
-    since = (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
+    since = (moments_of(text, time.format or ISO) - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
     seconds: Array = np.array(since, dtype=np.float64)
     if from_first and not np.isnan(seconds).all():
         seconds -= np.nanmin(seconds)

@@ -396,11 +396,9 @@ def format_of(words: Sequence[str]) -> tuple[str | None, tuple[str, ...]]:
     Where day and month may be exchanged, that in which the times lie closest together is taken.
     None where no format fits.
     """
-    some = pd.Series(list(words[:JUDGED]))
     fits: dict[str, float] = {}
-    for how in _formats(str(some.iloc[0])):
-        form = "ISO8601" if how == ISO else how
-        moments = pd.to_datetime(some, format=form, errors="coerce", utc=True)
+    for how in _formats(words[0]):
+        moments = moments_of(words[:JUDGED], how)
         if moments.notna().mean() > 0.9:
             fits[how] = float((moments.max() - moments.min()).total_seconds())
     if not fits:
@@ -415,6 +413,13 @@ def format_of(words: Sequence[str]) -> tuple[str | None, tuple[str, ...]]:
     return best, tuple(order)
 
 
+def moments_of(words: Sequence[str], how: str) -> pd.Series[pd.Timestamp]:
+    """Return dates and times read in a format of `time.format`; NaT of those that are none."""
+    form = "ISO8601" if how == ISO else how
+    some = pd.Series(list(words), dtype=object)
+    return pd.to_datetime(some, format=form, errors="coerce", utc=True)
+
+
 def _formats(word: str) -> Iterator[str]:
     """Yield the formats that a date or time may have: those that read its first row."""
     every = itertools.chain(
@@ -424,10 +429,8 @@ def _formats(word: str) -> Iterator[str]:
     )
     shape = _shape(word)
     for how in dict.fromkeys(every):
-        form = "ISO8601" if how == ISO else how
-        if how != ISO and _shape(how) != shape:
-            continue  # to read it takes longer
-        if not pd.isna(pd.to_datetime(word, format=form, errors="coerce", utc=True)):
+        # To compare shapes is quicker than to read.
+        if (how == ISO or _shape(how) == shape) and moments_of([word], how).notna().all():
             yield how
 
 
