@@ -178,9 +178,6 @@ class TouchGroups:
     row: Index  # (C, B, T) touch, 0 where there is none
     valid: Mask  # (C, B, T) where there is one
 
-    def __len__(self) -> int:
-        return len(self.first)
-
 
 def group_touches(touches: Touches, balls: int) -> TouchGroups:
     """Gather touches, which are in order of time, by configuration and ball."""

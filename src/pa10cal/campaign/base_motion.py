@@ -12,13 +12,12 @@ import numpy as np
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.raw_file import PoseFile
-from pa10cal.campaign.screens import robust_misfit
+from pa10cal.campaign.screens import misfit_of
 from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, base_motion
 from pa10cal.observe.instrument import BaseTargets, Instrument, Knocked, Misread, MotionFound
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.quantities import Misfit
 
 _COLUMN = re.compile(r"(?:u_)?(base\d+)_[xyz]_mm")
 #: Two base targets nearer than this in every configuration are one.
@@ -153,14 +152,7 @@ def steadied(
 
 def _fits_worse(before: Instrument, after: Instrument, T_base_ee: Array) -> bool:
     """Return whether the nominal arm, however placed, surely fits worse without the motion."""
-    count = len(T_base_ee)
-    if count < before.least_rows:
-        return False
-
-    def misfit(measured: Instrument) -> Misfit | None:
-        return robust_misfit(lambda used, weights: measured.misfit(T_base_ee, used, weights), count)
-
-    moving, still = misfit(before), misfit(after)
+    moving, still = misfit_of(before, T_base_ee), misfit_of(after, T_base_ee)
     if moving is None or still is None:
         return False
     gain_m = np.nanmean(moving.length_m - still.length_m, axis=1)

@@ -1,6 +1,6 @@
-"""Bounds of every raw column and key: what lies outside was never measured, or is in another unit.
+"""What every raw column is and may hold: beyond, it was never measured, or is in another unit.
 
-They are wide: no right reading is outside. `docs/raw-data.md` lists them.
+Bounds are wide: no right reading is outside. `docs/raw-data.md` lists them.
 """
 
 from __future__ import annotations
@@ -11,24 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.errors import RawDataError
 
-#: No instrument measures further than this.
-LARGEST_MM = 1e6
-TOO_LARGE = "a coordinate beyond any measuring volume"
 NOT_UNCERTAIN = "the stated uncertainty is not above zero"
-#: Unix time in seconds has ten digits, in milliseconds thirteen.
-LATEST_S = 1e11
 #: Joints may be logged beyond their described limits by so much; those without limits turn less.
-BEYOND_LIMITS_DEG = 10.0
-BEYOND_LIMITS_MM = 20.0
-#: Loads and torques, beyond the largest industrial arms.
-LARGEST_LOAD_N = 3e4
-LARGEST_TORQUE_NM = 1e5
+BEYOND_LIMITS = {"deg": 10.0, "mm": 20.0}
 TEMPERATURES_C = (-60.0, 150.0)
-LARGEST_COUNT = 1e9
+#: Those between are taken for kelvin.
+_KELVIN = (220.0, 330.0)
 #: Stated uncertainties: of lengths [mm], angles [deg], torques [N m], quaternions; and least ones.
 LARGEST_U = {"mm": 1e3, "deg": 90.0, "Nm": 1e5, "": 1.0}
 LEAST_U = 1e-9
@@ -37,10 +28,6 @@ GRAVITY_M_S2 = (9.5, 10.1)
 #: Tools heavier than their arm are in grams; as are those of arms without masses above this a metre
 #: of reach.
 TOOL_KG_PER_M = 1000.0
-
-_JOINT = re.compile(r"q(\d+)_(deg|mm)")
-_TORQUE = re.compile(r"tau\d+_Nm")
-_QUATERNION = ("qw", "qx", "qy", "qz")
 
 
 @dataclass(frozen=True)
@@ -55,6 +42,64 @@ class Bound:
     above: str
 
 
+def _both(largest: float, reason: str) -> Bound:
+    return Bound(-largest, largest, reason, reason)
+
+
+#: No instrument measures further; loads and torques are beyond the largest industrial arms; Unix
+#: time in seconds has ten digits, in milliseconds thirteen.
+_LENGTH = _both(1e6, "a coordinate beyond any measuring volume")
+_TORQUE = _both(1e5, "a torque beyond that of any arm")
+_LOAD = Bound(0.0, 3e4, "negative load", "a load beyond any arm's")
+_TIME = _both(1e11, "a time beyond any clock in seconds")
+_COUNT = _both(1e9, "a number beyond any count")
+_QUATERNION = _both(2.0, "the quaternion is not of unit length")
+_OUTSIDE = "a temperature outside {:g} to {:g} deg C".format(*TEMPERATURES_C)
+_TEMPERATURE = Bound(*TEMPERATURES_C, _OUTSIDE, _OUTSIDE)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What the contract has under a name."""
+
+    like: str  # regular expression of the names
+    key: str  # the key of `columns` that maps it
+    words: str  # what it is; groups of the name as \\1, \\2
+    bound: Bound = _LENGTH  # of a joint that of the arm stands in its place; of text none is used
+
+
+#: The columns of the contract; of several that a name is like the first.
+RULES = (
+    Rule(r"q(\d+)_(?:deg|mm)", "joints", r"position of joint \1"),
+    Rule(r"tau(\d+)_Nm", "torques", r"torque of joint \1", _TORQUE),
+    Rule("load_N", "load", "external load", _LOAD),
+    Rule("time_s", "time", "time", _TIME),
+    Rule("temperature_C", "temperature", "temperature", _TEMPERATURE),
+    Rule("kind", "kind", "calibration or held out"),
+    Rule("pose", "pose", "label of the pose"),
+    Rule("repeat", "repeat", "number of the repeat", _COUNT),
+    Rule("touch", "touch", "touch", _COUNT),
+    Rule("q[wxyz]", "rotation", "attitude of the target", _QUATERNION),
+    Rule("d_mm", "distance", "distance"),
+    Rule("([xyz])_mm", "position", r"\1 of the target"),
+    Rule(r"(base\w+)_([xyz])_mm", "targets", r"\2 of \1, on the base"),
+    Rule(r"(\w+)_([xyz])_mm", "targets", r"\2 of target \1"),
+)
+
+
+def rule_of(name: str) -> Rule:
+    """Return what the contract has under a name; for one that is no known one, that of lengths."""
+    return next((rule for rule in RULES if re.fullmatch(rule.like, name)), Rule(name, name, name))
+
+
+def in_words(name: str) -> str:
+    """Return what a column of the contract is, in words."""
+    if name.startswith("u_"):
+        return f"standard uncertainty of the {in_words(name[2:])}"
+    rule = rule_of(name)
+    return re.sub(rule.like, rule.words, name)
+
+
 @dataclass(frozen=True)
 class Bounds:
     """Bounds of the columns of an arm's campaign."""
@@ -62,38 +107,23 @@ class Bounds:
     arm: Arm
 
     def of(self, name: str) -> Bound:
-        """Return the bound of a column; of one that is no known one, that of lengths."""
+        """Return the bound of a column."""
+        unit = name.rpartition("_")[2]
         if name.startswith("u_"):
-            return self._uncertainty(name.removeprefix("u_"))
-        if joint := _JOINT.fullmatch(name):
-            return self._joint(int(joint.group(1)), joint.group(2))
-        if _TORQUE.fullmatch(name):
-            return _both(LARGEST_TORQUE_NM, "a torque beyond that of any arm")
-        known = {
-            "time_s": _both(LATEST_S, "a time beyond any clock in seconds"),
-            "load_N": Bound(0.0, LARGEST_LOAD_N, "negative load", "a load beyond any arm's"),
-            "repeat": _both(LARGEST_COUNT, "a number beyond any count"),
-            "touch": _both(LARGEST_COUNT, "a number beyond any count"),
-            "temperature_C": Bound(*TEMPERATURES_C, _temperature(), _temperature()),
-            **dict.fromkeys(_QUATERNION, _both(2.0, "the quaternion is not of unit length")),
-        }
-        return known.get(name, _both(LARGEST_MM, TOO_LARGE))
-
-    def _joint(self, joint: int, unit: str) -> Bound:
-        low, high = self.arm.limits_rad[joint - 1]
-        low, high = (1e3 * low, 1e3 * high) if unit == "mm" else np.degrees((low, high))
-        beyond = BEYOND_LIMITS_MM if unit == "mm" else BEYOND_LIMITS_DEG
+            largest = LARGEST_U.get(unit, LARGEST_U[""])
+            return Bound(LEAST_U, largest, NOT_UNCERTAIN, f"a stated uncertainty above {largest:g}")
+        rule = rule_of(name)
+        if rule.key != "joints":
+            return rule.bound
+        joint = int(name[1:].partition("_")[0])
+        limits = self.arm.limits_rad[joint - 1]
+        low, high = 1e3 * np.array(limits) if unit == "mm" else np.degrees(limits)
         text = (
             f"beyond the limits of joint {joint} in the description of {self.arm.name} "
             f"({low:g} to {high:g} {unit})"
         )
+        beyond = BEYOND_LIMITS[unit]
         return Bound(float(low) - beyond, float(high) + beyond, text, text)
-
-    @staticmethod
-    def _uncertainty(name: str) -> Bound:
-        _, _, unit = name.rpartition("_")
-        largest = LARGEST_U.get(unit, LARGEST_U[""])
-        return Bound(LEAST_U, largest, NOT_UNCERTAIN, f"a stated uncertainty above {largest:g}")
 
 
 def within_bounds(raw: RawRows, names: list[str], bounds: Bounds) -> RawRows:
@@ -103,9 +133,11 @@ def within_bounds(raw: RawRows, names: list[str], bounds: Bounds) -> RawRows:
         RawDataError: when temperatures are in kelvin.
     """
     for name in names:
-        column = raw.numbers_of(name).values
-        if name == "temperature_C":
-            _refuse_kelvin(raw, column)
+        column = raw.columns[name]
+        if name == "temperature_C" and np.isfinite(column).any():
+            middle_C = float(np.median(column[np.isfinite(column)]))
+            if _KELVIN[0] < middle_C < _KELVIN[1]:
+                raise _kelvin(f"{raw.file}: temperature_C", middle_C)
         bound = bounds.of(name)
         for off, reason in ((column < bound.low, bound.below), (column > bound.high, bound.above)):
             if off.any():
@@ -162,20 +194,12 @@ def refuse_impossible_temperature(temperature_C: float, where: str) -> None:
     Raises:
         RawDataError: naming it.
     """
-    if TEMPERATURES_C[0] <= temperature_C <= TEMPERATURES_C[1]:
-        return
-    raise _kelvin(f"{where}: reference_temperature_C", temperature_C)
-
-
-def _refuse_kelvin(raw: RawRows, column: Array) -> None:
-    known = column[np.isfinite(column)]
-    if not len(known) or not 220.0 < float(np.median(known)) < 330.0:
-        return
-    raise _kelvin(f"{raw.file}: temperature_C", float(np.median(known)))
+    if not TEMPERATURES_C[0] <= temperature_C <= TEMPERATURES_C[1]:
+        raise _kelvin(f"{where}: reference_temperature_C", temperature_C)
 
 
 def _kelvin(where: str, value: float) -> RawDataError:
-    kelvin = 220.0 < value < 330.0
+    kelvin = _KELVIN[0] < value < _KELVIN[1]
     return RawDataError(
         "the temperature looks like kelvin" if kelvin else "no temperature of a laboratory",
         where=where,
@@ -183,12 +207,3 @@ def _kelvin(where: str, value: float) -> RawDataError:
         allowed=f"degrees Celsius, {TEMPERATURES_C[0]:g} to {TEMPERATURES_C[1]:g}",
         remedy="subtract 273.15" if kelvin else "check its unit",
     )
-
-
-def _both(largest: float, reason: str) -> Bound:
-    return Bound(-largest, largest, reason, reason)
-
-
-def _temperature() -> str:
-    low, high = TEMPERATURES_C
-    return f"a temperature outside {low:g} to {high:g} deg C"

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
-from pa10cal.errors import CalibrationError
-from pa10cal.frame.hand_eye import LEVER_M, hand_eye_from_points
+from pa10cal.campaign.labels import placed_by_points
+from pa10cal.frame.hand_eye import LEVER_M
 
 EulerSequence = Literal["xyz", "XYZ", "zyx", "ZYX", "zyz", "ZYZ"]
 
@@ -129,9 +129,8 @@ def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | Non
 
 def _misfit_m(T_base_ee: Array, p_m: Array) -> float | None:
     """Return the median misfit of the nominal arm, base and target fitted; None without a fit."""
-    try:
-        found = hand_eye_from_points(T_base_ee, p_m[:, None])
-    except CalibrationError:
+    found = placed_by_points(T_base_ee, p_m[:, None])
+    if found is None:
         return None
     off_m = p_m - found.targets(T_base_ee)[:, 0, :3, 3]
     return float(np.median(np.linalg.norm(off_m, axis=1)))
@@ -142,11 +141,8 @@ def modelled_attitudes(T_base_ee: Array, p_instr_m: Array) -> Array | None:
 
     The base is fitted to the positions (P, 3) of one target; None where they do not determine it.
     """
-    try:
-        found = hand_eye_from_points(T_base_ee, p_instr_m[:, None])
-    except CalibrationError:
-        return None
-    return np.asarray(found.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3])
+    found = placed_by_points(T_base_ee, p_instr_m[:, None])
+    return None if found is None else found.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3]
 
 
 def attitude_scatter(R_instr_ee: Array, R_instr_target: Array) -> float:

@@ -10,19 +10,20 @@ import csv
 import difflib
 import re
 import sys
-from array import array
-from collections import Counter
+from collections import ChainMap, Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.campaign.raw_rows import TEXT, NumberColumn, RawRows, quarantined
+from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import canonical_unit, unit_alone
 from pa10cal.campaign.text_file import Line, encoding_of, is_workbook, lines_of
 from pa10cal.errors import RawDataError
@@ -60,7 +61,9 @@ class Layout:
                 pass
             else:
                 return [field.strip() for field in split]
-        return [field.strip(' \t"') for field in text.split(self.separator)]
+        fields = text.split(self.separator)
+        bare = not (" " in text or "\t" in text or '"' in text)  # most are, and no field to strip
+        return fields if bare else [field.strip(' \t"') for field in fields]
 
     def names(self, text: str) -> list[str]:
         """Return the names of the columns, of the line that has them or else of the first."""
@@ -83,6 +86,9 @@ class Layout:
 
     def number(self, field: str) -> float:
         """Return a number as people write it, with signs between thousands too; nan for none."""
+        if "_" not in field:
+            with suppress(ValueError):
+                return float(self.plain(field))
         bare = _BETWEEN_THOUSANDS.sub("", field.replace("\u2212", "-"))
         other = "." if self.decimal == "," else ","
         if self.own and _IN_THOUSANDS[other].fullmatch(bare):
@@ -156,124 +162,99 @@ def read_rows(
     first = _first(lines, layout)
     if first is None:
         raise _refusal(path, 1, "the file is empty", "a header and rows", "export it again")
-    header_line, header_text = first.number, first.text
-    header = layout.names(header_text)
+    header = layout.names(first.text)
     needed = [*required, *(together if set(together) & set(header) else ())]
-    _check_header(path, header_line, header_text, header, needed, layout)
+    _check_header(path, first, header, needed, layout)
     used = [name for name in header if name in needed or name in optional]
-    parts = _Parts(header, used, layout)
-    for line_read in lines if layout.header else chain([first], lines):
-        if line_read.number >= layout.first:
-            parts.add(line_read.number, line_read.text, ended=line_read.ended)
-    if not parts.lines:
-        raise _refusal(path, header_line, "there is no row under the header", "rows", "export it")
-    line, widths = np.array(parts.lines, dtype=np.int64), np.array(parts.widths)
+    below = lines if layout.header else chain([first], lines)
+    if layout.first:
+        below = (line for line in below if line.number >= layout.first)
+    parts, last = [], first
+    while part := list(islice(below, ROWS_A_PART)):
+        parts.append(_Part.of(part, header, used, layout))
+        last = part[-1]
+    if not parts:
+        raise _refusal(path, first.number, "there is no row under the header", "rows", "export it")
+    line, widths, hashes, decimals = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("line", "widths", "hashes", "decimals")
+    )
     _refuse_systematic_width(path, widths, len(header), line, layout)
     right = widths == len(header)
-    cut = not parts.ended and widths[-1] < len(header)
+    cut = not last.ended and widths[-1] < len(header)
     wrong = ~right
     wrong[-1] &= not cut
     listed = (
         *quarantined(path.name, line[wrong], f"{FIELDS} {len(header)}", widths[wrong]),
-        *quarantined(path.name, line[-1:] if cut else [], CUT, [parts.last] if cut else []),
+        *quarantined(path.name, line[-1:] if cut else [], CUT, [last.text] if cut else []),
     )
     unused = tuple(name for name in header if name not in used)
-    raw = RawRows(path.name, parts.joined(), line[right], len(line), unused, listed)
-    kept = np.ones(len(raw.line), dtype=bool)
-    if not parts.ended and right[-1]:
-        kept[-1] = not _cut_last(np.array(parts.decimals))
-        raw = raw.take(kept, CUT, [layout.row(parts.last, len(header))[-1]] * int(not kept[-1]))
+    columns = {name: np.concatenate([part.columns.pop(name) for part in parts]) for name in used}
+    odd = {name: dict(ChainMap(*(part.odd[name] for part in parts))) for name in used}
+    raw = RawRows(path.name, columns, line[right], len(line), unused, listed, odd)
+    if not last.ended and right[-1] and _cut_last(decimals):
+        kept = np.arange(len(hashes)) < len(hashes) - 1
+        raw = raw.take(kept, CUT, [layout.row(last.text, len(header))[-1]])
+        hashes = hashes[kept]
     if repeats:
         return raw
-    once = ~pd.Series(np.array(parts.hashes, dtype=np.int64)[kept]).duplicated().to_numpy()
-    return raw.take(once, REPEATED, [""] * int((~once).sum()))
+    once = ~pd.Series(hashes).duplicated().to_numpy()
+    return raw.take(once, REPEATED)
 
 
-class _Parts:
-    """Rows of a file as they are read: columns in parts, and what is known of every line.
+@dataclass(frozen=True)
+class _Part:
+    """Some lines of a file: their columns, and what is known of each."""
 
-    Attributes:
-        lines, widths: physical line of every row, and its number of fields.
-        hashes, decimals: of the rows as wide as the header: of all fields, and digits of the last.
-        ended, last: whether the last line has a line end, and its text.
-    """
+    line: NDArray[np.int64]  # (N,) physical line
+    widths: NDArray[np.int64]  # (N,) number of fields
+    # hashes and decimals: of the rows as wide as the header: of all fields, and digits of the last
+    hashes: NDArray[np.int64]
+    decimals: NDArray[np.int64]
+    columns: dict[str, NDArray[Any]]  # text as it is, and numbers, nan where there is none
+    odd: dict[str, dict[int, str]]  # what stands there, by line
 
-    def __init__(self, header: Sequence[str], used: Sequence[str], layout: Layout) -> None:
-        self._layout = layout
-        self.lines = array("q")
-        self.widths = array("q")
-        self.hashes = array("q")
-        self.decimals = array("q")
-        self.ended = True
-        self.last = ""
-        self._width = len(header)
-        self._at = {name: header.index(name) for name in used}
-        self._rows: list[list[str]] = []
-        # Buffers that grow in place: parts that are joined in the end would need twice the room.
-        self._numbers = {name: array("d") for name in used if name not in layout.text}
-        self._odd: dict[str, tuple[list[int], list[str]]] = {n: ([], []) for n in self._numbers}
-        self._text: dict[str, list[str]] = {name: [] for name in used if name in layout.text}
+    @classmethod
+    def of(
+        cls, lines: Sequence[Line], header: Sequence[str], used: Sequence[str], layout: Layout
+    ) -> _Part:
+        """Read lines."""
+        every = [layout.row(line.text, len(header)) for line in lines]
+        number = np.array([line.number for line in lines], dtype=np.int64)
+        widths = np.array([len(row) for row in every], dtype=np.int64)
+        rows = [row for row in every if len(row) == len(header)]
+        right = number[widths == len(header)]
+        columns: dict[str, NDArray[Any]] = {}
+        odd: dict[str, dict[int, str]] = {name: {} for name in used}
+        for name in used:
+            at = header.index(name)
+            fields = [row[at] for row in rows]
+            if name in layout.text:
+                columns[name] = np.array(list(map(sys.intern, fields)), dtype=object)
+                continue
+            values = columns[name] = _numbers(fields, layout)
+            unread = np.flatnonzero(np.isnan(values)).tolist()
+            odd[name] = {int(right[k]): fields[k] for k in unread}
+        hashes = np.array([hash(tuple(row)) for row in rows], dtype=np.int64)
+        after = [row[-1].partition(layout.decimal)[2] for row in rows]
+        decimals = np.array(list(map(len, after)), dtype=np.int64)
+        return cls(number, widths, hashes, decimals, columns, odd)
 
-    def add(self, number: int, text: str, *, ended: bool) -> None:
-        """Take up a line."""
-        row = self._layout.row(text, self._width)
-        self.lines.append(number)
-        self.widths.append(len(row))
-        self.ended, self.last = ended, text
-        if len(row) != self._width:
-            return
-        self.hashes.append(hash(tuple(row)))
-        self.decimals.append(len(row[-1].partition(self._layout.decimal)[2]))
-        self._rows.append(row)
-        if len(self._rows) >= ROWS_A_PART:
-            self._finish_part()
 
-    def joined(self) -> dict[str, NumberColumn | NDArray[np.object_]]:
-        """Return the columns."""
-        self._finish_part()
-        columns: dict[str, NumberColumn | NDArray[np.object_]] = {}
-        for name in self._at:
-            if name in self._layout.text:
-                columns[name] = np.array(self._text.pop(name), dtype=object)
-            else:
-                rows, text = self._odd[name]
-                columns[name] = NumberColumn(
-                    np.frombuffer(self._numbers.pop(name), dtype=np.float64),
-                    np.array(rows, dtype=np.intp),
-                    np.array(text, dtype=object),
-                )
-        return columns
-
-    def _finish_part(self) -> None:
-        for name, at in self._at.items():
-            fields = [row[at] for row in self._rows]
-            if name in self._layout.text:
-                self._text[name] += map(sys.intern, fields)
-            else:
-                self._add_numbers(name, fields)
-        self._rows = []
-
-    def _add_numbers(self, name: str, fields: list[str]) -> None:
-        text = np.array([self._layout.plain(field) for field in fields], dtype=object)
-        values = np.array(pd.to_numeric(text, errors="coerce"), dtype=np.float64)
-        unread = np.flatnonzero(~np.isfinite(values))
-        values[unread] = [self._layout.number(fields[k]) for k in unread]
-        odd = np.flatnonzero(~np.isfinite(values))
-        values[odd] = np.nan
-        rows, found = self._odd[name]
-        rows += (odd + len(self._numbers[name])).tolist()
-        found += [fields[k] for k in odd]
-        self._numbers[name].frombytes(values.tobytes())
+def _numbers(fields: Sequence[str], layout: Layout) -> Array:
+    """Return fields as numbers, nan where one is none, or none that is finite."""
+    plain = fields if layout.decimal == "." else [layout.plain(field) for field in fields]
+    values = np.array(pd.to_numeric(np.array(plain, dtype=object), errors="coerce"), dtype=float)
+    for k in np.flatnonzero(~np.isfinite(values)).tolist():
+        value = layout.number(fields[k])
+        values[k] = value if np.isfinite(value) else np.nan
+    return values
 
 
 def _check_header(
-    path: Path,
-    line: int,
-    text: str,
-    header: Sequence[str],
-    required: Sequence[str],
-    layout: Layout,
+    path: Path, first: Line, header: Sequence[str], required: Sequence[str], layout: Layout
 ) -> None:
+    line, text = first.number, first.text
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):
         here = layout.separator
         if here and here != separator and text.count(separator) > text.count(here):
@@ -402,14 +383,17 @@ def sniff(path: Path) -> Sniffed:
         )
     rows = [(number, layout.row(text, width)) for number, text in lines]
     rows = [(number, fields) for number, fields in rows if len(fields) == width]
-    starts = [_numeric(fields, layout) for _, fields in rows[:LINES]]
+    every = np.array([[layout.number(field) for field in fields] for _, fields in rows])
+    starts = np.mean(~np.isnan(every), axis=1)
     usual = float(np.median(starts))
     body = next(k for k, share in enumerate(starts) if share >= 0.6 * usual)
     named = body > 0
     units: tuple[str, ...] = ()
     if named:
         titles = rows[body - 1]
-        if body > 1 and _are_units(titles[1]):
+        # Most words of a line of units are known ones.
+        known = [canonical_unit(unit_alone(field)) != "" for field in titles[1] if field]
+        if body > 1 and known and np.mean(known) > 0.6:
             units, titles = tuple(map(unit_alone, titles[1])), rows[body - 2]
         follows = rows[body][0] > titles[0] + 1 + bool(units)
         first = rows[body][0] if units or follows else 0
@@ -419,18 +403,9 @@ def sniff(path: Path) -> Sniffed:
         layout = replace(layout, header=0, first=rows[0][0] if rows[0][0] > 1 else 0)
         names = tuple(str(k) for k in range(1, width + 1))
     text = np.array([fields for _, fields in rows[body:]], dtype=str)
-    numbers = np.array([[layout.number(field) for field in row] for row in text])
     encoding = "" if workbook else encoding_of(path)
     of_rows = tuple(number for number, _ in rows[body:])
-    return Sniffed(
-        layout, encoding, names, units, of_rows, text.reshape(-1, width), numbers.reshape(-1, width)
-    )
-
-
-def _are_units(fields: Sequence[str]) -> bool:
-    """Return whether a line under the names holds units: short words, most of them known ones."""
-    given = [unit_alone(field) for field in fields if field]
-    return bool(given) and float(np.mean([canonical_unit(unit) != "" for unit in given])) > 0.6
+    return Sniffed(layout, encoding, names, units, of_rows, text.reshape(-1, width), every[body:])
 
 
 def _judged(lines: Sequence[tuple[int, str]], layout: Layout) -> tuple[float, int, Layout]:
@@ -440,10 +415,8 @@ def _judged(lines: Sequence[tuple[int, str]], layout: Layout) -> tuple[float, in
     rows = [row[:-1] if row[-1] == "" else row for row in rows]
     width, times = Counter(map(len, rows)).most_common(1)[0]
     usual = [row for row in rows if len(row) == width]
-    share = float(np.mean([_numeric(row, layout) for row in usual[-200:]]))
+    shares = [
+        np.mean([not np.isnan(layout.number(field)) for field in row]) for row in usual[-200:]
+    ]
+    share = float(np.mean(shares))
     return share * times / len(rows), width, layout
-
-
-def _numeric(row: Sequence[str], layout: Layout) -> float:
-    """Return the share of the fields of a row that are numbers."""
-    return float(np.mean([not np.isnan(layout.number(field)) for field in row]))

@@ -233,8 +233,15 @@ def read_description(folder: Path) -> CampaignDescription:
     refuse_impossible_gravity(campaign.gravity_m_s2, str(path))
     refuse_impossible_temperature(campaign.reference_temperature_C, str(path))
     _check_instrument(campaign, folder)
-    if campaign.holdout is not None:
-        _check_holdout(campaign.holdout, path)
+    stated = {} if campaign.holdout is None else campaign.holdout.model_dump(exclude_none=True)
+    if campaign.holdout is not None and len(stated) != 1:
+        raise RawDataError(
+            "the held-out poses are not stated in one way",
+            where=f"{path}: holdout",
+            value=stated,
+            allowed="last_fraction or every, one of them",
+            remedy="keep one of the two keys",
+        )
     return campaign
 
 
@@ -322,18 +329,6 @@ def _is_there(path: Path) -> bool:
         return path.is_file()
     except OSError:  # no name that this file system can have
         return False
-
-
-def _check_holdout(holdout: Holdout, path: Path) -> None:
-    given = holdout.model_dump(exclude_none=True)
-    if len(given) != 1:
-        raise RawDataError(
-            "the held-out poses are not stated in one way",
-            where=f"{path}: holdout",
-            value=given,
-            allowed="last_fraction or every, one of them",
-            remedy="keep one of the two keys",
-        )
 
 
 def _unfit(folder: Path, key: str, value: object, allowed: str) -> RawDataError:
@@ -496,19 +491,17 @@ def _described(name: str, members: Sequence[CampaignDescription]) -> GroupDescri
 
 def _refuse_another_robot(first: MemberRead, other: MemberRead, where: str) -> None:
     """Refuse campaigns of two robots, or of one described by two nominal tables."""
-    names = first.description.robot, other.description.robot
-    differ = None if names[0] == names[1] else f"robot: {names[0]} and {names[1]}"
-    if differ is None:
-        differ = _difference(first.arm, other.arm)
-    if differ is None:
-        return
-    raise RawDataError(
-        "the campaigns of a group are not of one robot",
-        where=where,
-        value=differ,
-        allowed="campaigns of one robot, described by the same nominal rows",
-        remedy="take the other campaign out of the group, or describe the robot alike in both",
-    )
+    one, two = first.description.robot, other.description.robot
+    same = one == two
+    differ = _difference(first.arm, other.arm) if same else f"robot: {one} and {two}"
+    if differ is not None:
+        raise RawDataError(
+            "the campaigns of a group are not of one robot",
+            where=where,
+            value=differ,
+            allowed="campaigns of one robot, described by the same nominal rows",
+            remedy="take the other campaign out of the group, or describe the robot alike in both",
+        )
 
 
 def _difference(first: Arm, other: Arm) -> str | None:

@@ -78,8 +78,10 @@ def find_dwells(samples: Samples, still_speed_deg_s: float) -> Dwells:
     steps_s = np.diff(time_s)
     travel = np.abs(np.diff(q_deg, axis=0))
     slow = _slow_intervals(time_s, q_deg, still_speed_deg_s)
-    noise = _noise(travel[slow])
-    real = np.maximum(REAL_SIGMAS * noise, REAL_S * still_speed_deg_s)
+    # The deviation of one reading, from differences of neighbours at rest.
+    noise = 1.4826 * np.median(travel[slow], axis=0) / np.sqrt(2.0) if slow.any() else 0.0
+    least = np.full(q_deg.shape[1], REAL_S * still_speed_deg_s)
+    real = np.maximum(REAL_SIGMAS * noise, least)
     if len(steps_s):
         pause = steps_s > PAUSE * np.median(steps_s)
         slow &= ~pause | (travel <= real).all(axis=1)
@@ -191,13 +193,6 @@ def _slow_intervals(time_s: Array, q_deg: Array, still_speed_deg_s: float) -> ND
     np.add.at(edges, here[moves], 1)
     np.add.at(edges, there[moves], -1)
     return np.asarray(np.cumsum(edges)[:-1] == 0)
-
-
-def _noise(travel: Array) -> Array:
-    """Return (n,) the deviation of one reading, from differences of neighbours at rest."""
-    if not len(travel):
-        return np.zeros(travel.shape[1])
-    return np.asarray(1.4826 * np.median(travel, axis=0) / np.sqrt(2.0))
 
 
 def _mean(values: Array, dwell: Index, count: NDArray[np.int64]) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.hand_eye import hand_eye_from_points
+from pa10cal.frame.hand_eye import HandEye, hand_eye_from_points
 
 EXCHANGED = "the labels of these targets are exchanged"
 NOT_RIGID = "its distances from the other targets are not those of the other poses"
@@ -99,10 +99,10 @@ def stated_order(T_base_ee: Array, p_m: Array, stated_mm: Array) -> tuple[int, .
     """
     if not 2 <= len(stated_mm) <= MOST_TARGETS or len(p_m) < LEAST_POSES:
         return None
-    try:
-        places_mm = 1e3 * hand_eye_from_points(T_base_ee, p_m).T_ee_targets[:, :3, 3]
-    except CalibrationError:
+    found = placed_by_points(T_base_ee, p_m)
+    if found is None:
         return None
+    places_mm = 1e3 * found.T_ee_targets[:, :3, 3]
     orders = list(permutations(range(len(stated_mm))))
     off_mm = [np.abs(places_mm - stated_mm[list(order)]).max() for order in orders]
     best = int(np.argmin(off_mm))
@@ -174,14 +174,21 @@ def nominal_places(T_base_ee: Array, p_m: Array) -> Array | None:
         return None
     some = np.sort(np.random.default_rng(0).permutation(len(p_m))[:FITTED])
     weights = np.ones(len(some))
+    for _ in range(FITS):
+        found = placed_by_points(T_base_ee[some], p_m[some], weights)
+        if found is None:
+            return None
+        modelled: Array = found.targets(T_base_ee)[..., :3, 3]
+        weights = 1.0 / np.maximum(misfit_mm(p_m[some], modelled[some]), 1.0)
+    return modelled
+
+
+def placed_by_points(T_base_ee: Array, p_m: Array, weights: Array | None = None) -> HandEye | None:
+    """Return base and targets by the nominal arm; None where the poses do not determine them."""
     try:
-        for _ in range(FITS):
-            found = hand_eye_from_points(T_base_ee[some], p_m[some], weights=weights)
-            modelled: Array = found.targets(T_base_ee)[..., :3, 3]
-            weights = 1.0 / np.maximum(misfit_mm(p_m[some], modelled[some]), 1.0)
+        return hand_eye_from_points(T_base_ee, p_m, weights=weights)
     except CalibrationError:
         return None
-    return modelled
 
 
 def misfit_mm(p_m: Array, modelled_m: Array) -> Array:

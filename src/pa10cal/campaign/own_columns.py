@@ -15,6 +15,12 @@ ANGLES = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232}
 TORQUES = {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3}
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "d": 86400.0}
 FORCES = {"N": 1.0, "kg": 9.80665}
+#: What a number is multiplied by, and what is added then, for the contract's unit.
+FACTORS = {
+    **(LENGTHS | ANGLES | TORQUES | TIMES | FORCES),
+    **{"": 1.0, "C": 1.0, "K": 1.0, "F": 5.0 / 9.0},
+}
+OFFSETS = {"K": -273.15, "F": -160.0 / 9.0}
 SEPARATORS = {"tab": "\t", "blanks": None}
 
 #: Words of rotations, and how many columns each takes.

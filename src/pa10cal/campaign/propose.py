@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
+from pa10cal.campaign.bounds import in_words
 from pa10cal.campaign.conventions import attitude_scatter, modelled_attitudes
 from pa10cal.campaign.csv_rows import Layout, Sniffed
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
@@ -157,7 +157,7 @@ def _at_joints(
         raw = two.read([*LABELS[:-1], *two.measured.names])
     except RawDataError:
         return None
-    q = np.column_stack([raw.numbers_of(name).values for name in position_columns(arm.prismatic)])
+    q = np.column_stack([raw.columns[name] for name in position_columns(arm.prismatic)])
     row = {line: k for k, line in enumerate(sniffed.lines)}
     T_base_ee = np.full((len(sniffed.lines), 4, 4), np.nan)
     known = [k for k, line in enumerate(raw.line.tolist()) if line in row]
@@ -222,34 +222,6 @@ def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[st
     return tuple(lines)
 
 
-#: What the columns of the contract are, in words.
-_WORDS = (
-    (r"q(\d+)_(?:deg|mm)", r"position of joint \1"),
-    (r"tau(\d+)_Nm", r"torque of joint \1"),
-    (r"([xyz])_mm", r"\1 of the target"),
-    (r"(base\w+)_([xyz])_mm", r"\2 of \1, on the base"),
-    (r"(\w+)_([xyz])_mm", r"\2 of target \1"),
-    (r"q[wxyz]", "attitude of the target"),
-    (r"d_mm", "distance"),
-    (r"time_s", "time"),
-    (r"temperature_C", "temperature"),
-    (r"load_N", "external load"),
-    (r"kind", "calibration or held out"),
-    (r"pose", "label of the pose"),
-    (r"repeat", "number of the repeat"),
-)
-
-
-def in_words(name: str) -> str:
-    """Return what a column of the contract is, in words."""
-    if name.startswith("u_"):
-        return f"standard uncertainty of the {in_words(name[2:])}"
-    for like, words in _WORDS:
-        if re.fullmatch(like, name):
-            return re.sub(like, words, name)
-    return name
-
-
 def follows_contract(sniffed: Sniffed) -> bool:
     """Return whether a file has the contract's own names and layout, and needs no mapping."""
     names = set(sniffed.names)
@@ -297,8 +269,7 @@ class _Proposing:
         found["joints"] = {"names": list(roles.joints), **angle}
         if roles.torques:
             unit = self._stated(roles.torques, TORQUES) or "Nm"
-            stated = {} if unit == "Nm" else {"unit": unit}
-            found["torques"] = {"names": list(roles.torques), **stated}
+            found["torques"] = {"names": list(roles.torques)} | _unless(unit, "Nm")
         self.T_base_ee = None if self.arm is None else Chain.of(self.arm).forward(q_rad)
         return found | self._temperatures()
 
@@ -339,7 +310,7 @@ class _Proposing:
         unit = "K" if 220.0 < middle < 330.0 else "F" if 45.0 < middle < 110.0 else "C"
         of = {"K": middle - 273.15, "F": (middle - 32.0) / 1.8, "C": middle}
         self.temperature_C = round(of[unit], 1)
-        return {"names": name, **({} if unit == "C" else {"unit": unit})}
+        return {"names": name} | _unless(unit, "C")
 
     def _labels(self) -> dict[str, Any]:
         """Return labels, loads, and which rows are held out, where every row says so."""
@@ -358,7 +329,7 @@ class _Proposing:
                 found["kind"] = {"names": single["kind"], **({"words": own} if own else {})}
         if "load" in single and np.isfinite(self.sniffed.column(single["load"])).all():
             unit = self._stated([single["load"]], FORCES) or "N"
-            found["load"] = {"names": single["load"], **({} if unit == "N" else {"unit": unit})}
+            found["load"] = {"names": single["load"]} | _unless(unit, "N")
         return found
 
     def _time(self) -> dict[str, Any]:
@@ -379,7 +350,7 @@ class _Proposing:
         digits = pd.Series(words[:JUDGED]).str.fullmatch(r"\d{14}").mean() > 0.9
         if np.isfinite(numbers).mean() > 0.9 and not digits:
             unit = self._stated([name], TIMES) or self._unit_of_time(name, numbers)
-            return {"time": {"names": name, **({} if unit == "s" else {"unit": unit})}}
+            return {"time": {"names": name} | _unless(unit, "s")}
         how, others = format_of(words)
         if how is None:
             self.checks.append(f"time: the format of {name} was not recognised ({words[0]!r})")
@@ -438,8 +409,7 @@ class _Proposing:
         single, positions = self.roles.single, self.roles.positions
         if not positions:
             name = single["distance"]
-            unit = self._length(np.array([name]), self.sniffed.columns([name]), None)
-            return {"distance": {"names": name, "unit": unit, **self._u([name], unit)}}
+            return {"distance": self._place([name], None) | {"names": name}}
         still = standing({place: self.sniffed.columns(positions[place]) for place in positions})
         if still:
             self.checks.append(f"targets base1 …: {', '.join(still)} stand still, so on the base")
@@ -447,14 +417,13 @@ class _Proposing:
         place, names = next(iter(positions.items()))
         if self.roles.attitude is None and len(positions) > 1:
             return {"targets": self._targets(positions, T_base_ee) | self._base(still, T_base_ee)}
-        p = self.sniffed.columns(names)
-        unit = self._length(np.array(names), p, T_base_ee)
+        position = self._place(names, T_base_ee)
         if len(positions) > 1:
             self.checks.append(f"position: {', '.join(names)} taken, of {len(positions)} triples")
-        position = {"names": list(names), "unit": unit, **self._u(names, unit)}
         if self.roles.attitude is None:
             return {"targets": {_label(place, 1): position} | self._base(still, T_base_ee)}
-        turned = self._attitude(T_base_ee, 1e-3 * LENGTHS[unit] * p)
+        p_m = 1e-3 * LENGTHS[position["unit"]] * self.sniffed.columns(names)
+        turned = self._attitude(T_base_ee, p_m)
         base = {"targets": self._base(still, T_base_ee)} if still else {}
         return {"position": position, "rotation": turned, **base}
 
@@ -465,15 +434,19 @@ class _Proposing:
     def _targets(
         self, positions: Mapping[str, Sequence[str]], T_base_ee: Array | None
     ) -> dict[str, Any]:
-        found = {}
-        for k, (place, names) in enumerate(positions.items(), start=1):
-            unit = self._length(np.array(names), self.sniffed.columns(names), T_base_ee)
-            found[_label(place, k)] = {"names": list(names), "unit": unit, **self._u(names, unit)}
-        return found
+        return {
+            _label(place, k): self._place(names, T_base_ee)
+            for k, (place, names) in enumerate(positions.items(), start=1)
+        }
 
-    def _length(self, names: NDArray[np.str_], p: Array, T_base_ee: Array | None) -> str:
+    def _place(self, names: Sequence[str], T_base_ee: Array | None) -> dict[str, Any]:
+        """Return columns of lengths, with their unit and their uncertainties."""
+        unit = self._length(names, self.sniffed.columns(names), T_base_ee)
+        return {"names": list(names), "unit": unit, **self._u(names, unit)}
+
+    def _length(self, names: Sequence[str], p: Array, T_base_ee: Array | None) -> str:
         """Return the unit of lengths: of the names, by the arm, or by their size."""
-        if (stated := self._stated([str(name) for name in names], LENGTHS)) is not None:
+        if (stated := self._stated(names, LENGTHS)) is not None:
             return stated
         seen = np.isfinite(p).all(axis=1)
         if T_base_ee is not None and p.shape[1] == 3:
@@ -554,6 +527,11 @@ class _Proposing:
                 tried.append((attitude_scatter(R_ee, R), chosen))
         # The first of equals: the plainest.
         return min(tried, key=lambda each: round(each[0], 3), default=None)
+
+
+def _unless(unit: str, usual: str) -> dict[str, str]:
+    """Return a unit to be stated, where it is not the usual one."""
+    return {} if unit == usual else {"unit": unit}
 
 
 def _label(place: str, k: int) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -15,30 +15,27 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
+from pa10cal.campaign.bounds import rule_of
 from pa10cal.campaign.csv_rows import Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
 from pa10cal.campaign.own_columns import (
     ANGLES,
-    FORCES,
+    FACTORS,
     ISO,
-    LENGTHS,
+    OFFSETS,
     SEPARATORS,
-    TIMES,
-    TORQUES,
     FileColumns,
-    Position,
     RotationColumns,
     Time,
 )
 from pa10cal.campaign.raw_rows import (
     TEXT,
-    NumberColumn,
     OwnColumn,
     RawRows,
     finite,
-    number_column,
     numbers,
 )
+from pa10cal.campaign.recognise import moments_of
 from pa10cal.errors import RawDataError
 
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -49,18 +46,6 @@ LEAST_U = 1e-9
 FILLED = {
     "poses": ("time_s", "load_N", "pose", "repeat"),
     "cmm": ("load_N", "repeat", "touch"),
-}
-#: Columns of the contract, by the key of `columns` that maps them.
-_KEYS = {
-    "time_s": "time",
-    "load_N": "load",
-    "temperature_C": "temperature",
-    "d_mm": "distance",
-    r"q\d+_(deg|mm)": "joints",
-    r"tau\d+_Nm": "torques",
-    "[xyz]_mm": "position",
-    "q[wxyz]": "rotation",
-    r"\w+_[xyz]_mm": "targets",
 }
 
 
@@ -163,13 +148,24 @@ class RawFile:
         Raises:
             RawDataError: as `read_rows`; when `columns` maps nothing to a column that is required.
         """
-        return self._with_joints_turned(self._read(required, optional, together))
-
-    def _read(
-        self, required: Sequence[str], optional: Sequence[str], together: Sequence[str]
-    ) -> RawRows:
         if self.columns is None:
-            return self._by_contract(required, optional, together)
+            # Poses without times are numbered.
+            timed = self.key != "poses" or "time_s" in self.names
+            there = [name for name in required if name != "time_s" or timed]
+            raw = read_rows(self.path, there, optional, together)
+            if len(there) < len(required):
+                raw.columns["time_s"] = np.arange(float(len(raw.line)))
+        else:
+            raw = self._as_mapped(self.columns, required, optional, together)
+        return self._with_joints_turned(raw)
+
+    def _as_mapped(
+        self,
+        columns: FileColumns,
+        required: Sequence[str],
+        optional: Sequence[str],
+        together: Sequence[str],
+    ) -> RawRows:
         sources = self.sources
         filled = FILLED.get(self.key, ())
         needed = [*required, *(together if set(together) & set(sources) else ())]
@@ -177,13 +173,12 @@ class RawFile:
         if missing:
             raise self._unmapped(missing)
         wanted = {name for name in (*needed, *optional) if name in sources}
-        raw = self._own_rows(self.columns)
-        found = self._translated(raw, self.columns, wanted)
+        found = self._translated(self._own_rows(columns), columns, wanted)
         labels = {"pose", "repeat"} if self.key == "poses" else set()  # made of what is read
         for name in set(filled) & set(required) - set(sources) - labels:
-            counted = np.arange(len(found.line), dtype=np.float64)
-            value = {"load_N": 0.0 * counted, "repeat": 0.0 * counted + 1.0}.get(name, counted)
-            found.columns[name] = number_column(value)
+            counted = np.arange(float(len(found.line)))
+            made = {"load_N": 0.0 * counted, "repeat": 0.0 * counted + 1.0}
+            found.columns[name] = made.get(name, counted)
         return found
 
     def _with_joints_turned(self, raw: RawRows) -> RawRows:
@@ -198,39 +193,24 @@ class RawFile:
             for name, added in ((f"q{k + 1}_{unit}", offset), (f"tau{k + 1}_Nm", 0.0)):
                 if name not in columns:
                     continue
-                column = raw.numbers_of(name)
-                columns[name] = replace(column, values=sign * column.values + added)
+                columns[name] = sign * raw.columns[name] + added
                 was = own.get(name, OwnColumn(name, unit if name[0] == "q" else "Nm"))
                 own[name] = replace(was, factor=sign * was.factor, offset=sign * was.offset + added)
         return replace(raw, columns=columns, own=own)
-
-    def _by_contract(
-        self, required: Sequence[str], optional: Sequence[str], together: Sequence[str]
-    ) -> RawRows:
-        """Return rows under the contract's names; poses without times are numbered."""
-        there = [name for name in required if name != "time_s" or self._timed]
-        raw = read_rows(self.path, there, optional, together)
-        if len(there) < len(required):
-            raw.columns["time_s"] = number_column(np.arange(len(raw.line), dtype=np.float64))
-        return raw
-
-    @property
-    def _timed(self) -> bool:
-        return self.key != "poses" or "time_s" in column_names(self.path)
 
     def _own_rows(self, columns: FileColumns) -> RawRows:
         names = dict.fromkeys(
             each for source in self.sources.values() for each in source.name.split(", ")
         )
-        text = [getattr(columns, name) for name in ("pose", "ball") if getattr(columns, name)]
-        text += [columns.kind.names] if columns.kind else []
-        text += [columns.time.names] if columns.time and columns.time.format else []
+        text = [*(columns.pose or ()), *(columns.ball or ())]
+        text += columns.kind.names if columns.kind else ()
+        text += columns.time.names if columns.time and columns.time.format else ()
         layout = Layout(
             SEPARATORS.get(columns.separator, columns.separator),
             columns.decimal,
             columns.header,
             columns.first_row,
-            tuple(name for some in text for name in some),
+            tuple(text),
             f"correct columns.{self.key} in {DESCRIPTION_FILE}",
             own=True,
         )
@@ -242,30 +222,37 @@ class RawFile:
         if turned is not None:
             raw, values = numbers(raw, turned.names)
             off = no_rotation(values, turned)
-            raw = raw.take(~off, f"{', '.join(turned.names[:2])} …: no rotation", [""] * off.sum())
+            raw = raw.take(~off, f"{', '.join(turned.names[:2])} …: no rotation")
             raw = raw if turned.u is None else finite(raw, turned.u, may_be_blank=True)
-        made: dict[str, NumberColumn | NDArray[np.object_]] = {}
+        made: dict[str, NDArray[Any]] = {}
+        odd: dict[str, dict[int, str]] = {}
         for name in sorted(wanted - {*QUATERNION, *(f"u_{each}" for each in QUATERNION)}):
             source = self.sources[name]
             if name in TEXT:
                 made[name] = raw.text_of(source.name).astype(object)
             elif name == "time_s" and columns.time and columns.time.format:
-                made[name] = _clock(raw, columns.time, from_first=self.key == "poses")
+                seconds, text = _clock(raw, columns.time, from_first=self.key == "poses")
+                made[name], unread = seconds, np.flatnonzero(np.isnan(seconds))
+                odd[name] = {int(raw.line[k]): text[k] for k in unread}
             else:
-                made[name] = _linear(raw.numbers_of(source.name), source, name.startswith("u_"))
+                values = source.factor * raw.columns[source.name] + source.offset
+                # An uncertainty of 0 states nothing.
+                unstated = name.startswith("u_") & (values == 0.0)
+                made[name] = np.where(unstated, np.nan, values)
+                odd[name] = raw.odd[source.name]
         if columns.kind is not None and "kind" in made:
             words = columns.kind.words
             stated = raw.text_of(self.sources["kind"].name).tolist()
             made["kind"] = np.array([words.get(each, each) for each in stated], dtype=np.object_)
         if turned is not None:
             _, values = numbers(raw, turned.names)
-            made |= zip(QUATERNION, map(number_column, quaternions(values, turned).T), strict=True)
+            made |= zip(QUATERNION, quaternions(values, turned).T, strict=True)
             if turned.u is not None:
                 _, u = numbers(raw, turned.u, may_be_blank=True)
                 u = quaternion_uncertainty(values, np.where(u > 0.0, u, np.nan), turned)
                 u = np.maximum(u, LEAST_U)
-                made |= {f"u_{name}": number_column(u[:, k]) for k, name in enumerate(QUATERNION)}
-        return replace(raw, columns=made, own=self.sources)
+                made |= {f"u_{name}": u[:, k] for k, name in enumerate(QUATERNION)}
+        return replace(raw, columns=made, odd=odd, own=self.sources)
 
     def _check_counts(self, columns: FileColumns) -> None:
         """Refuse a list of names that is too long or too short for what it maps."""
@@ -308,8 +295,8 @@ class RawFile:
             )
 
     def _unmapped(self, missing: Sequence[str]) -> RawDataError:
-        keys = [key for name in missing for like, key in _KEYS.items() if re.fullmatch(like, name)]
-        key = next(iter(keys), missing[0])
+        keys = (rule.key for name in missing if (rule := rule_of(name)).key != name)
+        key = next(keys, missing[0])
         return RawDataError(
             f"nothing is mapped to {', '.join(missing)}",
             where=f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}",
@@ -324,88 +311,49 @@ def own_columns(
     columns: FileColumns, prismatic: NDArray[np.bool_]
 ) -> Iterator[tuple[str, OwnColumn]]:
     """Yield the columns of the contract, and what each is read from."""
-    if columns.time is not None:
-        time = columns.time
-        factor = 1.0 if time.format else TIMES[time.unit]
-        yield "time_s", OwnColumn(", ".join(time.names), "" if time.format else time.unit, factor)
+    if (time := columns.time) is not None:
+        unit = "" if time.format else time.unit
+        yield "time_s", OwnColumn(", ".join(time.names), unit, FACTORS[unit])
     for name in ("pose", "repeat", "ball", "touch"):
         if (one := getattr(columns, name)) is not None:
             yield name, OwnColumn(one[0])
     if columns.kind is not None:
         yield "kind", OwnColumn(columns.kind.names[0])
-    if columns.load is not None:
-        load = columns.load
-        yield "load_N", OwnColumn(load.names[0], load.unit, FORCES[load.unit])
-    if columns.temperature is not None:
-        yield "temperature_C", _temperature(columns.temperature.names[0], columns.temperature.unit)
-    if columns.joints is not None:
-        joints = columns.joints
-        for k, slides in enumerate(prismatic):
-            unit = joints.stroke_unit if slides else joints.unit
-            factor = LENGTHS[joints.stroke_unit] if slides else ANGLES[joints.unit]
-            name = f"q{k + 1}_{'mm' if slides else 'deg'}"
-            yield from _with_u(name, OwnColumn(joints.names[k], unit, factor), joints.u, k)
-    if columns.torques is not None:
-        torques = columns.torques
-        for k, name in enumerate(torques.names):
-            own = OwnColumn(name, torques.unit, TORQUES[torques.unit])
-            yield from _with_u(f"tau{k + 1}_Nm", own, torques.u, k)
-    if columns.position is not None:
-        yield from _position("", columns.position)
-    for target, position in columns.targets.items():
-        yield from _position(f"{target}_", position)
-    if columns.distance is not None:
-        distance = columns.distance
-        own = OwnColumn(distance.names[0], distance.unit, LENGTHS[distance.unit])
-        yield from _with_u("d_mm", own, distance.u, 0)
-    if columns.rotation is not None:
+    torques = () if columns.torques is None else columns.torques.names
+    joints = enumerate(prismatic, start=1)
+    places = {"": columns.position} | {f"{name}_": at for name, at in columns.targets.items()}
+    mapped: list[tuple[Any, Sequence[str]]] = [
+        (columns.load, ["load_N"]),
+        (columns.temperature, ["temperature_C"]),
+        (columns.joints, [f"q{k}_{'mm' if slides else 'deg'}" for k, slides in joints]),
+        (columns.torques, [f"tau{k}_Nm" for k in range(1, len(torques) + 1)]),
+        *((at, [f"{before}{axis}_mm" for axis in "xyz"]) for before, at in places.items()),
+        (columns.distance, ["d_mm"]),
+    ]
+    for section, ours in mapped:
+        for k, name in enumerate(ours if section is not None else ()):
+            stroke = section is columns.joints and name.endswith("_mm")
+            unit = section.stroke_unit if stroke else section.unit
+            own = OwnColumn(section.names[k], unit, FACTORS[unit], OFFSETS.get(unit, 0.0))
+            yield name, own
+            if (u := getattr(section, "u", None)) is not None:
+                yield f"u_{name}", replace(own, name=u[k])
+    if (turned := columns.rotation) is not None:
         for name in QUATERNION:
-            yield name, OwnColumn(", ".join(columns.rotation.names))
-            if columns.rotation.u is not None:
-                yield f"u_{name}", OwnColumn(", ".join(columns.rotation.u))
+            yield name, OwnColumn(", ".join(turned.names))
+            if turned.u is not None:
+                yield f"u_{name}", OwnColumn(", ".join(turned.u))
 
 
-def _position(before: str, position: Position) -> Iterator[tuple[str, OwnColumn]]:
-    for k, axis in enumerate("xyz"):
-        own = OwnColumn(position.names[k], position.unit, LENGTHS[position.unit])
-        yield from _with_u(f"{before}{axis}_mm", own, position.u, k)
-
-
-def _with_u(
-    name: str, own: OwnColumn, u: Sequence[str] | None, k: int
-) -> Iterator[tuple[str, OwnColumn]]:
-    yield name, own
-    if u is not None:
-        yield f"u_{name}", replace(own, name=u[k])
-
-
-def _temperature(name: str, unit: str) -> OwnColumn:
-    if unit == "K":
-        return OwnColumn(name, unit, 1.0, -273.15)
-    if unit == "F":
-        return OwnColumn(name, unit, 5.0 / 9.0, -160.0 / 9.0)
-    return OwnColumn(name, unit)
-
-
-def _linear(column: NumberColumn, own: OwnColumn, uncertainty: bool) -> NumberColumn:
-    """Return a column in the contract's unit; an uncertainty of 0 states nothing."""
-    values = own.factor * column.values + own.offset
-    values = np.where(values == 0.0, np.nan, values) if uncertainty else values
-    return NumberColumn(values, column.odd, column.text)
-
-
-def _clock(raw: RawRows, time: Time, *, from_first: bool) -> NumberColumn:
-    """Return seconds since 1970, or since the first row, of dates and times of day."""
+def _clock(raw: RawRows, time: Time, *, from_first: bool) -> tuple[Array, list[str]]:
+    """Return seconds since 1970, or since the first row, of dates and times, and these."""
     parts = [raw.text_of(name) for name in time.names]
-    text = pd.Series([" ".join(words) for words in zip(*parts, strict=True)], dtype=object)
-    how = "ISO8601" if time.format == ISO else time.format
-    moments = pd.to_datetime(text, format=how, errors="coerce", utc=True)
-    since = (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
+    text = [" ".join(words) for words in zip(*parts, strict=True)]
+    since = (moments_of(text, time.format or ISO) - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
     seconds: Array = np.array(since, dtype=np.float64)
-    odd = np.flatnonzero(np.isnan(seconds))
-    if from_first and len(odd) < len(seconds):
+    if from_first and not np.isnan(seconds).all():
         seconds -= np.nanmin(seconds)
-    return NumberColumn(seconds, odd, text.to_numpy(dtype=object)[odd])
+    return seconds, text
 
 
 # Attitudes in a user's own convention to quaternions, with their uncertainties.
@@ -427,8 +375,15 @@ def quaternions(values: Array, columns: RotationColumns) -> Array:
     if word.startswith("quaternion"):
         found = values if word.endswith("wxyz") else values[:, [3, 0, 1, 2]]
         return np.where([True, *3 * [not columns.inverse]], found, -found)
-    degrees = values * ANGLES[columns.unit] if word not in ("matrix",) else values
-    rotation = _read(degrees, word)
+    degrees = values * ANGLES[columns.unit]
+    if word == "matrix":
+        rotation = Rotation.from_matrix(values.reshape(-1, 3, 3))
+    elif word == "rotation_vector":
+        rotation = Rotation.from_rotvec(degrees, degrees=True)
+    else:
+        # Capitals turn along, as SciPy has it too.
+        sequence = "xyz" if word == "rpy" else word.rpartition("_")[2]
+        rotation = Rotation.from_euler(sequence, degrees, degrees=True)
     rotation = rotation.inv() if columns.inverse else rotation
     return np.asarray(rotation.as_quat(canonical=True, scalar_first=True))
 
@@ -454,24 +409,10 @@ def quaternion_uncertainty(values: Array, u: Array, columns: RotationColumns) ->
     """
     square = np.zeros((len(values), 4))
     for k in range(values.shape[1]):
-        square += (_derivative(lambda x: quaternions(x, columns), values, k) * u[:, [k]]) ** 2
+        step = np.zeros(values.shape[1])
+        step[k] = _STEP
+        ahead, behind = quaternions(values + step, columns), quaternions(values - step, columns)
+        # A quaternion and its negative are one rotation.
+        same = np.where(np.sum(ahead * behind, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+        square += ((ahead - same * behind) / (2.0 * _STEP) * u[:, [k]]) ** 2
     return np.sqrt(square)
-
-
-def _derivative(of: Callable[[Array], Array], values: Array, k: int) -> Array:
-    step = np.zeros(values.shape[1])
-    step[k] = _STEP
-    ahead, behind = of(values + step), of(values - step)
-    # A quaternion and its negative are one rotation.
-    same = np.where(np.sum(ahead * behind, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
-    return np.asarray((ahead - same * behind) / (2.0 * _STEP))
-
-
-def _read(values: Array, word: str) -> Rotation:
-    if word == "matrix":
-        return Rotation.from_matrix(values.reshape(-1, 3, 3))
-    if word == "rotation_vector":
-        return Rotation.from_rotvec(values, degrees=True)
-    sequence = "xyz" if word == "rpy" else word.rpartition("_")[2]
-    # Capitals turn along, as SciPy has it too.
-    return Rotation.from_euler(sequence, values, degrees=True)

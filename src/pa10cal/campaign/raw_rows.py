@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,7 +176,7 @@ class Exclusions:
             struck = raw.text_of("pose") == found["label"]
             for name, number in (("load_N", found["load"]), ("repeat", found["repeat"])):
                 if number is not None:
-                    struck &= raw.numbers_of(name).values == float(number)
+                    struck &= raw.columns[name] == float(number)
             if struck.any():
                 self.met.add(k)
             raw = self._without(raw, struck, why)
@@ -192,47 +193,12 @@ class Exclusions:
         return raw
 
     def _without(self, raw: RawRows, struck: NDArray[np.bool_], why: str) -> RawRows:
-        poses = raw.text_of("pose")[struck] if "pose" in raw.columns else [""] * int(struck.sum())
-        return raw.take(~struck, f"{EXCLUDED}: {why}", list(poses))
+        poses = raw.text_of("pose")[struck] if "pose" in raw.columns else None
+        return raw.take(~struck, f"{EXCLUDED}: {why}", poses)
 
 
 #: Columns of text; all others hold numbers.
 TEXT = ("id", "kind", "pose", "ball")
-
-
-@dataclass(frozen=True)
-class NumberColumn:
-    """A column of numbers, and the text of the fields that hold none."""
-
-    values: Array  # (N,) numbers, nan where there is none
-    odd: NDArray[np.intp]  # (m,) rows whose field is no finite number, ascending
-    text: NDArray[np.object_]  # (m,) what stands there
-
-    def take(self, keep: NDArray[np.bool_]) -> NumberColumn:
-        """Return some of the rows."""
-        stays = keep[self.odd]
-        odd = np.cumsum(keep)[self.odd[stays]] - 1
-        return NumberColumn(self.values[keep], odd, self.text[stays])
-
-    def at(self, rows: NDArray[np.intp]) -> NumberColumn:
-        """Return the column at rows, in their order."""
-        text = dict(zip(self.odd.tolist(), self.text, strict=True))
-        odd = np.flatnonzero(np.isin(rows, self.odd))
-        return NumberColumn(
-            self.values[rows], odd, np.array([text[int(rows[k])] for k in odd], dtype=object)
-        )
-
-    def as_text(self, row: int) -> str:
-        """Return what stands in a row."""
-        at = int(np.searchsorted(self.odd, row))
-        if at < len(self.odd) and self.odd[at] == row:
-            return repr(str(self.text[at]))
-        return f"{self.values[row]:.10g}"
-
-
-def number_column(values: Array) -> NumberColumn:
-    """Return a column of numbers that were calculated."""
-    return NumberColumn(values, np.zeros(0, dtype=np.intp), np.zeros(0, dtype=object))
 
 
 @dataclass(frozen=True)
@@ -251,12 +217,14 @@ class RawRows:
     """Rows of one CSV file: numbers where a column holds them, else text."""
 
     file: str  # name of the file
-    # the columns requested, those of `TEXT` as (N,) text
-    columns: dict[str, NumberColumn | NDArray[np.object_]]
+    # (N,) the columns requested: numbers, nan where a field holds none; those of `TEXT` as text
+    columns: dict[str, NDArray[Any]]
     line: NDArray[np.int64]  # (N,) physical line of every row, the header being line 1
     total: int  # rows in the file, quarantined ones included
     unused: tuple[str, ...]  # columns that were not requested
     quarantined: tuple[Quarantined, ...]  # rows that are not used
+    # what stands where a column of numbers holds no finite one, by its name and the line
+    odd: dict[str, dict[int, str]] = field(default_factory=dict)
     # the file's own columns, by the contract's names; empty where it has those
     own: dict[str, OwnColumn] = field(default_factory=dict)
 
@@ -266,57 +234,33 @@ class RawRows:
 
     def shown(self, name: str, row: int) -> str:
         """Return a column's name and what stands in a row, as the file has both."""
-        text = self.numbers_of(name).as_text(row)
+        value, odd = float(self.columns[name][row]), self.odd.get(name, {})
+        line = int(self.line[row])
+        text = repr(odd[line]) if line in odd else f"{value:.10g}"
         if name not in self.own:
             return f"{name} = {text}"
-        own, value = self.own[name], float(self.numbers_of(name).values[row])
+        own = self.own[name]
         if not np.isfinite(value) or (own.factor, own.offset) == (1.0, 0.0):
             return f"{own.name} = {text}"
         return f"{own.name} = {(value - own.offset) / own.factor:.10g} {own.unit} ({name} = {text})"
 
-    def take(self, keep: NDArray[np.bool_], reason: str, values: Sequence[object]) -> RawRows:
+    def take(
+        self, keep: NDArray[np.bool_], reason: str, values: Iterable[object] | None = None
+    ) -> RawRows:
         """Keep some rows; quarantine the others with a reason and (for each of them) a value."""
         if keep.all():
             return self
-        return replace(
-            self,
-            columns={
-                name: column.take(keep) if isinstance(column, NumberColumn) else column[keep]
-                for name, column in self.columns.items()
-            },
-            line=self.line[keep],
-            quarantined=(
-                *self.quarantined,
-                *quarantined(self.file, self.line[~keep], reason, values),
-            ),
-        )
+        lost = quarantined(self.file, self.line[~keep], reason, values)
+        return replace(self.at(np.flatnonzero(keep)), quarantined=(*self.quarantined, *lost))
 
-    def reordered(self, order: NDArray[np.intp]) -> RawRows:
-        """Return the rows in another order."""
-        return replace(
-            self,
-            columns={
-                name: column.at(order) if isinstance(column, NumberColumn) else column[order]
-                for name, column in self.columns.items()
-            },
-            line=self.line[order],
-        )
-
-    def numbers_of(self, name: str) -> NumberColumn:
-        """Return a column of numbers."""
-        column = self.columns[name]
-        assert isinstance(column, NumberColumn)
-        return column
+    def at(self, rows: NDArray[np.intp]) -> RawRows:
+        """Return rows in the order given."""
+        columns = {name: column[rows] for name, column in self.columns.items()}
+        return replace(self, columns=columns, line=self.line[rows])
 
     def text_of(self, name: str) -> NDArray[np.str_]:
         """Return a column of text."""
-        column = self.columns[name]
-        assert not isinstance(column, NumberColumn)
-        return column.astype(str)
-
-    def without_columns(self) -> RawRows:
-        """Return what is to be known of the file once its columns were read."""
-        return replace(self, columns={})
+        return self.columns[name].astype(str)
 
 
 def numbers(
@@ -335,7 +279,7 @@ def numbers(
     raw = finite(raw, names, may_be_blank=may_be_blank)
     parsed = np.empty((len(raw.line), len(names)))
     for k, name in enumerate(names):
-        parsed[:, k] = raw.numbers_of(name).values
+        parsed[:, k] = raw.columns[name]
     return raw, parsed
 
 
@@ -345,25 +289,14 @@ _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+")
 
 def finite(raw: RawRows, names: Sequence[str], *, may_be_blank: bool = False) -> RawRows:
     """Quarantine the rows in which a column holds no finite number; see `numbers`."""
-    columns = [raw.numbers_of(name) for name in names]
     wrong: dict[int, str] = {}
-    for name, column in zip(names, columns, strict=True):
-        for row, text in zip(column.odd, column.text, strict=True):
+    for name in names:
+        for line, text in raw.odd.get(name, {}).items():
             if text != "" or not may_be_blank:
-                comma = COMMA if _DECIMAL_COMMA.fullmatch(str(text)) else ""
-                wrong.setdefault(int(row), f"{raw.name_of(name)} = {text!r}{comma}")
-    keep = np.ones(len(raw.line), dtype=bool)
-    keep[list(wrong)] = False
-    return raw.take(keep, "not a finite number", [wrong[row] for row in sorted(wrong)])
-
-
-def whole_numbers(raw: RawRows, name: str) -> tuple[RawRows, NDArray[np.int64]]:
-    """Read a column as whole numbers; other rows are quarantined."""
-    raw, found = numbers(raw, [name])
-    column = found[:, 0]
-    keep = column == np.round(column)
-    values = [f"{raw.name_of(name)} = {value:g}" for value in column[~keep]]
-    return raw.take(keep, "not a whole number", values), column[keep].astype(np.int64)
+                comma = COMMA if _DECIMAL_COMMA.fullmatch(text) else ""
+                wrong.setdefault(line, f"{raw.name_of(name)} = {text!r}{comma}")
+    keep = ~np.isin(raw.line, list(wrong))
+    return raw.take(keep, "not a finite number", [wrong[line] for line in raw.line[~keep].tolist()])
 
 
 def choices(raw: RawRows, name: str, allowed: Sequence[str]) -> RawRows:

@@ -10,8 +10,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Index
@@ -27,7 +25,7 @@ from pa10cal.campaign.description import (
 )
 from pa10cal.campaign.labels import EXCHANGED, NOT_RIGID
 from pa10cal.campaign.raw_rows import Ingested, Quarantined
-from pa10cal.campaign.rows import same_commands
+from pa10cal.campaign.rows import groups_joined, same_commands
 from pa10cal.campaign.screens import OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
@@ -214,10 +212,9 @@ def places_of(every: Observations, prismatic: NDArray[np.bool_], tolerance: floa
     q = every.states.q_rad
     by_joints = same_commands(np.where(prismatic, 1e3 * q, np.degrees(q)), tolerance)
     by_label = pd.factorize(pd.Series(every.pose))[0]
-    ones, labels = np.ones(len(every), dtype=np.int8), int(by_label.max(initial=-1)) + 1
-    size = labels + int(by_joints.max(initial=-1)) + 1
-    graph = coo_array((ones, (by_label, labels + by_joints)), shape=(size, size))
-    return np.asarray(connected_components(graph, directed=False)[1][by_label], dtype=np.intp)
+    labels = int(by_label.max(initial=-1)) + 1
+    count = labels + int(by_joints.max(initial=-1)) + 1
+    return groups_joined(by_label, labels + by_joints, count)[by_label]
 
 
 def _on_both_sides(every: Observations, places: Index) -> tuple[str, ...]:
@@ -347,20 +344,14 @@ def wrong_rows(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:
         where = f"{row.file}: {row.place or f'line {row.line}'}"
         if exchanged:
             labels = row.reason.removeprefix(EXCHANGED).removeprefix(": ") or row.value
-            finding = InputFinding(
-                kind="target_label",
-                where=where,
-                what=f"the labels of {labels} seem exchanged there; its rows are quarantined",
-                remedy="correct the labels of this configuration",
-                would_leave_mm=None,
-            )
+            kind, what = "target_label", f"the labels of {labels} seem exchanged there"
+            remedy = "correct the labels of this configuration"
         else:
-            finding = InputFinding(
-                kind="outlier",
-                where=where,
-                what=f"{row.reason}; its rows are quarantined",
-                remedy="look at the raw reading, and measure it again or leave it out",
-                would_leave_mm=None,
-            )
-        found.setdefault((where, finding.kind), finding)
+            kind, what = "outlier", row.reason
+            remedy = "look at the raw reading, and measure it again or leave it out"
+        what += "; its rows are quarantined"
+        finding = InputFinding(
+            kind=kind, where=where, what=what, remedy=remedy, would_leave_mm=None
+        )
+        found.setdefault((where, kind), finding)
     return tuple(found.values())

@@ -206,32 +206,21 @@ def roles_of(names: Sequence[str], joints: int | None) -> Roles:
     times = tuple(
         name
         for name in free
-        if _has(words[name], _SINGLE["time"]) and name not in {*single.values()} - {_time(single)}
+        if _has(words[name], _SINGLE["time"])
+        and name not in {found for key, found in single.items() if key != "time"}
     )
     return Roles(turns, torques, positions, attitude, of, single, times)
-
-
-def _time(single: Mapping[str, str]) -> str:
-    return single.get("time", "")
 
 
 def _single(names: Sequence[str], words: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, str]]:
     """Yield columns that stand alone, by the key of `columns`; whole words before parts of one."""
     taken: set[str] = set()
     for key, vocabulary in _SINGLE.items():
-        known = vocabulary.split()
         free = [name for name in names if name not in taken]
         found = next((name for name in free if _has(words[name], vocabulary)), None)
         if found is None and key in ("time", "temperature", "load", "distance"):
-            long = [word for word in known if len(word) > 3]
-            found = next(
-                (
-                    name
-                    for name in free
-                    if any(part in word for word in words[name] for part in long)
-                ),
-                None,
-            )
+            part = re.compile("|".join(word for word in vocabulary.split() if len(word) > 3))
+            found = next((name for name in free if any(map(part.search, words[name]))), None)
         if found is not None:
             taken.add(found)
             yield key, found
@@ -407,11 +396,9 @@ def format_of(words: Sequence[str]) -> tuple[str | None, tuple[str, ...]]:
     Where day and month may be exchanged, that in which the times lie closest together is taken.
     None where no format fits.
     """
-    some = pd.Series(list(words[:JUDGED]))
     fits: dict[str, float] = {}
-    for how in _formats(str(some.iloc[0])):
-        form = "ISO8601" if how == ISO else how
-        moments = pd.to_datetime(some, format=form, errors="coerce", utc=True)
+    for how in _formats(words[0]):
+        moments = moments_of(words[:JUDGED], how)
         if moments.notna().mean() > 0.9:
             fits[how] = float((moments.max() - moments.min()).total_seconds())
     if not fits:
@@ -426,17 +413,28 @@ def format_of(words: Sequence[str]) -> tuple[str | None, tuple[str, ...]]:
     return best, tuple(order)
 
 
+def moments_of(words: Sequence[str], how: str) -> pd.Series[pd.Timestamp]:
+    """Return dates and times read in a format of `time.format`; NaT of those that are none."""
+    form = "ISO8601" if how == ISO else how
+    some = pd.Series(list(words), dtype=object)
+    return pd.to_datetime(some, format=form, errors="coerce", utc=True)
+
+
 def _formats(word: str) -> Iterator[str]:
     """Yield the formats that a date or time may have: those that read its first row."""
     every = itertools.chain(
         (ISO, "%Y%m%d%H%M%S", "%Y%m%d_%H%M%S", "%Y%m%dT%H%M%S"),
-        (
-            f"{date}{between}{clock}{zone}"
-            for date, between, clock, zone in itertools.product(_DATES, _BETWEEN, _CLOCKS, _ZONES)
-        ),
+        map("".join, itertools.product(_DATES, _BETWEEN, _CLOCKS, _ZONES)),
         _CLOCKS,
     )
+    shape = _shape(word)
     for how in dict.fromkeys(every):
-        form = "ISO8601" if how == ISO else how
-        if not pd.isna(pd.to_datetime(word, format=form, errors="coerce", utc=True)):
+        # To compare shapes is quicker than to read.
+        if (how == ISO or _shape(how) == shape) and moments_of([word], how).notna().all():
             yield how
+
+
+def _shape(moment: str) -> str:
+    """Return what stands between the numbers of a date or time, or of its format."""
+    bare = re.sub(r"\s*([-+]\d\d:?\d\d(:?\d\d(\.\d+)?)?|Z|%Z)$", "", moment.strip().upper())
+    return re.sub(r"\s+", " ", re.sub(r"(%[A-OQ-Z]|\d)+", "0", re.sub("%P|[AP]M", "AM", bare)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,13 +20,11 @@ from pa10cal.campaign.bounds import Bounds, within_bounds
 from pa10cal.campaign.raw_file import PoseFile, RawFile
 from pa10cal.campaign.raw_rows import (
     Exclusions,
-    NumberColumn,
     Quarantined,
     RawRows,
     choices,
     finite,
     numbers,
-    whole_numbers,
 )
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import KINDS, JointLog, Observations
@@ -148,12 +146,10 @@ def read_samples(file: RawFile, bounds: Bounds) -> tuple[Samples, FileRead]:
     """
     joints = bounds.arm.n
     q = [f"q{j}_deg" for j in range(1, joints + 1)]
-    tau = [f"tau{j}_Nm" for j in range(1, joints + 1)]
-    raw = file.read(["time_s", *q, *tau, "temperature_C"])
-    raw = finite(raw, ["time_s", *q, *tau, "temperature_C"])
-    raw = within_bounds(raw, ["time_s", *q, *tau, "temperature_C"], bounds)
-    _, table = numbers(raw, ["time_s", *q, *tau, "temperature_C"])
-    raw, time_s = raw.without_columns(), table[:, 0]
+    names = ["time_s", *q, *(f"tau{j}_Nm" for j in range(1, joints + 1)), "temperature_C"]
+    raw = within_bounds(finite(file.read(names), names), names, bounds)
+    _, table = numbers(raw, names)
+    raw, time_s = replace(raw, columns={}), table[:, 0]
     order = np.argsort(time_s, kind="stable")
     first = np.ones(len(time_s), dtype=bool)
     first[order[1:]] = np.diff(time_s[order]) > 0.0
@@ -217,10 +213,17 @@ def read_pose_rows(
     given = [name for name in optional if name in raw.columns]
     raw = finite(raw, given, may_be_blank=True)
     raw = within_bounds(raw, ["time_s", *q, *logged, *lengths, *given], bounds)
-    raw = _with_labels(_usable(raw, instrument, measured, file), q, same_deg)
+    _, values = numbers(raw, measured.names, may_be_blank=measured.may_be_blank)
+    remaining = np.ones(len(raw.line), dtype=bool)
+    for off in instrument.unusable(measured, values):
+        shown = list(map(file.in_own_words, off.values))
+        raw = raw.take(~off.rows[remaining], off.reason, shown)
+        remaining &= ~off.rows
+    raw = _with_labels(raw, q, same_deg)
     raw = exclusions.labels(raw)
     raw, labelled = _labelled(raw, bounds)
-    given += [*logged, *q, *lengths]
+    arrivals = [f"arrival{joint}" for joint in range(1, len(q) + 1)]
+    given += [*logged, *q, *lengths, *(name for name in arrivals if name in raw.columns)]
     columns = dict(zip(given, numbers(raw, given, may_be_blank=True)[1].T, strict=True))
     unknown = np.full(len(raw.line), np.nan)
 
@@ -234,7 +237,7 @@ def read_pose_rows(
     states = PoseStates(
         q_rad=in_radians(read(q), prismatic),
         tau_Nm=read(tau),
-        arrival=_arrivals(raw, len(q)),
+        arrival=np.nan_to_num(read(arrivals)),  # 0 where the file says nothing of it
         load_N=labelled["load_N"],
         temperature_C=read(["temperature_C"])[:, 0],
         time_s=labelled["time_s"],
@@ -268,28 +271,6 @@ def in_radians(q: Array, prismatic: NDArray[np.bool_]) -> Array:
     return np.asarray(np.where(prismatic, 1e-3 * q, np.radians(q)))
 
 
-def _arrivals(raw: RawRows, joints: int) -> Array:
-    """Return the sign of each joint's last motion (N, n); 0 where the file says nothing of it."""
-    names = [f"arrival{joint}" for joint in range(1, joints + 1)]
-    if names[0] not in raw.columns:
-        return np.zeros((len(raw.line), joints))
-    return np.column_stack([raw.numbers_of(name).values for name in names])
-
-
-def _usable(
-    raw: RawRows, instrument: type[Instrument], measured: RawColumns, file: PoseFile
-) -> RawRows:
-    """Quarantine rows that are no measurement of the instrument."""
-    _, values = numbers(raw, measured.names, may_be_blank=measured.may_be_blank)
-    remaining = np.ones(len(raw.line), dtype=bool)
-    for found in instrument.unusable(measured, values):
-        raw = raw.take(
-            ~found.rows[remaining], found.reason, list(map(file.in_own_words, found.values))
-        )
-        remaining &= ~found.rows
-    return raw
-
-
 def _with_labels(raw: RawRows, q: Sequence[str], same_deg: float) -> RawRows:
     """Label rows whose own file does not: equal joint positions are one pose, its repeats counted.
 
@@ -306,10 +287,8 @@ def _with_labels(raw: RawRows, q: Sequence[str], same_deg: float) -> RawRows:
     if "repeat" not in raw.columns:
         keys = pd.DataFrame({"pose": raw.text_of("pose"), "load": table[:, 1]}).iloc[order]
         counted = keys.groupby(["pose", "load"], sort=False).cumcount().to_numpy() + 1.0
-        repeat = np.empty(len(order))
-        repeat[order] = counted
-        nothing = np.zeros(0, dtype=np.intp)
-        raw.columns["repeat"] = NumberColumn(repeat, nothing, nothing.astype(object))
+        raw.columns["repeat"] = np.empty(len(order))
+        raw.columns["repeat"][order] = counted
     return raw
 
 
@@ -318,7 +297,7 @@ def _labelled(raw: RawRows, bounds: Bounds) -> tuple[RawRows, dict[str, Any]]:
     raw = within_bounds(raw, ["load_N"], bounds)
     raw, repeat = _whole(raw, "repeat", bounds)
     named = raw.text_of("pose") != ""
-    raw = raw.take(named, "the pose has no label", [""] * int((~named).sum()))
+    raw = raw.take(named, "the pose has no label")
     _, table = numbers(raw, ["time_s", "load_N"])
     kind, pose = raw.text_of("kind"), raw.text_of("pose")
     return raw, {
@@ -333,8 +312,11 @@ def _labelled(raw: RawRows, bounds: Bounds) -> tuple[RawRows, dict[str, Any]]:
 
 def _whole(raw: RawRows, name: str, bounds: Bounds) -> tuple[RawRows, NDArray[np.int64]]:
     """Read a column as whole numbers within its bounds."""
-    raw = finite(raw, [name])
-    return whole_numbers(within_bounds(raw, [name], bounds), name)
+    raw = within_bounds(finite(raw, [name]), [name], bounds)
+    column = raw.columns[name]
+    keep = column == np.round(column)
+    values = [f"{raw.name_of(name)} = {value:g}" for value in column[~keep]]
+    return raw.take(keep, "not a whole number", values), column[keep].astype(np.int64)
 
 
 def _in_time(rows: _T, raw: RawRows) -> tuple[_T, FileRead]:
@@ -387,10 +369,13 @@ def same_commands(q: Array, tolerance: float) -> NDArray[np.intp]:
 
 def _joined(q: Array, tolerance: float) -> NDArray[np.intp]:
     """Number the groups of positions (N, n) that neighbours join."""
-    count = len(q)
     pairs = cKDTree(q).query_pairs(tolerance, p=np.inf, output_type="ndarray")
-    ones = np.ones(len(pairs), dtype=np.int8)
-    graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return groups_joined(pairs[:, 0], pairs[:, 1], len(q))
+
+
+def groups_joined(one: Index, other: Index, count: int) -> Index:
+    """Return the number of each of so many things' group, where each of one is joined to other."""
+    graph = coo_array((np.ones(len(one), dtype=np.int8), (one, other)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.errors import CalibrationError, RawDataError
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
 
 #: Times [s], and joint positions or places at them.
@@ -124,6 +125,14 @@ def robust_misfit(fit: Fit, rows: int) -> Misfit | None:
     except CalibrationError:
         return None
     return misfit
+
+
+def misfit_of(measured: Instrument, T_base_ee: Array) -> Misfit | None:
+    """Return how far readings are from the nominal end (P, 4, 4), however placed; see above."""
+    count = len(T_base_ee)
+    if count < measured.least_rows:
+        return None
+    return robust_misfit(lambda used, weights: measured.misfit(T_base_ee, used, weights), count)
 
 
 def off_model(misfit: Misfit, held_out: Mask | None = None) -> Mask:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -74,11 +74,19 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
     table = read_pose_table(path, description.name)
     columns = {str(name): table[name].to_numpy() for name in table}
     if not description.campaigns:
-        return _of_campaign(columns, description, read_base_motion(path))
+        base = BaseTargets.from_columns(columns, read_base_motion(path))
+        return _observations(columns, description, base)
     each, rows = [], []
     for campaign in description.campaigns:
         here = np.flatnonzero(columns[_CAMPAIGN] == campaign.name)
-        each.append(_observations(_own_columns(columns, here), campaign))
+        every = {name: values[here] for name, values in columns.items()}
+        # Without the columns of other instruments.
+        own = {
+            name: values
+            for name, values in every.items()
+            if not (name.startswith(_MEASURED) and np.isnan(values.astype(float)).all())
+        }
+        each.append(_observations(own, campaign))
         rows.append(here)
     known = json.loads((pq.read_schema(path).metadata or {}).get(b"targets", b"{}"))
     targets = {name: np.array(R) for name, R in known.items()}
@@ -100,29 +108,7 @@ def as_in_table(
     """
     columns = {name: np.asarray(values) for name, values in _columns(every, prismatic).items()}
     found = None if every.base is None else every.base.found
-    return _of_campaign(columns, description, found)
-
-
-def _of_campaign(
-    columns: Mapping[str, NDArray[Any]],
-    description: CampaignDescription,
-    found: MotionFound | None,
-) -> Observations:
-    """Return the readings of one campaign from columns, and the targets on its base."""
-    base = BaseTargets.from_columns(columns, found)
-    return replace(_observations(columns, description), base=base)
-
-
-def _own_columns(
-    columns: Mapping[str, NDArray[Any]], rows: NDArray[np.intp]
-) -> dict[str, NDArray[Any]]:
-    """Return the columns of one campaign of a group, without those of other instruments."""
-    own = {name: values[rows] for name, values in columns.items()}
-    return {
-        name: values
-        for name, values in own.items()
-        if not (name.startswith(_MEASURED) and np.isnan(values.astype(float)).all())
-    }
+    return _observations(columns, description, BaseTargets.from_columns(columns, found))
 
 
 def read_base_motion(path: Path) -> MotionFound | None:
@@ -171,8 +157,11 @@ def read_pose_table(path: Path, campaign: str | None = None) -> pd.DataFrame:
 
 
 def _observations(
-    columns: Mapping[str, NDArray[Any]], description: CampaignDescription
+    columns: Mapping[str, NDArray[Any]],
+    description: CampaignDescription,
+    base: BaseTargets | None = None,
 ) -> Observations:
+    """Return the readings of one campaign from columns."""
     n = sum(name.startswith("tau") and name.endswith("_u_Nm") for name in columns)
     prismatic = np.array([f"q{joint}_m" in columns for joint in range(1, n + 1)])
 
@@ -200,6 +189,7 @@ def _observations(
             stacked(_joint_columns("tau", n, "_u_Nm")),
             columns["dwell_samples"].astype(np.int64),
         ),
+        base=base,
     )
 
 

@@ -9,9 +9,8 @@ import io
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, NamedTuple, cast
 
 import pandas as pd
 
@@ -28,7 +27,6 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-UTF8 = ("utf-8", "utf-8-sig")
 #: Encodings of one byte a letter, the commonest first: Windows, DOS, old Macintosh.
 _ONE_BYTE = ("cp1252", "cp850", "mac_roman")
 #: What such files hold besides ASCII: units, letters of German, French and Spanish.
@@ -37,8 +35,7 @@ _USUAL = frozenset("°µ²³±ΔäöüÄÖÜßàâçèéêëîïôùûÀÇÈÉÊ
 _ARCHIVE, _OLE = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """A line that is not blank."""
 
     number: int  # from 1

@@ -11,6 +11,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
+from pa10cal.campaign import screens
 from pa10cal.campaign.balls import (
     LEAST_TOUCHES,
     LocatedBalls,
@@ -33,14 +34,6 @@ from pa10cal.campaign.labels import EXCHANGED, exchange_text, exchanged, misfit_
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import Ingested, Quarantined, quarantined, refuse_too_many
 from pa10cal.campaign.rows import Samples, Touches, read_samples, read_touches
-from pa10cal.campaign.screens import (
-    OFF_MODEL,
-    OTHER_COMMAND,
-    count_warnings,
-    off_command,
-    off_model,
-    refuse_wrong_angle_unit,
-)
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.observe.quantities import Misfit
@@ -88,7 +81,15 @@ def read_touched(
     totals = {read.file: read.total for read in reads}
     listed = [*cmm_read.quarantined, *resolver_read.quarantined]
     refuse_too_many(listed, totals, settings.max_quarantined_fraction)
-    _check_angle_unit(campaign, arm, touches, samples, str(resolver))
+    # The joints' motion beside that of one ball's touches.
+    one = touches.ball == np.bincount(touches.ball).argmax()
+    screens.refuse_wrong_angle_unit(
+        (samples.time_s, samples.q_deg),
+        (touches.time_s[one], touches.p_instr_mm[one]),
+        arm,
+        float(np.linalg.norm(campaign.p_ee_balls_mm, axis=1).max()),
+        f"{resolver}: q1_deg … q{arm.n}_deg",
+    )
 
     dwells = find_dwells(samples, settings.still_speed_deg_s)
     touched = dwells.at(touches.time_s)
@@ -109,9 +110,9 @@ def read_touched(
     balls = locate_balls(touches.p_instr_mm[groups.row], groups.valid, tool, str(cmm))
     readings = dwell_readings(samples, dwells)
     dwell = dwell[groups.first]
-    off = off_command(touches.pose[groups.first], readings.q_rad[dwell], arm.prismatic)
+    off = screens.off_command(touches.pose[groups.first], readings.q_rad[dwell], arm.prismatic)
     late = (balls.reason == "") & off
-    reason = np.where(late, OTHER_COMMAND, balls.reason)
+    reason = np.where(late, screens.OTHER_COMMAND, balls.reason)
     T_base_ee = Chain.of(arm).forward(readings.q_rad[dwell])
     held_out = touches.kind[groups.first] == "holdout"
     reason = _off_the_arm(reason, balls, T_base_ee, held_out, tool)
@@ -121,27 +122,17 @@ def read_touched(
     good = np.flatnonzero(reason == "")
     poses = _assemble(tool, touches, groups, balls, readings, dwell, good)
     idle, idle_notes = _idle_samples(samples, dwells, touched, dwell[good], resolver.name)
-    notes = [note for read in reads for note in read.notes] + _scatter_notes(balls) + idle_notes
+    notes = [note for read in reads for note in read.notes]
+    if balls.pooled_sigma_mm > SCATTER_NOTE * balls.touch_sigma_mm:
+        notes.append(
+            f"touches scatter by {balls.pooled_sigma_mm:.4f} mm where the stated uncertainty "
+            f"implies {balls.touch_sigma_mm:.4f} mm"
+        )
     warnings = (
-        *count_warnings(campaign.configurations, logged, cmm.name),
+        *screens.count_warnings(campaign.configurations, logged, cmm.name),
         *_cut_touches(dwells, touched, cmm.name),
     )
-    return Ingested(poses, (*listed, *idle), tuple(notes), warnings)
-
-
-def _check_angle_unit(
-    campaign: CampaignDescription, arm: Arm, touches: Touches, samples: Samples, where: str
-) -> None:
-    """Compare the joints' motion with that of one ball's touches."""
-    one = touches.ball == np.bincount(touches.ball).argmax()
-    reach_mm = float(np.linalg.norm(campaign.p_ee_balls_mm, axis=1).max())
-    refuse_wrong_angle_unit(
-        (samples.time_s, samples.q_deg),
-        (touches.time_s[one], touches.p_instr_mm[one]),
-        arm,
-        reach_mm,
-        f"{where}: q1_deg … q{arm.n}_deg",
-    )
+    return Ingested(poses, (*listed, *idle), (*notes, *idle_notes), warnings)
 
 
 def _check_clocks(
@@ -232,8 +223,8 @@ def _off_the_arm(
     if modelled is None:
         return found
     misfit = Misfit(1e-3 * misfit_mm(p_m, modelled)[:, None], np.zeros(len(rows)))
-    off = off_model(misfit, held_out[rows])[:, 0]
-    found[rows[off & (reason[rows] == "")]] = OFF_MODEL
+    off = screens.off_model(misfit, held_out[rows])[:, 0]
+    found[rows[off & (reason[rows] == "")]] = screens.OFF_MODEL
     for row, order in zip(rows, exchanged(p_m, modelled), strict=True):
         if order is not None:
             found[row] = f"{EXCHANGED}: {exchange_text(order, tool.names)}"
@@ -253,7 +244,9 @@ def _unused_touches(
     off[groups.row[balls.outlier]] = True
     why = np.where(off, "", reason[groups.of_touch])
     lost = np.flatnonzero(why != "")
-    labels = _labels(touches)
+    parts = (touches.pose, touches.load_N, touches.repeat)
+    words = [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
+    labels = np.array(words, dtype=object)
     where = np.array([f"pose {label}" for label in labels], dtype=object)
     outlier = f"suspected outlier: more than {settings.stray_touch_sigma:g} sigmas off its ball"
     rows = quarantined(file, touches.line[off], outlier, labels[off])
@@ -328,21 +321,6 @@ def _cut_touches(dwells: Dwells, touched: Index, file: str) -> tuple[str, ...]:
         f"nothing was touched in {without} of the {len(dwells)} dwells of the log: {file} seems "
         f"cut short, {without} configurations are missing",
     )
-
-
-def _scatter_notes(balls: LocatedBalls) -> list[str]:
-    if not balls.pooled_sigma_mm > SCATTER_NOTE * balls.touch_sigma_mm:
-        return []
-    return [
-        f"touches scatter by {balls.pooled_sigma_mm:.4f} mm where the stated uncertainty "
-        f"implies {balls.touch_sigma_mm:.4f} mm"
-    ]
-
-
-def _labels(touches: Touches) -> NDArray[np.object_]:
-    parts = (touches.pose, touches.load_N, touches.repeat)
-    text = [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
-    return np.array(text, dtype=object)
 
 
 def _seconds(time_s: Array) -> list[str]:

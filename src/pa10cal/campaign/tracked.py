@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
+from pa10cal.campaign import labels, screens
 from pa10cal.campaign.base_motion import base_target_names, refuse_base_targets, steadied
 from pa10cal.campaign.bounds import Bounds
 from pa10cal.campaign.conventions import other_axes
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
-from pa10cal.campaign.labels import (
-    EXCHANGED,
-    NOT_RIGID,
-    exchange_text,
-    exchanged,
-    nominal_places,
-    not_rigid,
-)
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import (
     Ingested,
@@ -34,27 +26,9 @@ from pa10cal.campaign.raw_rows import (
     refuse_too_many,
 )
 from pa10cal.campaign.rows import PoseRows, in_radians, position_columns, read_pose_rows
-from pa10cal.campaign.screens import (
-    OFF_MODEL,
-    OFF_REPEATS,
-    ONE_LABEL,
-    OTHER_COMMAND,
-    OUT_OF_REACH,
-    READ_BEFORE,
-    count_warnings,
-    may_be_radians,
-    off_command,
-    off_first,
-    off_model,
-    off_repeats,
-    out_of_reach,
-    refuse_one_attitude,
-    refuse_wrong_angle_unit,
-    refuse_wrong_length_unit,
-    robust_misfit,
-)
 from pa10cal.campaign.two_logs import TwoLogs
 from pa10cal.errors import RawDataError
+from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Misfit, RawColumns
 from pa10cal.options import IngestOptions
 
@@ -104,161 +78,170 @@ def read_tracked(
     )
     # Rows that cannot be read are of some configuration too, but for exact repeats.
     unread = sum(row.reason != REPEATED for row in read.quarantined)
-    logged = len(np.unique(rows.configurations)) + unread
+    numbers, first = np.unique(rows.configurations, return_index=True)
+    logged = len(numbers) + unread
     totals = {read.file: read.total, **file.totals}
     most = options.max_quarantined_fraction
-    listed = list(read.quarantined)
-    _, first = np.unique(rows.configurations, return_index=True)
     again = np.ones(len(rows), dtype=bool)
     again[first] = False
-    other = off_first(rows.observations.states.q_rad, rows.configurations, first, arm.prismatic)
-    listed += quarantined(read.file, rows.line[again & ~other], READ_BEFORE)
-    shared = rows.observations.pose[again & other]
-    listed += quarantined(read.file, rows.line[again & other], ONE_LABEL, shared)
+    other = screens.off_first(
+        rows.observations.states.q_rad, rows.configurations, first, arm.prismatic
+    )
+    shared = again & other
+    screen = _Screen(columns, arm, file, rows.take(~again), list(read.quarantined))
+    listed = screen.quarantined
+    listed += quarantined(read.file, rows.line[again & ~other], screens.READ_BEFORE)
+    listed += quarantined(
+        read.file, rows.line[shared], screens.ONE_LABEL, rows.observations.pose[shared]
+    )
     refuse_too_many(listed, totals, most)
-    rows = rows.take(~again)
-    screened = _Screen(columns, arm, file).of(rows)
-    listed += screened.quarantined
-    rows, found = screened.rows, screened.rows.observations
-    off = off_command(found.pose, found.states.q_rad, arm.prismatic)
-    where = configurations(found.take(off))
-    listed += quarantined(read.file, rows.line[off], OTHER_COMMAND, found.pose[off], where)
+    screen.run()
+    found = screen.found
+    off = screens.off_command(found.pose, found.states.q_rad, arm.prismatic)
+    screen.leave_out(off, screens.OTHER_COMMAND, found.pose[off])
     refuse_too_many(listed, totals, most)
-    found = found.take(~off)
-    T_base_ee = Chain.of(arm).forward(found.states.q_rad)
-    found, moved, of_base = steadied(found, str(file.path), T_base_ee)
+    found = screen.found
+    found, moved, of_base = steadied(found, str(file.path), screen.T_base_ee)
     notes = [*file.notes, *read.notes, *instrument.raw_notes(columns, stated), *moved]
     if np.isnan(found.states.tau_Nm).all():
         notes.append(NO_TORQUES if arm.mass_kg is None else THOSE_OF_MASSES)
-    missing = count_warnings(description.configurations, logged, read.file)
+    missing = screens.count_warnings(description.configurations, logged, read.file)
     return Ingested(
         found,
         tuple(listed),
         tuple(notes),
-        (*missing, *screened.warnings, *of_base),
+        (*missing, *screen.warnings, *of_base),
         timed="time_s" in file.names,
     )
 
 
-@dataclass(frozen=True)
-class _Screened:
-    """Rows that can be of their configuration, those quarantined, and warnings to the reader."""
-
-    rows: PoseRows
-    quarantined: tuple[Quarantined, ...]
-    warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
+@dataclass
 class _Screen:
     """Refuses wrong units, and quarantines single readings that cannot be of their pose."""
 
     columns: RawColumns
     arm: Arm
     file: RawFile | TwoLogs
+    rows: PoseRows  # those left
+    quarantined: list[Quarantined]
+    warnings: tuple[str, ...] = ()
 
-    def of(self, rows: PoseRows) -> _Screened:
-        """Screen rows."""
-        far = self._each(rows, lambda p_m, _: out_of_reach(p_m, self.arm))
-        rows, listed = self._without(rows, far, OUT_OF_REACH)
-        self._refuse_units(rows)
-        rows, off = self._well_labelled(rows)
-        listed += off
-        pose, load_N = rows.observations.pose, rows.observations.states.load_N
-        other = self._each(rows, lambda p_m, seen: off_repeats(p_m, pose[seen], load_N[seen]))
-        rows, off = self._without(rows, other, OFF_REPEATS)
-        listed += off
-        misfit = self._misfit(rows, rows.observations.states.q_rad)
-        warnings: tuple[str, ...] = ()
+    @property
+    def found(self) -> Observations:
+        """Return the readings left."""
+        return self.rows.observations
+
+    @property
+    def T_base_ee(self) -> Array:
+        """Return the nominal end at each."""
+        return Chain.of(self.arm).forward(self.found.states.q_rad)
+
+    def run(self) -> None:
+        """Screen the rows."""
+        self._leave_out(
+            self._each(lambda p_m, _: screens.out_of_reach(p_m, self.arm)), screens.OUT_OF_REACH
+        )
+        self._refuse_units()
+        self._leave_out_exchanged()
+        pose, load_N = self.found.pose, self.found.states.load_N
+        far = self._each(lambda p_m, seen: screens.off_repeats(p_m, pose[seen], load_N[seen]))
+        self._leave_out(far, screens.OFF_REPEATS)
+        misfit = screens.misfit_of(self.found.measured, self.T_base_ee)
         if misfit is not None:
-            warnings = _poor_fit(misfit)
-            if warnings:
-                self._refuse_other_axes(rows)
-            off_m = off_model(misfit, rows.observations.kind == "holdout")
-            rows, off = self._without(rows, off_m, OFF_MODEL)
-            listed += off
-        places_m = rows.observations.measured.places_m
-        rows, off = self._without(rows, not_rigid(places_m), NOT_RIGID)
-        return _Screened(rows, listed + off, warnings)
+            self.warnings = _poor_fit(misfit)
+            if self.warnings:
+                self._refuse_other_axes()
+            self._leave_out(
+                screens.off_model(misfit, self.found.kind == "holdout"), screens.OFF_MODEL
+            )
+        self._leave_out(labels.not_rigid(self.found.measured.places_m), labels.NOT_RIGID)
 
-    def _each(self, rows: PoseRows, judge: Callable[[Array, Mask], Mask]) -> Mask:
+    def leave_out(self, off: Mask, reason: str, values: Iterable[object]) -> None:
+        """Quarantine rows (N,), with what was found in each."""
+        where = configurations(self.found.take(off))
+        file = self.file.path.name
+        self.quarantined += quarantined(file, self.rows.line[off], reason, values, where)
+        self.rows = self.rows.take(~off)
+
+    def _each(self, judge: Callable[[Array, Mask], Mask]) -> Mask:
         """Judge the targets one by one, by where each was measured: (N, B)."""
-        places_m = rows.observations.measured.places_m
+        places_m = self.found.measured.places_m
         judged = np.zeros(places_m.shape[:2], dtype=bool)
         for b in range(places_m.shape[1]):
             seen = np.isfinite(places_m[:, b, 0])
             judged[seen, b] = judge(places_m[seen, b], seen)
         return judged
 
-    def _without(
-        self, rows: PoseRows, off: Mask, reason: str
-    ) -> tuple[PoseRows, tuple[Quarantined, ...]]:
+    def _leave_out(self, off: Mask, reason: str) -> None:
         """Quarantine rows with a target (N, B) that is off, naming the first of them."""
-        lost = np.flatnonzero(off.any(axis=1))
-        places_m = rows.observations.measured.places_m
+        lost, first = np.asarray(off.any(axis=1)), off.argmax(axis=1)
         values = []
-        for row, b in zip(lost, off[lost].argmax(axis=1), strict=True):
-            numbers = ", ".join(f"{1e3 * value:g}" for value in places_m[row, b])
-            values.append(f"{self._target(int(b))} = {numbers}")
-        where = configurations(rows.observations.take(lost))
-        listed = quarantined(self.file.path.name, rows.line[lost], reason, values, where)
-        kept = np.setdiff1d(np.arange(len(rows)), lost)
-        return rows.take(kept), listed
+        for row in np.flatnonzero(lost):
+            place_mm = 1e3 * self.found.measured.places_m[row, first[row]]
+            numbers = ", ".join(f"{value:g}" for value in place_mm)
+            values.append(f"{self._target(int(first[row]))} = {numbers}")
+        self.leave_out(lost, reason, values)
 
-    def _well_labelled(self, rows: PoseRows) -> tuple[PoseRows, tuple[Quarantined, ...]]:
-        """Quarantine rows whose targets are exchanged."""
-        found = rows.observations
-        names, places_m = found.measured.target_names, found.measured.places_m
-        if len(names) < 2:
-            return rows, ()
-        modelled = nominal_places(Chain.of(self.arm).forward(found.states.q_rad), places_m)
+    def _leave_out_exchanged(self) -> None:
+        """Quarantine rows whose targets are exchanged; refuse columns that are, in most rows."""
+        names, places_m = self.found.measured.target_names, self.found.measured.places_m
+        modelled = labels.nominal_places(self.T_base_ee, places_m) if len(names) > 1 else None
         if modelled is None:
-            return rows, ()
-        orders = exchanged(places_m, modelled)
+            return
+        orders = labels.exchanged(places_m, modelled)
         swapped = np.array([order is not None for order in orders])
-        _refuse_all_exchanged(swapped, orders, names, str(self.file.path))
-        values = [exchange_text(order, names) for order in orders[swapped]]
-        where = configurations(found.take(swapped))
-        listed = quarantined(self.file.path.name, rows.line[swapped], EXCHANGED, values, where)
-        return rows.take(~swapped), listed
+        said = [labels.exchange_text(order, names) for order in orders[swapped]]
+        if 2 * swapped.sum() > len(swapped):
+            raise RawDataError(
+                f"the columns of targets {said[0]} are exchanged",
+                where=str(self.file.path),
+                value=f"{swapped.sum()} of {len(swapped)} rows fit the arm with their labels "
+                "exchanged",
+                allowed="every target under its own name",
+                remedy="rename the columns",
+            )
+        self.leave_out(swapped, labels.EXCHANGED, said)
 
-    def _refuse_units(self, rows: PoseRows) -> None:
-        found = rows.observations
-        T_base_ee = Chain.of(self.arm).forward(found.states.q_rad)
-        refuse_one_attitude(
-            found.measured.attitudes, T_base_ee, self.file.path, self.file.in_degrees
-        )
-        places_m = found.measured.places_m
-        seen = np.isfinite(places_m[..., 0])
+    def _most_seen(self) -> tuple[int, Mask]:
+        """Return the target that most rows have, and which these are."""
+        seen = np.isfinite(self.found.measured.places_m[..., 0])
         best = int(seen.sum(axis=0).argmax())
-        refuse_wrong_angle_unit(
-            (rows.time_s, self._logged(found.states.q_rad)),
-            (rows.time_s[seen[:, best]], 1e3 * places_m[seen[:, best], best]),
+        return best, seen[:, best]
+
+    def _refuse_units(self) -> None:
+        found, T_base_ee = self.found, self.T_base_ee
+        attitudes, places_m = found.measured.attitudes, found.measured.places_m
+        screens.refuse_one_attitude(attitudes, T_base_ee, self.file.path, self.file.in_degrees)
+        best, seen = self._most_seen()
+        screens.refuse_wrong_angle_unit(
+            (self.rows.time_s, self._logged(found.states.q_rad)),
+            (self.rows.time_s[seen], 1e3 * places_m[seen, best]),
             self.arm,
             0.0,
             self._where_joints,
         )
-        self._refuse_better_unit(rows)
+        self._refuse_better_unit()
         what = "distances" if places_m.shape[2] == 1 else "positions"
         where = f"{self.file.path}: {self._target(best)}"
-        T_base_ee = Chain.of(self.arm).forward(found.states.q_rad)
-        refuse_wrong_length_unit(found.measured.scale(T_base_ee), what, where)
+        screens.refuse_wrong_length_unit(found.measured.scale(T_base_ee), what, where)
 
-    def _refuse_better_unit(self, rows: PoseRows) -> None:
+    def _refuse_better_unit(self) -> None:
         """Stop when angles in radians, or strokes in metres, explain the measurements."""
-        slides, q = self.arm.prismatic, self._logged(rows.observations.states.q_rad)
+        slides, q = self.arm.prismatic, self._logged(self.found.states.q_rad)
         tried = []
-        if may_be_radians(q, self.arm):
+        if screens.may_be_radians(q, self.arm):
             tried.append(("angles", "radians", "degrees", np.where(slides, 1.0, np.degrees(1.0))))
         if slides.any() and np.abs(q[:, slides]).max() <= LONGEST_STROKE_M:
             tried.append(("strokes", "metres", "millimetres", np.where(slides, 1e3, 1.0)))
         if not tried:
             return
-        logged = self._misfit(rows, rows.observations.states.q_rad)
+        measured = self.found.measured
+        logged = screens.misfit_of(measured, self.T_base_ee)
         if logged is None or np.median(logged.size_m) <= BAD_M:
             return
         for what, unit, right, factor in tried:
-            misfit = self._misfit(rows, in_radians(q * factor, slides))
+            moved = Chain.of(self.arm).forward(in_radians(q * factor, slides))
+            misfit = screens.misfit_of(measured, moved)
             if misfit is None or BETTER * np.median(misfit.size_m) > np.median(logged.size_m):
                 continue
             raise RawDataError(
@@ -272,16 +255,14 @@ class _Screen:
                 "campaign.yaml",
             )
 
-    def _refuse_other_axes(self, rows: PoseRows) -> None:
+    def _refuse_other_axes(self) -> None:
         """Stop when exchanged or mirrored axes of the instrument explain what is far off."""
-        measured = rows.observations.measured
+        measured = self.found.measured
         if measured.places_m.shape[2] != 3:
             return
-        seen = np.isfinite(measured.places_m[..., 0])
-        best = int(seen.sum(axis=0).argmax())
-        T_base_ee = Chain.of(self.arm).forward(rows.observations.states.q_rad)[seen[:, best]]
-        R = None if measured.attitudes is None else measured.attitudes[seen[:, best]]
-        found = other_axes(T_base_ee, measured.places_m[seen[:, best], best], R)
+        best, seen = self._most_seen()
+        R = None if measured.attitudes is None else measured.attitudes[seen]
+        found = other_axes(self.T_base_ee[seen], measured.places_m[seen, best], R)
         if found is None:
             return
         raise RawDataError(
@@ -292,15 +273,6 @@ class _Screen:
             allowed="positions in a right-handed frame, attitudes in the same",
             remedy="exchange the columns, or turn the sign of one, in the instrument's software or "
             "in the names that campaign.yaml maps",
-        )
-
-    def _misfit(self, rows: PoseRows, q_rad: Array) -> Misfit | None:
-        measured = rows.observations.measured
-        if len(rows) < measured.least_rows:
-            return None
-        T_base_ee = Chain.of(self.arm).forward(q_rad)
-        return robust_misfit(
-            lambda used, weights: measured.misfit(T_base_ee, used, weights), len(rows)
         )
 
     def _logged(self, q_rad: Array) -> Array:
@@ -316,22 +288,6 @@ class _Screen:
     def _target(self, b: int) -> str:
         """Return the columns of a target."""
         return self.file.in_own_words(", ".join(self.columns.targets[b]))
-
-
-def _refuse_all_exchanged(
-    swapped: Mask, orders: NDArray[np.object_], names: tuple[str, ...], where: str
-) -> None:
-    """Stop when most rows would fit with labels exchanged: then it is the columns."""
-    if 2 * swapped.sum() <= len(swapped):
-        return
-    raise RawDataError(
-        f"the columns of targets {exchange_text(orders[int(np.argmax(swapped))], names)} are "
-        "exchanged",
-        where=where,
-        value=f"{swapped.sum()} of {len(swapped)} rows fit the arm with their labels exchanged",
-        allowed="every target under its own name",
-        remedy="rename the columns",
-    )
 
 
 def _poor_fit(misfit: Misfit) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
@@ -16,7 +17,7 @@ from pa10cal.campaign.base_motion import base_target_names
 from pa10cal.campaign.description import CampaignDescription, Join
 from pa10cal.campaign.dwells import dwell_readings, find_dwells, offset_ranges, phase_at
 from pa10cal.campaign.raw_file import RawFile
-from pa10cal.campaign.raw_rows import NumberColumn, RawRows, finite, number_column
+from pa10cal.campaign.raw_rows import RawRows, finite
 from pa10cal.campaign.rows import Samples, in_radians, position_columns
 from pa10cal.campaign.screens import robust_misfit
 from pa10cal.errors import RawDataError
@@ -167,20 +168,16 @@ def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
     Of a label that both logs have several times, the k-th reading has the k-th joints; joints that
     were logged once are those of all readings under their label.
     """
-    rows: dict[str, list[int]] = {}
-    for k, label in enumerate(joints):
-        rows.setdefault(str(label), []).append(k)
-    seen: dict[str, int] = {}
-    found = np.full(len(readings), -1)
-    for i, label in enumerate(map(str, readings)):
-        listed = rows.get(label, [])
-        number = seen.get(label, 0)
-        seen[label] = number + 1
-        if len(listed) == 1:
-            found[i] = listed[0]
-        elif number < len(listed):
-            found[i] = listed[number]
-    return found
+    logged = pd.DataFrame({"label": joints.astype(str), "row": np.arange(len(joints))})
+    read = pd.DataFrame({"label": readings.astype(str)})
+    for each in (logged, read):
+        each["number"] = each.groupby("label").cumcount()
+    once = logged[~logged["label"].duplicated(keep=False)].set_index("label")["row"]
+    of_many = logged.set_index(["label", "number"])["row"]
+    found = of_many.reindex(pd.MultiIndex.from_frame(read)).to_numpy(dtype=float)
+    alone = read["label"].map(once).to_numpy(dtype=float)
+    station = np.where(np.isnan(alone), found, alone)
+    return np.where(np.isnan(station), -1, station).astype(np.intp)
 
 
 def shifted(station: Index, stations: int, fit: Fit) -> Shift | None:
@@ -208,11 +205,7 @@ def shifted(station: Index, stations: int, fit: Fit) -> Shift | None:
     one, two = (two if first == 0 else one), (one if first == count else two)
     if (one, two) == (1, 1):
         return None
-    moved = np.zeros(count, dtype=bool)
-    if one != 1:
-        moved[:first] = True
-    if two != 1:
-        moved[first:] = True
+    moved = np.where(np.arange(count) < first, one != 1, two != 1)
     shift = (one if one != 1 else two) - 1
     if moved.sum() < FEW or (one != 1 and two != 1 and one != two):
         return None
@@ -343,31 +336,42 @@ class TwoLogs:
         lost = station < 0
         reason = {"time": MOVING, "label": NO_LABEL, "row": NO_ROW}[self._by(read, logged)]
         self.totals = {logged.file: logged.total}
-        columns = dict(read.columns)
+        columns, odd = dict(read.columns), dict(read.odd)
         at = np.maximum(station, 0)
         torques = dict(zip(together, stations.tau_Nm.T, strict=False))
         for name, values in (dict(zip(q, stations.q_deg.T, strict=True)) | torques).items():
             if name in q or np.isfinite(values).any():
-                columns[name] = number_column(values[at])
+                columns[name] = values[at]
         for name, values in zip(q, stations.q_u_deg.T, strict=True):
             if f"u_{name}" in optional and np.isfinite(values).any():
-                columns[f"u_{name}"] = number_column(values[at])
+                columns[f"u_{name}"] = values[at]
         wanted = "temperature_C" in optional and "temperature_C" not in columns
         if wanted and np.isfinite(stations.temperature_C).all():
-            columns["temperature_C"] = number_column(stations.temperature_C[at])
+            columns["temperature_C"] = stations.temperature_C[at]
+        first = stations.first[at]
+        made = {"load_N": 0.0 * first, "time_s": np.arange(float(len(first)))}
         for name in labels:
-            columns |= self._label(name, logged, stations.first[at])
-        columns = _from_the_first(columns)
+            # Poses and repeats that neither log has are made of the joint positions.
+            if name in logged.columns:
+                columns[name] = logged.columns[name][first]
+                unread, lines = logged.odd.get(name, {}), logged.line[first].tolist()
+                of_row = zip(read.line.tolist(), lines, strict=True)
+                odd[name] = {row: unread[line] for row, line in of_row if line in unread}
+            elif name in made:
+                columns[name] = made[name]
+        if "time_s" in columns and np.nanmin(columns["time_s"], initial=np.inf) >= SINCE_1970:
+            columns["time_s"] = columns["time_s"] - np.nanmin(columns["time_s"])
         for k, values in enumerate(stations.arrival.T, start=1):
-            columns[f"arrival{k}"] = number_column(values[at])
+            columns[f"arrival{k}"] = values[at]
         whole = replace(
             read,
             columns=columns,
+            odd=odd,
             unused=(*read.unused, *logged.unused),
             quarantined=(*read.quarantined, *logged.quarantined),
             own={**logged.own, **read.own},
         )
-        return whole.take(~lost, reason, [""] * int(lost.sum()))
+        return whole.take(~lost, reason)
 
     def _joints_logged(self, q: Sequence[str], together: Sequence[str]) -> tuple[RawRows, Samples]:
         """Read the joints' log, in order of time where it has one."""
@@ -385,13 +389,11 @@ class TwoLogs:
                 allowed="rows of joint positions",
                 remedy="correct columns.joints",
             )
-        time_s = raw.numbers_of("time_s").values if "time_s" in text else np.arange(float(count))
+        time_s = raw.columns["time_s"] if "time_s" in text else np.arange(float(count))
         order = np.argsort(time_s, kind="stable")
-        raw = raw.reordered(order)
+        raw = raw.at(order)
         values = {
-            name: raw.numbers_of(name).values
-            for name in (*logged, "temperature_C")
-            if name in raw.columns
+            name: raw.columns[name] for name in (*logged, "temperature_C") if name in raw.columns
         }
         samples = Samples(
             raw.line,
@@ -418,9 +420,18 @@ class TwoLogs:
         fit = self._fit(read, stations)
         files = f"{self.joints.path.name} and {self.readings.path.name}"
         if by == "time":
-            time_s = read.numbers_of("time_s").values
+            time_s = read.columns["time_s"]
             clocks = by_time(stations, time_s, fit, self.join.clock_offset_s)
-            self._refuse_apart(clocks.inside, count)
+            if 2 * clocks.inside <= count:
+                raise RawDataError(
+                    "the two logs cannot be joined by time",
+                    where=str(self.readings.path),
+                    value=f"{clocks.inside} of {count} readings lie where the arm stood, at the "
+                    "best offset of the clocks",
+                    allowed="readings taken while the arm stands still",
+                    remedy="check that both logs are of the same run, and the units and formats of "
+                    "columns.joints.time and columns.readings.time",
+                )
             found = "" if self.join.clock_offset_s is not None else f" ± {2.0 * clocks.u_s:.2g} s"
             self.notes.append(
                 f"{files} joined by time: the joints' clock is that of the readings "
@@ -447,7 +458,7 @@ class TwoLogs:
     def _fit(self, read: RawRows, stations: Stations) -> Fit:
         """Return how far readings are from the nominal arm, base and target fitted."""
         measured = self.measured
-        values = np.column_stack([read.numbers_of(name).values for name in measured.names])
+        values = np.column_stack([read.columns[name] for name in measured.names])
         unknown = np.full(values.shape, np.nan)
         usable = np.ones(len(values), dtype=bool)
         for found in self.instrument.unusable(measured, values):
@@ -471,31 +482,6 @@ class TwoLogs:
 
         return fit
 
-    def _label(
-        self, name: str, logged: RawRows, rows: Index
-    ) -> dict[str, NumberColumn | NDArray[np.object_]]:
-        """Return a label of the joints' log for each reading; what stands for it without one."""
-        column = logged.columns.get(name)
-        if column is not None:
-            return {name: column.at(rows) if isinstance(column, NumberColumn) else column[rows]}
-        count = np.arange(float(len(rows)))
-        made = {"load_N": 0.0 * count, "time_s": count}
-        # Poses and repeats are made of the joint positions.
-        return {name: number_column(made[name])} if name in made else {}
-
-    def _refuse_apart(self, inside: int, count: int) -> None:
-        if 2 * inside > count:
-            return
-        raise RawDataError(
-            "the two logs cannot be joined by time",
-            where=str(self.readings.path),
-            value=f"{inside} of {count} readings lie where the arm stood, at the best offset of "
-            "the clocks",
-            allowed="readings taken while the arm stands still",
-            remedy="check that both logs are of the same run, and the units and formats of "
-            "columns.joints.time and columns.readings.time",
-        )
-
     def _refuse_shifted(self, shift: Shift | None, read: RawRows, by: str) -> None:
         if shift is None:
             return
@@ -511,16 +497,3 @@ class TwoLogs:
             remedy="a row is missing or stands twice there: take it out, or put it in, in one of "
             f"{self.readings.path.name} and {self.joints.path.name}",
         )
-
-
-def _from_the_first(
-    columns: dict[str, NumberColumn | NDArray[np.object_]],
-) -> dict[str, NumberColumn | NDArray[np.object_]]:
-    """Return columns with times from the first reading on, where they are counted from 1970."""
-    time = columns.get("time_s")
-    if not isinstance(time, NumberColumn) or not len(time.values):
-        return columns
-    first_s = float(np.nanmin(time.values))
-    if first_s < SINCE_1970:
-        return columns
-    return {**columns, "time_s": replace(time, values=time.values - first_s)}

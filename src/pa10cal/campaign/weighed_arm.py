@@ -12,7 +12,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, WeightsKnown, weights_known
@@ -286,6 +285,8 @@ class _Torques:
             clipped = white @ x + np.clip(data - white @ x, -_EDGE, _EDGE)
             x = np.linalg.solve(normal, white.T @ clipped)
             if (x < least).any():
+                from scipy.optimize import lsq_linear  # late: it takes long to load
+
                 root = np.linalg.cholesky(normal).T
                 wanted = np.linalg.solve(root.T, white.T @ clipped)
                 x = lsq_linear(root, wanted, (least, np.inf), method="bvls").x

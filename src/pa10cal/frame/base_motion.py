@@ -20,7 +20,6 @@ from typing import Any, Literal
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.optimize import minimize
 from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Mask
@@ -311,6 +310,8 @@ def _still(readings: _Readings) -> _Fit:
 
 def _moving(readings: _Readings, form: Form) -> _Fit:
     """Return motions of a form, its sizes those of the greatest evidence."""
+    from scipy.optimize import minimize  # late: it takes long to load
+
     fit = _still(readings)
     usual_m = float(np.nanmedian(readings.u_m))
     units = np.full(readings.components, usual_m)

@@ -78,15 +78,13 @@ def goes_with(
         every: single readings, of one campaign.
         prismatic: (n,) which joints slide.
     """
-    from scipy.stats import rankdata  # late: it takes half a second
-
     states = every.states
     if len(every) < _LEAST_ROWS or measured_again(every):
         return ()
-    time = rankdata(states.time_s)
+    time = _ranks(states.time_s)
     found = []
     for driver in drivers(states, prismatic):
-        correlation = _correlation(time, rankdata(driver.of(states)))
+        correlation = _correlation(time, _ranks(driver.of(states)))
         if abs(correlation) > ORDERED:
             found.append((driver, correlation))
     return tuple(found)
@@ -117,15 +115,19 @@ def with_what_tells_time(
 
 def measured_again(every: Observations) -> bool:
     """Return whether readings of the same pose and load are spread over time: they tell it."""
-    from scipy.stats import rankdata  # late: it takes half a second
-
     load = np.unique(every.states.load_N, return_inverse=True)[1].ravel()
     pose = np.unique(every.pose, return_inverse=True)[1].ravel()
     group = np.unique(pose * (load.max() + 1) + load, return_inverse=True)[1].ravel()
-    time = rankdata(every.states.time_s)
+    time = _ranks(every.states.time_s)
     middle = np.bincount(group, time) / np.bincount(group)
     within = float(np.mean((time - middle[group]) ** 2))
     return within > _AGAIN * float(np.var(time))
+
+
+def _ranks(values: Array) -> Array:
+    """Return ranks (N,) from 1, of equal values their mean."""
+    _, group, count = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(count) - 0.5 * (count - 1))[group.ravel()])
 
 
 def slow_joints(states: PoseStates) -> Mask:
@@ -147,14 +149,12 @@ def partings(states: PoseStates, time_s: float, prismatic: Mask | None = None) -
         time_s: the time.
         prismatic: (n,) which joints slide.
     """
-    from scipy.stats import rankdata  # late: it takes half a second
-
     order = np.argsort(states.time_s, kind="stable")
     middle = int(np.searchsorted(states.time_s[order], time_s))
     near = order[max(middle - _NEAR, 0) : middle + _NEAR]
     for driver in drivers(states, prismatic):
         value = driver.of(states)
-        rank = _correlation(rankdata(value[near]), rankdata(states.time_s[near]))
+        rank = _correlation(_ranks(value[near]), _ranks(states.time_s[near]))
         ordered = len(near) >= _LEAST_ROWS and abs(rank) > ORDERED
         for rows, least in ((order, _PARTS), (near, 0.0 if ordered else _PARTS)):
             at = _parted_at(value[rows], states.time_s[rows] > time_s, least)
