@@ -372,6 +372,10 @@ def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
         )
 
 
+#: A stated uncertainty in another unit is off by its factor, within this.
+_OF_UNIT = 4.0
+
+
 def _stated(evidence: Evidence) -> Iterator[InputFinding]:
     """Return where stated and found uncertainty are off by more than a factor."""
     for scatter in evidence.left.repeats:
@@ -394,13 +398,22 @@ def _stated(evidence: Evidence) -> Iterator[InputFinding]:
         return
     ratio = evidence.error_mm / evidence.left.noise_mm
     if EXACT < ratio < 1.0 / STATED_OFF or ratio > UNIT_OFF:
+        unit = _other_unit(ratio)
         yield InputFinding(
             what=f"{evidence.left.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
-            where="stated uncertainty of the position",
-            remedy="check its unit and value",
+            where="stated uncertainty of the position (instrument.uncertainty_mm)",
+            remedy="check its unit and value" + (f": it looks like {unit}" if unit else ""),
             kind="stated_uncertainty",
             would_leave_mm=None,
         )
+
+
+def _other_unit(ratio: float) -> str:
+    """Return the unit in which an uncertainty seems stated, by the error that remains over it."""
+    units = {"metres, multiply it by 1000": 1e3, "micrometres, divide it by 1000": 1e-3}
+    near = {name: abs(np.log(ratio / factor)) for name, factor in units.items()}
+    best = min(near, key=lambda name: near[name])
+    return best if near[best] < np.log(_OF_UNIT) else ""
 
 
 def _lacking(evidence: Evidence) -> str:

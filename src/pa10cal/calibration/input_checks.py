@@ -15,18 +15,22 @@ from scipy.special import ndtri
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, weights_known
-from pa10cal.arm.statics import Payload
+from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.conventions import better_convention
+from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.labels import exchange_text, stated_order, stated_shape
+from pa10cal.campaign.own_columns import RotationColumns
+from pa10cal.campaign.own_words import OwnWords
+from pa10cal.campaign.raw_file import words_of
 from pa10cal.campaign.weighed_arm import weights_finding
 from pa10cal.errors import CalibrationError, Pa10calError
 from pa10cal.fit.loads import statics_of
 from pa10cal.frame.hand_eye import LEVER_M
-from pa10cal.observe.observations import Observations, average_repeats
+from pa10cal.observe.instrument import group_means
+from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.results.health import InputFinding
 from pa10cal.terms.model import Model
 
@@ -71,16 +75,19 @@ def check_input(
         )
     grid = average_repeats(every.of_kind("grid"))
     some = _some(grid)
+    words = words_of(campaign, arm.prismatic)
     found = (
-        *_temperature(campaign, every),
+        *_temperature(campaign, every, words),
         *weights_finding(arm),
         *_shape(campaign, arm, grid, options),
     )
-    others = _attitudes(arm, some) or signs_and_order(arm, some)
+    repeats_mm = _repeats_mm(every.of_kind("grid"))
+    asked = _Asked(campaign, arm, options, words, repeats_mm)
+    others = _attitudes(asked, some) or signs_and_order(asked, some) or joint_zeros(asked, some)
     if not others and campaign.payload(arm) is not None and _logs_torques(some):
         others = _gravity_by_torques(campaign, arm, some)
     if not others and above_noise(arm, some, options):
-        others = small_signs(arm, some, options) or _gravity(campaign, arm, some, options)
+        others = small_signs(asked, some) or _gravity(asked, some)
     return (*found, *others)
 
 
@@ -103,21 +110,88 @@ def _some(observations: Observations) -> Observations:
     return observations.take(rows)
 
 
-def _attitudes(arm: Arm, grid: Observations) -> tuple[InputFinding, ...]:
-    """Find the convention of the attitudes, where another than that of the contract is right."""
-    measured = grid.measured
+@dataclass(frozen=True)
+class _Asked:
+    """What is looked at, and how its user calls it."""
+
+    campaign: CampaignDescription
+    arm: Arm
+    options: CalibrationOptions
+    words: OwnWords
+    repeats_mm: float  # how far repeats scatter; 0 where that is not known
+
+    @property
+    def rotation(self) -> RotationColumns | None:
+        """Return what campaign.yaml states of the columns of attitudes."""
+        columns = self.campaign.columns
+        each = () if columns is None else (columns.poses, columns.readings)
+        return next((one.rotation for one in each if one is not None and one.rotation), None)
+
+    @property
+    def signs(self) -> list[int]:
+        """Return the signs of the joints that campaign.yaml states."""
+        return list(self.campaign.joint_signs or [1] * self.arm.n)
+
+    @property
+    def offsets_deg(self) -> list[float]:
+        """Return the offsets of the joints that campaign.yaml states."""
+        return list(self.campaign.joint_offsets_deg or [0.0] * self.arm.n)
+
+    def puts_right(self, states: PoseStates, grid: Observations, nominal_m: float) -> bool:
+        """Return whether changed joints are right: for the nominal arm, and for a calibrated one.
+
+        Args:
+            states: what was read, with the joints changed.
+            grid: the readings.
+            nominal_m: misfit of the nominal arm with them.
+        """
+        if not puts_right(nominal_m, EXPECTED_M):
+            return False
+        payload = self.campaign.payload(self.arm)
+        left_mm, noise_mm = self.calibrated_mm(grid.with_states(states), payload)
+        # Of too few poses the nominal arm is all that judges.
+        return left_mm == np.inf or puts_right(left_mm, 1e3 * EXPECTED_M, noise_mm)
+
+    def calibrated_mm(self, grid: Observations, payload: Payload | None) -> tuple[float, float]:
+        """Return the rms position error of a calibration, and the noise stated or found."""
+        try:
+            found = _calibrated(self.arm, grid, payload, self.options)
+        except CalibrationError:
+            return np.inf, np.inf
+        columns = found.problem.measured.position_columns
+        variances = np.diagonal(found.problem.stated_covariance, axis1=1, axis2=2)[:, columns]
+        seen = found.problem.components_seen[:, columns]
+        axes = min(3, seen.shape[1])
+        stated_mm = 1e3 * float(np.sqrt(axes * np.mean(variances[seen])))
+        return rms_mm(found), max(stated_mm, self.repeats_mm)
+
+
+def _repeats_mm(single: Observations) -> float:
+    """Return how far readings lie from the mean of their repeats; 0 without any."""
+    code = reading_groups(single)
+    repeated = np.bincount(code)[code] > 1
+    p_m = single.measured.places_m
+    off_m = p_m - group_means(p_m.reshape(len(p_m), -1), code)[code].reshape(p_m.shape)
+    size_m = np.linalg.norm(off_m[repeated], axis=2)
+    return 1e3 * float(np.nanmedian(size_m)) if np.isfinite(size_m).any() else 0.0
+
+
+def _attitudes(asked: _Asked, grid: Observations) -> tuple[InputFinding, ...]:
+    """Find the convention of the attitudes, where another than the one stated is right."""
+    measured, words = grid.measured, asked.words
     if measured.attitudes is None or measured.from_touches:
         return ()
     T_instr_target = np.tile(np.eye(4), (len(grid), 1, 1))
     T_instr_target[:, :3, :3] = measured.attitudes
     T_instr_target[:, :3, 3] = measured.places_m[:, 0]
-    better = better_convention(Chain.of(arm).forward(grid.states.q_rad), T_instr_target)
+    T_base_ee = Chain.of(asked.arm).forward(grid.states.q_rad)
+    better = better_convention(T_base_ee, T_instr_target, asked.rotation, words.key("qw"))
     if better is None:
         return ()
     return (
         InputFinding(
             kind="attitude_convention",
-            where="qw, qx, qy, qz",
+            where=words.column("qw") if "qw" in words else "qw, qx, qy, qz",
             what=f"the attitudes are {np.degrees(better.scatter_rad):.0f} deg off the nominal arm, "
             f"and {np.degrees(better.would_leave_rad):.2g} deg if they are {better.name}",
             remedy=better.remedy,
@@ -130,26 +204,27 @@ def _logs_torques(grid: Observations) -> bool:
     return bool(np.isfinite(grid.states.tau_Nm).all())
 
 
-def _gravity(
-    campaign: CampaignDescription, arm: Arm, some: Observations, options: CalibrationOptions
-) -> tuple[InputFinding, ...]:
+def _gravity(asked: _Asked, some: Observations) -> tuple[InputFinding, ...]:
     """Try gravity along the other axes of the base, under springs that give to the masses.
 
     An arm that hangs or stands on a wall says so by `gravity_m_s2` in the frame of its base.
     """
-    payload = campaign.payload(arm)
+    payload = asked.campaign.payload(asked.arm)
     # Under weights that nobody stated, an error of joint 1 is as well one of an arm on a wall.
-    if payload is None or _logs_torques(some) or weights_known(arm).assumed:
+    if payload is None or _logs_torques(some) or weights_known(asked.arm).assumed:
         return ()
     others = _other_directions(payload)
     if not others:
         return ()
-    now_mm = calibrated_rms_mm(arm, some, payload, options)
-    left = {name: calibrated_rms_mm(arm, some, other, options) for name, other in others.items()}
-    best = min(left, key=lambda name: left[name])
-    if not left[best] < GRAVITY_LEFT * now_mm < np.inf:
+    now_mm, _ = asked.calibrated_mm(some, payload)
+    left = {name: asked.calibrated_mm(some, other) for name, other in others.items()}
+    best = min(left, key=lambda name: left[name][0])
+    left_mm, noise_mm = left[best]
+    if not left_mm < GRAVITY_LEFT * now_mm < np.inf:
         return ()
-    return (_other_gravity(best, f"{now_mm:.3g} mm", f"{left[best]:.3g} mm", left[best]),)
+    now, then = f"{now_mm:.3g} mm", f"{left_mm:.3g} mm"
+    right = puts_right(left_mm, 1e3 * EXPECTED_M, noise_mm)
+    return (_other_gravity(best, others[best], now, then, left_mm, right=right),)
 
 
 def _gravity_by_torques(
@@ -171,7 +246,8 @@ def _gravity_by_torques(
     best = max(others, key=lambda name: follows(others[name]))
     if follows(others[best]) < FOLLOWS or now > DOES_NOT_FOLLOW:
         return ()
-    return (_other_gravity(best, f"a correlation of {now:.2f}", f"{follows(others[best]):.2f}"),)
+    found, then = f"a correlation of {now:.2f}", f"{follows(others[best]):.2f}"
+    return (_other_gravity(best, others[best], found, then),)
 
 
 def _other_directions(payload: Payload) -> dict[str, Payload]:
@@ -188,14 +264,24 @@ def _other_directions(payload: Payload) -> dict[str, Payload]:
 
 
 def _other_gravity(
-    name: str, now: str, then: str, would_leave_mm: float | None = None
+    name: str,
+    other: Payload,
+    now: str,
+    then: str,
+    would_leave_mm: float | None = None,
+    *,
+    right: bool = True,
 ) -> InputFinding:
+    vector = ", ".join(f"{part + 0.0:.6g}" for part in other.gravity_m_s2)
     return InputFinding(
         kind="gravity",
         where="campaign.yaml: gravity_m_s2",
-        what=f"gravity seems to act {name} of the base: {now} as stated, {then} then",
-        remedy="state gravity in the frame of the robot's base, pointing down; or check the signs "
-        "of the torques, where they are logged",
+        what=f"gravity seems to act {name} of the base: {now} as stated, {then} then"
+        + ("" if right else f", {STILL_WRONG}"),
+        remedy=f"set gravity_m_s2: [{vector}]"
+        + ("" if would_leave_mm is not None else ", or check the signs of the logged torques")
+        if right
+        else "check gravity_m_s2, and the masses in the arm's description",
         would_leave_mm=would_leave_mm,
     )
 
@@ -243,22 +329,32 @@ def _exchanged(swapped: str, shown: str) -> InputFinding:
     )
 
 
-def _temperature(campaign: CampaignDescription, every: Observations) -> Iterator[InputFinding]:
+def _temperature(
+    campaign: CampaignDescription, every: Observations, words: OwnWords
+) -> Iterator[InputFinding]:
     reference_C = campaign.reference_temperature_C
     measured_C = every.states.temperature_C
     known_C = measured_C[np.isfinite(measured_C)]
     stated = {"campaign.yaml: reference_temperature_C": reference_C}
     if len(known_C):
-        stated["temperature_C"] = float(np.median(known_C))
+        stated[words.column("temperature_C")] = float(np.median(known_C))
     for where, temperature_C in stated.items():
         if LABORATORY_C[0] <= temperature_C <= LABORATORY_C[1]:
             continue
+        fahrenheit_C = (temperature_C - 32.0) / 1.8
+        remedy = "state temperatures in degrees Celsius"
+        if LABORATORY_C[0] <= fahrenheit_C <= LABORATORY_C[1]:
+            key = words.key("temperature_C")
+            if where.startswith("campaign.yaml"):
+                remedy = f"set reference_temperature_C: {fahrenheit_C:.3g}"
+            elif key:
+                remedy = words.set_unit("temperature_C", "F", "")
         yield InputFinding(
             kind="temperature",
             where=where,
             what=f"{temperature_C:g} deg C is no usual temperature of a laboratory; in degrees "
-            f"Fahrenheit it would be {(temperature_C - 32.0) / 1.8:.0f} deg C",
-            remedy="state temperatures in degrees Celsius",
+            f"Fahrenheit it would be {fahrenheit_C:.0f} deg C",
+            remedy=remedy,
             would_leave_mm=None,
         )
 
@@ -282,6 +378,8 @@ NOT_DEPARTURES_M = 0.01
 #: A change must leave so much less to be believed, by the nominal arm and by a calibrated one.
 NOMINAL_LEFT = 1.0 / 3.0
 CALIBRATED_LEFT = 0.4
+#: Masters of joints are never so far off [rad].
+NO_MASTERING_RAD = float(np.radians(1.0))
 #: A change that puts the nominal arm so much further off is not tried with a calibration.
 WORTH_TRYING = 3.0
 MOST_CHANGES = 3
@@ -328,17 +426,40 @@ class _Change:
             return f"the sign of joint {self.joints[0]} is reversed"
         return f"joints {self.joints[0]} and {self.joints[1]} are exchanged"
 
-    @property
-    def where(self) -> str:
+    def where(self, words: OwnWords) -> str:
         """Say which columns are meant."""
-        return ", ".join(f"q{joint}" for joint in self.joints)
+        return ", ".join(words.joint(joint) for joint in self.joints)
 
-    @property
-    def remedy(self) -> str:
-        """Say what to do."""
-        if self.kind == "joint_sign":
-            return f"multiply {self.where} by -1, or reverse the axis in the arm's description"
-        return f"exchange the columns {self.where}"
+
+def _remedies(made: Sequence[_Change], asked: _Asked) -> str:
+    """Say what to state, so that the changes are made."""
+    signs, offsets, words = asked.signs, asked.offsets_deg, asked.words
+    order, moved = list(range(asked.arm.n)), ""
+    for change in made:
+        at = [joint - 1 for joint in change.joints]
+        if change.kind == "joint_sign":
+            for k in at:
+                signs[k], offsets[k] = -signs[k], -offsets[k]
+        else:
+            for values in (order, signs, offsets):
+                values[at[0]], values[at[1]] = values[at[1]], values[at[0]]
+            moved = moved or change.where(words)
+    remedies = []
+    if order != sorted(order):
+        units = np.where(asked.arm.prismatic, "mm", "deg")
+        names = [f"q{k + 1}_{units[k]}" for k in order]
+        own = words.key(names[0])
+        remedies.append(words.set_names(names) if own else f"exchange the columns {moved}")
+    if signs != asked.signs:
+        remedies.append(f"set joint_signs: [{', '.join(map(str, signs))}]")
+    if offsets != asked.offsets_deg:
+        remedies.append(_set_offsets(offsets))
+    also = "" if order != sorted(order) else ", or reverse the axis in the arm's description"
+    return " and ".join(remedies) + also
+
+
+def _set_offsets(offsets_deg: Sequence[float]) -> str:
+    return f"set joint_offsets_deg: [{', '.join(f'{each + 0.0:.6g}' for each in offsets_deg)}]"
 
 
 def _changes(arm: Arm) -> Iterator[_Change]:
@@ -350,9 +471,9 @@ def _changes(arm: Arm) -> Iterator[_Change]:
             yield _Change("joint_order", (joint, joint + 1))
 
 
-def signs_and_order(arm: Arm, grid: Observations) -> tuple[InputFinding, ...]:
+def signs_and_order(asked: _Asked, grid: Observations) -> tuple[InputFinding, ...]:
     """Change signs and order of joints one after the other, as long as much less is left."""
-    q = grid.states.q_rad
+    arm, q = asked.arm, grid.states.q_rad
     first_m = left_m = _nominal_misfit(arm, grid, q)
     if first_m < NOT_DEPARTURES_M:
         return ()
@@ -366,17 +487,70 @@ def signs_and_order(arm: Arm, grid: Observations) -> tuple[InputFinding, ...]:
         made.append(best)
     if left_m > NOMINAL_LEFT * first_m or left_m > max(NOT_DEPARTURES_M, 0.1 * first_m):
         return ()
-    return (_changed(made, 1e3 * first_m, 1e3 * left_m, "the nominal arm fits to"),)
+    right = asked.puts_right(replace(grid.states, q_rad=q), grid, left_m)
+    return (_changed(made, asked, 1e3 * first_m, 1e3 * left_m, "the nominal arm fits to", right),)
 
 
-def _changed(made: Sequence[_Change], now_mm: float, left_mm: float, fits: str) -> InputFinding:
+def _changed(
+    made: Sequence[_Change],
+    asked: _Asked,
+    now_mm: float,
+    left_mm: float,
+    fits: str,
+    right: bool,
+) -> InputFinding:
+    text = " and ".join(change.text for change in made)
+    then = "that is put right" if right else f"so, {STILL_WRONG}"
     return InputFinding(
         kind=made[0].kind,
-        where="; ".join(change.where for change in made),
-        what=f"{' and '.join(change.text for change in made)}: {fits} {now_mm:.3g} mm as logged, "
-        f"{left_mm:.3g} mm if that is put right",
-        remedy=" and ".join(change.remedy for change in made),
+        where="; ".join(change.where(asked.words) for change in made),
+        what=f"{text}: {fits} {now_mm:.3g} mm as logged, {left_mm:.3g} mm if {then}",
+        remedy=_remedies(made, asked)
+        if right
+        else "check robot, and order, signs, zeros and units of all joints",
         would_leave_mm=left_mm,
+    )
+
+
+def joint_zeros(asked: _Asked, grid: Observations) -> tuple[InputFinding, ...]:
+    """Find the zero of a joint that is off by more than any mastering, by calibrating."""
+    arm, q = asked.arm, grid.states.q_rad
+    first_m = _nominal_misfit(arm, grid, q)
+    if first_m < NOT_DEPARTURES_M:
+        return ()
+    try:
+        found = _calibrated(arm, grid, asked.campaign.payload(arm), asked.options)
+    except CalibrationError:
+        return ()
+    names = [parameter.name for parameter in found.problem.model.parameters]
+    zeros = {
+        joint: float(found.fit.x[names.index(name)])
+        for joint in range(1, arm.n + 1)
+        if (name := f"delta_theta_{joint}") in names and not arm.prismatic[joint - 1]
+    }
+    joint = max(zeros, key=lambda each: abs(zeros[each]), default=0)
+    if not joint or abs(zeros[joint]) < NO_MASTERING_RAD:
+        return ()
+    moved = q.copy()
+    moved[:, joint - 1] += zeros[joint]
+    left_m = _nominal_misfit(arm, grid, moved)
+    if left_m > NOMINAL_LEFT * first_m:
+        return ()
+    right = asked.puts_right(replace(grid.states, q_rad=moved), grid, left_m)
+    off_deg, offsets = float(np.degrees(zeros[joint])), asked.offsets_deg
+    offsets[joint - 1] = round(offsets[joint - 1] + off_deg, 3)
+    then = "" if right else f", {STILL_WRONG}"
+    return (
+        InputFinding(
+            kind="joint_zero",
+            where=asked.words.joint(joint),
+            what=f"the zero of joint {joint} is {abs(off_deg):.3g} deg off: the nominal arm fits "
+            f"to {1e3 * first_m:.3g} mm as logged, {1e3 * left_m:.3g} mm without that{then}",
+            remedy=f"check the zero of this joint in the log, or {_set_offsets(offsets)}"
+            if right
+            else "check robot, and order, signs, zeros and units of all joints",
+            would_leave_mm=1e3 * left_m,
+        ),
     )
 
 
@@ -389,24 +563,25 @@ def _nominal_misfit(arm: Arm, grid: Observations, q: Array) -> float:
     return float(np.hypot(found.scatter_m, LEVER_M * (found.scatter_rad or 0.0)))
 
 
-def small_signs(
-    arm: Arm, some: Observations, options: CalibrationOptions
-) -> tuple[InputFinding, ...]:
+def small_signs(asked: _Asked, some: Observations) -> tuple[InputFinding, ...]:
     """Try signs and order whose error departures partly take up, as of a wrist, by calibrating."""
-    q = some.states.q_rad
+    arm, options, q = asked.arm, asked.options, some.states.q_rad
     as_logged_m = _nominal_misfit(arm, some, q)
     tried = []
     for change in _changes(arm):
-        if _nominal_misfit(arm, some, change.of(q)) < WORTH_TRYING * as_logged_m:
+        nominal_m = _nominal_misfit(arm, some, change.of(q))
+        if nominal_m < WORTH_TRYING * as_logged_m:
             states = replace(some.states, q_rad=change.of(q))
-            tried.append((calibrated_rms_mm(arm, some.with_states(states), None, options), change))
+            left_mm = calibrated_rms_mm(arm, some.with_states(states), None, options)
+            tried.append((left_mm, nominal_m, change))
     if not tried:
         return ()
     now_mm = calibrated_rms_mm(arm, some, None, options)
-    left_mm, best = min(tried, key=lambda each: each[0])
+    left_mm, nominal_m, best = min(tried, key=lambda each: each[0])
     if not left_mm < CALIBRATED_LEFT * now_mm < np.inf:
         return ()
-    return (_changed([best], now_mm, left_mm, "the arm calibrates to"),)
+    right = asked.puts_right(replace(some.states, q_rad=best.of(q)), some, nominal_m)
+    return (_changed([best], asked, now_mm, left_mm, "the arm calibrates to", right),)
 
 
 def calibrated_rms_mm(
@@ -414,9 +589,13 @@ def calibrated_rms_mm(
 ) -> float:
     """Return the rms position error of the general model fitted to poses; rigid without payload."""
     try:
-        found = _calibrated(arm, grid, payload, options)
+        return rms_mm(_calibrated(arm, grid, payload, options))
     except CalibrationError:
         return np.inf
+
+
+def rms_mm(found: GeneralCalibration) -> float:
+    """Return the rms position error of a calibration, of several targets that of one."""
     columns = found.problem.measured.position_columns
     # Of several targets the error of one is meant; a distance is one component.
     targets = np.maximum(1, found.problem.components_seen[:, columns].sum(axis=1) // 3)

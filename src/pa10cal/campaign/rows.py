@@ -284,7 +284,7 @@ def _usable(
     remaining = np.ones(len(raw.line), dtype=bool)
     for found in instrument.unusable(measured, values):
         raw = raw.take(
-            ~found.rows[remaining], found.reason, list(map(file.in_own_words, found.values))
+            ~found.rows[remaining], found.reason, list(map(file.words.text, found.values))
         )
         remaining &= ~found.rows
     return raw

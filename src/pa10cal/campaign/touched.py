@@ -30,8 +30,9 @@ from pa10cal.campaign.dwells import (
     find_dwells,
 )
 from pa10cal.campaign.labels import EXCHANGED, exchange_text, exchanged, misfit_mm, nominal_places
+from pa10cal.campaign.own_words import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile
-from pa10cal.campaign.raw_rows import Ingested, Quarantined, quarantined, refuse_too_many
+from pa10cal.campaign.raw_rows import Ingested, Quarantined, quarantined
 from pa10cal.campaign.rows import Samples, Touches, read_samples, read_touches
 from pa10cal.campaign.screens import (
     OFF_MODEL,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.base_motion import base_target_names, refuse_base_targets, steadied
 from pa10cal.campaign.bounds import Bounds
-from pa10cal.campaign.conventions import other_axes
+from pa10cal.campaign.conventions import STILL_WRONG, OtherAxes, other_axes
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.labels import (
@@ -25,13 +25,13 @@ from pa10cal.campaign.labels import (
     nominal_places,
     not_rigid,
 )
+from pa10cal.campaign.own_words import UNIT_WORDS, refuse_too_many
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import (
     Ingested,
     Quarantined,
     configurations,
     quarantined,
-    refuse_too_many,
 )
 from pa10cal.campaign.rows import PoseRows, in_radians, position_columns, read_pose_rows
 from pa10cal.campaign.screens import (
@@ -53,7 +53,7 @@ from pa10cal.campaign.screens import (
     refuse_wrong_length_unit,
     robust_misfit,
 )
-from pa10cal.campaign.two_logs import TwoLogs
+from pa10cal.campaign.two_logs import TwoLogs, nominal_fit, refuse_shifted, shifted
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import Misfit, RawColumns
 from pa10cal.options import IngestOptions
@@ -115,7 +115,7 @@ def read_tracked(
     listed += quarantined(read.file, rows.line[again & ~other], READ_BEFORE)
     shared = rows.observations.pose[again & other]
     listed += quarantined(read.file, rows.line[again & other], ONE_LABEL, shared)
-    refuse_too_many(listed, totals, most)
+    refuse_too_many(listed, totals, most, file.words)
     rows = rows.take(~again)
     screened = _Screen(columns, arm, file).of(rows)
     listed += screened.quarantined
@@ -123,7 +123,7 @@ def read_tracked(
     off = off_command(found.pose, found.states.q_rad, arm.prismatic)
     where = configurations(found.take(off))
     listed += quarantined(read.file, rows.line[off], OTHER_COMMAND, found.pose[off], where)
-    refuse_too_many(listed, totals, most)
+    refuse_too_many(listed, totals, most, file.words)
     found = found.take(~off)
     T_base_ee = Chain.of(arm).forward(found.states.q_rad)
     found, moved, of_base = steadied(found, str(file.path), T_base_ee)
@@ -135,7 +135,7 @@ def read_tracked(
         found,
         tuple(listed),
         tuple(notes),
-        (*missing, *screened.warnings, *of_base),
+        (*missing, *screened.warnings, *of_base, *file.words.contradicted_units(read.file)),
         timed="time_s" in file.names,
     )
 
@@ -173,7 +173,8 @@ class _Screen:
         if misfit is not None:
             warnings = _poor_fit(misfit)
             if warnings:
-                self._refuse_other_axes(rows)
+                self._refuse_shifted(rows)
+                warnings += (*self._other_axes(rows), *self._constant(rows))
             off_m = off_model(misfit, rows.observations.kind == "holdout")
             rows, off = self._without(rows, off_m, OFF_MODEL)
             listed += off
@@ -225,8 +226,9 @@ class _Screen:
     def _refuse_units(self, rows: PoseRows) -> None:
         found = rows.observations
         T_base_ee = Chain.of(self.arm).forward(found.states.q_rad)
+        words = self.file.words
         refuse_one_attitude(
-            found.measured.attitudes, T_base_ee, self.file.path, self.file.in_degrees
+            found.measured.attitudes, T_base_ee, self.file.path, self.file.in_degrees, words
         )
         places_m = found.measured.places_m
         seen = np.isfinite(places_m[..., 0])
@@ -237,62 +239,111 @@ class _Screen:
             self.arm,
             0.0,
             self._where_joints,
+            words,
         )
         self._refuse_better_unit(rows)
         what = "distances" if places_m.shape[2] == 1 else "positions"
         where = f"{self.file.path}: {self._target(best)}"
         T_base_ee = Chain.of(self.arm).forward(found.states.q_rad)
-        refuse_wrong_length_unit(found.measured.scale(T_base_ee), what, where)
+        column = self.columns.targets[best][0]
+        refuse_wrong_length_unit(found.measured.scale(T_base_ee), what, where, column, words)
 
     def _refuse_better_unit(self, rows: PoseRows) -> None:
         """Stop when angles in radians, or strokes in metres, explain the measurements."""
         slides, q = self.arm.prismatic, self._logged(rows.observations.states.q_rad)
         tried = []
         if may_be_radians(q, self.arm):
-            tried.append(("angles", "radians", "degrees", np.where(slides, 1.0, np.degrees(1.0))))
+            tried.append(("angles", "rad", "deg", np.where(slides, 1.0, np.degrees(1.0))))
         if slides.any() and np.abs(q[:, slides]).max() <= LONGEST_STROKE_M:
-            tried.append(("strokes", "metres", "millimetres", np.where(slides, 1e3, 1.0)))
+            tried.append(("strokes", "m", "mm", np.where(slides, 1e3, 1.0)))
         if not tried:
             return
         logged = self._misfit(rows, rows.observations.states.q_rad)
         if logged is None or np.median(logged.size_m) <= BAD_M:
             return
-        for what, unit, right, factor in tried:
+        for what, unit, right_unit, factor in tried:
             misfit = self._misfit(rows, in_radians(q * factor, slides))
             if misfit is None or BETTER * np.median(misfit.size_m) > np.median(logged.size_m):
                 continue
+            named, right = UNIT_WORDS[unit], UNIT_WORDS[right_unit]
+            first = next(
+                name for name in position_columns(slides) if name.endswith(f"_{right_unit}")
+            )
             raise RawDataError(
-                f"the joint {what} look like {unit}",
+                f"the joint {what} look like {named}",
                 where=self._where_joints,
                 value="a median misfit of the nominal model of "
                 f"{1e3 * np.median(logged.size_m):.0f} mm, and of "
-                f"{1e3 * np.median(misfit.size_m):.0f} mm with {unit}",
+                f"{1e3 * np.median(misfit.size_m):.0f} mm with {named}",
                 allowed=f"joint {what} in {right}",
-                remedy=f"convert the columns to {right}, or state their unit under columns in "
-                "campaign.yaml",
+                remedy=self.file.words.set_unit(first, unit, right),
             )
 
-    def _refuse_other_axes(self, rows: PoseRows) -> None:
-        """Stop when exchanged or mirrored axes of the instrument explain what is far off."""
+    def _refuse_shifted(self, rows: PoseRows) -> None:
+        """Stop when the readings stand a row away from their joints."""
+        T_base_ee = Chain.of(self.arm).forward(rows.observations.states.q_rad)
+        fit = nominal_fit(rows.observations.measured, T_base_ee)
+        found = shifted(np.arange(len(rows)), len(rows), fit)
+        if found is not None:
+            refuse_shifted(found, self.file.path, rows.line, "as they stand", "")
+
+    def _constant(self, rows: PoseRows) -> tuple[str, ...]:
+        """Name joints whose column has the same number in all rows, where the arm does not fit."""
+        same = np.ptp(rows.observations.states.q_rad, axis=0) == 0.0
+        names = position_columns(self.arm.prismatic)
+        return tuple(
+            f"{self.file.path.name}: {self.file.words.column(names[k])}: the same number in all "
+            "rows: if that joint moved, export what was logged of it"
+            for k in np.flatnonzero(same)
+        )
+
+    def _other_axes(self, rows: PoseRows) -> tuple[str, ...]:
+        """Stop when exchanged or mirrored axes of the instrument explain what is far off.
+
+        Where they explain a part of it, that is returned.
+        """
         measured = rows.observations.measured
         if measured.places_m.shape[2] != 3:
-            return
+            return ()
         seen = np.isfinite(measured.places_m[..., 0])
         best = int(seen.sum(axis=0).argmax())
         T_base_ee = Chain.of(self.arm).forward(rows.observations.states.q_rad)[seen[:, best]]
         R = None if measured.attitudes is None else measured.attitudes[seen[:, best]]
         found = other_axes(T_base_ee, measured.places_m[seen[:, best], best], R)
         if found is None:
-            return
+            return ()
+        value = (
+            f"the nominal arm, base and target fitted, is {1e3 * found.left_m:.0f} mm off, "
+            f"and {1e3 * found.would_leave_m:.2g} mm with these axes"
+        )
+        if not found.puts_right:
+            return (f"if the instrument's axes are {found.name}: {value}, {STILL_WRONG}",)
         raise RawDataError(
             f"the instrument's axes are {found.name}",
             where=f"{self.file.path}: {self._target(best)}",
-            value=f"the nominal arm, base and target fitted, is {1e3 * found.left_m:.0f} mm off, "
-            f"and {1e3 * found.would_leave_m:.2g} mm with these axes",
+            value=value,
             allowed="positions in a right-handed frame, attitudes in the same",
-            remedy="exchange the columns, or turn the sign of one, in the instrument's software or "
-            "in the names that campaign.yaml maps",
+            remedy=self._remedy_of_axes(found, self.columns.targets[best]),
         )
+
+    def _remedy_of_axes(self, found: OtherAxes, names: Sequence[str]) -> str:
+        """Return what to state, or to change in the file, for other axes of the instrument."""
+        words, remedy = self.file.words, []
+        if sorted(found.order) != list(found.order):
+            meant = [names[found.order.index(k)] for k in range(3)]
+            remedy.append(
+                words.set_names(meant)
+                if words.key(names[0])
+                else f"rename the columns {', '.join(names)}: they hold {', '.join(meant)}"
+            )
+        if found.turned:
+            turned = [words.column(names[k]) for k in found.turned]
+            which = f"one of {', '.join(turned)}" if found.any_one else " and of ".join(turned)
+            remedy.append(
+                f"turn the sign of {which} in the instrument's software, or of the numbers in the "
+                "file"
+            )
+        return " and ".join(remedy)
 
     def _misfit(self, rows: PoseRows, q_rad: Array) -> Misfit | None:
         measured = rows.observations.measured
@@ -310,12 +361,12 @@ class _Screen:
     @property
     def _where_joints(self) -> str:
         names = position_columns(self.arm.prismatic)
-        first, last = map(self.file.in_own_words, (names[0], names[-1]))
+        first, last = map(self.file.words.column, (names[0], names[-1]))
         return f"{self.file.path}: {first} … {last}"
 
     def _target(self, b: int) -> str:
         """Return the columns of a target."""
-        return self.file.in_own_words(", ".join(self.columns.targets[b]))
+        return self.file.words.text(", ".join(self.columns.targets[b]))
 
 
 def _refuse_all_exchanged(

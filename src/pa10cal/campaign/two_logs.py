@@ -13,8 +13,9 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_target_names
-from pa10cal.campaign.description import CampaignDescription, Join
+from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
 from pa10cal.campaign.dwells import dwell_readings, find_dwells, offset_ranges, phase_at
+from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import NumberColumn, RawRows, finite, number_column
 from pa10cal.campaign.rows import Samples, in_radians, position_columns
@@ -311,9 +312,10 @@ class TwoLogs:
         """Return the columns of angles of attitudes that are said to be in degrees."""
         return self.readings.in_degrees
 
-    def in_own_words(self, text: str) -> str:
-        """Return a text with the files' own names beside those of the contract."""
-        return self.joints.in_own_words(self.readings.in_own_words(text))
+    @property
+    def words(self) -> OwnWords:
+        """Return what the files call their columns."""
+        return OwnWords({**self.joints.sources, **self.readings.sources})
 
     def read(
         self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
@@ -324,6 +326,7 @@ class TwoLogs:
             RawDataError: as `RawFile.read`; when the logs cannot be joined, or when readings are
                 a row away from their joints.
         """
+        self._refuse_exchanged()
         q = position_columns(self.arm.prismatic)
         of_joints = {*q, *together, *(f"u_{name}" for name in (*q, *together))}
         own = set(self.readings.names)
@@ -368,6 +371,24 @@ class TwoLogs:
             own={**logged.own, **read.own},
         )
         return whole.take(~lost, reason, [""] * int(lost.sum()))
+
+    def _refuse_exchanged(self) -> None:
+        """Stop when each of the two files has the columns that are mapped of the other."""
+        files = (self.joints, self.readings)
+        mapped = [file.own_names for file in files]
+        headers = [file.header for file in files]
+        lacks = [set(own) - set(header) for own, header in zip(mapped, headers, strict=True)]
+        has = [set(own) <= set(header) for own, header in zip(mapped, headers[::-1], strict=True)]
+        if not all(lacks) or not all(has) or not all(mapped):
+            return
+        missing = [name for name in mapped[0] if name in lacks[0]]
+        raise RawDataError(
+            f"missing columns {', '.join(missing)}, which {self.readings.path.name} has",
+            where=f"{self.joints.path}:1",
+            value=", ".join(headers[0]),
+            allowed=f"the columns of columns.joints in files.joints: {', '.join(mapped[0])}",
+            remedy=f"exchange files.joints and files.readings in {DESCRIPTION_FILE}",
+        )
 
     def _joints_logged(self, q: Sequence[str], together: Sequence[str]) -> tuple[RawRows, Samples]:
         """Read the joints' log, in order of time where it has one."""
@@ -420,7 +441,7 @@ class TwoLogs:
         if by == "time":
             time_s = read.numbers_of("time_s").values
             clocks = by_time(stations, time_s, fit, self.join.clock_offset_s)
-            self._refuse_apart(clocks.inside, count)
+            self._refuse_apart(clocks.inside, count, stations, time_s, fit)
             found = "" if self.join.clock_offset_s is not None else f" ± {2.0 * clocks.u_s:.2g} s"
             self.notes.append(
                 f"{files} joined by time: the joints' clock is that of the readings "
@@ -433,7 +454,9 @@ class TwoLogs:
         else:
             station = np.where(np.arange(count) < len(stations), np.arange(count), -1)
         self.notes.append(f"{files} joined by {by}")
-        self._refuse_shifted(shifted(station, len(stations), fit), read, by)
+        if (shift := shifted(station, len(stations), fit)) is not None:
+            joints, joined = self.joints.path.name, f"as they are joined by {by}"
+            refuse_shifted(shift, self.readings.path, read.line, joined, joints)
         if by == "row" and count != len(stations):
             raise RawDataError(
                 "the two logs have different numbers of rows, and nothing else joins them",
@@ -454,22 +477,7 @@ class TwoLogs:
             usable &= ~found.rows
         seen = self.instrument.from_raw(measured, values, unknown, self.stated)
         T_base_ee = Chain.of(self.arm).forward(in_radians(stations.q_deg, self.arm.prismatic))
-
-        def fit(rows: Index, station: Index, fitted: int) -> Array | None:
-            keep = usable[rows]
-            fitted = int(keep[:fitted].sum())
-            here = seen.take(rows[keep])
-            if fitted < here.least_rows:
-                return None
-            T = T_base_ee[station[keep]]
-            found = robust_misfit(lambda used, weights: here.misfit(T, used, weights), fitted)
-            if found is None:
-                return None
-            left_m = np.full(len(rows), np.nan)
-            left_m[keep] = found.size_m
-            return left_m
-
-        return fit
+        return nominal_fit(seen, T_base_ee, usable)
 
     def _label(
         self, name: str, logged: RawRows, rows: Index
@@ -483,34 +491,85 @@ class TwoLogs:
         # Poses and repeats are made of the joint positions.
         return {name: number_column(made[name])} if name in made else {}
 
-    def _refuse_apart(self, inside: int, count: int) -> None:
+    def _refuse_apart(
+        self, inside: int, count: int, stations: Stations, time_s: Array, fit: Fit
+    ) -> None:
         if 2 * inside > count:
             return
+        stated = self.join.clock_offset_s
+        found = None if stated is None else by_time(stations, time_s, fit)
+        other = found is not None and 2 * found.inside > count
         raise RawDataError(
             "the two logs cannot be joined by time",
-            where=str(self.readings.path),
-            value=f"{inside} of {count} readings lie where the arm stood, at the best offset of "
-            "the clocks",
+            where=str(self.readings.path.parent / DESCRIPTION_FILE) + ": join.clock_offset_s"
+            if other
+            else str(self.readings.path),
+            value=f"{inside} of {count} readings lie where the arm stood, at "
+            + ("the best offset of the clocks" if stated is None else f"{stated:+g} s"),
             allowed="readings taken while the arm stands still",
-            remedy="check that both logs are of the same run, and the units and formats of "
+            remedy=f"remove join.clock_offset_s: it is then found, {found.offset_s:+.2f} s"
+            if other and found is not None
+            else "check that both logs are of the same run, and the units and formats of "
             "columns.joints.time and columns.readings.time",
         )
 
-    def _refuse_shifted(self, shift: Shift | None, read: RawRows, by: str) -> None:
-        if shift is None:
-            return
-        line = int(read.line[shift.first])
-        place = "from the first row on" if shift.first == 0 else f"from line {line} on"
-        other = "after" if shift.rows > 0 else "before"
-        raise RawDataError(
-            f"{place} the readings fit the joints of the row {other} theirs",
-            where=f"{self.readings.path}:{line}",
-            value=f"the nominal arm is {1e3 * shift.as_joined_m:.0f} mm off as they are joined by "
-            f"{by}, and {1e3 * shift.as_shifted_m:.2g} mm one row {other}",
-            allowed="every reading in the row of its joints",
-            remedy="a row is missing or stands twice there: take it out, or put it in, in one of "
-            f"{self.readings.path.name} and {self.joints.path.name}",
-        )
+
+def nominal_fit(seen: Instrument, T_base_ee: Array, usable: NDArray[np.bool_] | None = None) -> Fit:
+    """Return how far readings are from the nominal arm at stations, base and target fitted.
+
+    Args:
+        seen: the readings.
+        T_base_ee: (K, 4, 4) the nominal end at each station [m].
+        usable: (N,) readings to look at; None for all.
+    """
+    usable = np.ones(len(seen), dtype=bool) if usable is None else usable
+
+    def fit(rows: Index, station: Index, fitted: int) -> Array | None:
+        keep = usable[rows]
+        fitted = int(keep[:fitted].sum())
+        here = seen.take(rows[keep])
+        if fitted < here.least_rows:
+            return None
+        T = T_base_ee[station[keep]]
+        found = robust_misfit(lambda used, weights: here.misfit(T, used, weights), fitted)
+        if found is None:
+            return None
+        left_m = np.full(len(rows), np.nan)
+        left_m[keep] = found.size_m
+        return left_m
+
+    return fit
+
+
+def refuse_shifted(
+    shift: Shift, path: Path, lines: NDArray[np.int64], joined: str, other_file: str
+) -> None:
+    """Stop where readings stand a row away from their joints.
+
+    Args:
+        shift: from which reading on, and which way.
+        path: the file of the readings.
+        lines: (N,) line of each reading.
+        joined: how they were joined, in words.
+        other_file: name of the file of the joints; empty where it is the same.
+
+    Raises:
+        RawDataError: naming the line.
+    """
+    line = int(lines[shift.first])
+    place = "from the first row on" if shift.first == 0 else f"from line {line} on"
+    other, way = ("after", "down") if shift.rows > 0 else ("before", "up")
+    raise RawDataError(
+        f"{place} the readings fit the joints of the row {other} theirs",
+        where=f"{path}:{line}",
+        value=f"the nominal arm is {1e3 * shift.as_joined_m:.0f} mm off {joined}, and "
+        f"{1e3 * shift.as_shifted_m:.2g} mm one row {other}",
+        allowed="every reading in the row of its joints",
+        remedy="a row is missing or stands twice there: take it out, or put it in, in one of "
+        f"{path.name} and {other_file}"
+        if other_file
+        else f"move the readings one row {way}, or the joints the other way, in {path.name}",
+    )
 
 
 def _from_the_first(

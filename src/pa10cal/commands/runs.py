@@ -86,7 +86,7 @@ def run(
     over: dict[str, Any] = {"campaigns": names}
     if group is not None:
         over["groups"] = {group: names}
-    used = settings_of(own, over, f"{settings or places[0] / 'campaign.yaml'}: name")
+    used = settings_of(own, over, str(settings or f"{places[0] / 'campaign.yaml'}: name"))
     raw = out / WORK_FOLDER / "raw"
     config = {key: json.dumps(value) for key, value in over.items()}
     config |= {"raw_dir": str(raw), "results_dir": str(out)}
