@@ -1,6 +1,7 @@
 """Mistakes that users of robots and trackers make: each is told by cause, place and remedy.
 
-Commands that take a model have theirs in `commands/test_mistakes_with_models.py`.
+Of files and their columns here; of what campaign.yaml says, and of files that are not there, in
+`test_mistakes_of_the_description.py`; of models in `commands/test_mistakes_with_models.py`.
 """
 
 from __future__ import annotations
@@ -19,9 +20,7 @@ from made_up_mistakes import (
     Mistake,
     Own,
     calibrate,
-    call,
     columns,
-    edited,
     exchanged,
     faults,
     own_campaign,
@@ -105,6 +104,9 @@ def two_files(own: Own) -> None:
 
 def zones(own: Own) -> None:
     """Clocks an hour apart, and the hour added on the wrong side."""
+    steps_s = np.random.default_rng(1).uniform(20, 90, len(own.table)).cumsum()
+    at = pd.Timestamp("2026-03-05 09:30") + pd.to_timedelta(steps_s, unit="s")
+    own.table["Zeit"] = at.strftime("%d.%m.%Y %H:%M:%S")
     two_files(own)
     own.content["files"] = {"joints": "steuerung.csv", "readings": "tracker.csv"}
     clock = own.table["Zeit"]
@@ -147,14 +149,6 @@ def windows(own: Own) -> None:
     """campaign.yaml in the encoding of Windows."""
     text = own.write().joinpath("campaign.yaml").read_text(encoding="utf-8")
     own.more["campaign.yaml"] = text.encode("cp1252")
-
-
-def run_of(*words: str, into: str = ""):
-    def command(own: Own):
-        folder = own.write() / into
-        return call("run", folder, "--out", own.folder.parent / "out", *words)
-
-    return command
 
 
 POSES = r"campaign\.yaml: columns\.poses"
@@ -374,7 +368,7 @@ MISTAKES = [
         "a decimal comma that is not declared",
         put("columns.poses.decimal", None),
         "a decimal comma",
-        r"messung\.csv:2.*`A1 \[°\]`",
+        r"messung\.csv:2: `A \[°\]` \(`qw … qz`\)|messung\.csv:2: `A \[°\]`",
         r"set columns\.poses\.decimal: ','",
         ("decimal",),
     ),
@@ -467,8 +461,8 @@ MISTAKES = [
     Mistake(
         "words of held-out rows that are not stated",
         put("columns.poses.kind.words", {"Training": "grid"}),
-        "Prüfung.*none of grid, holdout",
-        r"messung\.csv.*`Satz`",
+        "10 of 40 rows.*none of line_x, line_y, grid, holdout.*Prüfung",
+        r"messung\.csv:32: `Satz` \(`kind`\)",
         r"add 'Prüfung' to columns\.poses\.kind\.words, as grid or as holdout",
         ("words",),
     ),
@@ -490,9 +484,9 @@ MISTAKES = [
     Mistake(
         "a target under another name",
         as_points,
-        "tool.balls_mm states R1.*T1|T1.*tool.balls_mm.*R1",
+        "tool.balls_mm states R1, and the columns are of T1",
         r"campaign\.yaml: tool\.balls_mm",
-        "rename",
+        "rename them in tool.balls_mm",
         warned=True,
     ),
     Mistake(
@@ -511,150 +505,12 @@ MISTAKES = [
         r"remove join\.clock_offset_s: it is then found, -3600",
         ("clock",),
     ),
-    # campaign.yaml.
-    Mistake(
-        "a key misspelt",
-        edited("gravity_m_s2", "gravity_ms2"),
-        "unknown key gravity_ms2",
-        r"campaign\.yaml",
-        "did you mean 'gravity_m_s2'",
-        ("meant",),
-    ),
-    Mistake(
-        "a key at the wrong level",
-        edited("reference_temperature_C", "uncertainty_mm: 0.05\nreference_temperature_C"),
-        "unknown key uncertainty_mm",
-        r"campaign\.yaml",
-        r"it belongs under instrument: instrument\.uncertainty_mm",
-    ),
-    Mistake(
-        "no as a name",
-        edited("name: zelle", "name: no"),
-        "YAML reads no, off, false without quotes as false",
-        r"campaign\.yaml.*key name",
-        'write it in quotes, as "no"',
-    ),
-    Mistake(
-        "nothing behind a key",
-        lambda own: put("provenance", "x")(own) or edited("provenance: x", "provenance:")(own),
-        "nothing is stated",
-        r"campaign\.yaml.*key provenance",
-        "a text",
-    ),
-    Mistake(
-        "tabs",
-        edited("  poses: messung.csv", "\tposes: messung.csv"),
-        "tab",
-        r"campaign\.yaml.*line \d+",
-        "indent with spaces",
-    ),
-    Mistake(
-        "a key twice",
-        edited("name: zelle", "name: zelle\nname: zelle2"),
-        "the key name stands there twice",
-        r"campaign\.yaml.*line 3",
-        "remove one",
-    ),
-    Mistake(
-        "a number that YAML takes for a text",
-        edited("uncertainty_mm: 0.05", "uncertainty_mm: 5e-2 mm"),
-        "instrument.uncertainty_mm does not fit.*5e-2 mm",
-        r"campaign\.yaml",
-        r"a number; set instrument\.uncertainty_mm accordingly",
-    ),
-    Mistake(
-        "a number as a label",
-        put("exclude", [{"where": 12, "why": "bumped"}]),
-        "YAML reads it as a number",
-        r"campaign\.yaml.*exclude\.0\.where",
-        'in quotes, as "12"',
-    ),
-    Mistake(
-        "an instrument by its usual name",
-        put("instrument.kind", "laser_tracker"),
-        "instrument.kind does not fit.*laser_tracker",
-        r"campaign\.yaml",
-        r"one of distance, points, pose, touch_trigger_cmm; set instrument\.kind",
-    ),
-    Mistake(
-        "a key that is missing",
-        put("gravity_m_s2", None),
-        "missing key gravity_m_s2",
-        r"campaign\.yaml",
-        r"\[0, 0, -9\.81\] for an upright arm; set gravity_m_s2",
-    ),
-    Mistake(
-        "a path with backslashes",
-        put("files.poses", "daten\\messung.csv"),
-        r"files\.poses does not fit.*daten",
-        r"campaign\.yaml",
-        r"the name of a file in the campaign's folder alone, messung\.csv; set files\.poses",
-    ),
-    # Files and folders that are not there.
-    Mistake(
-        "a file of another name",
-        put("files.poses", "Messung.CSV"),
-        "the file is not there.*Messung.CSV",
-        r"campaign\.yaml: files\.poses",
-        r"did you mean 'messung\.csv'",
-        ("meant",),
-    ),
-    Mistake(
-        "an arm that is not described",
-        put("robot", "kr10"),
-        "unknown robot.*kr10",
-        r"campaign\.yaml: robot|robot",
-        r"kr10\.yaml|import_arm",
-        command=run_of(),
-    ),
-    Mistake(
-        "the folder above",
-        lambda own: None,
-        "there is no campaign.yaml",
-        r"/campaign\.yaml",
-        r"did you mean the folder 'zelle' in it\?",
-        ("meant",),
-        command=run_of(into=".."),
-    ),
-    Mistake(
-        "a folder that is not there",
-        lambda own: None,
-        "the folder is not there",
-        r"zellle",
-        "did you mean 'zelle'",
-        ("meant",),
-        command=run_of(into="../zellle"),
-    ),
-    Mistake(
-        "settings that are not there",
-        lambda own: None,
-        "the file is not there",
-        r"robust\.yaml",
-        "check the path",
-        command=run_of("--settings", "robust.yaml"),
-    ),
-    Mistake(
-        "a prior that is not there",
-        lambda own: None,
-        "the file is not there|no model.yaml",
-        r"results/march",
-        "correct the path",
-        command=run_of("--prior", "results/march"),
-    ),
 ]
 
 
-@pytest.fixture(scope="module", name="right")
-def _right(tmp_path_factory) -> Own:
-    return built_once(tmp_path_factory, "right_campaign", own_campaign)
-
-
 @pytest.fixture
-def own(right, tmp_path, monkeypatch) -> Own:
-    def never(*_):
-        raise AssertionError("the workflow was started")
-
-    monkeypatch.setattr("pa10cal.running.workflow.run_workflow", never)
+def own(tmp_path_factory, tmp_path) -> Own:
+    right = built_once(tmp_path_factory, "right_campaign", own_campaign)
     return right.copy(tmp_path / "zelle")
 
 

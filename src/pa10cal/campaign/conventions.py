@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -270,7 +270,8 @@ def _numbers(R: Array, stated: RotationColumns) -> Array:
         return np.asarray(turned.as_quat(scalar_first=word.endswith("wxyz")))
     if word == "rotation_vector":
         return np.asarray(turned.as_rotvec(degrees=True))
-    sequence = "xyz" if word == "rpy" else word.rpartition("_")[2]
+    # As SciPy has it: small letters about fixed axes.
+    sequence = cast("EulerSequence", "xyz" if word == "rpy" else word.rpartition("_")[2])
     return np.asarray(turned.as_euler(sequence, degrees=True, suppress_warnings=True))
 
 

@@ -53,7 +53,8 @@ from pa10cal.campaign.screens import (
     refuse_wrong_length_unit,
     robust_misfit,
 )
-from pa10cal.campaign.two_logs import TwoLogs, nominal_fit, refuse_shifted, shifted
+from pa10cal.campaign.shifted_rows import nominal_fit, refuse_shifted, shifted, steps_agree
+from pa10cal.campaign.two_logs import TwoLogs
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import Misfit, RawColumns
 from pa10cal.options import IngestOptions
@@ -135,8 +136,27 @@ def read_tracked(
         found,
         tuple(listed),
         tuple(notes),
-        (*missing, *screened.warnings, *of_base, *file.words.contradicted_units(read.file)),
+        (
+            *missing,
+            *screened.warnings,
+            *of_base,
+            *file.words.contradicted_units(read.file),
+            *_other_names(description, found.measured.target_names),
+        ),
         timed="time_s" in file.names,
+    )
+
+
+def _other_names(description: CampaignDescription, names: Sequence[str]) -> tuple[str, ...]:
+    """Name targets that campaign.yaml places under names that no column has."""
+    absent = sorted(set(description.tool.balls_mm) - set(names))
+    unplaced = sorted(set(names) - set(description.tool.balls_mm))
+    if not absent or not unplaced:
+        return ()
+    return (
+        f"campaign.yaml: tool.balls_mm states {', '.join(absent)}, and the columns are of "
+        f"{', '.join(unplaced)}: if these are the same targets, rename them in tool.balls_mm or "
+        "in the columns",
     )
 
 
@@ -233,8 +253,14 @@ class _Screen:
         places_m = found.measured.places_m
         seen = np.isfinite(places_m[..., 0])
         best = int(seen.sum(axis=0).argmax())
+        what = "distances" if places_m.shape[2] == 1 else "positions"
+        where, column = f"{self.file.path}: {self._target(best)}", self.columns.targets[best][0]
+        scale, logged = found.measured.scale(T_base_ee), self._logged(found.states.q_rad)
+        # Of joints that may be in radians the scale says nothing yet.
+        if not may_be_radians(logged, self.arm):
+            refuse_wrong_length_unit(scale, what, where, column, words)
         refuse_wrong_angle_unit(
-            (rows.time_s, self._logged(found.states.q_rad)),
+            (rows.time_s, logged),
             (rows.time_s[seen[:, best]], 1e3 * places_m[seen[:, best], best]),
             self.arm,
             0.0,
@@ -242,11 +268,7 @@ class _Screen:
             words,
         )
         self._refuse_better_unit(rows)
-        what = "distances" if places_m.shape[2] == 1 else "positions"
-        where = f"{self.file.path}: {self._target(best)}"
-        T_base_ee = Chain.of(self.arm).forward(found.states.q_rad)
-        column = self.columns.targets[best][0]
-        refuse_wrong_length_unit(found.measured.scale(T_base_ee), what, where, column, words)
+        refuse_wrong_length_unit(scale, what, where, column, words)
 
     def _refuse_better_unit(self, rows: PoseRows) -> None:
         """Stop when angles in radians, or strokes in metres, explain the measurements."""
@@ -282,6 +304,10 @@ class _Screen:
     def _refuse_shifted(self, rows: PoseRows) -> None:
         """Stop when the readings stand a row away from their joints."""
         T_base_ee = Chain.of(self.arm).forward(rows.observations.states.q_rad)
+        places_m = rows.observations.measured.places_m
+        best = int(np.isfinite(places_m[..., 0]).sum(axis=0).argmax())
+        if places_m.shape[2] != 3 or not steps_agree(T_base_ee, places_m[:, best]):
+            return
         fit = nominal_fit(rows.observations.measured, T_base_ee)
         found = shifted(np.arange(len(rows)), len(rows), fit)
         if found is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import NumberColumn, RawRows, finite, number_column
 from pa10cal.campaign.rows import Samples, in_radians, position_columns
-from pa10cal.campaign.screens import robust_misfit
+from pa10cal.campaign.shifted_rows import Fit, nominal_fit, refuse_shifted, shifted
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import RawColumns, Stated
@@ -38,16 +38,6 @@ STANDS = 0.2
 #: Clocks are tried that bring so large a part of the readings into steady phases as the best does.
 NEARLY = 0.85
 CANDIDATES = 12
-#: Joints fit the nominal arm so many times better when shifted by a row, or it is not said.
-BETTER = 4.0
-#: Rows that are shifted, at the least.
-FEW = 3
-#: Where the nominal arm, however placed, is further off in the median, nothing is said [m].
-FITS_M = 0.03
-
-#: What the nominal arm leaves of readings (rows, at stations), base and target fitted to the first
-#: so many of them [m]; None where they do not determine it.
-Fit = Callable[[Index, Index, int], Array | None]
 
 
 @dataclass(frozen=True)
@@ -75,16 +65,6 @@ class Clocks:
     offset_s: float  # what to add to the time of a reading for that of the joints
     u_s: float  # its standard uncertainty: readings stay in their steady phases within it
     inside: int  # readings in steady phases
-
-
-@dataclass(frozen=True)
-class Shift:
-    """Readings that are a row away from the joints they were taken at."""
-
-    first: int  # reading from which on it is so, from 0
-    rows: int  # +1: they belong to the joints of the row after, -1: of the row before
-    as_joined_m: float  # median misfit of these rows as they are
-    as_shifted_m: float  # and shifted
 
 
 def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations:
@@ -153,7 +133,7 @@ def by_time(stations: Stations, time_s: Array, fit: Fit, offset_s: float | None 
         middle = 0.5 * (low + high)
         station = phase_at(stations.start_s, stations.end_s, time_s + middle)
         inside = np.flatnonzero(station >= 0)
-        left_m = fit(inside, station[inside], len(inside))
+        left_m = fit(inside, station[inside], len(inside)) if len(allowed) > 1 else None
         size = np.inf if left_m is None else float(np.median(left_m))
         tried.append((size, -len(inside), middle, high - low, station))
     best_m = min(each[0] for each in tried)
@@ -182,80 +162,6 @@ def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
         elif number < len(listed):
             found[i] = listed[number]
     return found
-
-
-def shifted(station: Index, stations: int, fit: Fit) -> Shift | None:
-    """Return whether readings fit the joints a row away, and from which reading on.
-
-    Args:
-        station: (N,) row of the joints of each reading, as joined; -1 for none.
-        stations: how many rows the joints have.
-        fit: the nominal arm fitted to readings at rows of the joints.
-    """
-    rows = np.flatnonzero(station >= 0)
-    count = len(rows)
-    if count < 4 * FEW:
-        return None
-    left = _misfits(rows, station[rows], stations, fit)
-    if left is None:
-        return None
-    typical = float(np.nanmedian(np.nanmin(left, axis=0)))
-    # Beyond some size it does not matter how far a row is off.
-    cost = np.minimum(np.where(np.isfinite(left), left, np.inf), 50.0 * max(typical, 1e-5))
-    sums = np.concatenate([np.zeros((3, 1)), np.cumsum(cost, axis=1)], axis=1)
-    before, after = sums, sums[:, -1:] - sums
-    total = before[:, None, :] + after[None, :, :]  # shift before, shift after, reading
-    one, two, first = map(int, np.unravel_index(int(np.argmin(total)), total.shape))
-    one, two = (two if first == 0 else one), (one if first == count else two)
-    if (one, two) == (1, 1):
-        return None
-    moved = np.zeros(count, dtype=bool)
-    if one != 1:
-        moved[:first] = True
-    if two != 1:
-        moved[first:] = True
-    shift = (one if one != 1 else two) - 1
-    if moved.sum() < FEW or (one != 1 and two != 1 and one != two):
-        return None
-    as_joined, as_shifted = (
-        float(np.median(left[each][moved & np.isfinite(left[each])])) for each in (1, shift + 1)
-    )
-    if as_shifted > FITS_M or as_joined < BETTER * max(as_shifted, typical):
-        return None
-    return Shift(int(rows[np.flatnonzero(moved)[0]]), int(shift), as_joined, as_shifted)
-
-
-def _misfits(rows: Index, station: Index, stations: int, fit: Fit) -> Array | None:
-    """Return the misfit (3, N) of readings at the row before, at the joined one and at the next.
-
-    Base and target are those of the part of the readings, as joined or shifted, that fits best.
-    """
-    count = len(rows)
-    third = max(count // 3, 2 * FEW)
-    parts = [np.arange(count), np.arange(third), np.arange(count - third, count)]
-    best: tuple[float, Array] | None = None
-    shifts = np.stack([station - 1, station, station + 1])
-    there = (shifts >= 0) & (shifts < stations)
-    for shift in (1, 0, 2):
-        for part in parts:
-            used = part[there[shift, part]]
-            if len(used) < 2 * FEW:
-                continue
-            # Fitted to this part, judged at all three.
-            known = [(k, np.flatnonzero(there[k])) for k in range(3)]
-            at = np.concatenate([shifts[shift, used], *(shifts[k, each] for k, each in known)])
-            of = np.concatenate([rows[used], *(rows[each] for _, each in known)])
-            left_m = fit(of, at, len(used))
-            if left_m is None:
-                continue
-            left, start = np.full((3, count), np.nan), len(used)
-            for k, each in known:
-                left[k, each] = left_m[start : start + len(each)]
-                start += len(each)
-            size = float(np.median(left_m[: len(used)]))
-            if best is None or size < 0.5 * best[0]:
-                best = size, left
-    return None if best is None or best[0] > FITS_M else best[1]
 
 
 # Two files read as one: rows of the readings, each with the joints it was taken at.
@@ -512,64 +418,6 @@ class TwoLogs:
             else "check that both logs are of the same run, and the units and formats of "
             "columns.joints.time and columns.readings.time",
         )
-
-
-def nominal_fit(seen: Instrument, T_base_ee: Array, usable: NDArray[np.bool_] | None = None) -> Fit:
-    """Return how far readings are from the nominal arm at stations, base and target fitted.
-
-    Args:
-        seen: the readings.
-        T_base_ee: (K, 4, 4) the nominal end at each station [m].
-        usable: (N,) readings to look at; None for all.
-    """
-    usable = np.ones(len(seen), dtype=bool) if usable is None else usable
-
-    def fit(rows: Index, station: Index, fitted: int) -> Array | None:
-        keep = usable[rows]
-        fitted = int(keep[:fitted].sum())
-        here = seen.take(rows[keep])
-        if fitted < here.least_rows:
-            return None
-        T = T_base_ee[station[keep]]
-        found = robust_misfit(lambda used, weights: here.misfit(T, used, weights), fitted)
-        if found is None:
-            return None
-        left_m = np.full(len(rows), np.nan)
-        left_m[keep] = found.size_m
-        return left_m
-
-    return fit
-
-
-def refuse_shifted(
-    shift: Shift, path: Path, lines: NDArray[np.int64], joined: str, other_file: str
-) -> None:
-    """Stop where readings stand a row away from their joints.
-
-    Args:
-        shift: from which reading on, and which way.
-        path: the file of the readings.
-        lines: (N,) line of each reading.
-        joined: how they were joined, in words.
-        other_file: name of the file of the joints; empty where it is the same.
-
-    Raises:
-        RawDataError: naming the line.
-    """
-    line = int(lines[shift.first])
-    place = "from the first row on" if shift.first == 0 else f"from line {line} on"
-    other, way = ("after", "down") if shift.rows > 0 else ("before", "up")
-    raise RawDataError(
-        f"{place} the readings fit the joints of the row {other} theirs",
-        where=f"{path}:{line}",
-        value=f"the nominal arm is {1e3 * shift.as_joined_m:.0f} mm off {joined}, and "
-        f"{1e3 * shift.as_shifted_m:.2g} mm one row {other}",
-        allowed="every reading in the row of its joints",
-        remedy="a row is missing or stands twice there: take it out, or put it in, in one of "
-        f"{path.name} and {other_file}"
-        if other_file
-        else f"move the readings one row {way}, or the joints the other way, in {path.name}",
-    )
 
 
 def _from_the_first(

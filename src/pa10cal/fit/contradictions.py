@@ -37,9 +37,9 @@ def of_joints(model: Fitted, q: Array) -> Iterator[str]:
         return
     if model.inside(q).mean() <= _FEW and model.inside(as_radians).mean() > _MOST:
         yield (
-            f"{_columns(model)}: the joint positions look like radians under columns in degrees: all are within ±6.3, "
-            "beyond the angles of the fit as degrees and inside them as radians; multiply them by "
-            "57.29578 if so"
+            f"{_columns(model)}: the joint positions look like radians under columns in degrees: "
+            "all are within ±6.3, beyond the angles of the fit as degrees and inside them as "
+            "radians; multiply them by 57.29578 if so"
         )
 
 
@@ -61,18 +61,18 @@ def of_targets(model: Fitted, T: Array, seed: Array, frame: str) -> Iterator[str
         other_m = np.median(away(as_radians, T)[0])
         if other_m < _NEARER * np.median(off_m):
             yield (
-                f"{_columns(model)}: the seeds look like radians under columns in degrees: they are "
-                f"{1e3 * np.median(off_m):.0f} mm from their targets as degrees and "
+                f"{_columns(model)}: the seeds look like radians under columns in degrees: they "
+                f"are {1e3 * np.median(off_m):.0f} mm from their targets as degrees and "
                 f"{1e3 * other_m:.0f} mm as radians; multiply them by 57.29578 if so"
             )
             return
     far = off_m > _FAR * reach_m
     if far.mean() > _MOST:
         yield (
-            f"{_columns(model)}: {far.sum()} of {len(far)} seeds contradict their targets: at these joint positions "
-            f"the {frame} is more than half the reach ({500 * reach_m:.0f} mm) from the target; "
-            "check the units and the order of the joints, the frame, and that targets are in the "
-            "robot's base frame"
+            f"{_columns(model)}: {far.sum()} of {len(far)} seeds contradict their targets: at "
+            f"these joint positions the {frame} is more than half the reach "
+            f"({500 * reach_m:.0f} mm) from the target; check the units and the order of the "
+            "joints, the frame, and that targets are in the robot's base frame"
         )
     elif np.median(off_rad) > _ALIKE_RAD:
         other_rad = np.median(away(seed, _scalar_last(T))[1])
