@@ -54,7 +54,7 @@ def test_what_is_no_text_or_too_large_is_refused(
 ) -> None:
     path = tmp_path / "a.yaml"
     path.write_bytes(b"\xff\xfe\xff")
-    with pytest.raises(RawDataError, match="decode"):
+    with pytest.raises(RawDataError, match="not UTF-8 text, as line 1 shows"):
         read_yaml(path, RawDataError, what="it cannot be read")
     path.write_text("a: 1\n" * 10, encoding="utf-8")
     monkeypatch.setattr("pa10cal.yaml_file.MAX_BYTES", 40)

@@ -122,7 +122,7 @@ LIKENESS = 0.65
 def remedy_for(word: str, known: Iterable[str], otherwise: str) -> str:
     """Return a remedy for an unknown word: the nearest known one, or else what to do instead.
 
-    One of the words that a known name is made of is near it too.
+    Capitals do not count. One of the words that a known name is made of is near it too.
 
     Args:
         word: what was written.
@@ -130,7 +130,9 @@ def remedy_for(word: str, known: Iterable[str], otherwise: str) -> str:
         otherwise: the remedy where none of them is near.
     """
     names = list(known)
-    near = difflib.get_close_matches(word, names, n=1, cutoff=LIKENESS)
+    small = {name.casefold(): name for name in reversed(names)}
+    found = difflib.get_close_matches(word.casefold(), small, n=1, cutoff=LIKENESS)
+    near = [small[each] for each in found]
     near = near or [name for name in names if word in name.split("_")]
     return f"did you mean {near[0]!r}?" if near else otherwise
 

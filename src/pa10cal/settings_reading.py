@@ -6,7 +6,8 @@ import json
 from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -50,10 +51,11 @@ def read_settings_argument(section: type[_S], argument: str, *, where: str = "--
     try:
         raw = json.loads(argument) if inline else parse_yaml(Path(argument).read_text("utf-8"))
     except (OSError, ValueError, RecursionError) as error:
+        absent = isinstance(error, FileNotFoundError)
         raise SettingsError(
             "settings cannot be read",
             where=where,
-            value=str(error),
+            value="the file is not there" if absent else str(error),
             allowed="a JSON object or the path of a YAML file",
             remedy="check the path and its syntax",
         ) from None
@@ -79,15 +81,21 @@ def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> Se
     key = ".".join(location) or "the whole"
     if unknown:
         known = list(_section_at(section, location[:-1]).model_fields)
+        places = [place for place in _places_of(section, location[-1]) if place != location]
+        elsewhere = "" if not places else ".".join(places[0][:-1]) or "the top level"
         return SettingsError(
             f"unknown key {key}",
             where=where,
             allowed=", ".join(sorted(known)),
-            remedy=remedy_for(location[-1], known, "remove it"),
+            remedy=f"it belongs under {elsewhere}: {'.'.join(places[0])}"
+            if places
+            else remedy_for(location[-1], known, "remove it"),
         )
     if first["type"] == "missing":
+        field = _section_at(section, location[:-1]).model_fields.get(location[-1])
+        allowed = (field and field.description) or "a value"
         return SettingsError(
-            f"missing key {key}", where=where, allowed="a value", remedy=f"set {key}"
+            f"missing key {key}", where=where, allowed=allowed, remedy=f"set {key}"
         )
     if first["type"] == "invalid_key" or any(
         each["type"] == "string_type" and each["input"] is first["input"] for each in findings
@@ -174,6 +182,18 @@ def _meaning(section: type[BaseModel], path: tuple[str, ...]) -> str:
         if field is not None:
             return field.description or ""
     return ""
+
+
+def _places_of(
+    section: type[BaseModel], key: str, above: tuple[str, ...] = ()
+) -> Iterator[tuple[str, ...]]:
+    """Yield where a section has a key of this name, in itself or in the sections below it."""
+    if key in section.model_fields:
+        yield (*above, key)
+    for name, field in section.model_fields.items():
+        for inner in _sections_in(field.annotation):
+            if get_origin(field.annotation) in (None, UnionType, Union):
+                yield from _places_of(inner, key, (*above, name))
 
 
 def _section_at(section: type[BaseModel], path: tuple[str, ...]) -> type[BaseModel]:

@@ -6,6 +6,7 @@ grow without end, and of two keys of one name the first is dropped without a wor
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,7 +49,14 @@ def read_yaml(
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise ValueError(f"{size / 1e6:.0f} MB, at most {MAX_BYTES / 1e6:.0f} MB are read")
-        return parse_yaml(path.read_text(encoding="utf-8-sig"))
+        content = path.read_bytes()
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError as odd:
+            line = content[: odd.start].count(b"\n") + 1
+            what_is = f"it is not UTF-8 text, as line {line} shows: save it as UTF-8"
+            raise ValueError(what_is) from None
+        return parse_yaml(text)
     except (OSError, ValueError) as found:
         absent = isinstance(found, FileNotFoundError)
         why = "the file is not there" if absent else getattr(found, "strerror", None) or str(found)
@@ -72,7 +80,7 @@ def parse_yaml(text: str) -> Any:
         return yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         said = " ".join(str(error).split())
-        tabs = "'\\t'" in said or "tab character" in said
+        tabs = re.search(r"^ *\t", text, re.MULTILINE) is not None
         raise ValueError(said + "; indent with spaces, not with tabs" * tabs) from None
     except (AttributeError, IndexError, TypeError, OverflowError) as error:
         # What the package's own conversions of tagged values raise, such as `!!int ''`.

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.health import Errors, FitSummary, HeldOut, health, poses_needed
+from pa10cal.calibration.determined import FitSummary, poses_needed
+from pa10cal.calibration.health import Errors, HeldOut, health
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.results.evaluation import Accuracy
 from pa10cal.results.health import InputFinding, RepeatScatter

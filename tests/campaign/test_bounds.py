@@ -124,7 +124,7 @@ def test_a_wrong_column_is_refused_by_name(copy, column, text, message):
         ("gravity_m_s2", [0, 0, -1e154], r"gravity is of another size"),
         ("reference_temperature_C", 293.15, r"looks like kelvin"),
         ("reference_temperature_C", 1e154, r"no temperature of a laboratory"),
-        ("tool.mass_kg", 1500, r"heavier than the arm .*state 1.5 if the mass is in grams"),
+        ("tool.mass_kg", 1500, r"heavier .*set tool.mass_kg: 1.5 if the mass is in grams"),
         ("tool.com_mm", [0, 1e154, 0], r"tool.com_mm.1"),
         ("tool.load_point_mm", [0, 1e154, 0], r"tool.load_point_mm.1"),
         ("instrument.uncertainty_mm", 1e154, r"less than or equal to 1000"),

@@ -308,10 +308,16 @@ COLUMNS = {
         ({"rotation": None}, r"columns.poses: nothing is mapped to qw, .*set columns.poses.rot"),
         ({"kind": None}, r"mapped to kind .*set columns.poses.kind; or state holdout"),
         ({"position": {"names": ["X", "Y", "Zed"]}}, r"export.txt:1: missing column Zed"),
-        ({"joints": {"names": OWN, "unit": "rad"}}, r"beyond the limits of joint"),
-        ({"position": POSITION | {"unit": "m"}}, r"beyond any measuring .*column X first"),
-        ({"position": POSITION | {"unit": "cm"}}, r"X \(x_mm\), Y \(y_mm\)|and of the measured"),
-        ({"separator": ";"}, r"export.txt:1: the fields are separated by commas"),
+        ({"joints": {"names": OWN, "unit": "rad"}}, r"look like degrees.*joints\.unit: deg"),
+        (
+            {"position": POSITION | {"unit": "m"}},
+            r"`X` \(`x_mm`\).*set columns.*position\.unit: mm",
+        ),
+        (
+            {"position": POSITION | {"unit": "cm"}},
+            r"`X` \(`x_mm`\).*set columns.*position\.unit: mm",
+        ),
+        ({"separator": ";"}, r"export.txt:1: the fields .* by commas.*poses.separator: ','"),
         ({"rotation": {"names": ["X"], "convention": "euler_XXY"}}, r"convention does not fit"),
         ({"joins": JOINTS}, r"unknown key columns.poses.joins.*did you mean 'joints'"),
         ({"rotation": {"names": ["X", "Y"], "convention": "rpy"}}, r"2 columns .*3, as rpy has"),
@@ -388,7 +394,8 @@ def test_a_column_that_is_mapped_twice_is_refused(tracked):
     columns = {"joints": JOINTS, "position": POSITION | {"names": ["X", "Y", "Y"]}}
     message = refused(raw, own_table(table), columns | {"kind": {"names": "kind"}})
     assert "a column is mapped twice" in message
-    assert "Y: y_mm and z_mm" in message
+    assert "`Y` for y_mm and z_mm" in message
+    assert "columns.poses.position.names" in message
 
 
 def test_angles_in_radians_that_are_said_to_be_degrees_are_refused(tracked):
@@ -399,8 +406,8 @@ def test_angles_in_radians_that_are_said_to_be_degrees_are_refused(tracked):
     columns = {"joints": JOINTS, "position": POSITION, "rotation": rotation}
     message = refused(raw, own, columns | {"kind": {"names": "kind"}})
     assert "look like radians" in message
-    assert "A, B, C" in message
-    assert "rotation.unit: rad" in message
+    assert "`A`, `B`, `C`" in message
+    assert "set columns.poses.rotation.unit: rad" in message
 
 
 def test_a_decimal_comma_that_is_not_stated_is_named(tracked):
@@ -415,4 +422,4 @@ def test_a_decimal_comma_that_is_not_stated_is_named(tracked):
     own = own_table(table).join(table[QUATERNION])
     message = refused(raw, own, columns, sep=";", decimal=",")
     assert "a decimal comma" in message
-    assert "state decimal: ','" in message
+    assert "set columns.poses.decimal: ','" in message

@@ -180,7 +180,7 @@ def test_a_file_of_the_contract_needs_no_mapping(tmp_path, proposed):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "no rows of numbers"),
+        ("", "the file is empty"),
         ("a report\nof no numbers\nat all\n", "no rows of numbers"),
         ("a,b,c,d\n" + "1,2,3,4\n" * 9, "no joint positions were recognised"),
         ("J1,J2,J3,J4,J5,J6\n" + "1,2,3,4,5,6\n" * 9, "no position and no distance"),

@@ -119,7 +119,7 @@ REFUSED = {
     "header only": (header_only, r"resolver.csv:1: there is no row"),
     "cut gzip": (cut_gzip, r"cmm.csv.gz: the compressed file is damaged or cut short"),
     "binary": (binary, r"cmm.csv:1: the file is not UTF-8 text"),
-    "too many bad rows": (too_many_bad, r"cmm.csv:2: 128 of 510 rows .*not a finite number"),
+    "too many bad rows": (too_many_bad, r"cmm.csv:2: z_mm: 128 of 510 rows .*not a finite number"),
     "wrong diameter": (wrong_diameter, r"spheres of the stated diameter.*ball_diameter_mm"),
     "metres": (metres, r"lie in one plane.*unit of x_mm"),
     "micrometres": (

@@ -111,7 +111,7 @@ def scaled(lines, factor):
         (1e-3, r"poses.csv: x_mm, y_mm, z_mm: the positions look like metres"),
         (0.1, r"x_mm, y_mm, z_mm: .*look like centimetres"),
         (1 / 25.4, r"x_mm, y_mm, z_mm: .*look like inches"),
-        (1e3, r"unit of these columns, and of the measured places"),
+        (1e3, r"x_mm, y_mm, z_mm: .*look like micrometres"),
     ],
 )
 def test_positions_in_another_unit_are_noticed(tracked, factor, message):

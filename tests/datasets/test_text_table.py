@@ -60,7 +60,7 @@ def test_bad_rows_are_listed_and_too_many_refused(tmp_path):
     table = read_bare_table(tmp_path, "t.txt", ("a", "b"))
     assert len(table) + len(table.left_out) == table.total == 5
     with pytest.raises(
-        RawDataError, match=r"t\.txt:2: 3 of 5 rows would be quarantined, 2 of them"
+        RawDataError, match=r"t\.txt:2: b: 3 of 5 rows would be quarantined, 2 of them"
     ):
         table.refuse_too_many(0.5)
     table.refuse_too_many(0.6)

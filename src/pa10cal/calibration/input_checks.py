@@ -7,25 +7,32 @@ found here leaves the campaign running, marked: `docs/raw-data.md` lists all of 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.special import ndtri
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
+from pa10cal.calibration.joint_checks import (
+    Asked,
+    above_noise,
+    joint_zeros,
+    scatter_of_repeats_mm,
+    signs_and_order,
+    small_signs,
+)
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.conventions import better_convention
+from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.labels import exchange_text, stated_order, stated_shape
+from pa10cal.campaign.own_words import OwnWords
+from pa10cal.campaign.raw_file import words_of
 from pa10cal.campaign.weighed_arm import weights_finding
-from pa10cal.errors import CalibrationError, Pa10calError
+from pa10cal.errors import Pa10calError
 from pa10cal.fit.loads import statics_of
-from pa10cal.frame.hand_eye import LEVER_M
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.health import InputFinding
 from pa10cal.terms.model import Model
@@ -71,16 +78,19 @@ def check_input(
         )
     grid = average_repeats(every.of_kind("grid"))
     some = _some(grid)
+    words = words_of(campaign, arm.prismatic)
     found = (
-        *_temperature(campaign, every),
+        *_temperature(campaign, every, words),
         *weights_finding(arm),
         *_shape(campaign, arm, grid, options),
     )
-    others = _attitudes(arm, some) or signs_and_order(arm, some)
+    repeats_mm = scatter_of_repeats_mm(every.of_kind("grid"))
+    asked = Asked(campaign, arm, options, words, repeats_mm)
+    others = _attitudes(asked, some) or signs_and_order(asked, some) or joint_zeros(asked, some)
     if not others and campaign.payload(arm) is not None and _logs_torques(some):
         others = _gravity_by_torques(campaign, arm, some)
     if not others and above_noise(arm, some, options):
-        others = small_signs(arm, some, options) or _gravity(campaign, arm, some, options)
+        others = small_signs(asked, some) or _gravity(asked, some)
     return (*found, *others)
 
 
@@ -103,21 +113,22 @@ def _some(observations: Observations) -> Observations:
     return observations.take(rows)
 
 
-def _attitudes(arm: Arm, grid: Observations) -> tuple[InputFinding, ...]:
-    """Find the convention of the attitudes, where another than that of the contract is right."""
-    measured = grid.measured
+def _attitudes(asked: Asked, grid: Observations) -> tuple[InputFinding, ...]:
+    """Find the convention of the attitudes, where another than the one stated is right."""
+    measured, words = grid.measured, asked.words
     if measured.attitudes is None or measured.from_touches:
         return ()
     T_instr_target = np.tile(np.eye(4), (len(grid), 1, 1))
     T_instr_target[:, :3, :3] = measured.attitudes
     T_instr_target[:, :3, 3] = measured.places_m[:, 0]
-    better = better_convention(Chain.of(arm).forward(grid.states.q_rad), T_instr_target)
+    T_base_ee = Chain.of(asked.arm).forward(grid.states.q_rad)
+    better = better_convention(T_base_ee, T_instr_target, asked.rotation, words.key("qw"))
     if better is None:
         return ()
     return (
         InputFinding(
             kind="attitude_convention",
-            where="qw, qx, qy, qz",
+            where=words.column("qw") if "qw" in words else "qw, qx, qy, qz",
             what=f"the attitudes are {np.degrees(better.scatter_rad):.0f} deg off the nominal arm, "
             f"and {np.degrees(better.would_leave_rad):.2g} deg if they are {better.name}",
             remedy=better.remedy,
@@ -130,26 +141,27 @@ def _logs_torques(grid: Observations) -> bool:
     return bool(np.isfinite(grid.states.tau_Nm).all())
 
 
-def _gravity(
-    campaign: CampaignDescription, arm: Arm, some: Observations, options: CalibrationOptions
-) -> tuple[InputFinding, ...]:
+def _gravity(asked: Asked, some: Observations) -> tuple[InputFinding, ...]:
     """Try gravity along the other axes of the base, under springs that give to the masses.
 
     An arm that hangs or stands on a wall says so by `gravity_m_s2` in the frame of its base.
     """
-    payload = campaign.payload(arm)
+    payload = asked.campaign.payload(asked.arm)
     # Under weights that nobody stated, an error of joint 1 is as well one of an arm on a wall.
-    if payload is None or _logs_torques(some) or weights_known(arm).assumed:
+    if payload is None or _logs_torques(some) or weights_known(asked.arm).assumed:
         return ()
     others = _other_directions(payload)
     if not others:
         return ()
-    now_mm = calibrated_rms_mm(arm, some, payload, options)
-    left = {name: calibrated_rms_mm(arm, some, other, options) for name, other in others.items()}
-    best = min(left, key=lambda name: left[name])
-    if not left[best] < GRAVITY_LEFT * now_mm < np.inf:
+    now_mm, _ = asked.calibrated_mm(some, payload)
+    left = {name: asked.calibrated_mm(some, other) for name, other in others.items()}
+    best = min(left, key=lambda name: left[name][0])
+    left_mm, noise_mm = left[best]
+    if not left_mm < GRAVITY_LEFT * now_mm < np.inf:
         return ()
-    return (_other_gravity(best, f"{now_mm:.3g} mm", f"{left[best]:.3g} mm", left[best]),)
+    now, then = f"{now_mm:.3g} mm", f"{left_mm:.3g} mm"
+    right = puts_right(left_mm, 1e3 * EXPECTED_M, noise_mm)
+    return (_other_gravity(best, others[best], now, then, left_mm, right=right),)
 
 
 def _gravity_by_torques(
@@ -171,7 +183,8 @@ def _gravity_by_torques(
     best = max(others, key=lambda name: follows(others[name]))
     if follows(others[best]) < FOLLOWS or now > DOES_NOT_FOLLOW:
         return ()
-    return (_other_gravity(best, f"a correlation of {now:.2f}", f"{follows(others[best]):.2f}"),)
+    found, then = f"a correlation of {now:.2f}", f"{follows(others[best]):.2f}"
+    return (_other_gravity(best, others[best], found, then),)
 
 
 def _other_directions(payload: Payload) -> dict[str, Payload]:
@@ -188,14 +201,24 @@ def _other_directions(payload: Payload) -> dict[str, Payload]:
 
 
 def _other_gravity(
-    name: str, now: str, then: str, would_leave_mm: float | None = None
+    name: str,
+    other: Payload,
+    now: str,
+    then: str,
+    would_leave_mm: float | None = None,
+    *,
+    right: bool = True,
 ) -> InputFinding:
+    vector = ", ".join(f"{part + 0.0:.6g}" for part in other.gravity_m_s2)
     return InputFinding(
         kind="gravity",
         where="campaign.yaml: gravity_m_s2",
-        what=f"gravity seems to act {name} of the base: {now} as stated, {then} then",
-        remedy="state gravity in the frame of the robot's base, pointing down; or check the signs "
-        "of the torques, where they are logged",
+        what=f"gravity seems to act {name} of the base: {now} as stated, {then} then"
+        + ("" if right else f", {STILL_WRONG}"),
+        remedy=f"set gravity_m_s2: [{vector}]"
+        + ("" if would_leave_mm is not None else ", or check the signs of the logged torques")
+        if right
+        else "check gravity_m_s2, and the masses in the arm's description",
         would_leave_mm=would_leave_mm,
     )
 
@@ -243,22 +266,32 @@ def _exchanged(swapped: str, shown: str) -> InputFinding:
     )
 
 
-def _temperature(campaign: CampaignDescription, every: Observations) -> Iterator[InputFinding]:
+def _temperature(
+    campaign: CampaignDescription, every: Observations, words: OwnWords
+) -> Iterator[InputFinding]:
     reference_C = campaign.reference_temperature_C
     measured_C = every.states.temperature_C
     known_C = measured_C[np.isfinite(measured_C)]
     stated = {"campaign.yaml: reference_temperature_C": reference_C}
     if len(known_C):
-        stated["temperature_C"] = float(np.median(known_C))
+        stated[words.column("temperature_C")] = float(np.median(known_C))
     for where, temperature_C in stated.items():
         if LABORATORY_C[0] <= temperature_C <= LABORATORY_C[1]:
             continue
+        fahrenheit_C = (temperature_C - 32.0) / 1.8
+        remedy = "state temperatures in degrees Celsius"
+        if LABORATORY_C[0] <= fahrenheit_C <= LABORATORY_C[1]:
+            key = words.key("temperature_C")
+            if where.startswith("campaign.yaml"):
+                remedy = f"set reference_temperature_C: {fahrenheit_C:.3g}"
+            elif key:
+                remedy = words.set_unit("temperature_C", "F", "")
         yield InputFinding(
             kind="temperature",
             where=where,
             what=f"{temperature_C:g} deg C is no usual temperature of a laboratory; in degrees "
-            f"Fahrenheit it would be {(temperature_C - 32.0) / 1.8:.0f} deg C",
-            remedy="state temperatures in degrees Celsius",
+            f"Fahrenheit it would be {fahrenheit_C:.0f} deg C",
+            remedy=remedy,
             would_leave_mm=None,
         )
 
@@ -273,160 +306,3 @@ def target_places(grid: Observations) -> Array:
     """Return where targets or balls were measured, (P, B, 3) [m]."""
     balls = getattr(grid.measured, "p_instr_balls_m", None)
     return grid.measured.places_m if balls is None else balls
-
-
-# Signs and order of the joints: would much less error be left if they were changed?
-
-#: Misfit of the nominal arm, base and target fitted, that no departures explain [m].
-NOT_DEPARTURES_M = 0.01
-#: A change must leave so much less to be believed, by the nominal arm and by a calibrated one.
-NOMINAL_LEFT = 1.0 / 3.0
-CALIBRATED_LEFT = 0.4
-#: A change that puts the nominal arm so much further off is not tried with a calibration.
-WORTH_TRYING = 3.0
-MOST_CHANGES = 3
-#: Error left over that of the stated noise above which the input is searched for a cause.
-ABOVE_NOISE = 5.0
-_MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
-
-
-def above_noise(arm: Arm, grid: Observations, options: CalibrationOptions) -> bool:
-    """Return whether the rigid arm, calibrated, is off by much more than the stated noise."""
-    try:
-        found = _calibrated(arm, grid, None, options)
-    except CalibrationError:
-        return False  # too few poses: the calibration says how many it needs
-    columns = found.problem.measured.position_columns
-    variances = np.diagonal(found.problem.stated_covariance, axis1=1, axis2=2)[:, columns]
-    seen = found.problem.components_seen[:, columns]
-    squares = (found.fit.residual[:, columns] ** 2 / variances)[seen]
-    return bool(np.median(squares) > ABOVE_NOISE**2 * _MEDIAN_SQUARE)
-
-
-@dataclass(frozen=True)
-class _Change:
-    """A change of the joint columns."""
-
-    kind: str  # `joint_sign` or `joint_order`
-    joints: tuple[int, ...]  # from 1; the one that is reversed, or the two that are exchanged
-
-    def of(self, q: Array) -> Array:
-        """Return joint columns (P, n) with the change made."""
-        q, at = q.copy(), [joint - 1 for joint in self.joints]
-        if self.kind == "joint_sign":
-            q[:, at] *= -1.0
-        else:
-            q[:, at] = q[:, at[::-1]]
-        return q
-
-    @property
-    def text(self) -> str:
-        """Say what seems wrong."""
-        if self.kind == "joint_sign" and len(self.joints) > 1:
-            return "the signs of all joints are reversed"
-        if self.kind == "joint_sign":
-            return f"the sign of joint {self.joints[0]} is reversed"
-        return f"joints {self.joints[0]} and {self.joints[1]} are exchanged"
-
-    @property
-    def where(self) -> str:
-        """Say which columns are meant."""
-        return ", ".join(f"q{joint}" for joint in self.joints)
-
-    @property
-    def remedy(self) -> str:
-        """Say what to do."""
-        if self.kind == "joint_sign":
-            return f"multiply {self.where} by -1, or reverse the axis in the arm's description"
-        return f"exchange the columns {self.where}"
-
-
-def _changes(arm: Arm) -> Iterator[_Change]:
-    yield _Change("joint_sign", tuple(range(1, arm.n + 1)))
-    for joint in range(1, arm.n + 1):
-        yield _Change("joint_sign", (joint,))
-    for joint in range(1, arm.n):
-        if arm.prismatic[joint - 1] == arm.prismatic[joint]:
-            yield _Change("joint_order", (joint, joint + 1))
-
-
-def signs_and_order(arm: Arm, grid: Observations) -> tuple[InputFinding, ...]:
-    """Change signs and order of joints one after the other, as long as much less is left."""
-    q = grid.states.q_rad
-    first_m = left_m = _nominal_misfit(arm, grid, q)
-    if first_m < NOT_DEPARTURES_M:
-        return ()
-    made: list[_Change] = []
-    for _ in range(MOST_CHANGES):
-        tried = [(_nominal_misfit(arm, grid, change.of(q)), change) for change in _changes(arm)]
-        least_m, best = min(tried, key=lambda each: each[0])
-        if least_m > 0.7 * left_m:
-            break
-        q, left_m = best.of(q), least_m
-        made.append(best)
-    if left_m > NOMINAL_LEFT * first_m or left_m > max(NOT_DEPARTURES_M, 0.1 * first_m):
-        return ()
-    return (_changed(made, 1e3 * first_m, 1e3 * left_m, "the nominal arm fits to"),)
-
-
-def _changed(made: Sequence[_Change], now_mm: float, left_mm: float, fits: str) -> InputFinding:
-    return InputFinding(
-        kind=made[0].kind,
-        where="; ".join(change.where for change in made),
-        what=f"{' and '.join(change.text for change in made)}: {fits} {now_mm:.3g} mm as logged, "
-        f"{left_mm:.3g} mm if that is put right",
-        remedy=" and ".join(change.remedy for change in made),
-        would_leave_mm=left_mm,
-    )
-
-
-def _nominal_misfit(arm: Arm, grid: Observations, q: Array) -> float:
-    """Return the rms misfit of the nominal arm, base and targets fitted [m]; inf if none fits."""
-    try:
-        found = grid.measured.locate(Chain.of(arm).forward(q))
-    except CalibrationError:
-        return np.inf
-    return float(np.hypot(found.scatter_m, LEVER_M * (found.scatter_rad or 0.0)))
-
-
-def small_signs(
-    arm: Arm, some: Observations, options: CalibrationOptions
-) -> tuple[InputFinding, ...]:
-    """Try signs and order whose error departures partly take up, as of a wrist, by calibrating."""
-    q = some.states.q_rad
-    as_logged_m = _nominal_misfit(arm, some, q)
-    tried = []
-    for change in _changes(arm):
-        if _nominal_misfit(arm, some, change.of(q)) < WORTH_TRYING * as_logged_m:
-            states = replace(some.states, q_rad=change.of(q))
-            tried.append((calibrated_rms_mm(arm, some.with_states(states), None, options), change))
-    if not tried:
-        return ()
-    now_mm = calibrated_rms_mm(arm, some, None, options)
-    left_mm, best = min(tried, key=lambda each: each[0])
-    if not left_mm < CALIBRATED_LEFT * now_mm < np.inf:
-        return ()
-    return (_changed([best], now_mm, left_mm, "the arm calibrates to"),)
-
-
-def calibrated_rms_mm(
-    arm: Arm, grid: Observations, payload: Payload | None, options: CalibrationOptions
-) -> float:
-    """Return the rms position error of the general model fitted to poses; rigid without payload."""
-    try:
-        found = _calibrated(arm, grid, payload, options)
-    except CalibrationError:
-        return np.inf
-    columns = found.problem.measured.position_columns
-    # Of several targets the error of one is meant; a distance is one component.
-    targets = np.maximum(1, found.problem.components_seen[:, columns].sum(axis=1) // 3)
-    squares = np.sum(found.fit.residual[:, columns] ** 2, axis=1) / targets
-    return 1e3 * float(np.sqrt(np.average(squares, weights=found.fit.weights)))
-
-
-def _calibrated(
-    arm: Arm, grid: Observations, payload: Payload | None, options: CalibrationOptions
-) -> GeneralCalibration:
-    start = grid.measured.find_start(Chain.of(arm).forward(grid.states.q_rad))
-    rigid = options if payload is not None else options.with_springs(())
-    return calibrate_general(arm, grid, start, payload, rigid)

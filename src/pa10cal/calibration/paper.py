@@ -17,7 +17,8 @@ from pa10cal.calibration.calibrate import (
     solve,
     solve_one_level,
 )
-from pa10cal.calibration.health import Errors, FitSummary, health, held_out_errors
+from pa10cal.calibration.determined import FitSummary
+from pa10cal.calibration.health import Errors, health, held_out_errors
 from pa10cal.calibration.levels import TwoLevel, report_base
 from pa10cal.calibration.load_case import LoadCase, case_keys, fit_keys
 from pa10cal.calibration.options import CalibrationOptions

@@ -60,7 +60,7 @@ def refuse_base_targets(
         raise RawDataError(
             f"the instrument {kind} does not see targets on the base",
             where=str(file.path),
-            value=", ".join(file.in_own_words(f"{name}_x_mm") for name in names),
+            value=", ".join(file.words.column(f"{name}_x_mm") for name in names),
             allowed=f"columns base1_x_mm … under {' and '.join(able)}",
             remedy="remove these columns, or correct instrument.kind",
         )

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.arm.description import Arm
+from pa10cal.campaign.own_words import UNIT_WORDS, OwnWords
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.errors import RawDataError
 
@@ -25,9 +26,13 @@ LARGEST_U = {"mm": 1e3, "deg": 90.0, "Nm": 1e5, "": 1.0}
 LEAST_U = 1e-9
 #: Gravity on Earth is 9.78 to 9.83 m/s2.
 GRAVITY_M_S2 = (9.5, 10.1)
+STANDARD_M_S2 = 9.80665
 #: Tools heavier than their arm are in grams; as are those of arms without masses above this a metre
 #: of reach.
 TOOL_KG_PER_M = 1000.0
+
+#: Part of the rows that are within bounds in another unit, for that unit to be meant.
+NEARLY_ALL = 0.9
 
 
 @dataclass(frozen=True)
@@ -130,20 +135,53 @@ def within_bounds(raw: RawRows, names: list[str], bounds: Bounds) -> RawRows:
     """Quarantine the rows with a number outside the bounds of its column; blanks are let through.
 
     Raises:
-        RawDataError: when temperatures are in kelvin.
+        RawDataError: when temperatures are in kelvin, or numbers in another unit than is stated.
     """
+    _refuse_own_unit(raw, names, bounds)
     for name in names:
         column = raw.columns[name]
         if name == "temperature_C" and np.isfinite(column).any():
             middle_C = float(np.median(column[np.isfinite(column)]))
             if _KELVIN[0] < middle_C < _KELVIN[1]:
-                raise _kelvin(f"{raw.file}: temperature_C", middle_C)
+                raise _kelvin_in_column(raw, middle_C)
         bound = bounds.of(name)
         for off, reason in ((column < bound.low, bound.below), (column > bound.high, bound.above)):
             if off.any():
                 values = [raw.shown(name, int(row)) for row in np.flatnonzero(off)]
                 return within_bounds(raw.take(~off, reason, values), names, bounds)
     return raw
+
+
+def _refuse_own_unit(raw: RawRows, names: list[str], bounds: Bounds) -> None:
+    """Stop when columns are in the contract's unit though campaign.yaml states a larger one."""
+    words = OwnWords(raw.own)
+    of_key: dict[str, list[str]] = {}
+    for name in names:
+        own = raw.own.get(name)
+        if own is not None and own.factor > 1.0 and not name.startswith("u_"):
+            of_key.setdefault(own.key, []).append(name)
+    for columns in of_key.values():
+        outside, right = (np.zeros(len(raw.line), dtype=bool) for _ in range(2))
+        right |= True
+        for name in columns:
+            values, own, bound = raw.columns[name], raw.own[name], bounds.of(name)
+            written = (values - own.offset) / own.factor
+            outside |= (values < bound.low) | (values > bound.high)
+            right &= (written >= bound.low) & (written <= bound.high)
+        if not len(right) or outside.mean() <= 0.5 or right.mean() < NEARLY_ALL:
+            continue
+        first, last = columns[0], columns[-1]
+        unit = first.rpartition("_")[2]
+        what = "joint angles" if unit == "deg" else "positions" if unit == "mm" else "numbers"
+        row = int(np.argmax(outside))
+        raise RawDataError(
+            f"the {what} look like {UNIT_WORDS.get(unit, unit)}",
+            where=f"{raw.file}:{raw.line[row]}: {words.column(first)} … {words.column(last)}",
+            value=f"{outside.sum()} of {len(outside)} rows are out of bounds in "
+            f"{raw.own[first].unit}, and none so in {unit}: {raw.shown(first, row)}",
+            allowed=f"numbers in the unit that {raw.own[first].key} states",
+            remedy=words.set_unit(first, unit, unit),
+        )
 
 
 def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
@@ -162,7 +200,9 @@ def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
         value=mass_kg,
         allowed=f"kilograms, at most {largest_kg:.4g}"
         + ("" if of_arm is None else ", the mass of the arm itself"),
-        remedy=f"state {mass_kg / 1000.0:g} if the mass is in grams",
+        remedy=f"set tool.mass_kg: {mass_kg / 1000.0:g} if the mass is in grams"
+        if mass_kg / 1000.0 <= largest_kg
+        else "state it in kilograms",
     )
 
 
@@ -178,13 +218,16 @@ def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: s
     in_mm = GRAVITY_M_S2[0] <= 1e-3 * size <= GRAVITY_M_S2[1]
     in_g = 0.9 <= size <= 1.1
     unit = "in mm/s2" if in_mm else "in units of g" if in_g else "of another size"
+    factor = 1e-3 if in_mm else STANDARD_M_S2 / size
+    meant = ", ".join(f"{factor * part:.6g}" for part in gravity_m_s2)
     raise RawDataError(
         f"gravity is {unit}",
         where=f"{where}: gravity_m_s2",
         value=list(gravity_m_s2),
         allowed=f"{GRAVITY_M_S2[0]:g} to {GRAVITY_M_S2[1]:g} m/s2 in size",
-        remedy="state it in m/s2 in the frame of the robot's base, [0, 0, -9.81] for an upright "
-        "arm",
+        remedy=f"set gravity_m_s2: [{meant}]"
+        if in_mm or in_g
+        else "state it in m/s2 in the frame of the robot's base, which points down",
     )
 
 
@@ -194,16 +237,28 @@ def refuse_impossible_temperature(temperature_C: float, where: str) -> None:
     Raises:
         RawDataError: naming it.
     """
-    if not TEMPERATURES_C[0] <= temperature_C <= TEMPERATURES_C[1]:
-        raise _kelvin(f"{where}: reference_temperature_C", temperature_C)
+    if TEMPERATURES_C[0] <= temperature_C <= TEMPERATURES_C[1]:
+        return
+    set_to = f"set reference_temperature_C: {temperature_C - 273.15:.4g}"
+    raise _kelvin(f"{where}: reference_temperature_C", temperature_C, set_to)
 
 
-def _kelvin(where: str, value: float) -> RawDataError:
+def _kelvin_in_column(raw: RawRows, middle_C: float) -> RawDataError:
+    words = OwnWords(raw.own)
+    remedy = (
+        words.set_unit("temperature_C", "K", "")
+        if words.key("temperature_C")
+        else "subtract 273.15"
+    )
+    return _kelvin(f"{raw.file}: {words.column('temperature_C')}", middle_C, remedy)
+
+
+def _kelvin(where: str, value: float, remedy: str) -> RawDataError:
     kelvin = _KELVIN[0] < value < _KELVIN[1]
     return RawDataError(
         "the temperature looks like kelvin" if kelvin else "no temperature of a laboratory",
         where=where,
         value=value,
         allowed=f"degrees Celsius, {TEMPERATURES_C[0]:g} to {TEMPERATURES_C[1]:g}",
-        remedy="subtract 273.15" if kelvin else "check its unit",
+        remedy=remedy if kelvin else "check its unit",
     )

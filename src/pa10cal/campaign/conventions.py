@@ -5,26 +5,51 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.labels import placed_by_points
+from pa10cal.campaign.own_columns import RotationColumns
+from pa10cal.campaign.raw_file import quaternions
 from pa10cal.frame.hand_eye import LEVER_M
 
 EulerSequence = Literal["xyz", "XYZ", "zyx", "ZYX", "zyz", "ZYZ"]
 
 #: Sequences of Euler angles in use: capitals about the axes that turn along.
 SEQUENCES: tuple[EulerSequence, ...] = ("xyz", "XYZ", "zyx", "ZYX", "zyz", "ZYZ")
+#: Conventions that three columns of an attitude may follow, the commonest first.
+_USUAL = ("rpy", "euler_XYZ", "euler_ZYX", "euler_ZYZ", "fixed_zyx", "rotation_vector")
+_EULER = tuple(a + b + c for a in "XYZ" for b in "XYZ" for c in "XYZ" if a != b != c)
+_FIXED = (f"fixed_{axes.lower()}" for axes in _EULER)
+THREE = tuple(dict.fromkeys((*_USUAL, *(f"euler_{axes}" for axes in _EULER), *_FIXED)))
+FOUR = ("quaternion_wxyz", "quaternion_xyzw")
+#: So near are nominal arm and measurement expected to be, base and target fitted.
+EXPECTED_M, EXPECTED_RAD = 2e-3, float(np.radians(1.0))
+#: What puts right what is wrong leaves no more than so many times what is expected, and the noise.
+TIMES_EXPECTED, TIMES_NOISE = 5.0, 20.0
+#: What is said of a change that leaves more.
+STILL_WRONG = "which is better, and still wrong"
 #: Attitudes that agree with the nominal arm scatter by less than this about it.
-AGREES_RAD = np.radians(5.0)
+AGREES_RAD = TIMES_EXPECTED * EXPECTED_RAD
 #: Another convention must be so much nearer than the one that was read.
 NEARER = 5.0
 #: Attitudes that show which one it is.
 ENOUGH = 6
 MOST = 200
+
+
+def puts_right(left: float, expected: float, noise: float = np.inf) -> bool:
+    """Return whether a remedy may be offered as what puts right what is wrong.
+
+    Args:
+        left: the error that it leaves.
+        expected: what is expected to be left where nothing is wrong, in the same unit.
+        noise: of the readings, stated or found, where what is left should be the noise.
+    """
+    return bool(left <= min(TIMES_EXPECTED * expected, TIMES_NOISE * noise))
 
 
 @dataclass(frozen=True)
@@ -39,7 +64,12 @@ class Convention:
     would_leave_rad: float
 
 
-def better_convention(T_base_ee: Array, T_instr_target: Array) -> Convention | None:
+def better_convention(
+    T_base_ee: Array,
+    T_instr_target: Array,
+    stated: RotationColumns | None = None,
+    key: str = "",
+) -> Convention | None:
     """Return the convention in which measured attitudes agree with the nominal arm.
 
     Attitudes alone do not tell: most orders of a quaternion differ by constant turns, as base and
@@ -52,6 +82,9 @@ def better_convention(T_base_ee: Array, T_instr_target: Array) -> Convention | N
     Args:
         T_base_ee: (P, 4, 4) nominal end-effector [m].
         T_instr_target: (P, 4, 4) measured target [m].
+        stated: what campaign.yaml states of columns of the user's own; None for quaternions under
+            the names of the contract.
+        key: where it states it.
     """
     if len(T_base_ee) < ENOUGH:
         return None
@@ -63,9 +96,10 @@ def better_convention(T_base_ee: Array, T_instr_target: Array) -> Convention | N
     as_read = attitude_scatter(R_ee, R)
     if as_read < AGREES_RAD:
         return None
-    tried = [
-        (attitude_scatter(R_ee, other), name, remedy) for name, remedy, other in _conventions(R)
-    ]
+    others = _conventions(R) if stated is None else _other_readings(R, stated, key)
+    tried = [(attitude_scatter(R_ee, other), name, remedy) for name, remedy, other in others]
+    if not tried:
+        return None
     # The first of equals: the plainest.
     left, name, remedy = min(tried, key=lambda each: round(each[0], 3))
     if left > min(AGREES_RAD, as_read / NEARER):
@@ -80,6 +114,17 @@ class OtherAxes:
     name: str  # what the columns x, y, z seem to hold
     left_m: float  # median misfit of the nominal model as read
     would_leave_m: float  # and with these axes
+    order: tuple[int, ...]  # which axis each of the three columns holds
+    turned: tuple[int, ...]  # columns that hold it with the other sign
+    any_one: bool = False  # whether any one of these may be it
+
+    @property
+    def puts_right(self) -> bool:
+        """Return whether they leave no more than is expected of a nominal arm."""
+        return puts_right(self.would_leave_m, EXPECTED_M)
+
+
+_MIRRORED = -np.eye(3)
 
 
 def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | None:
@@ -95,36 +140,37 @@ def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | Non
     """
     some = np.linspace(0, len(p_m) - 1, min(len(p_m), MOST)).astype(int)
     T_base_ee, p_m = T_base_ee[some], p_m[some]
-    as_read = _misfit_m(T_base_ee, p_m)
-    if len(p_m) < ENOUGH or as_read is None:
+    as_read, mirrored = _misfit_m(T_base_ee, p_m), _misfit_m(T_base_ee, p_m @ _MIRRORED)
+    if len(p_m) < ENOUGH or as_read is None or mirrored is None:
         return None
-    tried = []
+    if R is None:
+        if as_read < NEARER * mirrored:
+            return None
+        name = "mirrored: a left-handed frame"
+        return OtherAxes(name, as_read, mirrored, (0, 1, 2), (0, 1, 2), any_one=True)
+    R, tried = R[some], []
+    R_read = modelled_attitudes(T_base_ee, p_m)
+    R_mirrored = modelled_attitudes(T_base_ee, p_m @ _MIRRORED)
+    assert R_read is not None
+    assert R_mirrored is not None
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
             axes = np.diag(signs)[:, list(order)]
-            if R is None and np.linalg.det(axes) > 0.0:
-                continue
-            other_m = p_m @ axes.T
-            left = _misfit_m(T_base_ee, other_m)
-            R_ee = None if left is None or R is None else modelled_attitudes(T_base_ee, other_m)
-            turn = 0.0 if R_ee is None or R is None else attitude_scatter(R_ee, R[some])
-            if left is not None:
-                # The plainest of equals: fewest axes exchanged, fewest signs.
-                plain = (list(order) != [0, 1, 2], sum(sign < 0.0 for sign in signs))
-                tried.append((round(left + LEVER_M * turn, 3), plain, left, turn, order, signs))
-    if not tried:
-        return None
+            # A turn of the frame is a turn of the base: two fits tell of all axes.
+            right = np.linalg.det(axes) > 0.0
+            left = as_read if right else mirrored
+            turn = attitude_scatter(axes @ R_read if right else -axes @ R_mirrored, R)
+            # The plainest of equals: fewest axes exchanged, fewest signs.
+            plain = (list(order) != [0, 1, 2], sum(sign < 0.0 for sign in signs))
+            tried.append((round(left + LEVER_M * turn, 3), plain, left, turn, order, signs))
     _, plain, left, turn, order, signs = min(tried)
-    if plain == (False, 0) or turn > AGREES_RAD or (as_read < NEARER * left and R is None):
+    if plain == (False, 0) or turn > AGREES_RAD:
         return None
-    R_read = None if R is None else modelled_attitudes(T_base_ee, p_m)
-    turn_read = 0.0 if R is None or R_read is None else attitude_scatter(R_read, R[some])
-    if as_read + LEVER_M * turn_read < NEARER * (left + LEVER_M * turn):
+    if as_read + LEVER_M * attitude_scatter(R_read, R) < NEARER * (left + LEVER_M * turn):
         return None
-    if R is None:
-        return OtherAxes("mirrored: a left-handed frame", as_read, left)
+    turned = tuple(column for column, k in enumerate(order) if signs[k] < 0.0)
     held = ", ".join(f"{'-' if signs[k] < 0.0 else ''}{'xyz'[k]}" for k in order)
-    return OtherAxes(f"{held} in place of x, y, z", as_read, left)
+    return OtherAxes(f"{held} in place of x, y, z", as_read, left, tuple(order), turned)
 
 
 def _misfit_m(T_base_ee: Array, p_m: Array) -> float | None:
@@ -184,6 +230,55 @@ def _conventions(R: Array) -> Iterator[tuple[str, str, Array]]:
         other = Rotation.from_quat(shuffled, scalar_first=True).as_matrix()
         name = f"quaternions in the order {held} under the headers qw, qx, qy, qz"
         yield name, f"rename the columns: they hold {held}", other
+
+
+def _other_readings(
+    R: Array, stated: RotationColumns, key: str
+) -> Iterator[tuple[str, str, Array]]:
+    """Return other readings of a user's own columns, the commonest first, by what to state."""
+    words = {3: THREE, 4: FOUR}.get(len(stated.names), (stated.convention,))
+    values = _numbers(R, stated)
+    for inverse in (stated.inverse, not stated.inverse):
+        for word in (stated.convention, *words):
+            if (word, inverse) == (stated.convention, stated.inverse):
+                continue
+            other = stated.model_copy(
+                update={"convention": word, "inverse": inverse, "unit": "deg", "u": None}
+            )
+            named, remedy = [], []
+            if word != stated.convention:
+                named.append(f"{_in_words(word)}, read as {_in_words(stated.convention)}")
+                remedy.append(f"set {key}.convention: {word}")
+            if inverse != stated.inverse:
+                named.append("the inverse rotation" + " (instrument in target)" * inverse)
+                remedy.append(f"set {key}.inverse: {str(inverse).lower()}")
+            turned = Rotation.from_quat(quaternions(values, other), scalar_first=True)
+            yield ", and ".join(named), " and ".join(remedy), turned.as_matrix()
+
+
+def _numbers(R: Array, stated: RotationColumns) -> Array:
+    """Return the numbers (N, k) that columns of attitudes hold, angles in degrees."""
+    turned = Rotation.from_matrix(np.swapaxes(R, 1, 2) if stated.inverse else R)
+    word = stated.convention
+    if word == "matrix":
+        return np.asarray(turned.as_matrix().reshape(-1, 9))
+    if word.startswith("quaternion"):
+        return np.asarray(turned.as_quat(scalar_first=word.endswith("wxyz")))
+    if word == "rotation_vector":
+        return np.asarray(turned.as_rotvec(degrees=True))
+    # As SciPy has it: small letters about fixed axes.
+    sequence = cast("EulerSequence", "xyz" if word == "rpy" else word.rpartition("_")[2])
+    return np.asarray(turned.as_euler(sequence, degrees=True, suppress_warnings=True))
+
+
+def _in_words(convention: str) -> str:
+    """Return a convention of attitudes in words."""
+    kind, _, axes = convention.partition("_")
+    if kind == "quaternion":
+        return f"quaternions in the order {', '.join(axes)}"
+    if kind in ("rotation", "matrix"):
+        return "rotation vectors" if kind == "rotation" else "matrices"
+    return f"Euler angles {_sequence(axes or 'xyz')}"
 
 
 def _back(order: tuple[int, ...]) -> list[int]:

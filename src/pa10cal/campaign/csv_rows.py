@@ -11,9 +11,9 @@ import difflib
 import re
 import sys
 from collections import ChainMap, Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
-from pa10cal.campaign.recognise import canonical_unit, unit_alone
+from pa10cal.campaign.recognise import canonical_unit, mistaken_encoding, unit_alone
 from pa10cal.campaign.text_file import Line, encoding_of, is_workbook, lines_of
 from pa10cal.errors import RawDataError
 
@@ -34,6 +34,9 @@ ROWS_A_PART = 20_000
 SAME_FORMAT = 0.99
 
 OWN_NAMES = "; for a campaign's file pa10cal columns proposes how to read other names"
+DESCRIPTION = "campaign.yaml"
+#: Lines that may stand over the names of the columns, as they are looked for.
+_LINES_ABOVE = 50
 CUT = "the last line is cut short"
 REPEATED = "repeats an earlier row"
 FIELDS = "the number of fields differs from the header"
@@ -51,6 +54,8 @@ class Layout:
     text: tuple[str, ...] = TEXT  # columns of text
     missing: str = "rename it"  # what to do where a column is missing
     own: bool = False  # whether a campaign describes it: names that occur twice are told apart
+    key: str = ""  # where campaign.yaml describes it, such as columns.poses
+    keys: Mapping[str, str] = field(default_factory=dict)  # what maps each of its columns
 
     def fields(self, text: str) -> list[str]:
         """Return the fields of a line."""
@@ -265,25 +270,64 @@ def _check_header(
                 "commas between fields, decimal points"
                 if layout.separator == ","
                 else f"the separator {here!r}, as campaign.yaml states it",
-                "export the file with commas and decimal points; that of a campaign may stay as it "
-                f"is: pa10cal columns {path.name} proposes how campaign.yaml describes it",
+                f"set {layout.key}.separator: {'tab' if separator == chr(9) else repr(separator)}"
+                if layout.key
+                else "export the file with commas and decimal points; that of a campaign may stay "
+                f"as it is: pa10cal columns {path.name} proposes how campaign.yaml describes it",
             )
     twice = [name for name, times in Counter(header).items() if times > 1]
     if twice:
         raise _refusal(path, line, f"column {twice[0]} occurs twice", "once", "remove one")
     missing = [name for name in required if name not in header]
     if missing:
-        others = [name for name in header if name not in required]
-        near = difflib.get_close_matches(missing[0], others, n=1, cutoff=0.5)
         raise RawDataError(
             f"missing column{'s' if len(missing) > 1 else ''} {', '.join(missing)}",
             where=f"{path}:{line}",
             value=", ".join(header),
             allowed=", ".join(required),
-            remedy=f"is it {near[0]!r}? {layout.missing}"
-            if near
-            else f"add it, or check the header{OWN_NAMES if layout == CONTRACT else ''}",
+            remedy=_remedy_for_missing(path, missing, header, required, layout),
         )
+
+
+def _remedy_for_missing(
+    path: Path,
+    missing: Sequence[str],
+    header: Sequence[str],
+    required: Sequence[str],
+    layout: Layout,
+) -> str:
+    """Return what to do where columns are missing: what stands in their place, and which key."""
+    others = [name for name in header if name not in required]
+    if (found := mistaken_encoding(missing[0], others)) is not None:
+        name, taken, right = found
+        return (
+            f"the header has {name!r}: {DESCRIPTION} and the file are read in two encodings, "
+            f"{missing[0]!r} is {right} taken for {taken}; save both as UTF-8"
+        )
+    if (
+        layout.key
+        and np.mean([not np.isnan(layout.number(name)) for name in header]) > 0.5
+        and layout.header
+    ):
+        return (
+            f"the first line holds numbers and no names: set {layout.key}.header: 0, and name the "
+            "columns 1, 2, 3, …; or export the file with a header"
+        )
+    below = next(
+        (
+            each.number
+            for each in islice(lines_of(path), _LINES_ABOVE)
+            if set(missing) <= set(layout.names(each.text))
+        ),
+        None,
+    )
+    if layout.key and below is not None:
+        return f"the names stand in line {below}: set {layout.key}.header: {below}"
+    near = difflib.get_close_matches(missing[0], others, n=1, cutoff=0.5)
+    if near:
+        key = layout.keys.get(missing[0])
+        return f"is it {near[0]!r}? {f'correct {key} in {DESCRIPTION}' if key else layout.missing}"
+    return f"add it, or check the header{OWN_NAMES if layout == CONTRACT else ''}"
 
 
 def _refuse_systematic_width(
@@ -363,6 +407,8 @@ def sniff(path: Path) -> Sniffed:
         RawDataError: when it cannot be read, or holds no rows of numbers.
     """
     lines = [(line.number, line.text) for line in islice(lines_of(path), LINES)]
+    if not lines:
+        raise _refusal(path, 1, "the file is empty", "a header and rows", "export it again")
     workbook = is_workbook(path)
     ways = [
         _judged(lines, Layout(separator, decimal, own=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import Field, FiniteFloat, StringConstraints
+from pydantic import AfterValidator, Field, FiniteFloat, StringConstraints
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
@@ -18,7 +19,7 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import refuse_impossible_gravity, refuse_impossible_temperature
 from pa10cal.campaign.own_columns import OwnColumns
 from pa10cal.campaign.raw_rows import Exclusions
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, remedy_for
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind, instruments
 from pa10cal.observe.observations import Observations, average_repeats
@@ -37,7 +38,17 @@ PlaceMm = Annotated[FiniteFloat, Field(ge=-1e4, le=1e4)]
 Place = tuple[PlaceMm, PlaceMm, PlaceMm]
 Text = Annotated[str, StringConstraints(min_length=1)]
 BallName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]+$")]
-FileName = Annotated[str, StringConstraints(pattern=r"^[^/\\]+$")]
+
+
+def _file_name(name: str) -> str:
+    """Refuse what is no name of a file alone."""
+    last = re.split(r"[/\\]", name)[-1]
+    if not name or last != name:
+        raise ValueError(f"the name of a file in the campaign's folder alone, {last or 'a.csv'}")
+    return name
+
+
+FileName = Annotated[str, AfterValidator(_file_name)]
 
 
 class Instrument(Section):
@@ -132,7 +143,9 @@ class CampaignDescription(Section):
     robot: Text
     instrument: Instrument
     tool: Tool
-    gravity_m_s2: Vector
+    gravity_m_s2: Vector = Field(
+        description="gravity in the frame of the robot's base, [0, 0, -9.81] for an upright arm"
+    )
     reference_temperature_C: FiniteFloat
     files: Files
     ball_diameter_mm: Annotated[FiniteFloat, Field(gt=0.1, le=1e3)] | None = None
@@ -269,13 +282,28 @@ def exclusions_of(campaign: CampaignDescription, folder: Path) -> Exclusions:
     return Exclusions(stated, f"{folder / DESCRIPTION_FILE}: exclude")
 
 
+def names_in(folder: Path) -> list[str]:
+    """Return the names of the files and folders in a folder; none where it cannot be read."""
+    try:
+        return sorted(each.name for each in folder.iterdir())
+    except OSError:
+        return []
+
+
 def _read_mapping(path: Path) -> dict[str, object]:
     if not path.is_file():
+        folder = path.parent
+        inside = [name for name in names_in(folder) if (folder / name / path.name).is_file()]
+        there = folder.is_dir()
         raise RawDataError(
-            "there is no campaign.yaml",
-            where=str(path),
+            "there is no campaign.yaml" if there else "the folder is not there",
+            where=str(path) if there else str(folder),
             allowed="a folder of raw files with campaign.yaml, see docs/raw-data.md",
-            remedy="give such a folder; pa10cal columns FILE proposes a campaign.yaml for a file",
+            remedy=f"did you mean the folder {inside[0]!r} in it?"
+            if inside
+            else "give such a folder; pa10cal columns FILE proposes a campaign.yaml for a file"
+            if there
+            else remedy_for(folder.name, names_in(folder.parent), "check the path"),
         )
     content = read_yaml(path, RawDataError, what="the campaign's description cannot be read")
     if not isinstance(content, dict):
@@ -316,7 +344,7 @@ def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
                 where=f"{folder / DESCRIPTION_FILE}: files.{key}",
                 value=name,
                 allowed="a file inside the campaign's folder",
-                remedy=f"put it there, or correct files.{key}",
+                remedy=remedy_for(name, names_in(folder), f"put it there, or correct files.{key}"),
             )
     mapped = set() if campaign.columns is None else campaign.columns.model_fields_set
     for key in sorted(mapped - set(needed)):

@@ -101,7 +101,7 @@ def read_targets(path: Path, prismatic: NDArray[np.bool_]) -> TargetList:
         raise _refusal(
             path,
             int(raw.line[0]),
-            "no target is further than a hundredth of a metre from the base",
+            "x_mm, y_mm, z_mm: no target is further than a hundredth of a metre from the base",
             float(np.abs(found[:, :3]).max()),
             "millimetres in the robot's base frame",
             "multiply by 1000 if these are metres",

@@ -16,7 +16,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import in_words
-from pa10cal.campaign.conventions import attitude_scatter, modelled_attitudes
+from pa10cal.campaign.conventions import FOUR, THREE, attitude_scatter, modelled_attitudes
 from pa10cal.campaign.csv_rows import Layout, Sniffed
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
 from pa10cal.campaign.own_columns import (
@@ -45,12 +45,6 @@ from pa10cal.frame.rigid_fit import scale_of_points
 from pa10cal.options import IngestOptions
 from pa10cal.settings_reading import parse_section
 
-#: Conventions that three columns of an attitude may follow, the commonest first.
-_USUAL = ("rpy", "euler_XYZ", "euler_ZYX", "euler_ZYZ", "fixed_zyx", "rotation_vector")
-_EULER = tuple(a + b + c for a in "XYZ" for b in "XYZ" for c in "XYZ" if a != b != c)
-_FIXED = (f"fixed_{axes.lower()}" for axes in _EULER)
-THREE = tuple(dict.fromkeys((*_USUAL, *(f"euler_{axes}" for axes in _EULER), *_FIXED)))
-FOUR = ("quaternion_wxyz", "quaternion_xyzw")
 #: Attitudes agree with the nominal arm within this; positions of a nominal arm scatter by less.
 AGREES_RAD = np.radians(3.0)
 #: A date alone, and a time of day alone, which together are a time.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import rule_of
-from pa10cal.campaign.csv_rows import Layout, column_names, read_rows
+from pa10cal.campaign.csv_rows import CONTRACT, Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
 from pa10cal.campaign.own_columns import (
     ANGLES,
@@ -28,6 +27,7 @@ from pa10cal.campaign.own_columns import (
     RotationColumns,
     Time,
 )
+from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_rows import (
     TEXT,
     OwnColumn,
@@ -65,8 +65,9 @@ class PoseFile(Protocol):
     ) -> RawRows:
         """Read columns of the contract."""
 
-    def in_own_words(self, text: str) -> str:
-        """Return a text with the file's own names beside those of the contract."""
+    @property
+    def words(self) -> OwnWords:
+        """Return what it calls its columns."""
 
 
 @dataclass(frozen=True)
@@ -129,16 +130,19 @@ class RawFile:
             return {}
         self._check_counts(self.columns)
         self._check_twice(self.columns)
-        return dict(own_columns(self.columns, self.prismatic))
+        return dict(self._mapped(self.columns))
 
-    def in_own_words(self, text: str) -> str:
-        """Return a text in which the file's own names stand beside those of the contract."""
+    def _mapped(self, columns: FileColumns) -> Iterator[tuple[str, OwnColumn]]:
+        """Yield the columns of the contract, and what each is read from, by which key."""
+        for name, own in own_columns(columns, self.prismatic):
+            key = rule_of(name.removeprefix("u_")).key
+            target = f".{name.removeprefix('u_').split('_')[0]}" if key == "targets" else ""
+            yield name, replace(own, key=f"columns.{self.key}.{key}{target}")
 
-        def named(match: re.Match[str]) -> str:
-            own = self.sources.get(match[0])
-            return match[0] if own is None else f"{own.name} ({match[0]})"
-
-        return re.sub(r"\w+", named, text)
+    @property
+    def words(self) -> OwnWords:
+        """Return what the file calls its columns."""
+        return OwnWords(self.sources)
 
     def read(
         self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
@@ -198,14 +202,27 @@ class RawFile:
                 own[name] = replace(was, factor=sign * was.factor, offset=sign * was.offset + added)
         return replace(raw, columns=columns, own=own)
 
+    @property
+    def own_names(self) -> list[str]:
+        """Return the file's own names of the columns that are mapped."""
+        names = (each for source in self.sources.values() for each in source.name.split(", "))
+        return list(dict.fromkeys(names))
+
+    @property
+    def header(self) -> list[str]:
+        """Return the names of all columns of the file."""
+        layout = CONTRACT if self.columns is None else self._layout(self.columns)
+        return column_names(self.path, layout)
+
     def _own_rows(self, columns: FileColumns) -> RawRows:
-        names = dict.fromkeys(
-            each for source in self.sources.values() for each in source.name.split(", ")
-        )
+        layout = self._layout(columns)
+        return replace(read_rows(self.path, self.own_names, layout=layout), unused=())
+
+    def _layout(self, columns: FileColumns) -> Layout:
         text = [*(columns.pose or ()), *(columns.ball or ())]
         text += columns.kind.names if columns.kind else ()
         text += columns.time.names if columns.time and columns.time.format else ()
-        layout = Layout(
+        return Layout(
             SEPARATORS.get(columns.separator, columns.separator),
             columns.decimal,
             columns.header,
@@ -213,8 +230,13 @@ class RawFile:
             tuple(text),
             f"correct columns.{self.key} in {DESCRIPTION_FILE}",
             own=True,
+            key=f"columns.{self.key}",
+            keys={
+                own: source.key
+                for source in self.sources.values()
+                for own in source.name.split(", ")
+            },
         )
-        return replace(read_rows(self.path, list(names), layout=layout), unused=())
 
     def _translated(self, raw: RawRows, columns: FileColumns, wanted: set[str]) -> RawRows:
         """Return rows under the contract's names, in its units."""
@@ -279,32 +301,47 @@ class RawFile:
     def _check_twice(self, columns: FileColumns) -> None:
         """Refuse a column that is mapped to two quantities."""
         where = f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}"
-        uses: dict[str, set[str]] = {}
-        for ours, source in own_columns(columns, self.prismatic):
+        uses: dict[str, dict[str, str]] = {}
+        for ours, source in self._mapped(columns):
             if not ours.startswith("u_"):  # one uncertainty may be that of several
                 for name in source.name.split(", "):
-                    uses.setdefault(name, set()).add("rotation" if ours in QUATERNION else ours)
+                    of = "rotation" if ours in QUATERNION else ours
+                    uses.setdefault(name, {})[of] = source.key
         twice = [name for name, of in uses.items() if len(of) > 1]
         if twice:
             raise RawDataError(
                 "a column is mapped twice",
                 where=where,
-                value=f"{twice[0]}: {' and '.join(sorted(uses[twice[0]]))}",
+                value=f"`{twice[0]}` for {' and '.join(sorted(uses[twice[0]]))}",
                 allowed="every column of the file for one quantity",
-                remedy="name the right column for each; pa10cal columns proposes them",
+                remedy="name the right column for each in "
+                f"{' and '.join(f'{key}.names' for key in dict.fromkeys(uses[twice[0]].values()))}"
+                f"; pa10cal columns {self.path.name} proposes them",
             )
 
     def _unmapped(self, missing: Sequence[str]) -> RawDataError:
-        keys = (rule.key for name in missing if (rule := rule_of(name)).key != name)
-        key = next(keys, missing[0])
+        key = rule_of(missing[0]).key
         return RawDataError(
             f"nothing is mapped to {', '.join(missing)}",
             where=f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}",
             value=", ".join(self.sources),
             allowed=f"the columns of {self.path.name} that hold it",
             remedy=f"set columns.{self.key}.{key}"
-            + ("; or state holdout" if key == "kind" and self.key == "poses" else ""),
+            + ("; or state holdout" if key == "kind" and self.key == "poses" else "")
+            + (
+                ", or instrument.kind: points with the position under targets" * (key == "rotation")
+            ),
         )
+
+
+def words_of(campaign: CampaignDescription, prismatic: NDArray[np.bool_]) -> OwnWords:
+    """Return what the files of a campaign call their columns, by its description alone."""
+    if campaign.columns is None:
+        return OwnWords()
+    sources: dict[str, OwnColumn] = {}
+    for key in sorted(campaign.columns.model_fields_set):
+        sources |= RawFile.of(campaign, Path(), key, prismatic).sources
+    return OwnWords(sources)
 
 
 def own_columns(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -96,49 +95,6 @@ def joined_listings(listings: Mapping[str, Path]) -> str:
     return quarantine_csv(rows)
 
 
-def refuse_too_many(
-    rows: Iterable[Quarantined], totals: dict[str, int], max_fraction: float
-) -> None:
-    """Stop when more of a file's rows are quarantined than the settings allow, or all of them.
-
-    Rows that campaign.yaml excludes do not count.
-
-    Args:
-        rows: rows quarantined.
-        totals: rows in each file.
-        max_fraction: `ingest.max_quarantined_fraction`.
-
-    Raises:
-        RawDataError: naming the file, the commonest reason and the first line it struck.
-    """
-    by_file: dict[str, list[Quarantined]] = {name: [] for name in totals}
-    totals = dict(totals)
-    for row in sorted(rows):
-        if row.reason.startswith(EXCLUDED):
-            totals[row.file] -= 1  # as its user wants it
-        else:
-            by_file[row.file].append(row)
-    for name, listed in by_file.items():
-        if len(listed) <= max_fraction * totals[name] and len(listed) < totals[name]:
-            continue
-        reason, times = Counter(row.reason for row in listed).most_common(1)[0]
-        first = next(row for row in listed if row.reason == reason)
-        columns = Counter(row.value.partition(" = ")[0] for row in listed if row.reason == reason)
-        column, in_column = columns.most_common(1)[0]
-        one = 2 * in_column > times and " = " in first.value
-        look = f"look at column {column} first ({in_column} rows); " if one else ""
-        if first.value.endswith(COMMA):
-            look = "state decimal: ',' under columns in campaign.yaml; "
-        raise RawDataError(
-            f"{len(listed)} of {totals[name]} rows would be quarantined, "
-            f"{times} of them because: {reason}",
-            where=f"{name}:{first.line}",
-            value=first.value or None,
-            allowed=f"at most {max_fraction:.0%} (ingest.max_quarantined_fraction)",
-            remedy=f"{look}correct the file, or raise the setting if the other rows suffice",
-        )
-
-
 #: Beginning of the reason of rows that campaign.yaml excludes.
 EXCLUDED = "excluded"
 _LINES = re.compile(r"(?:.*:|lines?\s+)(?P<first>\d+)(?:\s*(?:-|–|to)\s*(?P<last>\d+))?")
@@ -210,6 +166,7 @@ class OwnColumn:
     # factor and offset: what the file's number is multiplied by, and what is added then
     factor: float = 1.0
     offset: float = 0.0
+    key: str = ""  # the key of campaign.yaml that maps it, such as columns.poses.joints
 
 
 @dataclass(frozen=True)

@@ -379,6 +379,33 @@ def standing(positions: Mapping[str, NDArray[np.float64]]) -> list[str]:
     return [place for place, size in spread.items() if size < _STILL * most]
 
 
+# Names in another encoding.
+
+#: Encodings that are taken for each other.
+_ENCODINGS = ("utf-8", "cp1252", "cp850", "mac_roman")
+
+
+def mistaken_encoding(name: str, names: Sequence[str]) -> tuple[str, str, str] | None:
+    """Return what of some names a name is in another encoding, and both encodings.
+
+    Args:
+        name: as it was read.
+        names: those that it may be.
+
+    Returns:
+        The other name, the encoding that was taken to read `name`, and that which it has.
+    """
+    for taken in _ENCODINGS:
+        for right in _ENCODINGS:
+            try:
+                other = name.encode(taken).decode(right)
+            except UnicodeError:
+                continue
+            if other != name and other in names:
+                return other, taken, right
+    return None
+
+
 # Formats of dates and times.
 
 #: Parts of the formats of dates and times that are tried, the commonest first.

@@ -216,7 +216,7 @@ def read_pose_rows(
     _, values = numbers(raw, measured.names, may_be_blank=measured.may_be_blank)
     remaining = np.ones(len(raw.line), dtype=bool)
     for off in instrument.unusable(measured, values):
-        shown = list(map(file.in_own_words, off.values))
+        shown = list(map(file.words.text, off.values))
         raw = raw.take(~off.rows[remaining], off.reason, shown)
         remaining &= ~off.rows
     raw = _with_labels(raw, q, same_deg)

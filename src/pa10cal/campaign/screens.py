@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
+from pa10cal.campaign.own_columns import LENGTHS
+from pa10cal.campaign.own_words import CONTRACT_WORDS, UNIT_WORDS, OwnWords
 from pa10cal.errors import CalibrationError, RawDataError
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
@@ -60,7 +62,6 @@ ONE_ATTITUDE_RAD = 1e-5
 TURNED_RAD = np.radians(5.0)
 #: Scales of lengths that differ from one by more than this are of another unit.
 SCALE_RATIO = 5.0
-UNITS = {1e-3: "micrometres", 10.0: "centimetres", 25.4: "inches", 1e3: "metres"}
 
 OUT_OF_REACH = "further from the other positions than the arm reaches"
 OFF_REPEATS = "far from the other readings of this pose and load"
@@ -188,7 +189,11 @@ def off_first(
 
 
 def refuse_one_attitude(
-    R: Array | None, T_base_ee: Array, where: object, in_degrees: Sequence[str] = ()
+    R: Array | None,
+    T_base_ee: Array,
+    where: object,
+    in_degrees: Sequence[str] = (),
+    words: OwnWords = CONTRACT_WORDS,
 ) -> None:
     """Stop when all attitudes are the same, or nearly, though the arm turned its flange.
 
@@ -197,6 +202,7 @@ def refuse_one_attitude(
         T_base_ee: (N, 4, 4) nominal poses of the end-effector.
         where: file, for the message.
         in_degrees: columns of angles that are said to be in degrees; none of quaternions.
+        words: what the file calls its columns.
 
     Raises:
         RawDataError: naming both spreads.
@@ -209,17 +215,17 @@ def refuse_one_attitude(
     if in_degrees and ONE_ATTITUDE_RAD < seen < min(RADIANS_RAD, turned / LIKE_RADIANS):
         raise RawDataError(
             "the angles of the attitudes look like radians",
-            where=f"{where}: {', '.join(in_degrees)}",
+            where=f"{where}: {', '.join(f'`{name}`' for name in in_degrees)}",
             value=f"attitudes within {np.degrees(seen):.2g} deg as degrees, flange turned by "
             f"{np.degrees(turned):.0f} deg",
             allowed="angles in the unit that columns states: deg",
-            remedy="set rotation.unit: rad under columns in campaign.yaml",
+            remedy=words.set_unit("qw", "rad", "degrees"),
         )
     if seen > ONE_ATTITUDE_RAD:
         return
     raise RawDataError(
         "every row has the same attitude, though the arm turned",
-        where=f"{where}: qw, qx, qy, qz",
+        where=f"{where}: {words.column('qw') if 'qw' in words else 'qw, qx, qy, qz'}",
         value=f"attitudes within {np.degrees(seen):.2g} deg, flange turned by "
         f"{np.degrees(turned):.0f} deg",
         allowed="the measured attitude of every row",
@@ -234,7 +240,12 @@ def _spread_rad(R: Array) -> float:
 
 
 def refuse_wrong_angle_unit(
-    log: TimedJoints, places: TimedPlaces, arm: Arm, tool_reach_mm: float, where: str
+    log: TimedJoints,
+    places: TimedPlaces,
+    arm: Arm,
+    tool_reach_mm: float,
+    where: str,
+    words: OwnWords = CONTRACT_WORDS,
 ) -> None:
     """Stop when the tool moved further than the logged joint motion can carry it.
 
@@ -252,6 +263,7 @@ def refuse_wrong_angle_unit(
         arm: the nominal arm.
         tool_reach_mm: distance of that point from the flange.
         where: file and columns, for the message.
+        words: what the file calls its columns.
 
     Raises:
         RawDataError: naming both motions.
@@ -273,7 +285,7 @@ def refuse_wrong_angle_unit(
         where=where,
         value=f"joint ranges of {range_deg:.3g} deg in all, while the tool moved {moved_mm:.0f} mm",
         allowed="joint positions in degrees",
-        remedy="convert the columns to degrees, or state their unit under columns in campaign.yaml"
+        remedy=words.set_unit(f"q{int(np.argmin(arm.prismatic)) + 1}_deg", "rad", "degrees")
         if radians
         else "check the unit of these columns, and of the measured places",
     )
@@ -297,28 +309,40 @@ def _moves_too_far(log: TimedJoints, places: TimedPlaces, lever_mm: Array) -> bo
     return bool(2 * too_far.sum() > len(too_far))
 
 
-def refuse_wrong_length_unit(scale: float | None, what: str, where: str) -> None:
-    """Stop when measured lengths are in another unit than millimetres.
+def refuse_wrong_length_unit(
+    scale: float | None,
+    what: str,
+    where: str,
+    column: str = "",
+    words: OwnWords = CONTRACT_WORDS,
+) -> None:
+    """Stop when measured lengths are in another unit than they are read in.
 
     Args:
         scale: how far the nominal model moves for one that was measured; None where that is not
             known.
         what: `positions` or `distances`.
         where: file and columns, for the message.
+        column: one of them, as the contract calls it.
+        words: what the file calls its columns.
 
     Raises:
         RawDataError: naming the scale, and the unit where it is likely.
     """
     if scale is None or 1.0 / SCALE_RATIO <= scale <= SCALE_RATIO:
         return
-    unit = next((name for mm, name in UNITS.items() if 0.5 < scale / mm < 1.6), None)
+    own = words.sources.get(column)
+    read_in = "mm" if own is None else own.unit
+    mm = scale * LENGTHS[read_in]
+    unit = next((name for name, of in LENGTHS.items() if 0.5 < mm / of < 1.6), None)
     raise RawDataError(
-        f"the {what} look like {unit}" if unit else f"the {what} do not fit the joint motion",
+        f"the {what} look like {UNIT_WORDS[unit]}"
+        if unit
+        else f"the {what} do not fit the joint motion",
         where=where,
         value=f"one measured millimetre is {scale:.3g} mm of the nominal model's motion",
-        allowed=f"{what} in millimetres",
-        remedy="convert the columns to millimetres, or state their unit under columns in "
-        "campaign.yaml"
+        allowed=f"{what} in {UNIT_WORDS[read_in]}, as they are read",
+        remedy=words.set_unit(column, unit, "millimetres")
         if unit
         else "check the unit of these columns",
     )

@@ -31,8 +31,9 @@ from pa10cal.campaign.dwells import (
     find_dwells,
 )
 from pa10cal.campaign.labels import EXCHANGED, exchange_text, exchanged, misfit_mm, nominal_places
-from pa10cal.campaign.raw_file import RawFile
-from pa10cal.campaign.raw_rows import Ingested, Quarantined, quarantined, refuse_too_many
+from pa10cal.campaign.own_words import refuse_too_many
+from pa10cal.campaign.raw_file import RawFile, words_of
+from pa10cal.campaign.raw_rows import Ingested, Quarantined, quarantined
 from pa10cal.campaign.rows import Samples, Touches, read_samples, read_touches
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import JointLog, Observations
@@ -80,7 +81,8 @@ def read_touched(
     reads = (cmm_read, resolver_read)
     totals = {read.file: read.total for read in reads}
     listed = [*cmm_read.quarantined, *resolver_read.quarantined]
-    refuse_too_many(listed, totals, settings.max_quarantined_fraction)
+    words = words_of(campaign, arm.prismatic)
+    refuse_too_many(listed, totals, settings.max_quarantined_fraction, words)
     # The joints' motion beside that of one ball's touches.
     one = touches.ball == np.bincount(touches.ball).argmax()
     screens.refuse_wrong_angle_unit(
@@ -88,7 +90,8 @@ def read_touched(
         (touches.time_s[one], touches.p_instr_mm[one]),
         arm,
         float(np.linalg.norm(campaign.p_ee_balls_mm, axis=1).max()),
-        f"{resolver}: q1_deg … q{arm.n}_deg",
+        f"{resolver}: {words.column('q1_deg')} … {words.column(f'q{arm.n}_deg')}",
+        words,
     )
 
     dwells = find_dwells(samples, settings.still_speed_deg_s)
@@ -97,7 +100,7 @@ def read_touched(
     _check_clocks(touches, touched, dwells, log_s, str(cmm), str(resolver))
     touches, dwell, outside = _in_one_dwell(touches, touched, cmm.name)
     listed += outside
-    refuse_too_many(listed, totals, settings.max_quarantined_fraction)
+    refuse_too_many(listed, totals, settings.max_quarantined_fraction, words)
 
     groups = group_touches(touches, len(campaign.ball_names))
     tool = TouchedTool(
@@ -117,7 +120,7 @@ def read_touched(
     held_out = touches.kind[groups.first] == "holdout"
     reason = _off_the_arm(reason, balls, T_base_ee, held_out, tool)
     listed += _unused_touches(touches, groups, balls, reason, cmm.name, settings)
-    refuse_too_many(listed, totals, settings.max_quarantined_fraction)
+    refuse_too_many(listed, totals, settings.max_quarantined_fraction, words)
 
     good = np.flatnonzero(reason == "")
     poses = _assemble(tool, touches, groups, balls, readings, dwell, good)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,18 +14,19 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.campaign import labels, screens
 from pa10cal.campaign.base_motion import base_target_names, refuse_base_targets, steadied
 from pa10cal.campaign.bounds import Bounds
-from pa10cal.campaign.conventions import other_axes
+from pa10cal.campaign.conventions import STILL_WRONG, OtherAxes, other_axes
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
+from pa10cal.campaign.own_words import UNIT_WORDS, refuse_too_many
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import (
     Ingested,
     Quarantined,
     configurations,
     quarantined,
-    refuse_too_many,
 )
 from pa10cal.campaign.rows import PoseRows, in_radians, position_columns, read_pose_rows
+from pa10cal.campaign.shifted_rows import nominal_fit, refuse_shifted, shifted, steps_agree
 from pa10cal.campaign.two_logs import TwoLogs
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import Observations
@@ -94,12 +95,12 @@ def read_tracked(
     listed += quarantined(
         read.file, rows.line[shared], screens.ONE_LABEL, rows.observations.pose[shared]
     )
-    refuse_too_many(listed, totals, most)
+    refuse_too_many(listed, totals, most, file.words)
     screen.run()
     found = screen.found
     off = screens.off_command(found.pose, found.states.q_rad, arm.prismatic)
     screen.leave_out(off, screens.OTHER_COMMAND, found.pose[off])
-    refuse_too_many(listed, totals, most)
+    refuse_too_many(listed, totals, most, file.words)
     found = screen.found
     found, moved, of_base = steadied(found, str(file.path), screen.T_base_ee)
     notes = [*file.notes, *read.notes, *instrument.raw_notes(columns, stated), *moved]
@@ -110,8 +111,27 @@ def read_tracked(
         found,
         tuple(listed),
         tuple(notes),
-        (*missing, *screen.warnings, *of_base),
+        (
+            *missing,
+            *screen.warnings,
+            *of_base,
+            *file.words.contradicted_units(read.file),
+            *_other_names(description, found.measured.target_names),
+        ),
         timed="time_s" in file.names,
+    )
+
+
+def _other_names(description: CampaignDescription, names: Sequence[str]) -> tuple[str, ...]:
+    """Name targets that campaign.yaml places under names that no column has."""
+    absent = sorted(set(description.tool.balls_mm) - set(names))
+    unplaced = sorted(set(names) - set(description.tool.balls_mm))
+    if not absent or not unplaced:
+        return ()
+    return (
+        f"campaign.yaml: tool.balls_mm states {', '.join(absent)}, and the columns are of "
+        f"{', '.join(unplaced)}: if these are the same targets, rename them in tool.balls_mm or "
+        "in the columns",
     )
 
 
@@ -150,7 +170,8 @@ class _Screen:
         if misfit is not None:
             self.warnings = _poor_fit(misfit)
             if self.warnings:
-                self._refuse_other_axes()
+                self._refuse_shifted()
+                self.warnings += (*self._other_axes(), *self._constant())
             self._leave_out(
                 screens.off_model(misfit, self.found.kind == "holdout"), screens.OFF_MODEL
             )
@@ -209,71 +230,129 @@ class _Screen:
         return best, seen[:, best]
 
     def _refuse_units(self) -> None:
-        found, T_base_ee = self.found, self.T_base_ee
+        found, T_base_ee, words = self.found, self.T_base_ee, self.file.words
         attitudes, places_m = found.measured.attitudes, found.measured.places_m
-        screens.refuse_one_attitude(attitudes, T_base_ee, self.file.path, self.file.in_degrees)
+        screens.refuse_one_attitude(
+            attitudes, T_base_ee, self.file.path, self.file.in_degrees, words
+        )
         best, seen = self._most_seen()
+        what = "distances" if places_m.shape[2] == 1 else "positions"
+        where, column = f"{self.file.path}: {self._target(best)}", self.columns.targets[best][0]
+        scale, logged = found.measured.scale(T_base_ee), self._logged(found.states.q_rad)
+        # Of joints that may be in radians the scale says nothing yet.
+        if not screens.may_be_radians(logged, self.arm):
+            screens.refuse_wrong_length_unit(scale, what, where, column, words)
         screens.refuse_wrong_angle_unit(
-            (self.rows.time_s, self._logged(found.states.q_rad)),
+            (self.rows.time_s, logged),
             (self.rows.time_s[seen], 1e3 * places_m[seen, best]),
             self.arm,
             0.0,
             self._where_joints,
+            words,
         )
         self._refuse_better_unit()
-        what = "distances" if places_m.shape[2] == 1 else "positions"
-        where = f"{self.file.path}: {self._target(best)}"
-        screens.refuse_wrong_length_unit(found.measured.scale(T_base_ee), what, where)
+        screens.refuse_wrong_length_unit(scale, what, where, column, words)
 
     def _refuse_better_unit(self) -> None:
         """Stop when angles in radians, or strokes in metres, explain the measurements."""
         slides, q = self.arm.prismatic, self._logged(self.found.states.q_rad)
         tried = []
         if screens.may_be_radians(q, self.arm):
-            tried.append(("angles", "radians", "degrees", np.where(slides, 1.0, np.degrees(1.0))))
+            tried.append(("angles", "rad", "deg", np.where(slides, 1.0, np.degrees(1.0))))
         if slides.any() and np.abs(q[:, slides]).max() <= LONGEST_STROKE_M:
-            tried.append(("strokes", "metres", "millimetres", np.where(slides, 1e3, 1.0)))
+            tried.append(("strokes", "m", "mm", np.where(slides, 1e3, 1.0)))
         if not tried:
             return
         measured = self.found.measured
         logged = screens.misfit_of(measured, self.T_base_ee)
         if logged is None or np.median(logged.size_m) <= BAD_M:
             return
-        for what, unit, right, factor in tried:
+        for what, unit, right_unit, factor in tried:
             moved = Chain.of(self.arm).forward(in_radians(q * factor, slides))
             misfit = screens.misfit_of(measured, moved)
             if misfit is None or BETTER * np.median(misfit.size_m) > np.median(logged.size_m):
                 continue
+            named, right = UNIT_WORDS[unit], UNIT_WORDS[right_unit]
+            first = next(
+                name for name in position_columns(slides) if name.endswith(f"_{right_unit}")
+            )
             raise RawDataError(
-                f"the joint {what} look like {unit}",
+                f"the joint {what} look like {named}",
                 where=self._where_joints,
                 value="a median misfit of the nominal model of "
                 f"{1e3 * np.median(logged.size_m):.0f} mm, and of "
-                f"{1e3 * np.median(misfit.size_m):.0f} mm with {unit}",
+                f"{1e3 * np.median(misfit.size_m):.0f} mm with {named}",
                 allowed=f"joint {what} in {right}",
-                remedy=f"convert the columns to {right}, or state their unit under columns in "
-                "campaign.yaml",
+                remedy=self.file.words.set_unit(first, unit, right),
             )
 
-    def _refuse_other_axes(self) -> None:
-        """Stop when exchanged or mirrored axes of the instrument explain what is far off."""
+    def _refuse_shifted(self) -> None:
+        """Stop when the readings stand a row away from their joints."""
+        T_base_ee, measured = self.T_base_ee, self.found.measured
+        best, _ = self._most_seen()
+        places_m = measured.places_m
+        if places_m.shape[2] != 3 or not steps_agree(T_base_ee, places_m[:, best]):
+            return
+        rows = len(self.rows)
+        found = shifted(np.arange(rows), rows, nominal_fit(measured, T_base_ee))
+        if found is not None:
+            refuse_shifted(found, self.file.path, self.rows.line, "as they stand", "")
+
+    def _constant(self) -> tuple[str, ...]:
+        """Name joints whose column has the same number in all rows, where the arm does not fit."""
+        same = np.ptp(self.found.states.q_rad, axis=0) == 0.0
+        names = position_columns(self.arm.prismatic)
+        return tuple(
+            f"{self.file.path.name}: {self.file.words.column(names[k])}: the same number in all "
+            "rows: if that joint moved, export what was logged of it"
+            for k in np.flatnonzero(same)
+        )
+
+    def _other_axes(self) -> tuple[str, ...]:
+        """Stop when exchanged or mirrored axes of the instrument explain what is far off.
+
+        Where they explain a part of it, that is returned.
+        """
         measured = self.found.measured
         if measured.places_m.shape[2] != 3:
-            return
+            return ()
         best, seen = self._most_seen()
         R = None if measured.attitudes is None else measured.attitudes[seen]
         found = other_axes(self.T_base_ee[seen], measured.places_m[seen, best], R)
         if found is None:
-            return
+            return ()
+        value = (
+            f"the nominal arm, base and target fitted, is {1e3 * found.left_m:.0f} mm off, "
+            f"and {1e3 * found.would_leave_m:.2g} mm with these axes"
+        )
+        if not found.puts_right:
+            return (f"if the instrument's axes are {found.name}: {value}, {STILL_WRONG}",)
         raise RawDataError(
             f"the instrument's axes are {found.name}",
             where=f"{self.file.path}: {self._target(best)}",
-            value=f"the nominal arm, base and target fitted, is {1e3 * found.left_m:.0f} mm off, "
-            f"and {1e3 * found.would_leave_m:.2g} mm with these axes",
+            value=value,
             allowed="positions in a right-handed frame, attitudes in the same",
-            remedy="exchange the columns, or turn the sign of one, in the instrument's software or "
-            "in the names that campaign.yaml maps",
+            remedy=self._remedy_of_axes(found, self.columns.targets[best]),
         )
+
+    def _remedy_of_axes(self, found: OtherAxes, names: Sequence[str]) -> str:
+        """Return what to state, or to change in the file, for other axes of the instrument."""
+        words, remedy = self.file.words, []
+        if sorted(found.order) != list(found.order):
+            meant = [names[found.order.index(k)] for k in range(3)]
+            remedy.append(
+                words.set_names(meant)
+                if words.key(names[0])
+                else f"rename the columns {', '.join(names)}: they hold {', '.join(meant)}"
+            )
+        if found.turned:
+            turned = [words.column(names[k]) for k in found.turned]
+            which = f"one of {', '.join(turned)}" if found.any_one else " and of ".join(turned)
+            remedy.append(
+                f"turn the sign of {which} in the instrument's software, or of the numbers in the "
+                "file"
+            )
+        return " and ".join(remedy)
 
     def _logged(self, q_rad: Array) -> Array:
         """Return joint positions (N, n) as they were logged: degrees, or millimetres."""
@@ -282,12 +361,12 @@ class _Screen:
     @property
     def _where_joints(self) -> str:
         names = position_columns(self.arm.prismatic)
-        first, last = map(self.file.in_own_words, (names[0], names[-1]))
+        first, last = map(self.file.words.column, (names[0], names[-1]))
         return f"{self.file.path}: {first} … {last}"
 
     def _target(self, b: int) -> str:
         """Return the columns of a target."""
-        return self.file.in_own_words(", ".join(self.columns.targets[b]))
+        return self.file.words.text(", ".join(self.columns.targets[b]))
 
 
 def _poor_fit(misfit: Misfit) -> tuple[str, ...]:

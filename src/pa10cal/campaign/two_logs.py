@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,12 +14,13 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_target_names
-from pa10cal.campaign.description import CampaignDescription, Join
+from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
 from pa10cal.campaign.dwells import dwell_readings, find_dwells, offset_ranges, phase_at
+from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import RawRows, finite
 from pa10cal.campaign.rows import Samples, in_radians, position_columns
-from pa10cal.campaign.screens import robust_misfit
+from pa10cal.campaign.shifted_rows import Fit, nominal_fit, refuse_shifted, shifted
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import RawColumns, Stated
@@ -38,16 +39,6 @@ STANDS = 0.2
 #: Clocks are tried that bring so large a part of the readings into steady phases as the best does.
 NEARLY = 0.85
 CANDIDATES = 12
-#: Joints fit the nominal arm so many times better when shifted by a row, or it is not said.
-BETTER = 4.0
-#: Rows that are shifted, at the least.
-FEW = 3
-#: Where the nominal arm, however placed, is further off in the median, nothing is said [m].
-FITS_M = 0.03
-
-#: What the nominal arm leaves of readings (rows, at stations), base and target fitted to the first
-#: so many of them [m]; None where they do not determine it.
-Fit = Callable[[Index, Index, int], Array | None]
 
 
 @dataclass(frozen=True)
@@ -75,16 +66,6 @@ class Clocks:
     offset_s: float  # what to add to the time of a reading for that of the joints
     u_s: float  # its standard uncertainty: readings stay in their steady phases within it
     inside: int  # readings in steady phases
-
-
-@dataclass(frozen=True)
-class Shift:
-    """Readings that are a row away from the joints they were taken at."""
-
-    first: int  # reading from which on it is so, from 0
-    rows: int  # +1: they belong to the joints of the row after, -1: of the row before
-    as_joined_m: float  # median misfit of these rows as they are
-    as_shifted_m: float  # and shifted
 
 
 def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations:
@@ -153,7 +134,7 @@ def by_time(stations: Stations, time_s: Array, fit: Fit, offset_s: float | None 
         middle = 0.5 * (low + high)
         station = phase_at(stations.start_s, stations.end_s, time_s + middle)
         inside = np.flatnonzero(station >= 0)
-        left_m = fit(inside, station[inside], len(inside))
+        left_m = fit(inside, station[inside], len(inside)) if len(allowed) > 1 else None
         size = np.inf if left_m is None else float(np.median(left_m))
         tried.append((size, -len(inside), middle, high - low, station))
     best_m = min(each[0] for each in tried)
@@ -178,76 +159,6 @@ def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
     alone = read["label"].map(once).to_numpy(dtype=float)
     station = np.where(np.isnan(alone), found, alone)
     return np.where(np.isnan(station), -1, station).astype(np.intp)
-
-
-def shifted(station: Index, stations: int, fit: Fit) -> Shift | None:
-    """Return whether readings fit the joints a row away, and from which reading on.
-
-    Args:
-        station: (N,) row of the joints of each reading, as joined; -1 for none.
-        stations: how many rows the joints have.
-        fit: the nominal arm fitted to readings at rows of the joints.
-    """
-    rows = np.flatnonzero(station >= 0)
-    count = len(rows)
-    if count < 4 * FEW:
-        return None
-    left = _misfits(rows, station[rows], stations, fit)
-    if left is None:
-        return None
-    typical = float(np.nanmedian(np.nanmin(left, axis=0)))
-    # Beyond some size it does not matter how far a row is off.
-    cost = np.minimum(np.where(np.isfinite(left), left, np.inf), 50.0 * max(typical, 1e-5))
-    sums = np.concatenate([np.zeros((3, 1)), np.cumsum(cost, axis=1)], axis=1)
-    before, after = sums, sums[:, -1:] - sums
-    total = before[:, None, :] + after[None, :, :]  # shift before, shift after, reading
-    one, two, first = map(int, np.unravel_index(int(np.argmin(total)), total.shape))
-    one, two = (two if first == 0 else one), (one if first == count else two)
-    if (one, two) == (1, 1):
-        return None
-    moved = np.where(np.arange(count) < first, one != 1, two != 1)
-    shift = (one if one != 1 else two) - 1
-    if moved.sum() < FEW or (one != 1 and two != 1 and one != two):
-        return None
-    as_joined, as_shifted = (
-        float(np.median(left[each][moved & np.isfinite(left[each])])) for each in (1, shift + 1)
-    )
-    if as_shifted > FITS_M or as_joined < BETTER * max(as_shifted, typical):
-        return None
-    return Shift(int(rows[np.flatnonzero(moved)[0]]), int(shift), as_joined, as_shifted)
-
-
-def _misfits(rows: Index, station: Index, stations: int, fit: Fit) -> Array | None:
-    """Return the misfit (3, N) of readings at the row before, at the joined one and at the next.
-
-    Base and target are those of the part of the readings, as joined or shifted, that fits best.
-    """
-    count = len(rows)
-    third = max(count // 3, 2 * FEW)
-    parts = [np.arange(count), np.arange(third), np.arange(count - third, count)]
-    best: tuple[float, Array] | None = None
-    shifts = np.stack([station - 1, station, station + 1])
-    there = (shifts >= 0) & (shifts < stations)
-    for shift in (1, 0, 2):
-        for part in parts:
-            used = part[there[shift, part]]
-            if len(used) < 2 * FEW:
-                continue
-            # Fitted to this part, judged at all three.
-            known = [(k, np.flatnonzero(there[k])) for k in range(3)]
-            at = np.concatenate([shifts[shift, used], *(shifts[k, each] for k, each in known)])
-            of = np.concatenate([rows[used], *(rows[each] for _, each in known)])
-            left_m = fit(of, at, len(used))
-            if left_m is None:
-                continue
-            left, start = np.full((3, count), np.nan), len(used)
-            for k, each in known:
-                left[k, each] = left_m[start : start + len(each)]
-                start += len(each)
-            size = float(np.median(left_m[: len(used)]))
-            if best is None or size < 0.5 * best[0]:
-                best = size, left
-    return None if best is None or best[0] > FITS_M else best[1]
 
 
 # Two files read as one: rows of the readings, each with the joints it was taken at.
@@ -304,9 +215,10 @@ class TwoLogs:
         """Return the columns of angles of attitudes that are said to be in degrees."""
         return self.readings.in_degrees
 
-    def in_own_words(self, text: str) -> str:
-        """Return a text with the files' own names beside those of the contract."""
-        return self.joints.in_own_words(self.readings.in_own_words(text))
+    @property
+    def words(self) -> OwnWords:
+        """Return what the files call their columns."""
+        return OwnWords({**self.joints.sources, **self.readings.sources})
 
     def read(
         self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
@@ -317,6 +229,7 @@ class TwoLogs:
             RawDataError: as `RawFile.read`; when the logs cannot be joined, or when readings are
                 a row away from their joints.
         """
+        self._refuse_exchanged()
         q = position_columns(self.arm.prismatic)
         of_joints = {*q, *together, *(f"u_{name}" for name in (*q, *together))}
         own = set(self.readings.names)
@@ -373,6 +286,24 @@ class TwoLogs:
         )
         return whole.take(~lost, reason)
 
+    def _refuse_exchanged(self) -> None:
+        """Stop when each of the two files has the columns that are mapped of the other."""
+        files = (self.joints, self.readings)
+        mapped = [file.own_names for file in files]
+        headers = [file.header for file in files]
+        lacks = [set(own) - set(header) for own, header in zip(mapped, headers, strict=True)]
+        has = [set(own) <= set(header) for own, header in zip(mapped, headers[::-1], strict=True)]
+        if not all(lacks) or not all(has) or not all(mapped):
+            return
+        missing = [name for name in mapped[0] if name in lacks[0]]
+        raise RawDataError(
+            f"missing columns {', '.join(missing)}, which {self.readings.path.name} has",
+            where=f"{self.joints.path}:1",
+            value=", ".join(headers[0]),
+            allowed=f"the columns of columns.joints in files.joints: {', '.join(mapped[0])}",
+            remedy=f"exchange files.joints and files.readings in {DESCRIPTION_FILE}",
+        )
+
     def _joints_logged(self, q: Sequence[str], together: Sequence[str]) -> tuple[RawRows, Samples]:
         """Read the joints' log, in order of time where it has one."""
         own = set(self.joints.names)
@@ -422,16 +353,7 @@ class TwoLogs:
         if by == "time":
             time_s = read.columns["time_s"]
             clocks = by_time(stations, time_s, fit, self.join.clock_offset_s)
-            if 2 * clocks.inside <= count:
-                raise RawDataError(
-                    "the two logs cannot be joined by time",
-                    where=str(self.readings.path),
-                    value=f"{clocks.inside} of {count} readings lie where the arm stood, at the "
-                    "best offset of the clocks",
-                    allowed="readings taken while the arm stands still",
-                    remedy="check that both logs are of the same run, and the units and formats of "
-                    "columns.joints.time and columns.readings.time",
-                )
+            self._refuse_apart(clocks.inside, count, stations, time_s, fit)
             found = "" if self.join.clock_offset_s is not None else f" ± {2.0 * clocks.u_s:.2g} s"
             self.notes.append(
                 f"{files} joined by time: the joints' clock is that of the readings "
@@ -444,7 +366,9 @@ class TwoLogs:
         else:
             station = np.where(np.arange(count) < len(stations), np.arange(count), -1)
         self.notes.append(f"{files} joined by {by}")
-        self._refuse_shifted(shifted(station, len(stations), fit), read, by)
+        if (shift := shifted(station, len(stations), fit)) is not None:
+            joints, joined = self.joints.path.name, f"as they are joined by {by}"
+            refuse_shifted(shift, self.readings.path, read.line, joined, joints)
         if by == "row" and count != len(stations):
             raise RawDataError(
                 "the two logs have different numbers of rows, and nothing else joins them",
@@ -465,35 +389,26 @@ class TwoLogs:
             usable &= ~found.rows
         seen = self.instrument.from_raw(measured, values, unknown, self.stated)
         T_base_ee = Chain.of(self.arm).forward(in_radians(stations.q_deg, self.arm.prismatic))
+        return nominal_fit(seen, T_base_ee, usable)
 
-        def fit(rows: Index, station: Index, fitted: int) -> Array | None:
-            keep = usable[rows]
-            fitted = int(keep[:fitted].sum())
-            here = seen.take(rows[keep])
-            if fitted < here.least_rows:
-                return None
-            T = T_base_ee[station[keep]]
-            found = robust_misfit(lambda used, weights: here.misfit(T, used, weights), fitted)
-            if found is None:
-                return None
-            left_m = np.full(len(rows), np.nan)
-            left_m[keep] = found.size_m
-            return left_m
-
-        return fit
-
-    def _refuse_shifted(self, shift: Shift | None, read: RawRows, by: str) -> None:
-        if shift is None:
+    def _refuse_apart(
+        self, inside: int, count: int, stations: Stations, time_s: Array, fit: Fit
+    ) -> None:
+        if 2 * inside > count:
             return
-        line = int(read.line[shift.first])
-        place = "from the first row on" if shift.first == 0 else f"from line {line} on"
-        other = "after" if shift.rows > 0 else "before"
+        stated = self.join.clock_offset_s
+        found = None if stated is None else by_time(stations, time_s, fit)
+        other = found is not None and 2 * found.inside > count
         raise RawDataError(
-            f"{place} the readings fit the joints of the row {other} theirs",
-            where=f"{self.readings.path}:{line}",
-            value=f"the nominal arm is {1e3 * shift.as_joined_m:.0f} mm off as they are joined by "
-            f"{by}, and {1e3 * shift.as_shifted_m:.2g} mm one row {other}",
-            allowed="every reading in the row of its joints",
-            remedy="a row is missing or stands twice there: take it out, or put it in, in one of "
-            f"{self.readings.path.name} and {self.joints.path.name}",
+            "the two logs cannot be joined by time",
+            where=str(self.readings.path.parent / DESCRIPTION_FILE) + ": join.clock_offset_s"
+            if other
+            else str(self.readings.path),
+            value=f"{inside} of {count} readings lie where the arm stood, at "
+            + ("the best offset of the clocks" if stated is None else f"{stated:+g} s"),
+            allowed="readings taken while the arm stands still",
+            remedy=f"remove join.clock_offset_s: it is then found, {found.offset_s:+.2f} s"
+            if other and found is not None
+            else "check that both logs are of the same run, and the units and formats of "
+            "columns.joints.time and columns.readings.time",
         )

@@ -90,7 +90,7 @@ def run(
     over: dict[str, Any] = {"campaigns": names}
     if group is not None:
         over["groups"] = {group: names}
-    used = settings_of(own, over, f"{settings or places[0] / 'campaign.yaml'}: name")
+    used = settings_of(own, over, str(settings or f"{places[0] / 'campaign.yaml'}: name"))
     for folder in places:
         _refuse_small(folder, used.ingest, arms)
     raw = out / WORK_FOLDER / "raw"

@@ -17,7 +17,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.campaign.raw_rows import Quarantined, quarantined, refuse_too_many
+from pa10cal.campaign.own_words import refuse_too_many
+from pa10cal.campaign.raw_rows import Quarantined, quarantined
 from pa10cal.errors import RawDataError
 
 NOT_A_NUMBER = "not a finite number"

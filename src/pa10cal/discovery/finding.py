@@ -225,7 +225,7 @@ def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[Fault, ...]:
     found = []
     for each in suspicions:
         kind = _OF_INPUT.get(each.kind)
-        joint = re.fullmatch(r"(?:delta_theta_|q)(\d+)", each.where)
+        joint = re.fullmatch(r"(?:.* \(`)?(?:delta_theta_|q)(\d+)(?:`\))?", each.where)
         if each.kind == "departure" and joint is not None:
             kind = "joint_zero"
         if kind is None:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.calibration.health import Errors, FitSummary, HeldOut, health
+from pa10cal.calibration.determined import FitSummary
+from pa10cal.calibration.health import Errors, HeldOut, health
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.load_case import COMBINED, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace

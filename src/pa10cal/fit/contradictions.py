@@ -37,9 +37,9 @@ def of_joints(model: Fitted, q: Array) -> Iterator[str]:
         return
     if model.inside(q).mean() <= _FEW and model.inside(as_radians).mean() > _MOST:
         yield (
-            "the joint positions look like radians under columns in degrees: all are within ±6.3, "
-            "beyond the angles of the fit as degrees and inside them as radians; multiply them by "
-            "57.29578 if so"
+            f"{_columns(model)}: the joint positions look like radians under columns in degrees: "
+            "all are within ±6.3, beyond the angles of the fit as degrees and inside them as "
+            "radians; multiply them by 57.29578 if so"
         )
 
 
@@ -61,25 +61,26 @@ def of_targets(model: Fitted, T: Array, seed: Array, frame: str) -> Iterator[str
         other_m = np.median(away(as_radians, T)[0])
         if other_m < _NEARER * np.median(off_m):
             yield (
-                "the seeds look like radians under columns in degrees: they are "
-                f"{1e3 * np.median(off_m):.0f} mm from their targets as degrees and "
+                f"{_columns(model)}: the seeds look like radians under columns in degrees: they "
+                f"are {1e3 * np.median(off_m):.0f} mm from their targets as degrees and "
                 f"{1e3 * other_m:.0f} mm as radians; multiply them by 57.29578 if so"
             )
             return
     far = off_m > _FAR * reach_m
     if far.mean() > _MOST:
         yield (
-            f"{far.sum()} of {len(far)} seeds contradict their targets: at these joint positions "
-            f"the {frame} is more than half the reach ({500 * reach_m:.0f} mm) from the target; "
-            "check the units and the order of the joints, the frame, and that targets are in the "
-            "robot's base frame"
+            f"{_columns(model)}: {far.sum()} of {len(far)} seeds contradict their targets: at "
+            f"these joint positions the {frame} is more than half the reach "
+            f"({500 * reach_m:.0f} mm) from the target; check the units and the order of the "
+            "joints, the frame, and that targets are in the robot's base frame"
         )
     elif np.median(off_rad) > _ALIKE_RAD:
         other_rad = np.median(away(seed, _scalar_last(T))[1])
         if other_rad < _NEARER * np.median(off_rad):
             yield (
                 f"{_ORDER}: at the seeds the {frame} is turned by {np.degrees(other_rad):.1f}° "
-                f"from the targets so, and by {np.degrees(np.median(off_rad)):.0f}° as given"
+                f"from the targets so, and by {np.degrees(np.median(off_rad)):.0f}° as given; "
+                f"{_RENAMED}"
             )
 
 
@@ -95,11 +96,19 @@ def of_answers(
     if reached.mean() >= max(_NEARLY_ALL, 2.0 * good.mean()):
         yield (
             f"{_ORDER}: {reached.sum()} of {len(T)} targets are then reached within the angles of "
-            f"the fit, and {good.sum()} as given"
+            f"the fit, and {good.sum()} as given; {_RENAMED}"
         )
 
 
-_ORDER = "the quaternions look like x, y, z, w under columns qw, qx, qy, qz"
+_ORDER = "qw, qx, qy, qz: the quaternions look like x, y, z, w under these names"
+_RENAMED = "name the columns qx,qy,qz,qw if so"
+
+
+def _columns(model: Fitted) -> str:
+    """Return the columns of joint positions in a list."""
+    slides = model.arm.prismatic
+    first, last = ("mm" if slides[k] else "deg" for k in (0, -1))
+    return f"q1_{first} … q{len(slides)}_{last}"
 
 
 def _good(found: Compensation) -> NDArray[np.bool_]:

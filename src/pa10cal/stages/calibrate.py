@@ -99,7 +99,8 @@ def calibrate(
                 record, campaign, arm, every, case, settings, discovery, named
             )
         except (CalibrationError, DiscoveryError) as error:
-            place = error if load else error.within(f"load case {case}")
+            place = error.within(str(given)) if error.where == "prior" else error
+            place = place if load else place.within(f"load case {case}")
             raise explained(place, findings) from None
         _say(f"{campaign.name} {case}", records[case], time.perf_counter() - began)
     if load:

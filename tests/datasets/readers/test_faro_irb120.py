@@ -86,7 +86,7 @@ def test_tables_of_different_lengths_are_refused(folder):
 def test_too_many_unreadable_rows_are_refused(folder):
     for line in (2, 3, 4):
         edit(folder / IRB120 / "measured_joints.txt", line, 2, "x", separator=None)
-    with pytest.raises(RawDataError, match=r"joints\.txt:2: 3 of 10 rows would be quarantined"):
+    with pytest.raises(RawDataError, match=r"joints\.txt:2: q3_deg: 3 of 10 rows would be"):
         read(folder, 0.2)
 
 

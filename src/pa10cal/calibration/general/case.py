@@ -10,11 +10,12 @@ import numpy as np
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array
+from pa10cal.calibration.determined import FitSummary
 from pa10cal.calibration.general.apart import apart, contradictions
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
 from pa10cal.calibration.general.fit import Fit
 from pa10cal.calibration.general.prior import calibrate_from, prior_of
-from pa10cal.calibration.health import Errors, FitSummary, health, held_out_errors
+from pa10cal.calibration.health import Errors, health, held_out_errors
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.load_case import LoadCase, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (

@@ -1,0 +1,108 @@
+"""What is offered as a remedy leaves little enough; what leaves more is called still wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from made_up_sightings import sighted
+from mended import findings
+from pa10cal.arm.chain import Chain
+from pa10cal.campaign.conventions import (
+    EXPECTED_M,
+    STILL_WRONG,
+    TIMES_EXPECTED,
+    TIMES_NOISE,
+    other_axes,
+    puts_right,
+)
+from pa10cal.campaign.read import read_campaign
+from pa10cal.errors import Pa10calError
+from pa10cal.files.arms import load_arm
+
+
+@pytest.mark.parametrize(
+    ("left", "expected", "noise", "right"),
+    [
+        (TIMES_EXPECTED * 0.99, 1.0, np.inf, True),
+        (TIMES_EXPECTED * 1.01, 1.0, np.inf, False),
+        (TIMES_NOISE * 0.99, 100.0, 1.0, True),
+        (TIMES_NOISE * 1.01, 100.0, 1.0, False),
+        (TIMES_NOISE * 0.99, 1.0, 1.0, False),
+    ],
+)
+def test_both_bounds_are_kept(left, expected, noise, right):
+    assert puts_right(left, expected, noise) is right
+
+
+def changed(raw, names, new) -> None:
+    """Rewrite columns of every row: `new` takes and returns their numbers, and has the row."""
+    at = [raw.column(name) for name in names]
+    for k, line in enumerate(raw.poses[1:]):
+        row = line.split(",")
+        for j, value in zip(at, new(np.array([float(row[j]) for j in at]), k), strict=True):
+            row[j] = f"{value:.9f}"
+        raw.poses[k + 1] = ",".join(row)
+
+
+PLACE = ["x_mm", "y_mm", "z_mm"]
+
+
+def scattered(size_mm: float):
+    """Return errors of every row of about this median size."""
+    drawn = np.random.default_rng(1).normal(size=(40, 3))
+    drawn *= size_mm / np.median(np.linalg.norm(drawn, axis=1))
+    return drawn
+
+
+@pytest.mark.parametrize(("part", "right"), [(0.7, True), (1.4, False)])
+def test_axes_are_offered_where_they_leave_what_is_expected(tmp_path, part, right):
+    """Mirrored, and with errors under and over five times what is expected of a nominal arm."""
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    errors = scattered(1e3 * TIMES_EXPECTED * EXPECTED_M * part)
+    changed(raw, PLACE, lambda p, k: (p + errors[k]) * [1, -1, 1])
+    if right:
+        with pytest.raises(Pa10calError, match="turn the sign of y_mm"):
+            read_campaign(raw.write())
+        return
+    (warning,) = [each for each in read_campaign(raw.write()).warnings if "axes" in each]
+    assert STILL_WRONG in warning
+    assert "turn the sign" not in warning
+
+
+def test_axes_of_a_mirrored_frame_are_found_by_two_fits():
+    rng = np.random.default_rng(3)
+    T = Chain.of(load_arm("ur10")).forward(rng.uniform(-1.5, 1.5, (40, 6)))
+    R = Rotation.random(random_state=rng).as_matrix()
+    p_m = T[:, :3, 3] @ R.T + [0.4, -1.0, 2.0]
+    found = other_axes(T, p_m[:, [1, 0, 2]] * [1, 1, -1], R @ T[:, :3, :3])
+    assert found is not None
+    assert found.name == "y, x, -z in place of x, y, z"
+    assert (found.order, found.turned) == ((1, 0, 2), (2,))
+    assert other_axes(T, p_m, R @ T[:, :3, :3]) is None
+
+
+@pytest.mark.parametrize(("times_noise", "right"), [(6.0, True), (60.0, False)])
+def test_a_sign_is_offered_where_it_leaves_what_the_noise_explains(tmp_path, times_noise, right):
+    """A reversed joint in readings that err by less, and by more, than 20 times their noise."""
+    raw = sighted(tmp_path, "pose", poses=60, noise_mm=0.0)
+    stated_mm = raw.description["instrument"]["uncertainty_mm"]
+    drawn = np.random.default_rng(1).normal(0.0, times_noise * stated_mm, (60, 3))
+    changed(raw, PLACE, lambda p, k: p + drawn[k])
+    changed(raw, ["q2_deg"], lambda q, _: -q)
+    (found,) = findings(raw.write())
+    assert (found.kind, found.where) == ("joint_sign", "q2")
+    assert (STILL_WRONG in found.what) is not right
+    assert ("set joint_signs: [1, -1, 1, 1, 1, 1]" in found.remedy) is right
+
+
+def test_signs_that_are_stated_already_are_taken_along(tmp_path):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    changed(raw, ["q5_deg"], lambda q, _: -q)
+    raw.description |= {"joint_signs": [1, -1, 1, 1, 1, 1], "joint_offsets_deg": [0, 0, 0, 0, 7, 0]}
+    changed(raw, ["q2_deg"], lambda q, _: -q)
+    changed(raw, ["q5_deg"], lambda q, _: q - 7.0)
+    (found,) = findings(raw.write())
+    assert "set joint_signs: [1, -1, 1, 1, -1, 1]" in found.remedy
+    assert "set joint_offsets_deg: [0, 0, 0, 0, -7, 0]" in found.remedy
