@@ -16,7 +16,7 @@ FIGURES = (HERE / "commanded.svg", HERE.parent / "docs/commanded.png")
 NOISE_MM, TARGETS, LOAD_N = 0.03, 60, 0.0
 #: What is commanded: instrument, robot, joints with springs, effects hidden and known.
 CASES = {
-    "UR10, positions and attitudes": ("pose", "ur10", (), ()),
+    "UR10, positions and orientations": ("pose", "ur10", (), ()),
     "IRB 120, three reflectors": ("points", "irb120", (), ()),
     "iiwa 14, three reflectors": ("points", "iiwa14", (), ()),
     "UR10, two springs, gear ratio, transmission error": (

@@ -14,7 +14,7 @@ HERE = Path(__file__).parent
 POSES, SEEDS = 27, 40
 #: Arm, instrument, middle of the grid, loads, joints with springs.
 CELLS = {
-    "PA10-6CE, positions and attitudes": ("pa10_6ce", "pose", (0, 15, 90, 0, 45, -90)),
+    "PA10-6CE, positions and orientations": ("pa10_6ce", "pose", (0, 15, 90, 0, 45, -90)),
     "PA10-6CE, the same, three springs, 0, 22 and 44 N": (
         "pa10_6ce",
         "pose",
@@ -22,15 +22,15 @@ CELLS = {
         (0.0, 22.0, 44.0),
         (2, 3, 5),
     ),
-    "UR10, positions and attitudes": ("ur10", "pose", (0, -75, 110, -125, -90, 0)),
+    "UR10, positions and orientations": ("ur10", "pose", (0, -75, 110, -125, -90, 0)),
     "UR10, three reflectors": ("ur10", "points", (0, -75, 110, -125, -90, 0)),
 }
 #: Rows of the table: whether the plan keeps to the joint ranges of the grid, and the test poses.
 ROWS = {
     "joint limits of the arm | all that these allow": (False, "within the limits"),
     "joint ranges of the grid | all that these allow": (True, "within the ranges"),
-    "joint limits of the arm | attitudes as in the grid": (False, "like the grid"),
-    "joint ranges of the grid | attitudes as in the grid": (True, "like the grid"),
+    "joint limits of the arm | orientations as in the grid": (False, "like the grid"),
+    "joint ranges of the grid | orientations as in the grid": (True, "like the grid"),
 }
 
 HEAD = f"""# Planned poses against the paper's grid
@@ -52,9 +52,10 @@ candidates or like the grid.
 TAIL = """
 ## What it says
 The first row of each cell is what a plan gains that has no more room than the grid's own box: the
-tool is known at every attitude there. The attitudes of the grid hardly differ, so that its model
-extrapolates as soon as the tool turns further. The second row allows the plan no more of any joint
-than the grid uses. The other two judge both at attitudes of the grid alone. There is little to gain
+tool is known at every orientation there. The orientations of the grid hardly differ, so that its
+model extrapolates as soon as the tool turns further. The second row allows the plan no more of any
+joint than the grid uses. The other two judge both at orientations of the grid alone. There is
+little to gain
 there: the mean variance that a calibration leaves in the readings of its own poses is the number of
 unknowns over the number of poses, whichever poses these are.
 """

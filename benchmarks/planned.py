@@ -33,7 +33,7 @@ from pa10cal.pose_plan.plan import covariance_of, plan_poses, rms_mm
 from pa10cal.studies.simulated import as_read
 from pa10cal.terms.model import Model
 
-#: Test poses in the box: grids of these parts of the paper's spacing, other attitudes each.
+#: Test poses in the box: grids of these parts of the paper's spacing, other orientations each.
 _INNER_GRIDS = (0.35, 0.7, 1.0)
 _TESTED = 200
 _ROUNDING_MM = 0.1
@@ -51,7 +51,7 @@ class Cell:
     centre_deg: tuple[float, ...]  # joint angles in the middle of the 3 x 3 x 3 grid
     loads_N: tuple[float, ...] = (0.0,)  # external loads; every pose is measured under each
     flexible_joints: tuple[int, ...] = ()  # joints with a spring
-    # position_mm and attitude_rad: noise of a coordinate, and of an attitude
+    # position_mm and attitude_rad: noise of a coordinate, and of an orientation
     position_mm: float = 0.03
     attitude_rad: float = 1e-4
     arm: Arm = field(init=False)
@@ -60,11 +60,11 @@ class Cell:
         object.__setattr__(self, "arm", load_arm(self.robot))
 
     def grid(self, part: float = 1.0, seed: int = _SEED) -> Array:
-        """Return the paper's grid about the middle, (27, n), its attitudes drawn by a seed.
+        """Return the paper's grid about the middle, (27, n), its orientations drawn by a seed.
 
         Args:
             part: of the paper's spacing.
-            seed: draws the attitudes.
+            seed: draws the orientations.
         """
         nominal = Mechanism.of(self.arm, Departures.none(self.arm.n), tool_payload(_TOOL_KG))
         settings = CellPosesOptions(
@@ -115,7 +115,7 @@ class Cell:
         return draw_candidates(self.arm, targets_m, other, least=1).q
 
     def tested_like_grid(self) -> Array:
-        """Return poses all over the box, with attitudes as the grid has them, (81, n)."""
+        """Return poses all over the box, with orientations as the grid has them, (81, n)."""
         grids = [self.grid(part, 11 + k) for k, part in enumerate(_INNER_GRIDS)]
         return np.concatenate(grids)
 

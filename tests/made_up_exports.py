@@ -37,7 +37,7 @@ class Header:
     load: str
     length: str = "mm"
     angle: str = "deg"
-    turn: str = "deg"  # unit of the attitude
+    turn: str = "deg"  # unit of the orientation
     note: str = "Comment"
 
 

@@ -109,7 +109,7 @@ def own_campaign(folder: Path, **plan: Any) -> Own:
 
 
 def with_quaternions(own: Own) -> None:
-    """Give the attitudes as quaternions, scalar first."""
+    """Give the orientations as quaternions, scalar first."""
     angles = Rotation.from_euler("ZYX", own.table[TURN], degrees=True)
     at = own.table.columns.get_loc(TURN[0])
     for k, name in enumerate(QUATERNION):
@@ -182,14 +182,14 @@ def columns(own: Own, *names: str) -> Said:
 REMEDIES = {
     "unit of joints": r"joints\.unit: \w+|convert the columns to degrees|57\.29578",
     "unit of lengths": r"(position|targets\.\w+)\.unit: \w+|columns to millimetres|by 1000",
-    "unit of attitudes": r"rotation\.unit: \w+",
+    "unit of orientations": r"rotation\.unit: \w+",
     "unit of loads": r"load\.unit: \w+",
     "unit of temperatures": r"temperature\.unit: \w+|subtract 273",
     "signs": r"joint_signs: \[|multiply \S+ .*by -1|reverse the axis",
     "zeros": r"joint_offsets_deg: \[",
     "order of joints": r"joints\.names: \[|exchange the columns",
     "convention": r"rotation\.convention: \w+|rename the columns: they|convert them to quat",
-    "inverse": r"rotation\.inverse: \w+|convert the attitudes",
+    "inverse": r"rotation\.inverse: \w+|convert the orientations",
     "axes": r"position\.names: \[|turn the sign of one|left-handed",
     "gravity": r"gravity_m_s2: \[|pointing down",
     "decimal": r"\bdecimal: '?[.,]|with decimal points",

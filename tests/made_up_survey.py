@@ -42,8 +42,8 @@ class Hidden:
 
     Attributes:
         turn: further joint angles (P, 6), of how the joints came to stand (`q_rad`, `arrival`).
-        twist: further small rotation of the target's attitude alone (P, 3), of the same and of the
-            joints' axes (P, 3, 6) in the instrument's frame.
+        twist: further small rotation of the target's orientation alone (P, 3), of the same and of
+            the joints' axes (P, 3, 6) in the instrument's frame.
         noise: sizes of the noise over those stated.
     """
 
@@ -100,7 +100,7 @@ class Surveyed:
 
 
 def measured(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT):
-    """Let the cell measure a UR10, and return the campaign, its attitudes twisted."""
+    """Let the cell measure a UR10, and return the campaign, its orientations twisted."""
     count = poses + held_out
     q_deg = np.degrees(np.random.default_rng(seed).uniform(LOW_RAD, HIGH_RAD, (count, 6)))
     plan = TrackerOptions(

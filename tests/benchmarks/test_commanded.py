@@ -125,7 +125,7 @@ def test_links_of_the_urdf_are_those_of_the_true_arm(name):
     there = off(name, np.array(found[tool]), true_frame(made, q))
     assert 1e3 * np.linalg.norm(flange[:, :3], axis=1).max() < 2.0  # what is not identifiable
     assert rms_mm(there) < 0.3
-    if CASES[name][0] != "distance":  # which shows no attitude
+    if CASES[name][0] != "distance":  # which shows no orientation
         assert np.degrees(np.linalg.norm(there[:, 3:], axis=1)).max() < 0.1
 
 

@@ -131,7 +131,7 @@ def test_an_error_of_the_apparatus_is_in_the_intervals(model, truth, observe):
     """The same wrong ball places in all poses: the repeats cannot show it, the interval must.
 
     The balls' noise is the instrument's and larger along its z, so how a pose answers to a wrong
-    place depends on the tool's attitude.
+    place depends on the tool's orientation.
     """
     balls = np.array([[0.095, 0, 0.31], [-0.05, 0.08, 0.31], [-0.05, -0.08, 0.312]])
     observations = observe(noise=0.1)

@@ -83,7 +83,7 @@ def test_positions_on_one_line_do_not_fix_a_frame():
     T[:, 0, 3] = np.arange(5.0)
     with pytest.raises(CalibrationError, match="poses that are not collinear"):
         fit_base_frame(T, T, attitude_weight_m2=0.0)
-    fit_base_frame(T, T, attitude_weight_m2=1.0)  # attitudes do
+    fit_base_frame(T, T, attitude_weight_m2=1.0)  # orientations do
 
 
 @settings(deadline=None, max_examples=30)

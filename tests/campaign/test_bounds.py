@@ -149,7 +149,7 @@ def test_one_attitude_for_all_rows_is_refused(copy):
     folder = copy("pose")
     mend(folder, "poses.csv", lambda table: [table.fill(name, "0") for name in QUATERNION[1:]])
     mend(folder, "poses.csv", lambda table: table.fill("qw", "1"))
-    with pytest.raises(Pa10calError, match="every row has the same attitude"):
+    with pytest.raises(Pa10calError, match="every row has the same orientation"):
         read_campaign(folder)
 
 

@@ -25,7 +25,7 @@ TRIED = [
 
 @pytest.mark.parametrize("export", TRIED)
 def test_an_export_is_read_as_columns_proposes(tmp_path, capsys, export):
-    """Joints, positions, attitudes, times and loads come back, and no column goes unsaid."""
+    """Joints, positions, orientations, times and loads come back, and no column goes unsaid."""
     raw = sighted(tmp_path, "pose")
     table = pd.read_csv(io.StringIO("\n".join(raw.poses)))
     path = written_export(export, table, tmp_path, np.random.default_rng(1))

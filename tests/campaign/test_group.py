@@ -45,7 +45,7 @@ def test_a_group_is_read_calibrated_and_predicts(folders):
     assert model.fitted_to.instrument == "pose and points and distance"
     names = set(model.parameters.parameter)
     assert {"tool_x@of-pose", "base_rx@of-points", "delta_a_2"} <= names
-    assert "base_rx@of-distance" not in names  # a distance shows no attitude of the base
+    assert "base_rx@of-distance" not in names  # a distance shows no orientation of the base
     assert set(model.frames) >= {"target_T1@of-points", "target_target@of-distance"}
     errors = model.deviations(model.as_modelled(group.observations)).distance_mm
     assert np.sqrt(np.mean(errors**2)) < 0.03

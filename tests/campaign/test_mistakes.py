@@ -198,10 +198,10 @@ MISTAKES = [
     Mistake(
         "A, B, C in radians under degrees",
         scaled(TURN, UNIT),
-        "angles of the attitudes look like radians",
+        "angles of the orientations look like radians",
         r"messung\.csv: `A \[°\]`, `B \[°\]`, `C \[°\]`",
         r"set columns\.poses\.rotation\.unit: rad",
-        ("unit of attitudes",),
+        ("unit of orientations",),
     ),
     Mistake(
         "a load in kilograms under newtons",
@@ -315,7 +315,7 @@ MISTAKES = [
         warned=True,
     ),
     Mistake(
-        "inverse attitudes",
+        "inverse orientations",
         inverted,
         "inverse rotation",
         r"`Q1`, `Q2`, `Q3`, `Q4`",
@@ -476,7 +476,7 @@ MISTAKES = [
     Mistake(
         "pose said, and points measured",
         put("columns.poses.rotation", None),
-        "no attitude is mapped|nothing is mapped to qw",
+        "no orientation is mapped|nothing is mapped to qw",
         rf"{POSES}",
         r"set columns\.poses\.rotation, or instrument\.kind: points with the position under tar",
         ("kind",),

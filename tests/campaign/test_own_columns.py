@@ -48,7 +48,7 @@ def own_table(table):
 
 
 def numbers_of(table, convention, degrees):
-    """Return the attitudes as a convention has them."""
+    """Return the orientations as a convention has them."""
     R = Rotation.from_quat(table[QUATERNION], scalar_first=True)
     kind, _, axes = convention.partition("_")
     return {

@@ -90,7 +90,7 @@ def eccentric(searched) -> Surveyed:
 
 @pytest.fixture(scope="session")
 def twisted(searched) -> Surveyed:
-    """The attitude alone turns about joint 5, by the side from which that came."""
+    """The orientation alone turns about joint 5, by the side from which that came."""
 
     def twist(states, axes):
         return 1.5e-4 * states.arrival[:, 4:5] * axes[:, :, 4]

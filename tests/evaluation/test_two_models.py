@@ -49,7 +49,7 @@ def test_two_campaigns_of_one_robot_differ_as_expected(monkeypatch):
     found = [pa10cal.compare(campaign(k), campaign(k + 1)) for k in range(100, 160, 2)]
     flanges = [each.frames["flange"] for each in found]
     assert sum(not each.agree for each in found) <= 1
-    # The less likely of place and attitude counts, twice.
+    # The less likely of place and orientation counts, twice.
     assert 0.3 < np.median([flange.chance for flange in flanges]) <= 1.0
     for left, expected in (("remaining_rms_mm", "expected_mm"), ("remaining_deg", "expected_deg")):
         squares = [(getattr(f, left) / getattr(f, expected)) ** 2 for f in flanges]

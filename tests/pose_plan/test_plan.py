@@ -104,7 +104,7 @@ def test_a_short_path_is_no_longer_than_the_order_given():
         ("distance", 10, {}, ["fewer equations than unknowns", "at least"]),
         ("point", 20, {}, ["no such instrument", "points"]),
         ("pose", 20, {"reach_mm": 10}, ["no pose is left", "reach_mm: 9"]),
-        ("touch_trigger_cmm", 20, {"targets_mm": ((0, 0, 9),) * 3}, ["not give an attitude"]),
+        ("touch_trigger_cmm", 20, {"targets_mm": ((0, 0, 9),) * 3}, ["not give an orientation"]),
         ("touch_trigger_cmm", 20, {"targets_mm": ((0, 0, 9),)}, ["three or more"]),
         ("pose", 20, {"joints_deg": ((0, 1),)}, ["not one range a joint"]),
         ("pose", 20, {"joints_deg": ((0, 999), *[(0, 10)] * 5)}, ["leaves the joint's limits"]),

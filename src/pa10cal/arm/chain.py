@@ -22,7 +22,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
 
-# Attitudes as roll, pitch and yaw about fixed axes x, y and z, as URDF and arm files hold them.
+# Orientations as roll, pitch and yaw about fixed axes x, y and z, as URDF and arm files hold them.
 
 
 def roll_pitch_yaw(R: Array) -> Array:

@@ -212,7 +212,7 @@ def _differences(arm: Arm, posed: _Posed) -> tuple[float, float]:
     found = Chain.of(arm).forward(q)
     expected = np.array([posed.T_base_ee(positions) for positions in q])
     off_m = np.linalg.norm(found[:, :3, 3] - expected[:, :3, 3], axis=1).max()
-    # Twice the sine of half the angle between two attitudes, over the square root of two.
+    # Twice the sine of half the angle between two orientations, over the square root of two.
     apart = np.linalg.norm(found[:, :3, :3] - expected[:, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
     return float(off_m), float(2.0 * np.arcsin(np.clip(apart / 2.0, 0.0, 1.0)).max())
 

@@ -36,8 +36,8 @@ BY_CHANCE = 3.0
 OF_ONE_APPARATUS = 2.0
 #: Held-out over expected error above which the model does not predict as it promises.
 OVER_EXPECTED = 1.3
-#: Stated over found uncertainty, either way, above which one of them is wrong; of attitudes, whose
-#: uncertainty is mostly not stated but taken from that of positions, above which a unit is.
+#: Stated over found uncertainty, either way, above which one of them is wrong; of orientations,
+#: whose uncertainty is mostly not stated but taken from that of positions, above which a unit is.
 STATED_OFF = 3.0
 #: So many times the noise is more than the noise alone explains; the grade says so.
 NOTICED = 1.1

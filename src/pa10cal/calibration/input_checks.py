@@ -114,7 +114,7 @@ def _some(observations: Observations) -> Observations:
 
 
 def _attitudes(asked: Asked, grid: Observations) -> tuple[InputFinding, ...]:
-    """Find the convention of the attitudes, where another than the one stated is right."""
+    """Find the convention of the orientations, where another than the one stated is right."""
     measured, words = grid.measured, asked.words
     if measured.attitudes is None or measured.from_touches:
         return ()
@@ -129,7 +129,8 @@ def _attitudes(asked: Asked, grid: Observations) -> tuple[InputFinding, ...]:
         InputFinding(
             kind="attitude_convention",
             where=words.column("qw") if "qw" in words else "qw, qx, qy, qz",
-            what=f"the attitudes are {np.degrees(better.scatter_rad):.0f} deg off the nominal arm, "
+            what=f"the orientations are {np.degrees(better.scatter_rad):.0f} deg off the nominal "
+            "arm, "
             f"and {np.degrees(better.would_leave_rad):.2g} deg if they are {better.name}",
             remedy=better.remedy,
             would_leave_mm=None,

@@ -40,7 +40,7 @@ class Asked:
 
     @property
     def rotation(self) -> RotationColumns | None:
-        """Return what campaign.yaml states of the columns of attitudes."""
+        """Return what campaign.yaml states of the columns of orientations."""
         columns = self.campaign.columns
         each = () if columns is None else (columns.poses, columns.readings)
         return next((one.rotation for one in each if one is not None and one.rotation), None)

@@ -70,7 +70,7 @@ def rows_of(observations: Observations[Pose], poses: tuple[str, ...]) -> NDArray
 
 # The inner level, paper equation (4): the base frame that fits M poses best.
 #
-# Its cost is that of weighted orthogonal Procrustes on positions and attitudes, whose minimum is
+# Its cost is that of weighted orthogonal Procrustes on positions and orientations, whose minimum is
 # one singular value decomposition; the implicit-function theorem gives the derivative of that
 # minimum.
 

@@ -83,7 +83,7 @@ def paper_case(
     campaign, arm, every, options = case.campaign, case.arm, case.every, case.options
     if not every.measured.measures_pose:
         raise CalibrationError(
-            "the paper's model needs positions and attitudes of one campaign",
+            "the paper's model needs positions and orientations of one campaign",
             where="calibration.model",
             value=options.model,
             allowed=f"auto or general for {campaign.instrument_kinds}",

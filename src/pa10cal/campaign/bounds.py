@@ -84,7 +84,7 @@ RULES = (
     Rule("pose", "pose", "label of the pose"),
     Rule("repeat", "repeat", "number of the repeat", _COUNT),
     Rule("touch", "touch", "touch", _COUNT),
-    Rule("q[wxyz]", "rotation", "attitude of the target", _QUATERNION),
+    Rule("q[wxyz]", "rotation", "orientation of the target", _QUATERNION),
     Rule("d_mm", "distance", "distance"),
     Rule("([xyz])_mm", "position", r"\1 of the target"),
     Rule(r"(base\w+)_([xyz])_mm", "targets", r"\2 of \1, on the base"),

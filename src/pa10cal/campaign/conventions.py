@@ -1,4 +1,4 @@
-"""Attitudes in the usual other conventions: which of them agrees with the nominal arm?"""
+"""Orientations in the usual other conventions: which of them agrees with the nominal arm?"""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EulerSequence = Literal["xyz", "XYZ", "zyx", "ZYX", "zyz", "ZYZ"]
 
 #: Sequences of Euler angles in use: capitals about the axes that turn along.
 SEQUENCES: tuple[EulerSequence, ...] = ("xyz", "XYZ", "zyx", "ZYX", "zyz", "ZYZ")
-#: Conventions that three columns of an attitude may follow, the commonest first.
+#: Conventions that three columns of an orientation may follow, the commonest first.
 _USUAL = ("rpy", "euler_XYZ", "euler_ZYX", "euler_ZYZ", "fixed_zyx", "rotation_vector")
 _EULER = tuple(a + b + c for a in "XYZ" for b in "XYZ" for c in "XYZ" if a != b != c)
 _FIXED = (f"fixed_{axes.lower()}" for axes in _EULER)
@@ -32,11 +32,11 @@ EXPECTED_M, EXPECTED_RAD = 2e-3, float(np.radians(1.0))
 TIMES_EXPECTED, TIMES_NOISE = 5.0, 20.0
 #: What is said of a change that leaves more.
 STILL_WRONG = "which is better, and still wrong"
-#: Attitudes that agree with the nominal arm scatter by less than this about it.
+#: Orientations that agree with the nominal arm scatter by less than this about it.
 AGREES_RAD = TIMES_EXPECTED * EXPECTED_RAD
 #: Another convention must be so much nearer than the one that was read.
 NEARER = 5.0
-#: Attitudes that show which one it is.
+#: Orientations that show which one it is.
 ENOUGH = 6
 MOST = 200
 
@@ -54,7 +54,7 @@ def puts_right(left: float, expected: float, noise: float = np.inf) -> bool:
 
 @dataclass(frozen=True)
 class Convention:
-    """A convention that explains the attitudes better than the one that was read."""
+    """A convention that explains the orientations better than the one that was read."""
 
     name: str  # what the columns seem to hold
     remedy: str  # what to do about it
@@ -70,11 +70,11 @@ def better_convention(
     stated: RotationColumns | None = None,
     key: str = "",
 ) -> Convention | None:
-    """Return the convention in which measured attitudes agree with the nominal arm.
+    """Return the convention in which measured orientations agree with the nominal arm.
 
-    Attitudes alone do not tell: most orders of a quaternion differ by constant turns, as base and
-    target do. The base is therefore fitted to the positions, and the target's attitude alone to
-    the attitudes.
+    Orientations alone do not tell: most orders of a quaternion differ by constant turns, as base
+    and target do. The base is therefore fitted to the positions, and the target's orientation alone
+    to the orientations.
 
     None where they agree as they were read, in no convention that is tried, or where the positions
     do not determine the base.
@@ -131,12 +131,12 @@ def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | Non
     """Return how x, y, z of an instrument are exchanged or turned, where that explains the rows.
 
     The base is fitted, so positions alone tell a mirrored frame and not which axis it is; measured
-    attitudes tell which, and exchanged axes too. None where the axes fit as they are.
+    orientations tell which, and exchanged axes too. None where the axes fit as they are.
 
     Args:
         T_base_ee: (P, 4, 4) nominal end-effector [m].
         p_m: (P, 3) positions of one target.
-        R: (P, 3, 3) its attitudes; None where none were measured.
+        R: (P, 3, 3) its orientations; None where none were measured.
     """
     some = np.linspace(0, len(p_m) - 1, min(len(p_m), MOST)).astype(int)
     T_base_ee, p_m = T_base_ee[some], p_m[some]
@@ -183,7 +183,7 @@ def _misfit_m(T_base_ee: Array, p_m: Array) -> float | None:
 
 
 def modelled_attitudes(T_base_ee: Array, p_instr_m: Array) -> Array | None:
-    """Return the nominal end-effector's attitudes (P, 3, 3) in the instrument's frame.
+    """Return the nominal end-effector's orientations (P, 3, 3) in the instrument's frame.
 
     The base is fitted to the positions (P, 3) of one target; None where they do not determine it.
     """
@@ -192,7 +192,7 @@ def modelled_attitudes(T_base_ee: Array, p_instr_m: Array) -> Array | None:
 
 
 def attitude_scatter(R_instr_ee: Array, R_instr_target: Array) -> float:
-    """Return the rms angle [rad] of measured attitudes from R_instr_ee R_ee_target, that fitted."""
+    """Return the rms angle [rad] of orientations from R_instr_ee R_ee_target, which is fitted."""
     of_target = np.swapaxes(R_instr_ee, 1, 2) @ R_instr_target
     R_ee_target = _nearest_rotation(of_target.mean(axis=0))
     off = Rotation.from_matrix(of_target @ R_ee_target.T).magnitude()
@@ -203,7 +203,9 @@ def _conventions(R: Array) -> Iterator[tuple[str, str, Array]]:
     """Return other readings of the same numbers, the commonest first."""
     quaternion = Rotation.from_matrix(R).as_quat(scalar_first=True)
     inverted = np.swapaxes(R, 1, 2)
-    transpose = "convert the attitudes from target in instrument to instrument in target, or back"
+    transpose = (
+        "convert the orientations from target in instrument to instrument in target, or back"
+    )
     yield "the inverse rotation (instrument in target)", transpose, inverted
     for order, held in (((1, 2, 3, 0), "x, y, z, w"), ((3, 0, 1, 2), "z, w, x, y")):
         # Column k holds the component named in `held`; the scalar stands where `w` is.
@@ -257,7 +259,7 @@ def _other_readings(
 
 
 def _numbers(R: Array, stated: RotationColumns) -> Array:
-    """Return the numbers (N, k) that columns of attitudes hold, angles in degrees."""
+    """Return the numbers (N, k) that columns of orientations hold, angles in degrees."""
     turned = Rotation.from_matrix(np.swapaxes(R, 1, 2) if stated.inverse else R)
     word = stated.convention
     if word == "matrix":
@@ -272,7 +274,7 @@ def _numbers(R: Array, stated: RotationColumns) -> Array:
 
 
 def _in_words(convention: str) -> str:
-    """Return a convention of attitudes in words."""
+    """Return a convention of orientations in words."""
     kind, _, axes = convention.partition("_")
     if kind == "quaternion":
         return f"quaternions in the order {', '.join(axes)}"

@@ -100,7 +100,7 @@ class Distance(Section):
 
 
 class RotationColumns(Section):
-    """A measured attitude, the target in the instrument's frame."""
+    """A measured orientation, the target in the instrument's frame."""
 
     names: Names
     convention: Annotated[str, AfterValidator(_rotation)]

@@ -77,7 +77,7 @@ def read_targets(path: Path, prismatic: NDArray[np.bool_]) -> TargetList:
     """Read `id,x_mm,y_mm,z_mm,qw,qx,qy,qz[,load_N][,q1_deg,…][,arrival1,…]`; seeds may be blank.
 
     Raises:
-        RawDataError: see `read_joints`; also for an attitude that is none, and for metres.
+        RawDataError: see `read_joints`; also for an orientation that is none, and for metres.
     """
     joints = position_columns(prismatic)
     pose = [*_PLACE, *_QUATERNION]

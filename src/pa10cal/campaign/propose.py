@@ -45,7 +45,7 @@ from pa10cal.frame.rigid_fit import scale_of_points
 from pa10cal.options import IngestOptions
 from pa10cal.settings_reading import parse_section
 
-#: Attitudes agree with the nominal arm within this; positions of a nominal arm scatter by less.
+#: Orientations agree with the nominal arm within this; positions of a nominal arm scatter by less.
 AGREES_RAD = np.radians(3.0)
 #: A date alone, and a time of day alone, which together are a time.
 _DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}")
@@ -97,7 +97,7 @@ def propose_two_logs(
 ) -> Proposal:
     """Propose a campaign.yaml for a log of joints and a log of readings, in either order.
 
-    The two are joined as the first proposal says; units and the convention of attitudes are then
+    The two are joined as the first proposal says; units and the convention of orientations are then
     found by the nominal arm at the joint positions that belong to each reading.
 
     Args:
@@ -174,7 +174,7 @@ def _proposal(
     if arm is None:
         checks.append(
             "robot: name the arm, and run pa10cal columns again with --robot: units and the "
-            "convention of attitudes are then found from its kinematics"
+            "convention of orientations are then found from its kinematics"
         )
     checks.append(
         "provenance and gravity_m_s2: state them; instrument.uncertainty_mm is "
@@ -467,7 +467,7 @@ class _Proposing:
         return {"u": known}
 
     def _attitude(self, T_base_ee: Array | None, p_m: Array) -> dict[str, Any]:
-        """Return the convention of an attitude: by the arm, else by the names."""
+        """Return the convention of an orientation: by the arm, else by the names."""
         assert self.roles.attitude is not None
         names, convention = self.roles.attitude
         values = self.sniffed.columns(names)

@@ -93,7 +93,7 @@ class RawFile:
 
     @property
     def in_degrees(self) -> Sequence[str]:
-        """Return the columns of angles of attitudes that are said to be in degrees."""
+        """Return the columns of angles of orientations that are said to be in degrees."""
         turned = None if self.columns is None else self.columns.rotation
         angles = turned is not None and len(turned.names) == 3 and turned.unit == "deg"
         return turned.names if turned is not None and angles else ()
@@ -393,7 +393,7 @@ def _clock(raw: RawRows, time: Time, *, from_first: bool) -> tuple[Array, list[s
     return seconds, text
 
 
-# Attitudes in a user's own convention to quaternions, with their uncertainties.
+# Orientations in a user's own convention to quaternions, with their uncertainties.
 
 #: How many columns a convention takes; three where it is not here.
 COLUMNS = {"quaternion_wxyz": 4, "quaternion_xyzw": 4, "matrix": 9}

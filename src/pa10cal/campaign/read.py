@@ -293,8 +293,8 @@ def read_group(
     campaign's own: their parameters bear its name, as `tool_x@ur10-c`. Labels of poses do too.
 
     Args:
-        folders: the campaigns' folders; the first gives the frame of the base and the attitude of
-            the target.
+        folders: the campaigns' folders; the first gives the frame of the base and the orientation
+            of the target.
         name: of the group.
         options: how to ingest; None for the defaults.
 

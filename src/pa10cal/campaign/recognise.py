@@ -108,7 +108,7 @@ _SINGLE = {
     "kind": "kind set split satz jeu conjunto",
     "distance": "dist distance range abstand distanz entfernung distancia",
 }
-#: Endings of the columns of an attitude, and the convention that the names alone suggest.
+#: Endings of the columns of an orientation, and the convention that the names alone suggest.
 _ATTITUDES = (
     (("qw", "qx", "qy", "qz"), "quaternion_wxyz"),
     (("q0", "q1", "q2", "q3"), "quaternion_wxyz"),
@@ -266,7 +266,7 @@ def _numbered(
 def _attitude(
     names: Sequence[str], words: Mapping[str, Sequence[str]]
 ) -> tuple[tuple[str, ...], str] | None:
-    """Return the columns of an attitude, measured rather than commanded."""
+    """Return the columns of an orientation, measured rather than commanded."""
     for commanded in (False, True):
         some = [name for name in names if _has(words[name], _COMMANDED) == commanded]
         for endings, convention in _ATTITUDES:

@@ -54,8 +54,9 @@ MARGIN_MM = 50.0
 #: Joint positions of one label may differ by so much between loads and repeats.
 SAME_COMMAND_RAD = np.radians(0.5)
 SAME_COMMAND_M = 5e-3
-#: Attitudes that differ by less are one attitude, and a flange that turns by more has several.
-#: Three turns in radians, read as degrees, turn by no more; and by so much less than the flange.
+#: Orientations that differ by less are one orientation, and a flange that turns by more has
+#: several. Three turns in radians, read as degrees, turn by no more; and by so much less than the
+#: flange.
 RADIANS_RAD = np.radians(3.0 * 2.0 * np.pi)
 LIKE_RADIANS = 8.0
 ONE_ATTITUDE_RAD = 1e-5
@@ -195,10 +196,10 @@ def refuse_one_attitude(
     in_degrees: Sequence[str] = (),
     words: OwnWords = CONTRACT_WORDS,
 ) -> None:
-    """Stop when all attitudes are the same, or nearly, though the arm turned its flange.
+    """Stop when all orientations are the same, or nearly, though the arm turned its flange.
 
     Args:
-        R: (N, 3, 3) measured attitudes; None where none are.
+        R: (N, 3, 3) measured orientations; None where none are.
         T_base_ee: (N, 4, 4) nominal poses of the end-effector.
         where: file, for the message.
         in_degrees: columns of angles that are said to be in degrees; none of quaternions.
@@ -214,9 +215,9 @@ def refuse_one_attitude(
         return
     if in_degrees and ONE_ATTITUDE_RAD < seen < min(RADIANS_RAD, turned / LIKE_RADIANS):
         raise RawDataError(
-            "the angles of the attitudes look like radians",
+            "the angles of the orientations look like radians",
             where=f"{where}: {', '.join(f'`{name}`' for name in in_degrees)}",
-            value=f"attitudes within {np.degrees(seen):.2g} deg as degrees, flange turned by "
+            value=f"orientations within {np.degrees(seen):.2g} deg as degrees, flange turned by "
             f"{np.degrees(turned):.0f} deg",
             allowed="angles in the unit that columns states: deg",
             remedy=words.set_unit("qw", "rad", "degrees"),
@@ -224,17 +225,17 @@ def refuse_one_attitude(
     if seen > ONE_ATTITUDE_RAD:
         return
     raise RawDataError(
-        "every row has the same attitude, though the arm turned",
+        "every row has the same orientation, though the arm turned",
         where=f"{where}: {words.column('qw') if 'qw' in words else 'qw, qx, qy, qz'}",
-        value=f"attitudes within {np.degrees(seen):.2g} deg, flange turned by "
+        value=f"orientations within {np.degrees(seen):.2g} deg, flange turned by "
         f"{np.degrees(turned):.0f} deg",
-        allowed="the measured attitude of every row",
-        remedy="export the attitudes; where none are measured, use instrument.kind points",
+        allowed="the measured orientation of every row",
+        remedy="export the orientations; where none are measured, use instrument.kind points",
     )
 
 
 def _spread_rad(R: Array) -> float:
-    """Return the largest angle between the first attitude and the others."""
+    """Return the largest angle between the first orientation and the others."""
     trace = np.einsum("pij,ij->p", R, R[0])
     return float(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)).max())
 

@@ -99,7 +99,7 @@ def as_in_table(
 ) -> Observations:
     """Return single readings of a campaign as they are read back from its table.
 
-    An attitude is a quaternion there: what is calculated with it has other last digits.
+    An orientation is a quaternion there: what is calculated with it has other last digits.
 
     Args:
         every: single readings of all kinds.

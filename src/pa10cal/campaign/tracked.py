@@ -331,7 +331,7 @@ class _Screen:
             f"the instrument's axes are {found.name}",
             where=f"{self.file.path}: {self._target(best)}",
             value=value,
-            allowed="positions in a right-handed frame, attitudes in the same",
+            allowed="positions in a right-handed frame, orientations in the same",
             remedy=self._remedy_of_axes(found, self.columns.targets[best]),
         )
 

@@ -212,7 +212,7 @@ class TwoLogs:
 
     @property
     def in_degrees(self) -> Sequence[str]:
-        """Return the columns of angles of attitudes that are said to be in degrees."""
+        """Return the columns of angles of orientations that are said to be in degrees."""
         return self.readings.in_degrees
 
     @property

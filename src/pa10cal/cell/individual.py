@@ -331,7 +331,7 @@ def _in_machine(p_base_middle_m: Array, rng: np.random.Generator) -> Array:
 
 
 def _anywhere(rng: np.random.Generator) -> Array:
-    """Draw the (4, 4) base in the instrument's frame: any attitude, any direction, some way off."""
+    """Draw the (4, 4) base in the instrument's frame: turned anyhow, any way, some way off."""
     T = np.eye(4)
     T[:3, :3] = Rotation.random(rng=rng).as_matrix()
     direction = rng.standard_normal(3)

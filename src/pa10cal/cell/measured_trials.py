@@ -392,7 +392,7 @@ class _Readings:
         return float(np.sqrt(noise_mm2 / self._plan.repeats))
 
     def _read(self, made: Campaign) -> tuple[Array, Array]:
-        """Return positions (P, B, 3) [m] and attitudes (P, 3, 3), as read without noise."""
+        """Return positions (P, B, 3) [m] and orientations (P, 3, 3), as read without noise."""
         truth, robot = made.truth, made.truth.robot
         T = truth.rest.T_base_ee[self._rows]
         on_tool_m = robot.T_ee_target[None, :3, 3] if self._turns else robot.targets.p_ee_m

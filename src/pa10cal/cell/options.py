@@ -53,7 +53,7 @@ class CellPosesOptions(Section):
     )
     centre_deg: tuple[float, ...] = Field(
         (0.0, 15.0, 90.0, 0.0, 45.0, -90.0),
-        description="joint angles in the middle of the grid; they set its place, the attitude "
+        description="joint angles in the middle of the grid; they set its place, the orientation "
         "that all others vary, and the branch of the inverse kinematics",
     )
     spacing_m: tuple[Positive, Positive, Positive] = Field(
@@ -72,7 +72,7 @@ class CellPosesOptions(Section):
         description="further calibration poses, joint angles each, measured after those of the "
         "layout in every repeat",
     )
-    tilt_seed: int = Field(1, description="draws attitudes, held-out points and wide poses")
+    tilt_seed: int = Field(1, description="draws orientations, held-out points and wide poses")
 
 
 class CellNoiseOptions(Section):
@@ -178,7 +178,7 @@ class TrackerOptions(Section):
         1e-3, description="places of the targets about those stated, each coordinate"
     )
     target_rad: NonNegative = Field(
-        5e-3, description="attitude of the target of pose about the end-effector's, each axis"
+        5e-3, description="orientation of the target of pose about the end-effector's, each axis"
     )
     unseen_share: Annotated[FiniteFloat, Field(ge=0, lt=1)] = Field(
         0.1, description="share of several targets not seen, at least one a pose is"
@@ -187,7 +187,7 @@ class TrackerOptions(Section):
         0.05, description="noise of one coordinate or one distance, stated as it is"
     )
     attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
-        2e-4, description="noise of an attitude about each axis, stated as it is"
+        2e-4, description="noise of an orientation about each axis, stated as it is"
     )
     unseen_rad: NonNegative = Field(
         0.0, description="links about their motors, which no log shows [rad; m of a sliding joint]"

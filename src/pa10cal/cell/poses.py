@@ -41,7 +41,7 @@ _ROUNDING = 1e-9  #: a position at a limit may be beyond it by this [deg, mm]
 class Poses:
     """Commanded joint positions [rad, or m of a prismatic joint], of the nominal arm."""
 
-    line_x: Array  # (11, n) straight move along the base's x axis, tool attitude fixed
+    line_x: Array  # (11, n) straight move along the base's x axis, tool orientation fixed
     line_y: Array  # (11, n) the same along y
     # (P, n) calibration poses in the order in which a path runs through them: the 27 of the grid,
     # or those of the wide layout; then those that the settings add
@@ -119,7 +119,7 @@ def place_poses(
     Args:
         arm: gives the joint limits.
         nominal: the arm with the geometry its maker describes.
-        settings: layout, middle of the grid, spacing, attitudes.
+        settings: layout, middle of the grid, spacing, orientations.
         holdout_points: H, how many held-out points.
 
     Raises:

@@ -110,11 +110,11 @@ class RawLog:
             self.readings[columns] = p_mm + np.cross(of_rows, p_mm)
 
     def quaternions(self) -> Array:
-        """Return the attitudes, (C, 4), w first."""
+        """Return the orientations, (C, 4), w first."""
         return self.readings[_QUATERNION].to_numpy(dtype=float)
 
     def set_quaternions(self, quaternions: Array) -> None:
-        """Put other attitudes, (C, 4), under the same headers."""
+        """Put other orientations, (C, 4), under the same headers."""
         self.readings[_QUATERNION] = quaternions
 
     def angles_of(self, joint: int) -> pd.Series[float]:

@@ -51,7 +51,7 @@ REPEATS: dict[Layout, int] = {"grid": 10, "wide": 4}
 #: How far the ball centres of a layout mostly lie from the middle of the machine [m].
 HALF_M: dict[Layout, float] = {"grid": 0.2, "wide": 0.8}
 MACHINE_MIDDLE_M = 0.4
-#: Attitudes are drawn with seeds from 1 to these. Of the grid's, about one in ten beyond needs a
+#: Orientations are drawn with seeds from 1 to these. Of the grid's, about one in ten beyond needs a
 #: pose out of reach.
 TILT_SEEDS: dict[Layout, int] = {"grid": 20, "wide": 2**31 - 1}
 #: Swing of the hall's temperature in a trial that has one.
@@ -68,7 +68,7 @@ TRACKED_HOLDOUT = 0.3
 #: Coulomb friction of these arms, of the rated torque.
 COULOMB_PER_RATED = 0.1
 #: Bounds between which a tracker's trials are drawn, evenly in the logarithm: noise of a coordinate
-#: [mm], noise of an attitude [rad], time a configuration takes [s], mass of the tool [kg].
+#: [mm], noise of an orientation [rad], time a configuration takes [s], mass of the tool [kg].
 POSITION_MM = (0.015, 0.05)
 ATTITUDE_RAD = (5e-5, 2e-4)
 SECONDS_A_POSE = (20.0, 60.0)
@@ -298,8 +298,8 @@ def _named(benches: Iterable[Bench]) -> dict[str, Bench]:
     return {bench.name: bench for bench in benches}
 
 
-#: Benches of each study by their names. The last three are what most laboratories have: no attitude
-#: is measured. A distance is one number a pose, which needs more of them.
+#: Benches of each study by their names. The last three are what most laboratories have: no
+#: orientation is measured. A distance is one number a pose, which needs more of them.
 STUDIES: dict[str, dict[str, Bench]] = {
     "touched": _named(TouchedBench(layout=layout) for layout in LAYOUTS),
     "tracked": _named((*_benches("pose"), *_benches("points"))),

@@ -22,10 +22,10 @@ def columns(
     """Propose how to read a tracker's or controller's export as it is: a campaign.yaml for it.
 
     Encoding, separator, decimal sign and columns are recognised by the header and the numbers; with
-    --robot units and the convention of attitudes by the kinematics of the nominal arm too, and the
-    file is read once so. Of a log of joints and a log of readings the two are joined, by labels, by
-    time (the clocks may differ) or by row. Every column is listed with what it is read as. Save
-    what is printed as campaign.yaml beside the file, correct it, and use pa10cal run.
+    --robot units and the convention of orientations by the kinematics of the nominal arm too, and
+    the file is read once so. Of a log of joints and a log of readings the two are joined, by
+    labels, by time (the clocks may differ) or by row. Every column is listed with what it is read
+    as. Save what is printed as campaign.yaml beside the file, correct it, and use pa10cal run.
 
     Args:
         files: one with a row a configuration, joint positions and what was measured; or two, the

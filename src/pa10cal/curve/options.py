@@ -35,7 +35,7 @@ class CurveStudyOptions(Section):
         0.05, description="noise of a coordinate, stated as it is"
     )
     attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
-        2e-4, description="noise of an attitude about each axis, stated as it is"
+        2e-4, description="noise of an orientation about each axis, stated as it is"
     )
 
     @model_validator(mode="after")

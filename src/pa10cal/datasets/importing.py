@@ -115,7 +115,7 @@ ARMS = Path(__file__).with_name("arms")
 
 
 def rotation_columns(R_instr_target: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Return attitudes (N, 3, 3) as the columns qw to qz, qw not negative."""
+    """Return orientations (N, 3, 3) as the columns qw to qz, qw not negative."""
     quaternions = Rotation.from_matrix(R_instr_target).as_quat(canonical=True, scalar_first=True)
     return dict(zip(("qw", "qx", "qy", "qz"), quaternions.T, strict=True))
 

@@ -170,7 +170,7 @@ def not_sought(
 #: Components of different poses that there must be for every unknown of the model, where repeats
 #: are the judge: else the model's own parameters follow the poses wherever they are.
 _ROWS_AN_UNKNOWN = 1.25
-#: Attitudes that are typically off by so much are no attitudes of the arm [rad].
+#: Orientations that are typically off by so much are no orientations of the arm [rad].
 _NO_ATTITUDE_RAD = 0.05
 #: Poses that carry a name alone and are left out, one after the other.
 _MOST_CARRIERS = 3
@@ -259,7 +259,7 @@ def _judged(campaign: Prepared, model: FittedModel, error_rate: float) -> Verdic
 
 
 def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | None:
-    """Return that attitudes are others than the arm's, as in another convention; None if not.
+    """Return that orientations are others than the arm's, as in another convention; None if not.
 
     Args:
         readings: single readings of the poses fitted.
@@ -272,7 +272,8 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | 
         typical_rad = float(np.median(left_rad[readings.measured.components_seen[:, at]]))
         if typical_rad > _NO_ATTITUDE_RAD:
             return TooLittle(
-                f"the attitudes are {np.degrees(typical_rad):.0f} deg off those of the calibrated "
+                f"the orientations are {np.degrees(typical_rad):.0f} deg off those of the "
+                "calibrated "
                 "model, typically",
                 "check the order and the sense of qw, qx, qy, qz, and the findings of the "
                 "calibration",

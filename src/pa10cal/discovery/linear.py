@@ -86,7 +86,7 @@ def by_terms(
 def by_end(at: FittedModel, poses: Observations, T_base_ee: Array) -> Array:
     """Return how components would follow velocities of the end, (P, b, 6), along base axes.
 
-    As if the model left nothing: not even the chord of an attitude differs from its angle.
+    As if the model left nothing: not even the chord of an orientation differs from its angle.
 
     Args:
         at: the model.

@@ -384,8 +384,8 @@ def _scatter_about_weights_Nm(states: PoseStates, weights: StaticLoads) -> Array
 # Weights of poses: stated uncertainty, scatter of the residuals, and less far outside.
 #
 # A pose is weighted by the covariance that the instrument states, brought to the scatter that a
-# model leaves: what the model lacks scatters like noise, and positions and attitudes are to weigh
-# by what the data really have. A pose far outside that scatter weighs less (Huber); none is
+# model leaves: what the model lacks scatters like noise, and positions and orientations are to
+# weigh by what the data really have. A pose far outside that scatter weighs less (Huber); none is
 # omitted.
 
 #: Share of undisturbed poses that weigh less than fully.

@@ -152,7 +152,7 @@ class MeasurementSetup:
 class Prepared:
     """A campaign made ready for the search."""
 
-    # single readings of the poses fitted, attitudes and torques as the model has them
+    # single readings of the poses fitted, orientations and torques as the model has them
     readings: Observations
     held_out: Observations | None  # averaged held-out poses; None where there are none
     baseline: FittedModel  # the calibrated model; its chain has the bends of the long links
@@ -187,7 +187,7 @@ def prepared(
     setup: MeasurementSetup,
     faults: Sequence[Fault] = (),
 ) -> Prepared:
-    """Make a campaign ready: directions of arrival, attitudes and torques as the model has them.
+    """Make a campaign ready: directions of arrival, orientations and torques as the model has them.
 
     Args:
         every: single readings of all kinds, with the instrument's covariance.

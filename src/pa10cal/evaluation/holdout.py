@@ -122,12 +122,12 @@ def _twist(model: FittedModel, held_out: Observations) -> results.ToolTwist | No
 
 # How much of an orientation error a constant twist of the tool would explain.
 #
-# After calibration the paper's attitudes agree to 0.05 deg, yet to 1.2 deg on held-out points: a
+# After calibration the paper's orientations agree to 0.05 deg, yet to 1.2 deg on held-out points: a
 # tool that sat differently on the flange between the two sessions would show just so.
 
 
 def constant_tool_twist(R_predicted: Array, R_measured: Array) -> results.ToolTwist:
-    """Fit one rotation of the tool to the differences of (P, 3, 3) attitudes."""
+    """Fit one rotation of the tool to the differences of (P, 3, 3) orientations."""
     difference = Rotation.from_matrix(R_predicted.transpose(0, 2, 1) @ R_measured)
     twist = difference.mean()
     left = twist.inv() * difference

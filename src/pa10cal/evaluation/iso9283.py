@@ -29,7 +29,7 @@ class Repeatability:
     """Repeatability of one pose."""
 
     RP_mm: float  # mean distance from the mean attained position, and three standard deviations
-    # (3,) three standard deviations of the rotations about x, y and z; None where no attitude is
+    # (3,) three standard deviations of the rotations about x, y and z; None where no orientation is
     # measured
     RP_deg: Array | None
 
@@ -42,8 +42,8 @@ def repeatability(p_m: Array, R: Array | None) -> Repeatability:
 
     Args:
         p_m: (n, 3) attained positions, n >= 2.
-        R: (n, 3, 3) attained attitudes; None where none are measured. Angles are the small
-            rotations from their mean, about the axes along which attitudes are given.
+        R: (n, 3, 3) attained orientations; None where none are measured. Angles are the small
+            rotations from their mean, about the axes along which orientations are given.
     """
     distance = np.linalg.norm(p_m - p_m.mean(axis=0), axis=1)
     RP_mm = _MM * float(distance.mean() + 3.0 * distance.std(ddof=1))
@@ -68,7 +68,7 @@ def iso9283_record(
         calibration: load case of the calibration judged.
         every: single readings of the campaign.
         judged: models judged on every configuration, by kind of poses and name of the model.
-        R_instr_base: (3, 3) attitude of the base, along whose axes rotations are given.
+        R_instr_base: (3, 3) orientation of the base, along whose axes rotations are given.
     """
     readings = {kind: every.of_kind(kind) for kind in judged}
     groups = {kind: reading_groups(single) for kind, single in readings.items()}
@@ -117,7 +117,7 @@ def _in_all(places_m: Array) -> NDArray[np.bool_]:
 
 def _why_not(every: Observations, configurations: int) -> str | None:
     if not every.measured.directional:
-        return "a distance alone shows neither the position nor the attitude attained"
+        return "a distance alone shows neither the position nor the orientation attained"
     if not configurations:
         return f"no configuration has {LEAST_REPEATS} repeats"
     return None
@@ -152,7 +152,7 @@ def _repeatability(
 
 
 def _attained(single: Observations, R_instr_base: Array) -> tuple[Array, Array | None]:
-    """Return positions (P, B, 3) and attitudes (P, 3, 3) along the base's axes."""
+    """Return positions (P, B, 3) and orientations (P, 3, 3) along the base's axes."""
     if single.measured.measures_pose:
         T = measured_as_poses(single).measured.T_instr_target
         return T[:, None, :3, 3], R_instr_base.T @ T[:, :3, :3]

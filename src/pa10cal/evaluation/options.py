@@ -103,7 +103,7 @@ class BlindTrialsOptions(options.Section):
     )
     reflectors: TrialCounts = Field(
         TrialCounts(null=12, single=2, pair=0, triple=0, outside=1, wrong_noise=0, wrong_mass=0),
-        description="of trackers without attitudes: of one target, of three, of a distance each",
+        description="of trackers without orientations: of one target, of three, of a distance each",
     )
     wild: WildCounts = Field(
         WildCounts(),
@@ -157,7 +157,7 @@ class CoverageOptions(options.Section):
         0.05, description="noise of a coordinate or a distance, stated as it is"
     )
     attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
-        2e-4, description="noise of an attitude about each axis, stated as it is"
+        2e-4, description="noise of an orientation about each axis, stated as it is"
     )
     cases: tuple[CoverageCase, ...] = Field(
         (

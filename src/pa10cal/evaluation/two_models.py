@@ -155,7 +155,7 @@ def _parameters(first: FittedModel, second: FittedModel) -> results.ParameterRow
     other = np.array([theirs.get(key, unknown) for key in keys]).reshape(-1, 3)
     difference, u = other[:, 0] - one[:, 0], np.hypot(one[:, 1], other[:, 1])
     if not np.allclose(first.R_ee_target, second.R_ee_target, rtol=0, atol=_SAME):
-        # Each counts from the attitude that its own fit began with; the frames show the whole.
+        # Each counts from the orientation that its own fit began with; the frames show the whole.
         difference[[unit == "rad" and of == "tool" for _, of, _, unit in keys]] = np.nan
     # A parameter that no pose determines stays where it began, and one at the end of its range
     # there: their uncertainties are rounding.
@@ -341,7 +341,7 @@ def _rms(values: Array) -> float:
 def _base_and_tool_fitted(T: Array, T_wanted: Array) -> Array:
     """Return poses carried to others by one motion of the base and one of what the flange carries.
 
-    Places determine the base and where the frame sits on the flange, attitudes how it is turned.
+    Places determine the base and where the frame sits on the flange, orientations how it is turned.
     """
     for _ in range(_REFINED):
         step, *_ = np.linalg.lstsq(_by_base_and_tool(T), (T_wanted - T)[:, :3, 3].ravel())
@@ -364,7 +364,7 @@ def _by_base_and_tool(T: Array) -> Array:
 
 
 def _without_base_and_tool(motions: Array, T: Array) -> tuple[Array, Array]:
-    """Return what base and tool leave of motions (P, 6, k) of places and of attitudes, (3 P, k)."""
+    """Return what base and tool leave of motions (P, 6, k): places and orientations, (3 P, k)."""
     count = motions.shape[2]
     places = motions[:, :3].reshape(-1, count)
     columns = _by_base_and_tool(T)

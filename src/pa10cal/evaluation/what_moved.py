@@ -221,8 +221,8 @@ def _possible(first: FittedModel, found: Differences) -> tuple[Hypothesis, ...]:
 
 # What two fitted models of one arm differ by, and with which covariance that is expected.
 #
-# Springs are taken to the same reference torque, tools to the whole attitude; departures that one
-# model holds at zero are held in the other too.
+# Springs are taken to the same reference torque, tools to the whole orientation; departures that
+# one model holds at zero are held in the other too.
 
 #: A millimetre and a milliradian.
 UNIT = 1e-3
@@ -356,7 +356,7 @@ def _tools(
 ) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
     """Return by how much the tool differs, and where both models hold it; empty where one has none.
 
-    Of an attitude the whole differs: each model counts from that with which its own fit began.
+    Of an orientation the whole differs: each model counts from that with which its own fit began.
     """
     none = np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
     places, turns = [], []

@@ -30,8 +30,8 @@ from pa10cal.fit.forward import (
 
 #: A pose counts as reached within this [m, rad]; what a search leaves is far less.
 REACHED = 1e-6
-#: Fewer than six joints cannot turn a frame in all directions: an attitude as near as a calibrated
-#: arm comes to one of the arm as designed counts as reached [rad].
+#: Fewer than six joints cannot turn a frame in all directions: an orientation as near as a
+#: calibrated arm comes to one of the arm as designed counts as reached [rad].
 _NEAR_RAD = 0.02
 #: Smallest motion of the frame, over the reach of the arm or [rad], for a radian (or the reach) of
 #: the joints together, below which a pose is near a singularity.
@@ -153,7 +153,7 @@ def _refuse_no_pose(T: Array, name: str = "T") -> None:
             where=name if not right else f"{name}[{int(np.argmax(wrong))}]",
             value=T.shape if not right else T[int(np.argmax(wrong))].tolist(),
             allowed="(N, 4, 4), a rotation and a position in metres each",
-            remedy="check the attitude: columns are the frame's axes, of length one",
+            remedy="check the orientation: columns are the frame's axes, of length one",
         )
 
 
@@ -178,7 +178,7 @@ def _seeds(model: Fitted, count: int, seed: ArrayLike | None) -> Array:
 
 
 def _reached(arm: Arm, off_m: Array, off_rad: Array) -> NDArray[np.bool_]:
-    """Return which differences (N,) of position and attitude count as none."""
+    """Return which differences (N,) of position and orientation count as none."""
     near_rad = REACHED if arm.n >= 6 else _NEAR_RAD
     return np.asarray((off_m < REACHED) & (off_rad < near_rad))
 

@@ -128,7 +128,7 @@ class Compensation:
     q: Array
     status: NDArray[np.str_]  # (N,) one of `Status`
     error_mm: Array  # (N,) distance of the model's position there from the one wanted
-    error_deg: Array  # (N,) angle between the model's attitude there and the one wanted
+    error_deg: Array  # (N,) angle between the model's orientation there and the one wanted
     u_mm: Array  # (N,) standard uncertainty of the position, as of a prediction
     inside: NDArray[np.bool_]  # (N,) whether all joint angles were seen by the fit
     # (N, 4, 4) poses [m] to send, in the robot's base frame, to a controller that has the nominal
@@ -180,10 +180,10 @@ class Fitted:
     model: Model
     x: Array  # (k,) the terms' parameters
     T_instr_base: Array  # (4, 4) robot base in the instrument's frame [m]
-    # (3, 3) attitude of the target in the end of the chain, for an instrument that measures
-    # attitudes; the target's place there is the term of the tool
+    # (3, 3) orientation of the target in the end of the chain, for an instrument that measures
+    # orientations; the target's place there is the term of the tool
     R_ee_target: Array = field(default_factory=lambda: np.eye(3))
-    # (3, 3) attitude of the target of each campaign of a group in that of the first, by name
+    # (3, 3) orientation of the target of each campaign of a group in that of the first, by name
     R_first_target_of: Mapping[str, Array] = field(default_factory=dict)
     # (t,) places of further targets in the flange, x, y, z of each
     targets_m: Array = field(default_factory=lambda: np.zeros(0))
@@ -303,7 +303,7 @@ class Fitted:
     def as_modelled(self, observations: Observations[M]) -> Observations[M]:
         """Return measured poses as the model predicts them.
 
-        Attitudes are those of the end-effector in place of the target's; torques that were not
+        Orientations are those of the end-effector in place of the target's; torques that were not
         logged are those of the masses described, at the posture modelled.
         """
         states, _ = with_torques(self.model, self.x, observations.states, self.payload)

@@ -50,8 +50,8 @@ class FittedModel(Fitted):
         Args:
             q: (N, n) or (n,) motor-side joint positions [rad; m for a prismatic joint].
             frame: `flange`, the last frame of the nominal arm; `tool`, the target of a pose
-                instrument, else the first target with the flange's attitude; `target_<name>`. Of a
-                group also `tool@<campaign>` and `target_<name>@<campaign>`.
+                instrument, else the first target with the flange's orientation; `target_<name>`. Of
+                a group also `tool@<campaign>` and `target_<name>@<campaign>`.
             load_N: external load, one for all poses or (N,).
             arrival: direction in which each joint arrives, -1 or 1, one for all or (N, n); 0 where
                 it is not known, whose lost motion is then part of `u_mm`.

@@ -34,7 +34,7 @@ class Problem:
     places: NDArray[np.intp]
     places_m: Array  # (t,) about where the targets sit
     T_instr_base: Array  # (4, 4) where the base is when its term is zero
-    # P poses, an attitude turned so that the tool's own is near that of the chain
+    # P poses, an orientation turned so that the tool's own is near that of the chain
     observations: Observations
 
     @property

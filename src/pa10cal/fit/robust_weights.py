@@ -1,10 +1,10 @@
 """Robust weights of the poses of a fit.
 
 Rows are whitened by the instrument's stated covariance plus a scatter of positions and one of
-attitudes, estimated from the residuals: the remaining error of the model is then part of the noise,
-and positions and attitudes have balanced weights. Poses far outside that scatter weigh less, the
-less the further off they are, so that a wrong one affects neither the parameters nor the scatter;
-none is omitted.
+orientations, estimated from the residuals: the remaining error of the model is then part of the
+noise, and positions and orientations have balanced weights. Poses far outside that scatter weigh
+less, the less the further off they are, so that a wrong one affects neither the parameters nor the
+scatter; none is omitted.
 """
 
 from __future__ import annotations

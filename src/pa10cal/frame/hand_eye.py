@@ -3,8 +3,8 @@
 With the nominal model's T_base_ee of every pose these solve T_instr_target = T_instr_base T_base_ee
 T_ee_target for the two constant frames, whatever they are: the start of a calibration whose
 instrument is anywhere and measures a target that is anywhere. Geometry that is a little wrong is
-averaged over. What of the target's place the base frame can mimic (its height, where all attitudes
-differ by turns about one axis) these poses leave open: it is held as stated and named.
+averaged over. What of the target's place the base frame can mimic (its height, where all
+orientations differ by turns about one axis) these poses leave open: it is held as stated and named.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from pa10cal.numerics.least_squares import (
 
 # Base frame and places of targets by least squares from a start; see `frame.hand_eye`.
 
-#: How far from the target an error of attitude counts as the error of position it makes there.
+#: How far from the target an error of orientation counts as the error of position it makes there.
 LEVER_M = 0.5
 LEAST_POSES = 3
 #: The null space depends a little on the solution, so it is found again there.
@@ -49,8 +49,8 @@ class TargetProblem:
     target: NDArray[np.intp]  # (K,) target of every row
     p_instr_m: Array  # (K, 3) measured positions
     p_base_m: Array  # (P, 3) modelled positions of the end-effector
-    R_base: Array  # (P, 3, 3) modelled attitudes
-    R_cmm: Array  # (P, 3, 3) measured attitudes, or none (0, 3, 3)
+    R_base: Array  # (P, 3, 3) modelled orientations
+    R_cmm: Array  # (P, 3, 3) measured orientations, or none (0, 3, 3)
     p_ee_stated_m: Array  # (B, 3) stated places of the targets
     weights: Array  # (P,) weights of the poses
 
@@ -70,7 +70,7 @@ class TargetProblem:
             p_instr_m: (P, B, 3) measured positions [m].
             p_ee_stated_m: (B, 3) stated places.
             weights: (P,) weights, or None for equal ones.
-            R_cmm: (P, 3, 3) measured attitudes, or None.
+            R_cmm: (P, 3, 3) measured orientations, or None.
 
         Raises:
             CalibrationError: with fewer than three poses.
@@ -132,7 +132,7 @@ class TargetProblem:
 
     @cached_property
     def _R_rows(self) -> Array:
-        """Modelled attitude of every row, (K, 3, 3)."""
+        """Modelled orientation of every row, (K, 3, 3)."""
         return self.R_base[self.pose]
 
     @cached_property
@@ -146,7 +146,7 @@ class TargetProblem:
 
 @dataclass(frozen=True)
 class Guess:
-    """Base frame, places of the targets, and attitude of the one whose attitude was seen."""
+    """Base frame, places of the targets, and orientation of the one whose orientation was seen."""
 
     R_instr_base: Array
     p_instr_base_m: Array
@@ -174,7 +174,7 @@ def refined(
 
     Returns:
         The solution, the problem there, and which steps of the targets (places of all, then the
-        attitude where one was seen) the poses identify.
+        orientation where one was seen) the poses identify.
     """
     for _ in range(1 if roughly else PASSES):
         whole = _linearise(problem, guess, None).by_step
@@ -278,13 +278,13 @@ class HandEye:
     # (3,) standard uncertainty of the directions of the base's x, y and z, per axis across each,
     # taking the residuals as independent
     axis_u_rad: Array
-    # (B, 4, 4) end-effector from target [m]; the attitude is the identity where only positions
+    # (B, 4, 4) end-effector from target [m]; the orientation is the identity where only positions
     # were seen
     T_ee_targets: Array
     # (P, B, 3) seen less modelled positions, along base axes, nan where not seen
     residuals_m: Array
     rms_m: float  # root mean square distance of seen from modelled positions
-    rms_rad: float  # root mean square angle between seen and modelled attitudes
+    rms_rad: float  # root mean square angle between seen and modelled orientations
     # directions of the targets that the poses do not identify, held as stated
     held: tuple[str, ...]
 
@@ -302,8 +302,8 @@ def hand_eye_from_poses(
     """Solve T_instr_target = T_instr_base T_base_ee T_ee_target for the constant frames.
 
     Rotations start from the dominant singular vectors of the sum of Kronecker products of measured
-    and modelled attitudes (exact for exact data with turns about more than one axis), from the
-    positions alone, and from the stated attitude of the target; all starts are refined together
+    and modelled orientations (exact for exact data with turns about more than one axis), from the
+    positions alone, and from the stated orientation of the target; all starts are refined together
     with the translations by Gauss-Newton steps, and the best is returned.
 
     Args:
@@ -453,7 +453,7 @@ def _by_positions(problem: TargetProblem) -> list[Array]:
 
 
 def _by_kronecker(problem: TargetProblem) -> Array:
-    """Return the rotation of the base by attitudes alone.
+    """Return the rotation of the base by orientations alone.
 
     With X the target's rotation R_cmm X' = R_instr_base R_base, so that the sum of R_base (x) R_cmm
     carries X' to as many times R_instr_base as there are poses, and nothing further.
@@ -486,7 +486,7 @@ def _rms(residuals: Array, weights: Array) -> float:
 
 
 def _said(direction: Array, names: Sequence[str]) -> str:
-    """Describe a direction of the targets: all positions (3 B), then the attitude if measured."""
+    """Describe a direction of the targets: all positions (3 B), then any orientation."""
     places, turn = direction[: 3 * len(names)].reshape(-1, 3), direction[3 * len(names) :]
     parts = []
     if len(names) > 1 and np.abs(places - places[0]).max() < 1e-6:

@@ -266,7 +266,7 @@ def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> NominalSeed:
 #
 # Where the target is on the end-effector and where the instrument is are not known, and need not
 # be: both enter the measurement in ways that are linear in the nominal model's position and
-# attitude, and the remaining motion of the model is as large as the measured one, whatever they
+# orientation, and the remaining motion of the model is as large as the measured one, whatever they
 # are.
 
 #: Rows below which nothing is judged, and from which an unknown target can be allowed for too in

@@ -151,7 +151,7 @@ class Reference:
     q_rad: Array  # (n,) joint positions
     radius_m: float  # distance of the flange from the base axis; its azimuth is zero
     height_m: float  # height of the flange above the base
-    R_base_ee: Array  # (3, 3) attitude of the flange
+    R_base_ee: Array  # (3, 3) orientation of the flange
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ class Postures:
     """Joint positions for P places."""
 
     q_rad: Array  # (P, n) joint positions; meaningless where not reached
-    # (P,) whether the flange is at its place and attitude, inside the limits
+    # (P,) whether the flange is at its place and orientation, inside the limits
     reached: NDArray[np.bool_]
 
 
@@ -203,7 +203,7 @@ def follow(chain: Chain, reference: Reference, radius_m: Array, azimuth_rad: Arr
 
 
 def _targets(reference: Reference, radius_m: Array, azimuth_rad: Array) -> tuple[Array, Array]:
-    """Return places (P, 3) and attitudes (P, 3, 3) in the base frame."""
+    """Return places (P, 3) and orientations (P, 3, 3) in the base frame."""
     cos, sin = np.cos(azimuth_rad), np.sin(azimuth_rad)
     height = np.full_like(radius_m, reference.height_m)
     about_z = np.zeros((len(radius_m), 3, 3))
@@ -254,7 +254,7 @@ def _step(q_rad: Array, residual: Array, jacobian: Array, low: Array, high: Arra
 
 
 def _pointing_down(R_base_ee: Array) -> Array:
-    """Return the attitude with the axis straight down and the same heading."""
+    """Return the orientation with the axis straight down and the same heading."""
     x = R_base_ee[:, 0] * [1.0, 1.0, 0.0]
     x /= np.linalg.norm(x)
     z = np.array([0.0, 0.0, -1.0])

@@ -1,7 +1,7 @@
 """An instrument that measures the distance of one target from a fixed point.
 
 The distance is that from the origin of the instrument's frame: the place of the fixed point is the
-base frame's position, and its attitude does not matter. In the frame of another instrument the
+base frame's position, and its orientation does not matter. In the frame of another instrument the
 fixed point stands elsewhere.
 """
 
@@ -137,7 +137,8 @@ class Distance(Instrument):
     def locate(self, T_base_ee: Array) -> Located:
         """Find fixed point and target by ranging.
 
-        Distances show no attitude of the instrument's frame: its axes are along those of the base.
+        Distances show no orientation of the instrument's frame: its axes are along those of the
+        base.
         """
         found = range_from_distances(T_base_ee, self.d_m, self.p_ee_stated_m)
         T_instr_base = np.eye(4)

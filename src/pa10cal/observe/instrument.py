@@ -54,11 +54,11 @@ class Instrument(ABC):
     # how `locate` finds the base, a word of `seed/base_frame.json`
     locates_by: ClassVar[LocatingMethod] = "nominal_arm"
     words: ClassVar[Words]  # how captions speak of its errors
-    # whether it measures position and attitude, as the paper's model needs
+    # whether it measures position and orientation, as the paper's model needs
     measures_pose: ClassVar[bool] = False
     # whether its raw data are touches and a resolver log, as in the paper
     from_touches: ClassVar[bool] = False
-    # whether what it measures has directions in its frame; else neither the attitude of the base
+    # whether what it measures has directions in its frame; else neither the orientation of the base
     # nor the direction of an error shows
     directional: ClassVar[bool] = True
     # whether straight moves along the base's axes help to find the base frame
@@ -84,7 +84,7 @@ class Instrument(ABC):
 
     @property
     def R_first_target_of(self) -> Mapping[str, Array]:
-        """Return the attitude (3, 3) of the target of each campaign of a group in the first's."""
+        """Return the orientation (3, 3) of each campaign's target in the first's; of a group."""
         return {}
 
     @property
@@ -257,7 +257,7 @@ class Instrument(ABC):
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:  # noqa: ARG002
         """Return the target (4, 4) in the end-effector frame, with a base frame that is known.
 
-        None where the end-effector itself is measured, or no attitude is.
+        None where the end-effector itself is measured, or no orientation is.
         """
         return None
 
@@ -289,13 +289,13 @@ class Instrument(ABC):
         """
         return self
 
-    def turned(self, R_ee_target: Array) -> Self:  # noqa: ARG002 - only attitudes are turned
-        """Return the measurements with attitudes of the end-effector in place of the target's."""
+    def turned(self, R_ee_target: Array) -> Self:  # noqa: ARG002 - only orientations are turned
+        """Return them with orientations of the end-effector in place of the target's."""
         return self
 
     @property
     def attitudes(self) -> Array | None:
-        """Return the measured attitudes (P, 3, 3); None where none are measured."""
+        """Return the measured orientations (P, 3, 3); None where none are measured."""
         return None
 
     def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:  # noqa: ARG002

@@ -91,8 +91,8 @@ class Joined(OneByOne):
     # (C,) what was measured in the poses of each, in the order in which they stand here
     parts: tuple[Instrument, ...]
     campaign: Index  # (P,) campaign of each pose
-    # (C) attitude (3, 3) of the target of each campaign in that of the first, by name: attitudes
-    # here are turned to the first's
+    # (C) orientation (3, 3) of the target of each campaign in that of the first, by name:
+    # orientations here are turned to the first's
     targets: Mapping[str, Array] = field(default_factory=dict)
 
     kind: ClassVar[str] = ""
@@ -341,7 +341,7 @@ class Joined(OneByOne):
 
     @property
     def _leading(self) -> _Place:
-        """Return the first campaign whose instrument shows the attitude of the base."""
+        """Return the first campaign whose instrument shows the orientation of the base."""
         shown = tuple(self._shown)
         return next((p for p in shown if p.part.directional), shown[0])
 
@@ -433,7 +433,7 @@ def join(members: Sequence[Member]) -> Observations[Joined]:
     """Join campaigns of one robot.
 
     Every campaign is moved to where its base stands with that of the first, and its target turned
-    to the attitude of the first: then what its base and tool are off by is small, and an unknown
+    to the orientation of the first: then what its base and tool are off by is small, and an unknown
     of its own.
 
     Args:

@@ -40,7 +40,7 @@ class JointLog:
 
 @dataclass(frozen=True)
 class Observations(Generic[M_co]):
-    """P measured poses; `Observations[Pose]` where position and attitude were measured."""
+    """P measured poses; `Observations[Pose]` where position and orientation were measured."""
 
     pose: NDArray[np.str_]  # (P,) labels; the same label is the same command
     states: PoseStates  # state of the arm in each pose
@@ -100,7 +100,7 @@ class Observations(Generic[M_co]):
         return self.take(rows[order])
 
     def turned(self, R_ee_target: Array) -> Observations[M_co]:
-        """Return the observations with attitudes of the end-effector in place of the target's."""
+        """Return them with orientations of the end-effector in place of the target's."""
         return replace(self, measured=self.measured.turned(R_ee_target))
 
     def with_states(self, states: PoseStates) -> Observations[M_co]:
@@ -196,7 +196,7 @@ def poses_of(
 
 
 def measured_as_poses(observations: Observations) -> Observations[Pose]:
-    """Return observations of an instrument that measures position and attitude.
+    """Return observations of an instrument that measures position and orientation.
 
     Raises:
         RawDataError: when it measures less.
@@ -205,7 +205,7 @@ def measured_as_poses(observations: Observations) -> Observations[Pose]:
         raise RawDataError(
             "the instrument does not measure the pose of the end-effector",
             where=f"instrument.kind of the campaign: {', '.join(observations.measured.kinds)}",
-            allowed="an instrument that measures position and attitude",
+            allowed="an instrument that measures position and orientation",
             remedy="calibrate this campaign with its general model",
         )
     return cast("Observations[Pose]", observations)

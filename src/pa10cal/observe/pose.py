@@ -1,4 +1,4 @@
-"""An instrument that measures position and attitude of one target: a 6-D tracker."""
+"""An instrument that measures position and orientation of one target: a 6-D tracker."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from pa10cal.observe.quantities import (
 
 RAW_PLACE = ("x_mm", "y_mm", "z_mm")
 RAW_QUATERNION = ("qw", "qx", "qy", "qz")
-#: An attitude without a stated uncertainty is as certain as targets this far apart make it [m].
+#: An orientation without a stated uncertainty is as certain as targets this far apart make it [m].
 _TARGET_SPREAD_M = 0.1
 #: A quaternion's length may differ from one by so much.
 _LENGTH_TOLERANCE = 0.01
@@ -50,7 +50,7 @@ _COVARIANCE = "ee_cov"
 
 @dataclass(frozen=True)
 class Pose(Instrument):
-    """Position and attitude of one target in P poses."""
+    """Position and orientation of one target in P poses."""
 
     # (P, 4, 4) target in the instrument's frame [m]; for balls that are touched the end-effector
     # itself, by the balls' stated places
@@ -66,7 +66,7 @@ class Pose(Instrument):
     kind: ClassVar[str] = "pose"
     locates_by: ClassVar[LocatingMethod] = "hand_eye_poses"
     words: ClassVar[Words] = Words(
-        "tracker that measures position and attitude of a target",
+        "tracker that measures position and orientation of a target",
         "position error",
         "Errors are distances of the target, predicted from measured.",
         "Arrows: of the target.",
@@ -118,7 +118,7 @@ class Pose(Instrument):
     def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Pose:
         """Return the poses of the first target stated, of the end where none is.
 
-        Attitudes are as certain as stated, else as targets some centimetres apart make them.
+        Orientations are as certain as stated, else as targets some centimetres apart make them.
         """
         T = T_instr_ee.copy()
         for place_m in list(stated.targets_m.values())[:1]:

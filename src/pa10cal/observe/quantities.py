@@ -23,7 +23,7 @@ class Stated:
 
     uncertainty_m: float  # standard uncertainty of one measured coordinate or distance
     targets_m: Mapping[str, Array]  # places of targets in the end-effector frame (3,), by name
-    # standard uncertainty of an attitude about each axis; None where not stated
+    # standard uncertainty of an orientation about each axis; None where not stated
     attitude_rad: float | None = None
 
     def places_m(self, names: tuple[str, ...]) -> Array | None:
@@ -47,7 +47,7 @@ class Words:
 class Comparison:
     """Predicted minus measured in P poses, b components each; zero rows where nothing was seen."""
 
-    residual: Array  # (P, b) [m], and chord of the attitude [rad] where it is measured
+    residual: Array  # (P, b) [m], and chord of the orientation [rad] where it is measured
     # (P, b, 6) derivative by velocity and angular velocity of the end of the chain, along the
     # instrument's axes
     by_end: Array
@@ -65,9 +65,9 @@ class Located:
     # (3,) standard uncertainty of the directions of the base's axes, per axis across each; None
     # where the instrument has no directions
     axis_u_rad: Array | None = None
-    # root mean square angle between measured and modelled attitudes; None where none is measured
+    # root mean square angle between measured and modelled orientations; None where none is measured
     scatter_rad: float | None = None
-    # (4, 4) the one target whose attitude is measured; None where it is the end-effector itself,
+    # (4, 4) the one target whose orientation is measured; None where it is the end-effector itself,
     # or there is none
     T_ee_target: Array | None = None
     # (B, 3) places of targets, in the order of `Instrument.target_names`
@@ -87,8 +87,8 @@ class Start:
     T_instr_base: Array  # (4, 4) base in the instrument's frame [m]
     # (3,) origin of the tool frame in the end-effector frame, where the instrument measures poses
     p_ee_target_m: Array
-    # (3, 3) attitude of that frame; measured attitudes are turned by it, so that the tool's
-    # remaining attitude is small
+    # (3, 3) orientation of that frame; measured orientations are turned by it, so that the tool's
+    # remaining orientation is small
     R_ee_target: Array
     targets_m: Array  # (t,) places of targets in the end-effector frame, x, y, z of each
     # (3,) the same as `p_ee_target_m` for each campaign of a group, by name
@@ -100,7 +100,7 @@ class Start:
 
         Args:
             starts: of each campaign by name, all in one frame.
-            leading: the campaign that gives base and attitude.
+            leading: the campaign that gives base and orientation.
         """
         targets_m = np.concatenate([start.targets_m for start in starts.values()])
         tools_m = {name: start.p_ee_target_m for name, start in starts.items()}
@@ -117,12 +117,12 @@ class Deviations:
     # (P, 3) mean over the targets, along base axes; along the line of sight where a distance was
     # measured
     position_mm: Array
-    # (P, 3) axis times angle along base axes; None where no attitude is measured
+    # (P, 3) axis times angle along base axes; None where no orientation is measured
     rotation_deg: Array | None
 
     @property
     def angle_deg(self) -> Array | None:
-        """Return the orientation errors (P,); None where no attitude is measured."""
+        """Return the orientation errors (P,); None where no orientation is measured."""
         if self.rotation_deg is None:
             return None
         angle: Array = np.linalg.norm(self.rotation_deg, axis=1)
@@ -183,7 +183,7 @@ class Misfit:
     """How far B targets were measured from where the nominal model, fitted to them, puts them."""
 
     length_m: Array  # (P, B) distance, nan where a target was not seen
-    turn_rad: Array  # (P,) angle between the attitudes; 0 where none is measured
+    turn_rad: Array  # (P,) angle between the orientations; 0 where none is measured
 
     @property
     def size_m(self) -> Array:

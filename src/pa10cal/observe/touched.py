@@ -87,7 +87,7 @@ class Touched(Pose):
         p_ee_mm = np.array([*stated.targets_m.values()]).reshape(-1, 3) / MM
         if np.linalg.matrix_rank(p_ee_mm - p_ee_mm.mean(axis=0), tol=_COLLINEAR_MM) < 2:
             raise CalibrationError(
-                "these balls do not give an attitude",
+                "these balls do not give an orientation",
                 where="targets",
                 value=p_ee_mm.tolist(),
                 allowed="three or more that are not collinear",

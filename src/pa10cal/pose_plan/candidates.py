@@ -204,7 +204,7 @@ def targets_of(kind: type[Instrument], options: PlanOptions) -> dict[str, Array]
     """Return the targets on the end, (3,) each [m], by name."""
     given = _MM * np.array(options.targets_mm, dtype=float).reshape(-1, 3)
     if not len(given):
-        # Off the last joint's axis, unless an attitude shows what that joint does.
+        # Off the last joint's axis, unless an orientation shows what that joint does.
         count = _SEVERAL if kind.several_targets or kind.from_touches else 1
         off_m = 0.0 if kind.measures_pose and not kind.from_touches else _OFF_M
         angle = 2.0 * np.pi * np.arange(count) / count

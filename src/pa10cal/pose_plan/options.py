@@ -77,7 +77,7 @@ class PlanOptions(Section):
     )
     attitude_mrad: Positive | None = Field(
         None,
-        description="standard uncertainty of a measured attitude; none: a place's over 0.1 m",
+        description="standard uncertainty of a measured orientation; none: a place's over 0.1 m",
     )
     loads_N: tuple[NonNegative, ...] = Field(
         (0.0,), min_length=1, description="external loads; every pose is measured under each"

@@ -197,7 +197,7 @@ class Solved(Part):
     tool: tuple[str, ...] = Field(description="motions of the tool fitted")
     x: Numbers = Field(description="their values, in this order [rad, m]")
     places_m: Numbers = Field(description="places of the targets, one after the other [m]")
-    R_ee_target: Matrix3 = Field(description="attitude of the target in the end-effector frame")
+    R_ee_target: Matrix3 = Field(description="orientation of the target in the end-effector frame")
 
 
 class GeneralFit(Fit):
@@ -482,7 +482,7 @@ class BaseFrameRecord(MeasuredRecord):
         "ranging",
         "nominal_arm",
     ] = Field(description="how the frame was found")
-    R_instr_base: Matrix3 = Field(description="attitude of the base in the instrument's frame")
+    R_instr_base: Matrix3 = Field(description="orientation of the base in the instrument's frame")
     origin_instr_m: Vector3 = Field(description="origin of the base in the instrument's frame [m]")
     T_instr_base: PoseMatrix = Field(description="both as a homogeneous matrix [m]")
     x_direction_u_rad: float | None = optional("standard uncertainty of the x axis [rad]")
@@ -490,7 +490,7 @@ class BaseFrameRecord(MeasuredRecord):
     line_x: StraightLine | None = optional("the straight move along x")
     line_y: StraightLine | None = optional("the straight move along y")
     angle_between_lines_deg: float | None = optional("angle between the straight moves [deg]")
-    attitude_scatter_rad: float | None = optional("root mean square attitude residual [rad]")
+    attitude_scatter_rad: float | None = optional("root mean square orientation residual [rad]")
     T_ee_target: PoseMatrix | None = optional("the target in the end-effector frame [m]")
     T_ee_target_of: Mapping[Annotated[str, Key("campaign")], PoseMatrix] | None = optional(
         "of a group, the target of each campaign in the end-effector frame [m]"

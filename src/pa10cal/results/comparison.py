@@ -47,7 +47,7 @@ class ParameterRows(Table):
     second_std: GappyColumn = Field(description="its standard uncertainty")
     difference: GappyColumn = Field(
         description="second minus first; null too for turns of the tool where both fits began with "
-        "other attitudes of it"
+        "other orientations of it"
     )
     over_u: GappyColumn = Field(
         description="difference over its combined standard uncertainty; null where that is not "
@@ -75,7 +75,7 @@ class ComparedFrame(Part):
     expected_deg: float | None = Field(description="angle that should remain, rms [deg]; likewise")
     chance: float | None = Field(
         description="probability that so much or more remains between two models of the same arm, "
-        "of place and attitude the less likely, twice; null where an uncertainty is not known"
+        "of place and orientation the less likely, twice; null where an uncertainty is not known"
     )
 
 

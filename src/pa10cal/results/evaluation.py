@@ -38,8 +38,8 @@ class Accuracy(Distances):
     """Errors over a set of configurations."""
 
     orientation_deg: float | None = Field(
-        description="mean angle between predicted and measured attitude [deg]; null where the "
-        "instrument measures no attitude"
+        description="mean angle between predicted and measured orientation [deg]; null where the "
+        "instrument measures no orientation"
     )
     configurations: int = Field(description="number of configurations")
 
@@ -79,7 +79,7 @@ class ResidualRows(Table):
     position_mm: VectorColumn = Field(description="position residual along the base axes [mm]")
     rotation_deg: VectorColumn | None = Field(
         description="rotation residual, axis times angle, along the base axes [deg]; null where "
-        "the instrument measures no attitude"
+        "the instrument measures no orientation"
     )
 
 
@@ -134,7 +134,7 @@ class HeldOutRows(Table):
     error_mm: Column = Field(description="position error [mm]")
     rotation_deg: VectorColumn | None = Field(
         description="rotation residual, axis times angle, along the base axes [deg]; null where "
-        "the instrument measures no attitude"
+        "the instrument measures no orientation"
     )
     extrapolated: FlagColumn | None = Field(
         description="whether a joint leaves the angles that the fit has seen; null where the model "
@@ -150,7 +150,7 @@ class HeldOutModel(Accuracy):
         description="errors at each point; empty where there are very many"
     )
     tool_twist: ToolTwist | None = Field(
-        description="rotation of the tool that the errors show; null without attitudes"
+        description="rotation of the tool that the errors show; null without orientations"
     )
     inside: Accuracy | None = Field(
         description="errors inside the joint angles that the fit has seen; null where the model "
@@ -239,7 +239,7 @@ class RepeatabilityRows(Table):
     )
     RP_deg: VectorColumn | None = Field(
         description="RP_a, RP_b, RP_c: three standard deviations of the rotations about the base's "
-        "x, y and z [deg]; null where the instrument measures no attitude"
+        "x, y and z [deg]; null where the instrument measures no orientation"
     )
 
 
@@ -252,7 +252,7 @@ class AccuracyRows(Table):
     AP_xyz_mm: VectorColumn = Field(description="AP_x, AP_y, AP_z along the base's axes [mm]")
     AP_deg: VectorColumn | None = Field(
         description="AP_a, AP_b, AP_c: rotations about the base's x, y and z [deg]; null where the "
-        "instrument measures no attitude"
+        "instrument measures no orientation"
     )
 
 
@@ -263,7 +263,7 @@ class PoseAccuracy(Part):
     AP_largest_mm: float = Field(description="largest AP_p [mm]")
     AP_mean_deg: float | None = Field(
         description="mean angle of the rotation from the command [deg]; null where the instrument "
-        "measures no attitude"
+        "measures no orientation"
     )
     AP_largest_deg: float | None = Field(description="largest such angle [deg]; null likewise")
     rows: AccuracyRows = Field(description="every configuration, in the order of `repeatability`")

@@ -292,7 +292,7 @@ class PlaneRecord(CampaignRecord):
     plane_mm: int = Field(description="height of the flange above the base [mm]")
     reach_m: tuple[float, float] = Field(description="shortest and longest reach [m]")
     reach_is: str = Field(description="what `reach_m` measures")
-    attitude: str = Field(description="attitude of the flange")
+    attitude: str = Field(description="orientation of the flange")
     sigma_deg: float = Field(description="standard uncertainty of a joint angle [deg]")
     random_seed: int = Field(description="seed of the draws")
     cycles: int = Field(description="cycles at each place")

@@ -42,7 +42,7 @@ from pa10cal.terms.joint_spring import baseline
 PROVENANCE = "synthetic: virtual cell, no hidden effect"
 #: Poses in which each calibration has to predict.
 _PREDICTED_POSES = 40
-#: Targets sit about their design by so much, and in any attitude; nothing states where.
+#: Targets sit about their design by so much, and in any orientation; nothing states where.
 _TARGET_M, _TARGET_RAD = 0.05, 1.0
 #: Streams of random numbers, apart for what they draw.
 _OWN, _ANY, _OTHER_POSES = 1, 2, 3

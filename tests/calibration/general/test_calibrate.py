@@ -35,7 +35,8 @@ def calibrated(see):
 
 
 # Four parameters a turning joint and six for the frames are complete and minimal (Everett, Driels
-# and Mooring, 1987); a target of its own needs no attitude, a distance none of the base's either.
+# and Mooring, 1987); a target of its own needs no orientation, a distance none of the base's
+# either.
 @pytest.mark.parametrize(
     ("kind", "unknowns"), [("pose", 30), ("point", 27), ("points", 33), ("distance", 24)]
 )

@@ -1,4 +1,4 @@
-"""Commanded joints that all stop a little short, and attitudes that lag by themselves."""
+"""Commanded joints that all stop a little short, and orientations that lag by themselves."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ def short(came):
 
 
 def lags(came, axes):
-    """Attitudes turn about joint 5 with the way it came."""
+    """Orientations turn about joint 5 with the way it came."""
     return 2.0 * ATTITUDE_RAD * came.arrival[:, 4, None] * axes[:, :, 4]
 
 

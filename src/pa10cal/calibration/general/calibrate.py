@@ -49,7 +49,7 @@ class GeneralCalibration:
     """A calibrated general model."""
 
     arm: Arm  # the nominal arm
-    start: Start  # where frames and targets were thought to be, and how the attitude is turned
+    start: Start  # where frames and targets were thought to be, and how the orientation is turned
     unknowns: Unknowns  # geometric parameters chosen, and those omitted
     # tilts of parallel axes left at zero, as the readings do not show them, with the uncertainty
     # that they would have had

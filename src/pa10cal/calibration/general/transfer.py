@@ -76,7 +76,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
             where="grid poses",
             value=found.reason,
             allowed="poses that identify base and tool",
-            remedy="measure more poses, with attitudes further apart",
+            remedy="measure more poses, with orientations further apart",
         )
     of_model = problem.of_model(found.x)
     away = model.falls_back

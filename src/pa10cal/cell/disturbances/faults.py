@@ -23,7 +23,7 @@ from pa10cal.cell.effects.effect import Finite, FinitePositive
 from pa10cal.cell.instruments.touch_trigger_cmm import APPROACH_S, DWELL_S
 from pa10cal.cell.raw_log import RawLog
 
-# Faults of a whole log: joints with another sign or zero, attitudes read wrong, a step in time.
+# Faults of a whole log: joints with another sign or zero, orientations read wrong, a step in time.
 
 
 class JointFault(Disturbance):

@@ -293,7 +293,7 @@ class ToolEffect(Effect):
         """Return the (P, 3) displacements of the tool along flange axes.
 
         Args:
-            R_base_ee: (P, 3, 3) attitudes of the flange.
+            R_base_ee: (P, 3, 3) orientations of the flange.
         """
 
 

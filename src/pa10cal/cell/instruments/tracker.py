@@ -264,13 +264,13 @@ def _unseen(shape: tuple[int, ...], share: float, rng: np.random.Generator) -> N
     return unseen
 
 
-# A tracker of poses: position and attitude of one target.
+# A tracker of poses: position and orientation of one target.
 
 _QUATERNION = ("qw", "qx", "qy", "qz")
 
 
 class Pose(Tracker):
-    """Its attitude is measured apart from its position: errors of the scales do not turn it."""
+    """Its orientation is measured apart from its position: errors of the scales do not turn it."""
 
     kind: ClassVar[str] = "pose"
 
@@ -280,7 +280,7 @@ class Pose(Tracker):
         return False
 
     def readings(self, truth: Truth, streams: Streams) -> dict[str, tuple[Array, float]]:
-        """Return the target's position [mm] and attitude, a unit quaternion."""
+        """Return the target's position [mm] and orientation, a unit quaternion."""
         T_base_ee, plan = truth.rest.T_base_ee, self.plan
         T = truth.robot.T_instr_target(T_base_ee)
         R_instr_ee = truth.robot.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3]
@@ -300,7 +300,7 @@ class Pose(Tracker):
         }
 
     def read_columns(self, _robot: Robot) -> dict[str, Any]:
-        """Return position and attitude of the target."""
+        """Return position and orientation of the target."""
         return {
             "position": xyz_columns(""),
             "rotation": {

@@ -43,7 +43,7 @@ _HIGHEST = 107
 #: Tenths of a joint's visited angles that are left out: both of few joints, one each of many.
 _TENTHS = (2, 7)
 _FEW = 3
-#: Weights of attitudes that are tried, in their scatter.
+#: Weights of orientations that are tried, in their scatter.
 _SHARES = (1.0, 0.5, 0.25)
 #: Size of waves that a map has no knots for [rad].
 _NONE_RAD = 1e-12
@@ -57,7 +57,7 @@ class InBands:
     found: Bands  # the bands
     of_time: Array  # (B, 2) squared errors of stretches of time left out, before and with the bands
     of_angles: Array  # (S, 2) the same of stretches of angles
-    widening: Widening  # how components scatter, and what attitudes weigh
+    widening: Widening  # how components scatter, and what orientations weigh
 
     @property
     def record(self) -> results.Bands:
@@ -139,11 +139,11 @@ def in_bands(rows: Rows, fine: Level) -> InBands | None:
 
 
 def _attitudes(by_kind: Sequence[tuple[Products, ...]], waves: _Waves, maps: int) -> float:
-    """Return what attitudes should weigh, in their scatter, for left-out poses.
+    """Return what orientations should weigh, in their scatter, for left-out poses.
 
     Their errors go with the pose where a target is tilted or bends: then they average out less than
-    their scatter says. The weight is halved while positions and attitudes of left-out blocks, each
-    with a scatter of its own, become more likely.
+    their scatter says. The weight is halved while positions and orientations of left-out blocks,
+    each with a scatter of its own, become more likely.
     """
     sizes = waves.sizes([TYPICAL] * maps, [], 1.0)
     best, least = 1.0, np.inf

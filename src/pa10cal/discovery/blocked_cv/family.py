@@ -226,7 +226,7 @@ def _inverse(gram: Array, sizes: Array) -> Array:
 #: much is expected; and sizes [rad].
 SPACINGS = ((36, 4.0), (72, 10.0), (144, 25.0))
 SIZES_RAD = (3e-5, 1e-4, 3e-4)
-#: Standard errors by which positions or attitudes may come out worse for an effect.
+#: Standard errors by which positions or orientations may come out worse for an effect.
 _SURELY_WORSE = 2.0
 
 
@@ -305,7 +305,7 @@ def within_bounds(chosen: Chosen) -> bool:
 
 
 def both_kinds_agree(before: Chosen, after: Chosen) -> bool:
-    """Return whether neither positions nor attitudes are predicted worse for an effect.
+    """Return whether neither positions nor orientations are predicted worse for an effect.
 
     What turns the end one way and moves it another is not what its name says.
     """

@@ -142,7 +142,7 @@ def with_more(found: Found, more: Sequence[Judged]) -> Found:
 # another that is missing. Nothing else goes with the way that a joint came, and a controller
 # drives all joints: what all of them gain together has to be that part, and each has to matter.
 
-#: Part of what one gains that positions or attitudes may lose by it.
+#: Part of what one gains that positions or orientations may lose by it.
 _MOST_LOST = 0.1
 
 

@@ -208,7 +208,7 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
             form=entry.id,
             shared_error_mm=left_mm,
             why=f"{100 * entry.gain:.0f} % of the remaining error depends on {entry.id} of "
-            f"{entry.of}, but positions and attitudes contradict each other: it is no "
+            f"{entry.of}, but positions and orientations contradict each other: it is no "
             "effect of that name",
         )
         for entry in _contradicting(others)
@@ -229,7 +229,7 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
 
 
 def _contradicting(others: Sequence[Tried]) -> list[Tried]:
-    """Return what helps and makes positions or attitudes worse, the best of each place."""
+    """Return what helps and makes positions or orientations worse, the best of each place."""
     best: dict[str, Tried] = {}
     for entry in others:
         if entry.helps and entry.positions_and_attitudes_agree is False:
@@ -290,7 +290,7 @@ class HeldPoses:
 
         Args:
             effects: the effects.
-            lag: whether attitudes may lag behind the motion, where the survey has them so.
+            lag: whether orientations may lag behind the motion, where the survey has them so.
         """
         left = self._predicted(effects, lag)
         white = (self._whiteners @ left[:, :, None])[:, :, 0] ** 2

@@ -330,7 +330,7 @@ def compare(campaign: Survey, extended: Refit, poses: Observations, noise_floor_
     Args:
         campaign: whose model it is.
         extended: the model with effects.
-        poses: measured poses, attitudes and torques as the model has them.
+        poses: measured poses, orientations and torques as the model has them.
         noise_floor_mm: mean error that noise alone would leave.
     """
     after, seen = extended.fitted(), seen_by_maps(campaign, extended.effects)

@@ -58,7 +58,9 @@ class Survey:
     torques_logged: bool  # whether the torques are those of a log, and not of described masses
     # how the base moves in the course of time; None where the data prefer that it does not
     wander: Wander | None = None
-    lag: AttitudeLag | None = None  # of attitudes behind the motion; None where there can be none
+    lag: AttitudeLag | None = (
+        None  # of orientations behind the motion; None where there can be none
+    )
 
     @property
     def cells(self) -> Observations:
@@ -122,7 +124,7 @@ def survey(
     """Make a campaign ready.
 
     Args:
-        readings: the poses of the fit, attitudes and torques as the model has them.
+        readings: the poses of the fit, orientations and torques as the model has them.
         baseline: the calibrated model, its chain with the bends of the long links.
         setup: what is known besides the poses.
         torques_logged: whether the torques are those of a log.
@@ -186,14 +188,14 @@ def enough(poses: int) -> bool:
     return poses >= LEAST_FOR_BLOCKS
 
 
-# Attitudes that go with the way a joint came, where positions do not.
+# Orientations that go with the way a joint came, where positions do not.
 #
-# A joint that stops short takes the whole end with it. A reader of attitudes may lag behind the
+# A joint that stops short takes the whole end with it. A reader of orientations may lag behind the
 # motion by itself, or sway on its mount, and leaves positions where they are. Where joints are
-# those commanded both look alike in attitudes, so what attitudes alone say of arrivals counts for
-# nothing.
+# those commanded both look alike in orientations, so what orientations alone say of arrivals counts
+# for nothing.
 
-#: What attitudes are expected to lag by [rad].
+#: What orientations are expected to lag by [rad].
 _LAG_RAD = 1e-4
 #: Joints are told whose way counts for this part of the largest.
 _TOLD = 0.5
@@ -201,7 +203,7 @@ _TOLD = 0.5
 
 @dataclass(frozen=True, eq=False)
 class AttitudeLag:
-    """By how much attitudes turn with the way that each joint came."""
+    """By how much orientations turn with the way that each joint came."""
 
     joints: tuple[int, ...]  # which, from 1
     campaigns: int = 1  # how many a group has, each with lags of its own; 1 of a single campaign
@@ -225,7 +227,7 @@ class AttitudeLag:
         return np.concatenate(parts, axis=2)
 
     def shift(self, at: FittedModel, poses: Observations) -> Array:
-        """Return what attitudes are off by, in the components of poses, (P, b)."""
+        """Return what orientations are off by, in the components of poses, (P, b)."""
         assert self.amounts is not None
         return np.asarray(self.columns(at, poses) @ self.amounts)
 
@@ -239,14 +241,15 @@ class AttitudeLag:
             if lag_rad > _TOLD * lags_rad.max()
         )
         why = (
-            f"attitudes go with the way that {said} came, and positions do not: it is the reader "
-            "of attitudes or its mount that lags, and no joint that stops short"
+            f"orientations go with the way that {said} came, and positions do not: it is the "
+            "reader "
+            "of orientations or its mount that lags, and no joint that stops short"
         )
         return Unexplained(of="instrument", form="attitude_lag", shared_error_mm=left_mm, why=why)
 
 
 def attitude_lag(context: CandidateContext, poses: Observations) -> AttitudeLag | None:
-    """Return the lag that attitudes may have; None where joints were read, or there are none."""
+    """Return the lag that orientations may have; None where joints were read, or there are none."""
     measured = poses.measured
     attitudes = measured.components_seen.shape[1] > len(measured.position_columns)
     if not (context.commanded and attitudes):
@@ -529,7 +532,7 @@ class Rows:
         ]
 
     def kinds(self, count: int) -> tuple[Index, Index]:
-        """Return which of so many rows are of positions, and which of attitudes."""
+        """Return which of so many rows are of positions, and which of orientations."""
         measured = self.survey.poses.measured
         components = measured.components_seen.shape[1]
         of_positions = np.isin(np.arange(count) % components, measured.position_columns)

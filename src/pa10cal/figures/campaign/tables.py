@@ -44,7 +44,7 @@ them, where it extrapolates and its accuracy is not assured.
 """,
 )
 def tabulate_accuracy_general(results: Results) -> Table:
-    """Return mean, rms and peak error and attitude, of the poses fitted and held out."""
+    """Return mean, rms and peak error and orientation, of the poses fitted and held out."""
     results.general(), results.held_out()  # refuse what is not to be drawn
     words = results.bundle.words
     assert words is not None
