@@ -459,20 +459,22 @@ def join(members: Sequence[Member]) -> Observations[Joined]:
 
 
 def joined(
-    each: Sequence[Observations], names: tuple[str, ...], targets: Mapping[str, Array]
+    each: Sequence[Observations],
+    names: tuple[str, ...],
+    targets: Mapping[str, Array] | None = None,
 ) -> Observations[Joined]:
     """Join campaigns that stand in one frame, and whose labels and times are apart.
 
     Args:
         each: single readings of every campaign.
         names: of the campaigns.
-        targets: see `Joined`.
+        targets: see `Joined`; None where no target was turned.
     """
     campaign = np.repeat(np.arange(len(each)), [len(every) for every in each])
     columns = ((every.pose, every.kind, every.repeat, every.readings) for every in each)
     pose, kind, repeat, readings = map(np.concatenate, zip(*columns, strict=True))
     states = _states([every.states for every in each], campaign)
-    measured = Joined(names, tuple(every.measured for every in each), campaign, targets)
+    measured = Joined(names, tuple(every.measured for every in each), campaign, targets or {})
     log = _log([every.log for every in each])
     return Observations(pose, states, measured, kind, repeat, readings, log)
 
