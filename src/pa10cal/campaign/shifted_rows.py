@@ -23,6 +23,11 @@ AGREE = 0.8
 #: Where the nominal arm, however placed, is further off in the median, nothing is said [m].
 FITS_M = 0.03
 
+#: So near is the nominal arm expected to be to readings that stand in their rows [m].
+EXPECTED_M = 5e-3
+#: Where it is so near to all of them, and so many times further off a row away, none is shifted.
+EVIDENT = 10.0
+
 #: What the nominal arm leaves of readings (rows, at stations), base and target fitted to the first
 #: so many of them [m]; None where they do not determine it.
 Fit = Callable[[Index, Index, int], Array | None]
@@ -109,7 +114,16 @@ def _misfits(rows: Index, station: Index, stations: int, fit: Fit) -> Array | No
             size = float(np.median(left_m[: len(used)]))
             if best is None or size < 0.5 * best[0]:
                 best = size, left
+            if shift == 1 and len(part) == count and _as_they_stand(left):
+                return left
     return None if best is None or best[0] > FITS_M else best[1]
+
+
+def _as_they_stand(left: Array) -> bool:
+    """Return whether misfits (3, N) leave no doubt that no reading is shifted."""
+    before, here, after = left
+    away = min(np.nanmedian(before), np.nanmedian(after))
+    return bool(np.nanmax(here) < EXPECTED_M and away > EVIDENT * np.nanmax(here))
 
 
 def steps_agree(T_base_ee: Array, p_m: Array) -> bool:

@@ -20,7 +20,7 @@ from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import RawRows, finite
 from pa10cal.campaign.rows import Samples, in_radians, position_columns
-from pa10cal.campaign.shifted_rows import Fit, nominal_fit, refuse_shifted, shifted
+from pa10cal.campaign.shifted_rows import EXPECTED_M, Fit, nominal_fit, refuse_shifted, shifted
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import RawColumns, Stated
@@ -137,6 +137,8 @@ def by_time(stations: Stations, time_s: Array, fit: Fit, offset_s: float | None 
         left_m = fit(inside, station[inside], len(inside)) if len(allowed) > 1 else None
         size = np.inf if left_m is None else float(np.median(left_m))
         tried.append((size, -len(inside), middle, high - low, station))
+        if size < EXPECTED_M:
+            break  # offsets that bring in fewer readings need not be tried
     best_m = min(each[0] for each in tried)
     near = [each for each in tried if each[0] <= 1.5 * best_m or not np.isfinite(best_m)]
     best = min(near, key=lambda each: (each[1], each[0]))
