@@ -15,6 +15,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.exports import controller_pose
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.contradictions import of_joints
 from pa10cal.fit.fitted_model import load_model
 from pa10cal.fit.model_file import save_model
 from pa10cal.options import Tolerances
@@ -327,6 +328,14 @@ def test_lists_that_contradict_the_model_are_warned_of(tmp_path, capsys):
     seen = AnglesSeen(tuple(np.array([[0.2, 1.0]]) for _ in range(6)), (False,) * 6)
     save_model(replace(model, seen=seen), tmp_path / "model.yaml")
     q, T, quaternions = program(model)
+    all_round = AnglesSeen(tuple(np.array([[-3.0, 3.0]]) for _ in range(6)), (False,) * 6)
+    wide = np.random.default_rng(3).uniform(-2.5, 2.5, (30, 6))
+    through_zero = replace(model, seen=all_round)
+    (warned,) = of_joints(through_zero, np.radians(wide))
+    assert "hardly a motion" in warned
+    assert not list(of_joints(through_zero, wide))
+    assert not list(of_joints(through_zero, np.radians(wide[:4])))
+    assert not list(of_joints(through_zero, np.radians(0.1 * wide)))
     other = np.roll(quaternions, -1, axis=1)
     as_radians = [f"id,{JOINTS}", *(f"P,{','.join(map(repr, row))}" for row in q.tolist())]
     as_degrees = [f"id,{JOINTS}"]

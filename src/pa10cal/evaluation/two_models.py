@@ -112,6 +112,7 @@ def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, 
         pairs += [
             (f"payload.{f.name}", getattr(first.payload, f.name), getattr(second.payload, f.name))
             for f in fields(Payload)
+            if f.name != "of_campaigns"  # a group's first stands for it
         ]
     return tuple(name for name, mine, theirs in pairs if not _same(mine, theirs))
 

@@ -21,6 +21,8 @@ from pa10cal.fit.forward import T_flange_frame, pose_difference
 _TURN = 2.0 * np.pi
 #: Shares of the rows for which the reading taken fails, and for which the other one holds.
 _FEW, _MOST, _NEARLY_ALL = 0.1, 0.5, 0.8
+#: Of so many rows, joints that turn by so much as radians hardly move as degrees.
+_ROWS, _WIDE_RAD = 10, 1.0
 #: Seeds further from their targets than this part of the reach contradict them.
 _FAR = 0.5
 #: Seeds are those of a nominal program: the right reading brings them so much nearer, as medians.
@@ -35,10 +37,14 @@ def of_joints(model: Fitted, q: Array) -> Iterator[str]:
     as_radians = _read_as_radians(model, q)
     if as_radians is None or model.seen is None:
         return
-    if model.inside(q).mean() <= _FEW and model.inside(as_radians).mean() > _MOST:
+    # A program that keeps to a few degrees about zero is within a fit that came through there.
+    beyond = model.inside(q).mean() <= _FEW
+    hardly_moves = len(q) >= _ROWS and np.median(np.ptp(as_radians, axis=0)) > _WIDE_RAD
+    if (beyond or hardly_moves) and model.inside(as_radians).mean() > _MOST:
+        as_degrees = "beyond the angles of the fit" if beyond else "hardly a motion"
         yield (
             f"{_columns(model)}: the joint positions look like radians under columns in degrees: "
-            "all are within ±6.3, beyond the angles of the fit as degrees and inside them as "
+            f"all are within ±6.3, {as_degrees} as degrees and inside those of the fit as "
             "radians; multiply them by 57.29578 if so"
         )
 

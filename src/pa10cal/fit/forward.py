@@ -18,6 +18,7 @@ from pa10cal.fit.uncertain_weights import with_uncertain_weights
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines, b_splines_by_knots
 from pa10cal.terms.model import Model
+from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.term import Term, falsifies_log, shows_torque, yields
 
 #: Step of the central differences by which terms change with the joints [rad, m]: of harmonics as
@@ -122,6 +123,13 @@ def _with_its_weights(model: Fitted) -> Fitted:
     return with_uncertain_weights(model, model.payload)
 
 
+def _under_tool_of(model: Fitted, campaign: str) -> Fitted:
+    """Return a model of a group under what the arm carried in one of its campaigns."""
+    carried = () if model.payload is None else model.payload.of_campaigns
+    of = dict(zip(model.R_first_target_of, carried, strict=False))
+    return replace(model, payload=of[campaign]) if campaign in of else model
+
+
 @dataclass(frozen=True)
 class Forward:
     """Forward kinematics of a frame of a fitted model."""
@@ -150,7 +158,7 @@ class Forward:
                 allowed=", ".join(model.frames),
                 remedy="correct the name",
             )
-        model = _with_its_weights(model)
+        model = _with_its_weights(_under_tool_of(model, frame.partition(OF)[2]))
         # Of a group `tool` is that of the first campaign that measured poses.
         tools = model.tools
         own = tools.get(frame) or next(iter(tools.values()), None)

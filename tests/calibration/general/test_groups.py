@@ -8,18 +8,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.apart import apart, contradictions
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import load_model
+from pa10cal.fit.forward import Forward
 from pa10cal.fit.model_file import save_model
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.touched import Touched
 
 ARM = load_arm("ur10")
 NOISE_M = 2e-5
+GRAVITY = np.array([0.0, 0.0, -9.81])
 MIXED = [("pose", "points"), ("touched", "pose"), ("points", "distance")]
 
 
@@ -172,6 +175,22 @@ def test_every_campaigns_tool_and_targets_are_frames_by_name(members, tmp_path):
     np.testing.assert_allclose(found.q, q, atol=1e-6)
     with pytest.raises(ModelError, match="tool@of-0, tool@of-1"):
         back.predict(q, frame="tool@other")
+
+
+def test_a_frame_of_a_campaign_is_predicted_under_its_own_tool(members):
+    light, heavy = (Payload(kg, np.zeros(3), np.zeros(3), GRAVITY) for kg in (1.0, 9.0))
+    model = fitted(together(members(("pose", "pose"), 0.0)))
+    group = replace(model, payload=replace(light, of_campaigns=(light, heavy)))
+    q = np.full((1, 6), 0.4)
+    for k, own in enumerate((light, heavy)):
+        one = replace(model, payload=own)
+        there = [each.predict(q, frame=f"tool@of-{k}").T for each in (group, one)]
+        np.testing.assert_array_equal(*there)
+        np.testing.assert_array_equal(
+            group.states(q).tau_Nm, replace(model, payload=light).states(q).tau_Nm
+        )
+    torques = [Forward.of(group, f"tool@of-{k}").whole.payload.mass_kg for k in (0, 1)]
+    assert torques == [1.0, 9.0]
 
 
 @pytest.mark.parametrize("kinds", [("pose", "pose"), ("points", "pose")])
