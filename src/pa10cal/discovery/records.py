@@ -396,7 +396,8 @@ def explained(found: Verdict[object]) -> Explained | None:
         if proof.weights in ("assumed", "total"):
             weights = "assumed"
         joining.append(_joining(each, proof.without_each_mm, after_mm, weights))
-        before_mm = proof.all_rigid_each_mm
+        # Rigid joints have the effects found in them: without these it is no less.
+        before_mm = max(before_mm, proof.all_rigid_each_mm, key=_squared)
     findings = {each.effect: each for each in found.findings}
     *_, last = found.naming
     after_mm = _errors(last, rows)

@@ -136,6 +136,15 @@ def _known(model: FittedModel, arm: Arm) -> Array:
         for name in layout
         if not same or not np.allclose(getattr(model.arm, name), getattr(arm, name), 0.0, 1e-9)
     ]
+    if model.arm.name != arm.name:
+        raise CalibrationError(
+            "the prior is a model of another arm",
+            where="prior",
+            value=model.arm.name,
+            allowed=f"a model of {arm.name}",
+            remedy="give a model of the arm that was measured; where it is one arm under two names, "
+            "give both descriptions the same name",
+        )
     if differs:
         raise CalibrationError(
             "the prior is a model of another arm",
