@@ -164,7 +164,7 @@ def test_a_prior_of_another_arm_or_without_covariance_is_refused(arms):
     model, _, payload, _ = arms("pose", Change())
     with pytest.raises(CalibrationError, match="a model of another arm"):
         prior_of(model, load_arm("irb120"), payload)
-    with pytest.raises(CalibrationError, match="a model of another arm.*got 'ur10'"):
+    with pytest.raises(CalibrationError, match=r"a model of another arm.*got 'ur10'"):
         prior_of(model, replace(ARM, name="ur10-2"), payload)
     with pytest.raises(CalibrationError, match="covariance of the prior is not known"):
         prior_of(replace(model, covariance=None), ARM, payload)

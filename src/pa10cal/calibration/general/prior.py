@@ -142,8 +142,8 @@ def _known(model: FittedModel, arm: Arm) -> Array:
             where="prior",
             value=model.arm.name,
             allowed=f"a model of {arm.name}",
-            remedy="give a model of the arm that was measured; where it is one arm under two names, "
-            "give both descriptions the same name",
+            remedy="give a model of the arm that was measured; where it is one arm under two "
+            "names, give both descriptions the same name",
         )
     if differs:
         raise CalibrationError(
