@@ -21,6 +21,8 @@ import yaml
 from hypothesis import settings as hypothesis_settings
 from scipy.spatial.transform import Rotation
 
+from built_once import built_once
+from made_up_mistakes import Own, own_campaign
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
 from snakemake_calls import Snakemake
@@ -54,6 +56,18 @@ NOISE_MM = 0.004
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the files first that are named so; workers take files in the order of the items."""
     items.sort(key=lambda item: not item.nodeid.startswith(FIRST))
+
+
+@pytest.fixture
+def own(tmp_path_factory, tmp_path, monkeypatch) -> Own:
+    """A right campaign with files of its own, in which no workflow is ever started."""
+
+    def never(*_):
+        raise AssertionError("the workflow was started")
+
+    monkeypatch.setattr("pa10cal.running.workflow.run_workflow", never)
+    right = built_once(tmp_path_factory, "right_campaign", own_campaign)
+    return right.copy(tmp_path / "zelle")
 
 
 @pytest.fixture(scope="session")

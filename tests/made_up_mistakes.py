@@ -224,6 +224,12 @@ class Mistake:
     def __str__(self) -> str:
         return self.name
 
+    def judge(self, own: Own) -> None:
+        """Make it in a right campaign, and fail where what is said of it is not right."""
+        self.spoil(own)
+        said = self.command(own)
+        assert not faults(self, said), said.text
+
 
 def faults(mistake: Mistake, said: Said) -> list[str]:
     """Return what is wrong in what a command says of a mistake."""

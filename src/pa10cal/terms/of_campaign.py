@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -20,7 +21,7 @@ from pa10cal.terms.term import Offsets, Parameter, Report, Term, shows_torque, y
 OF = "@"
 
 
-class _InSomePoses:
+class _InSomePoses(ABC):
     """Adds what another term does, in some poses alone."""
 
     term: Term  # the term; it neither yields to torques nor shows in them
@@ -71,9 +72,9 @@ class _InSomePoses:
     def _named(self, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
         return tuple(replace(each, name=of_campaign(each.name, self.name)) for each in parameters)
 
+    @abstractmethod
     def _here(self, states: PoseStates) -> NDArray[np.bool_]:
         """Return which poses it holds in, (P,) or (1,)."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
