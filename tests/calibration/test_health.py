@@ -128,6 +128,17 @@ def test_the_rule(fit, left, grade, says):
     assert bool(found.findings) == (grade == "suspect_input")
 
 
+def test_a_stated_uncertainty_that_is_too_small_is_among_the_causes_named():
+    little = {"noise_mm": 0.0016, "without_springs_mm": 0.2}
+    line = health(ended(), errors(**little)).line
+    assert "or the stated uncertainty is too small" in line
+    assert "soft arm" not in line  # of a hundredth of a millimetre nobody asks why it is accepted
+    soft = {"train_rms_mm": 6.0, "held_out": None, "without_springs_mm": 12.0}
+    found = health(ended(), errors(**soft, noise_mm=0.1))
+    assert found.grade == "incomplete"
+    assert "a soft arm: with rigid joints 12.000 mm remain" in found.line
+
+
 def test_no_number_is_said_twice_and_few_poses_alarm_nobody():
     left = HeldOut(accuracy(0.016, 0.03, 0.01672, 60))
     line = health(ended(), errors(held_out=left)).line

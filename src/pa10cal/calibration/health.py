@@ -406,7 +406,7 @@ def _lacking(evidence: Evidence) -> str:
         parts.append(
             f"{over:.2g} times the {known}noise of {evidence.own_noise_mm:.3f} mm: the model is "
             "missing an effect"
-            + (", or the stated uncertainty is too small" if known and over < STATED_OFF else "")
+            + (", or the stated uncertainty is too small" if known else "")
             + (", or the instrument moved between readings" if over >= STATED_OFF else "")
         )
     if (ratio := evidence.over_expected) is not None:
@@ -415,7 +415,9 @@ def _lacking(evidence: Evidence) -> str:
             "from the poses fitted, or the model is missing an effect"
         )
     rigid_mm = evidence.left.without_springs_mm
-    if parts and evidence.soft and rigid_mm is not None:
+    # Of another robot a springy model leaves as much: a reader is to know why it was not refused.
+    refused = evidence.left.train_rms_mm > FITS_NOT * evidence.left.spread_mm
+    if parts and refused and evidence.soft and rigid_mm is not None:
         parts.append(
             f"a soft arm: with rigid joints {rigid_mm:.3f} mm remain, springs explain the larger "
             "part"

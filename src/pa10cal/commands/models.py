@@ -209,6 +209,7 @@ def compensate(
         "u_mm": found.u_mm,
         "error_deg": found.error_deg,
         "inside": found.inside,
+        "branch": found.branch,
     }
     if write == "cartesian":
         columns |= found.cartesian(form)
@@ -220,6 +221,8 @@ def compensate(
     warn("compensate", targets, said)
     words, counts = np.unique(found.status, return_counts=True)
     became = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
+    swung = int(np.count_nonzero(found.branch == "other"))
+    became += f"; {swung} on another branch than the nearest" if swung else ""
     rest = not_read(targets, asked.unused)
     print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {became}{rest}")
     if write == "cartesian":
@@ -294,6 +297,12 @@ def _lines(found: ComparisonRecord) -> Iterator[str]:
     yield found.line
     if found.what_moved is not None:
         yield f"between both campaigns: {found.what_moved.line}"
+        if found.what_moved.verdict != "unchanged":
+            yield (
+                "if the robot was hit or mended in between, the first model as a prior needs fewer "
+                "poses of the second campaign: pa10cal run CAMPAIGN --prior "
+                f"{found.first.name}"
+            )
 
 
 def _row(title: str, rms: float, peak: float | None = None, deg: float | None = None) -> str:

@@ -43,6 +43,9 @@ _LARGEST_STEP_RAD = 0.35
 _AT_LIMIT = 1e-9
 #: A branch of the arm as designed that is further from the pose is out of its reach [m].
 _NEARLY = 0.02
+#: Where a seed was given, its branch is kept although the calibrated arm misses the pose on it by
+#: less than this [m, rad]: a command may be a little off, and must not swing the arm round.
+_KEPT = 2e-3
 #: Postures from which a pose is searched where nothing better is known.
 _DRAWN = 48
 _FIRST_BLOCK, _LARGEST_BLOCK = 4, 512
@@ -96,8 +99,9 @@ def compensate(
         none = np.zeros(0)
         empty = np.zeros((0, model.arm.n))
         inside = none.astype(bool)
-        return Compensation(empty, none.astype(str), none, none, none, inside, T, tcp)
-    q = _searched(model, T, frame, given, seed)
+        words = none.astype(str)
+        return Compensation(empty, words, words, none, none, none, inside, T, tcp)
+    q, other = _searched(model, T, frame, given, seed)
     forward = Forward.of(model, frame)
     found = predicted(model, q, frame, given)
     off = pose_difference(found.T, T)
@@ -120,24 +124,32 @@ def compensate(
     # The controller works out the flange from the pose and its TCP, and the joints from the flange
     # of the arm as designed: with both taken the same way back it comes to q.
     T_send = Chain.of(arm).forward(q) @ tcp
-    return Compensation(q, status, off_mm, off_deg, found.u_mm, found.inside, T_send, tcp)
+    branch = np.where(other, "other", "nearest")
+    return Compensation(q, status, branch, off_mm, off_deg, found.u_mm, found.inside, T_send, tcp)
 
 
 def _searched(
     model: Fitted, T: Array, frame: str, given: Conditions, seed: ArrayLike | None
-) -> Array:
-    """Return joint positions (N, n); where the model falls back, those of what it falls back to."""
-    seeds = _seeds(model, len(T), seed)
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return joint positions (N, n), and which are on another branch than the nearest.
+
+    Where the model falls back, they are those of what it falls back to.
+    """
+    seeds, asked = _seeds(model, len(T), seed)
     search = _Search(Forward.of(model, frame), T, given)
-    q = search.along(seeds) if search.branches is None else search.on_branches(seeds)
+    if search.branches is None:
+        q, other = search.along(seeds)
+    else:
+        q, other = search.on_branches(seeds, asked)
     if model.falls_back is None:
-        return q
+        return q, other
     away = model.falls_back
     outside = np.flatnonzero(~away.within.inside(q))
     if len(outside):
         T_away = np.linalg.inv(T_base_away(away, model)) @ T[outside]
-        q[outside] = _searched(away.model, T_away, frame, given.take(outside), q[outside])
-    return q
+        q[outside], again = _searched(away.model, T_away, frame, given.take(outside), q[outside])
+        other[outside] |= again
+    return q, other
 
 
 def _refuse_no_pose(T: Array, name: str = "T") -> None:
@@ -157,8 +169,11 @@ def _refuse_no_pose(T: Array, name: str = "T") -> None:
         )
 
 
-def _seeds(model: Fitted, count: int, seed: ArrayLike | None) -> Array:
-    """Return seeds (N, n), nan where there is none; the first row has one."""
+def _seeds(model: Fitted, count: int, seed: ArrayLike | None) -> tuple[Array, NDArray[np.bool_]]:
+    """Return seeds (N, n), nan where there is none, and for which rows a branch was asked for.
+
+    The first row always has a seed. A row without one follows the row before.
+    """
     n = model.arm.n
     given = np.full(n, np.nan) if seed is None else np.asarray(seed, dtype=float)
     if given.shape not in ((n,), (count, n)):
@@ -172,9 +187,10 @@ def _seeds(model: Fitted, count: int, seed: ArrayLike | None) -> Array:
     seeds = given.copy() if given.ndim == 2 else np.full((count, n), np.nan)
     if given.ndim == 1:
         seeds[0] = given
-    if not np.isfinite(seeds[0]).all():
+    asked = np.logical_or.accumulate(np.isfinite(seeds).all(axis=1))
+    if not asked[0]:
         seeds[0] = _middle(model)
-    return seeds
+    return seeds, asked
 
 
 def _reached(arm: Arm, off_m: Array, off_rad: Array) -> NDArray[np.bool_]:
@@ -211,8 +227,14 @@ class _Search:
         self._weight = np.repeat([1.0 / arm.reach_m, of_attitude], 3)
         self.branches = branches_of(arm)
 
-    def on_branches(self, seeds: Array) -> Array:
-        """Search from the branches of the arm as designed, nearest to seed or row before."""
+    def on_branches(
+        self, seeds: Array, asked: NDArray[np.bool_]
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Search from the branches of the arm as designed, nearest to seed or row before.
+
+        Returns:
+            Joint positions (N, n), and which are on another branch than the nearest.
+        """
         assert self.branches is not None
         T_base_flange = self._T @ self._T_frame_flange()
         found = self.branches(T_base_flange)
@@ -220,10 +242,16 @@ class _Search:
         wanted = np.repeat(T_base_flange[:, :3, 3], found.shape[1], axis=0)
         off_m = np.linalg.norm(ends - wanted, axis=1).reshape(found.shape[:2])
         beside = np.asarray(off_m >= _NEARLY)
-        starts, order = self._nearest(found, beside, seeds)
-        q, done = self.newton(np.arange(len(starts)), starts)
+        starts, order, other = self._nearest(found, beside, seeds)
+        other[:1] &= asked[:1]
+        rows = np.arange(len(starts))
+        q, done = self.newton(rows, starts)
         # Near reach or limits a branch of the arm as designed may be none of the calibrated one.
-        good = done & self._inside(q)
+        inside = self._inside(q)
+        good = done & inside
+        short = np.flatnonzero(~done & inside & asked & ~other)
+        if len(short):
+            good[short] = np.abs(self._off(short, q[short])).max(axis=1) < _KEPT
         for rank in range(1, found.shape[1]):
             rows = np.flatnonzero(~good & ~beside[np.arange(len(q)), order[:, rank]])
             if len(rows):
@@ -232,11 +260,17 @@ class _Search:
                 better = right & (inside | ~done[rows])
                 kept = rows[better]
                 q[kept], done[kept], good[kept] = again[better], True, inside[better]
-        return q
+                other[kept] = True
+        return q, other
 
-    def along(self, seeds: Array) -> Array:
-        """Search from the seed, or from the row before, in blocks that grow on a smooth path."""
+    def along(self, seeds: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Search from the seed, or from the row before, in blocks that grow on a smooth path.
+
+        Returns:
+            Joint positions (N, n), and for which a jump was needed.
+        """
         q, row, size, last = seeds.copy(), 0, _FIRST_BLOCK, seeds[:0]
+        other = np.zeros(len(q), dtype=bool)
         while row < len(q):
             rows = np.arange(row, min(row + size, len(q)))
             none = ~np.asarray(np.isfinite(seeds[rows]).all(axis=1))
@@ -251,11 +285,12 @@ class _Search:
             if right == 0:
                 found[0], right = self._from_drawn(rows[0], starts[0], found[0]), 1
                 done[0] = True
+                other[row] = np.abs(found[0] - starts[0]).max() > _JUMP_RAD
             q[rows[:right]] = found[:right]
             last = found[right - 1 : right]
             size = min(2 * size, _LARGEST_BLOCK) if right == len(rows) else max(right, 1)
             row += right
-        return q
+        return q, other
 
     def newton(self, rows: NDArray[np.intp], starts: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Go down to the poses of some rows from starts (R, n).
@@ -298,6 +333,11 @@ class _Search:
                 break
         return found, best, done
 
+    def _off(self, rows: NDArray[np.intp], q: Array) -> Array:
+        """Return by how much joint positions (R, n) miss the poses of rows, (R, 6) [m, rad]."""
+        states = self._forward.states(q, self._given.take(rows))
+        return pose_difference(self._forward.T_base_frame(states), self._T[rows])
+
     def _step(self, J: Array, off: Array) -> Array:
         """Return damped Newton steps (R, n): the damping fades with the square of what is left."""
         lever = np.where(self._arm.prismatic, self._arm.reach_m, 1.0)
@@ -317,23 +357,27 @@ class _Search:
 
     def _nearest(
         self, found: Array, beside: NDArray[np.bool_], seeds: Array
-    ) -> tuple[Array, NDArray[np.intp]]:
-        """Return the branch (N, n) nearest to seed or row before, and the order of all (N, B)."""
+    ) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
+        """Return the branch to begin with (N, n), the order of all (N, B), whether one is nearer.
+
+        The nearest to seed or row before comes first, but for those beyond limits or reach.
+        """
         starts = np.empty_like(seeds)
         order = np.empty(found.shape[:2], dtype=np.intp)
+        other = np.zeros(len(found), dtype=bool)
         seeded = np.asarray(np.isfinite(seeds).all(axis=1))
         reference = seeds[0]
         for row in range(len(seeds)):
             reference = seeds[row] if seeded[row] else reference
             near = self._turned_near(found[row], reference)
-            cost = ((near - reference) ** 2).sum(axis=1)
-            cost += 1e4 * ~self._inside(near) + 1e6 * beside[row]
-            order[row] = np.argsort(cost)
+            far = ((near - reference) ** 2).sum(axis=1)
+            order[row] = np.argsort(far + 1e4 * ~self._inside(near) + 1e6 * beside[row])
+            other[row] = order[row, 0] != np.argmin(far)
             starts[row] = near[order[row, 0]]
             found[row] = near
             if not beside[row, order[row, 0]]:
                 reference = starts[row]
-        return starts, order
+        return starts, order, other
 
     def _turned_near(self, q: Array, reference: Array) -> Array:
         """Return joint positions (R, n) whole turns off, as near to others as limits allow."""

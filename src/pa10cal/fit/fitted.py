@@ -127,6 +127,8 @@ class Compensation:
     # (N, n) joint positions to command [rad, m]; of an unreachable pose those that come nearest
     q: Array
     status: NDArray[np.str_]  # (N,) one of `Status`
+    # (N,) `nearest` to the seed, or to the row before, or an `other` branch: the arm swings round
+    branch: NDArray[np.str_]
     error_mm: Array  # (N,) distance of the model's position there from the one wanted
     error_deg: Array  # (N,) angle between the model's orientation there and the one wanted
     u_mm: Array  # (N,) standard uncertainty of the position, as of a prediction
@@ -162,7 +164,7 @@ class Compensation:
         """Return the joint positions [rad, m] as a notebook shows them."""
         joints = {f"q{joint}": values for joint, values in enumerate(self.q.T, start=1)}
         shown = {"status": self.status, "error_mm": self.error_mm, "u_mm": self.u_mm}
-        return _table({**joints, **shown, "inside": self.inside})
+        return _table({**joints, **shown, "inside": self.inside, "branch": self.branch})
 
 
 def _table(columns: dict[str, NDArray[Any]]) -> str:
