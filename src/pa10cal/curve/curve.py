@@ -160,7 +160,6 @@ class Bounds:
         Args:
             t: (N,) parameters.
             p_m: (N, 3) points.
-            link_m: length of a link.
         """
         rounded = _ROUNDING * (np.abs(p_m).max(axis=-1) + self.top_speed * np.abs(t))
         return np.asarray(np.maximum(_SAME_LENGTH * link_m, rounded))
@@ -259,9 +258,7 @@ def helix(radius_m: float, pitch_m: float, turns: float, phase_rad: float = 0.0)
     """Return a helix about z, rising by the pitch each turn; t is the angle, from 0.
 
     Args:
-        radius_m: its radius.
         pitch_m: rise a turn; negative for a left-handed one.
-        turns: how many.
         phase_rad: azimuth at which it begins.
     """
     radius_m, turns = _positive("radius_m", radius_m), _positive("turns", turns)
@@ -287,7 +284,6 @@ def serpenoid(length_m: float, waves: float, amplitude_rad: float, phase_rad: fl
     series of Bessel functions (Jacobi and Anger), whose integrals are the curve, to the last digit.
 
     Args:
-        length_m: arc length.
         waves: waves along it.
         amplitude_rad: largest heading, from the mean one.
         phase_rad: phase of the wave at its beginning; growing with time, the wave travels.

@@ -58,7 +58,6 @@ def given_rolls(rolls_rad: Array, limits: roll.JointLimits | None = None) -> Rol
     """Return the choice of rolls given for every shape, (T,).
 
     Args:
-        rolls_rad: (T,) the rolls.
         limits: of the joints; `follow` raises where they are not kept.
     """
 
@@ -99,14 +98,6 @@ def follow(
     order: Order = "zy",
 ) -> Gait:
     """Follow a curve that changes in time.
-
-    Args:
-        curves: the curve at each time.
-        time_s: (T,) times.
-        link_m: length of a link.
-        links: how many.
-        choose: the roll of every shape.
-        order: which turn of a joint comes first.
 
     Raises:
         CurveError: when the links do not fit on the curve at some time, or no roll keeps the
@@ -149,7 +140,6 @@ def travelling(shape: Callable[[float], Curve], time_s: Array, period_s: float) 
 
     Args:
         shape: the curve at a phase [rad], such as a serpenoid.
-        time_s: (T,) times.
         period_s: time of a wave; negative for one that travels the other way.
     """
     return [shape(phase) for phase in 2.0 * np.pi * time_s / period_s]

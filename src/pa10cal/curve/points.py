@@ -67,8 +67,6 @@ def lay_points(curve: Curve, link_m: float, most: int | None = None) -> Points:
     """Lay points along a curve, each the first of it at the link's length from the one before.
 
     Args:
-        curve: the curve.
-        link_m: length of a link.
         most: how many links at most; None for as many as there is room for.
 
     Raises:
@@ -237,11 +235,8 @@ def points_ahead(curve: Curve, t: float, p_m: Array, link_m: float, most: int) -
     """Find the next points as far as they can be proved.
 
     Args:
-        curve: the curve.
         t: parameter of the last point.
         p_m: (3,) that point [m].
-        link_m: length of a link.
-        most: how many points at most.
     """
     bounds = curve.bounds
     first_end = float(bounds.not_beyond(bounds.length_to(np.array(t)) + link_m))
@@ -364,10 +359,8 @@ def first_crossing(curve: Curve, t: float, p_m: Array, link_m: float) -> Crossin
     """Find the first point of the curve after one of its points, at a distance from it.
 
     Args:
-        curve: the curve.
         t: parameter of the point.
         p_m: (3,) the point [m].
-        link_m: the distance.
 
     Returns:
         The first point, or None when all the rest of the curve is nearer.

@@ -48,7 +48,6 @@ class RollMap:
 
         Args:
             directions: (n, 3) unit vectors along the links.
-            order: which turn comes first.
             z_at_zero: (3,) what z of the first link is nearest to at roll zero; else the normal of
                 the first bend.
         """
@@ -335,7 +334,6 @@ def smallest_angle(chain: RollMap, limits: JointLimits | None = None) -> Roll:
     """Return the roll at which the largest of all joint angles is smallest.
 
     Args:
-        chain: the links.
         limits: what the angles must keep besides.
 
     Raises:
@@ -351,7 +349,6 @@ def smallest_move(
     """Return the roll at which no joint moves far from where it stood.
 
     Args:
-        chain: the links.
         a_rad: (n - 1,) turns about z of the last shape.
         b_rad: (n - 1,) turns about y of it.
         limits: what the angles must keep besides.

@@ -122,11 +122,6 @@ def held_out_record(campaign: Campaign, calibration: str, own: Evaluation) -> re
 
     Where the verdict tells steps, they are judged with a base for every part as well.
 
-    Args:
-        campaign: whose poses they are.
-        calibration: load case of the calibration judged.
-        own: the models and the readings.
-
     Raises:
         CalibrationError: when base and tool are not determined by the poses.
     """
@@ -152,11 +147,6 @@ def held_out_record(campaign: Campaign, calibration: str, own: Evaluation) -> re
 
 def transfer_record(campaign: Campaign, from_: str, there: Evaluation) -> results.TransferRecord:
     """Judge models of one campaign in another, part by part where instrument or base moved there.
-
-    Args:
-        campaign: in which they are judged.
-        from_: the other.
-        there: the models and the readings.
 
     Raises:
         CalibrationError: when base and tool are not determined by the poses.
@@ -201,7 +191,6 @@ def judged_where_repeated(
     """Judge models on all configurations of the kinds that have repeats, by kind.
 
     Args:
-        own: the models and the readings of their campaign.
         held_out: errors of the held-out poses, as `own.judge()` gave them.
     """
     found: dict[str, Mapping[str, results.HeldOutModel]] = {}
@@ -230,7 +219,6 @@ def summary(record: results.HoldoutRecord, *, springs: bool) -> str:
     """Return the errors in one line.
 
     Args:
-        record: the errors.
         springs: whether the arm was calibrated with springs; linear and cubic are else one model.
     """
     if not record.models:

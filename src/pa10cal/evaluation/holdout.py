@@ -52,10 +52,7 @@ def prepared(
     """Return averaged poses of one kind, with what the terms of a model need in their states.
 
     Args:
-        every: single readings of a campaign.
         kind: `grid` or `holdout`.
-        model: the model that is to predict them.
-        setup: what is known of the campaign besides the poses.
         cuts_s: times that part the campaign.
     """
     poses = average_repeats(every.of_kind(kind), cuts_s)
@@ -75,7 +72,6 @@ def judged(
     """Return errors of one model over held-out poses, by load, by point and pose by pose.
 
     Args:
-        model: the model.
         held_out: P poses, `prepared` for it.
         extrapolated: (P,) which of them leave the joint angles that the model has learnt from;
             None where it has learnt nothing that stops there.
@@ -169,9 +165,6 @@ def placed(
     """Fit base and tool of a model to the calibration poses of a campaign.
 
     Args:
-        model: of the same arm.
-        every: single readings of the campaign.
-        setup: what is known of it besides the poses.
         cuts_s: times at which the base moved: it is fitted part by part.
 
     Raises:
@@ -194,8 +187,6 @@ def steps_elsewhere(
 
     Args:
         model: the model, base and tool fitted to the calibration poses.
-        every: single readings of the campaign.
-        setup: what is known of it besides the poses.
     """
     readings = every.of_kind("grid").turned(model.R_ee_target)
     if readings.measured.campaigns or not len(readings):
@@ -229,7 +220,6 @@ def worth_cutting(every: Observations, steps_s: Sequence[float]) -> tuple[float,
     certain step.
 
     Args:
-        every: single readings of the campaign.
         steps_s: the steps, the most certain first.
     """
     readings, kept = every.of_kind("grid"), list(steps_s)
@@ -250,7 +240,6 @@ def parts_of(
 
     Args:
         found: a model with a base for every part.
-        every: single readings of the campaign.
         cuts_s: where it is parted, in order of time.
     """
     model, states = found.model, found.poses.states

@@ -64,9 +64,6 @@ def iso9283_record(
     """Return accuracy under every model and repeatability of every configuration repeated enough.
 
     Args:
-        campaign: whose poses they are.
-        calibration: load case of the calibration judged.
-        every: single readings of the campaign.
         judged: models judged on every configuration, by kind of poses and name of the model.
         R_instr_base: (3, 3) orientation of the base, along whose axes rotations are given.
     """

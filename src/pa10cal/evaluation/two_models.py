@@ -45,7 +45,6 @@ def compare_models(
     """Compare two models of arms of the same layout.
 
     Args:
-        first, second: the models.
         names: what they are called in the record and in messages.
 
     Raises:
@@ -407,7 +406,6 @@ def drift(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftR
 
     Args:
         models: of two campaigns or more, in order of time, with covariances.
-        names: of the campaigns.
 
     Raises:
         ModelError: when there are fewer than two, the arms differ in layout, or a covariance is not

@@ -43,7 +43,6 @@ def save_model(model: Fitted, path: Path, **about: Any) -> None:
     """Write a fitted model, and its covariance beside it, whole or not at all.
 
     Args:
-        model: the model.
         path: `….yaml`; the covariance goes to `….covariance.npz`.
         about: further keys that only people read, such as warnings.
 
@@ -66,7 +65,6 @@ def read_model(path: str | Path, kind: type[F]) -> F:
 
     Args:
         path: of model.yaml, or of the folder `model`, or of the results, that it lies in.
-        kind: class of the model.
 
     Raises:
         ModelError: when the file, or that of its covariance, cannot be read, is of another schema,
@@ -143,8 +141,6 @@ def model_from_plain(
     """Return the model that `model_to_plain` described.
 
     Args:
-        content: what it returned.
-        kind: class of the model.
         where: file and place, for messages.
         covariance: (k, k) of the parameters, or None.
 

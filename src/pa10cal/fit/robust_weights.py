@@ -97,9 +97,6 @@ def weighted_rows(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) 
     """Weigh the rows of a problem.
 
     Args:
-        problem: the model and what was seen.
-        rows: of the problem at some point.
-        scatter: beyond the stated uncertainty.
         robust: whether poses far outside the scatter weigh less.
     """
     whitener = _whitener(problem, scatter.size)
@@ -214,11 +211,7 @@ def refreshed(
     all, where the weight alone would let them widen the scatter without bound.
 
     Args:
-        problem: the model and what was seen.
-        rows: of the problem.
-        weighted: the same, weighted with the scatter so far.
         parts: (k, r) of which A A^T is the covariance of the unknowns.
-        before: the scatter so far.
     """
     leverage = np.zeros(weighted.residual.shape)
     for at, columns in problem.measured.parts_seen:
@@ -275,7 +268,6 @@ class Tails:
         """Return the distribution of deviates (N,).
 
         Args:
-            deviates: about zero.
             surely: standard errors by which tails may be heavier than they were found.
         """
         sizes = np.abs(deviates)

@@ -168,8 +168,6 @@ def refined(
     """Refine a guess, holding what of the targets the base can mimic.
 
     Args:
-        problem: what was seen.
-        guess: where to set out.
         roughly: whether to stop where it is clear which of several guesses leads lowest.
 
     Returns:

@@ -201,7 +201,6 @@ def one_by_one(
 
     Args:
         criterion: of the candidates; with these poses afterwards, and no others.
-        most: how many are wanted.
         among: candidates to choose from; None for all.
 
     Returns:
@@ -227,7 +226,6 @@ def exchange(
     most by: often itself. No candidate is chosen twice.
 
     Args:
-        criterion: of the candidates; with the poses chosen afterwards.
         start: (n,) candidates to set out with.
         most_sweeps: bound on the turns through all poses.
     """

@@ -177,11 +177,7 @@ class Instrument(ABC):
         """
 
     def end_poses(self, T_instr_ee: Array) -> Array:
-        """Return poses of the end of the chain (P, 4, 4): as measured where they are, else these.
-
-        Args:
-            T_instr_ee: (P, 4, 4) predicted.
-        """
+        """Return poses of the end of the chain (P, 4, 4): as measured where they are, else these."""
         return T_instr_ee
 
     def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
@@ -274,7 +270,6 @@ class Instrument(ABC):
 
         Args:
             T_base_ee: (P, 4, 4) nominal end-effector [m].
-            used: poses to fit.
             weights: weight of the squared residuals of each.
 
         Raises:
@@ -335,11 +330,7 @@ class Instrument(ABC):
     @classmethod
     @abstractmethod
     def raw_columns(cls, header: Sequence[str]) -> RawColumns:
-        """Return the columns of `files.poses` that hold what it measured.
-
-        Args:
-            header: all columns that the file has.
-        """
+        """Return the columns of `files.poses` that hold what it measured."""
 
     @classmethod
     def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:  # noqa: ARG003
@@ -357,10 +348,8 @@ class Instrument(ABC):
         """Read P rows of `files.poses`.
 
         Args:
-            columns: from `raw_columns`.
             values: (P, k) what the columns hold, nan where left blank.
             u: (P, k) standard uncertainties, nan where not stated.
-            stated: what the campaign's description states.
         """
 
 

@@ -146,7 +146,6 @@ class Pose(Instrument):
         """Return where the targets were, and how the pose was made of them.
 
         Args:
-            T_instr_ee: not needed: the poses are measured.
             targets_m: (t,) stated places of the balls of an apparatus; not needed without one.
         """
         R, origin = self.T_instr_target[:, :3, :3], self.T_instr_target[:, :3, 3]

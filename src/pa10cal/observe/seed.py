@@ -38,12 +38,7 @@ def locate_base(
     """Find base frame and targets.
 
     Args:
-        every: single readings of all kinds.
-        arm: the nominal arm.
-        options: what straight moves must satisfy.
         where: the table that the readings are of, for messages.
-        campaign: its name.
-        provenance: its provenance.
 
     Raises:
         CalibrationError: when there is one straight move only, one is too short or bent, or the

@@ -131,7 +131,6 @@ class Touched(Pose):
         """Return where the balls were; see `Pose.readout`.
 
         Args:
-            T_instr_ee: not needed: the poses are measured.
             targets_m: (t,) stated places of the balls; none to take them from the readings.
         """
         if not len(targets_m):

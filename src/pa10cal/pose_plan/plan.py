@@ -106,7 +106,6 @@ def plan_poses(
     """Choose poses to measure.
 
     Args:
-        arm: the nominal arm.
         instrument: what measures, a word of docs/instruments.md.
         poses: N, how many.
         options: where arm and instrument may be, and what is measured; None for the defaults.
@@ -148,8 +147,6 @@ def _choose(rows: Expected, poses: int, effects: float) -> tuple[Index, tuple[fl
     about the effects once the model is projected out, each a parameter on average.
 
     Args:
-        rows: of the candidates.
-        poses: how many.
         effects: part that the effects count, 0 to 1.
     """
     k, every = rows.unknowns, rows.white.shape[2]
