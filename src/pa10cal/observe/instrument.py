@@ -177,7 +177,7 @@ class Instrument(ABC):
         """
 
     def end_poses(self, T_instr_ee: Array) -> Array:
-        """Return poses of the end of the chain (P, 4, 4): as measured where they are, else these."""
+        """Return poses of the end of the chain (P, 4, 4): measured where they are, else these."""
         return T_instr_ee
 
     def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
