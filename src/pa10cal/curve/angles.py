@@ -1,12 +1,9 @@
 """Joint angles between links, and back: two turns about axes that are square to each other.
 
-A link's frame has x along the link. From one to the next it turns about z by a and about the new y
-by b (`zy`), F_i = F_{i-1} R_z(a) R_y(b), or the other way round (`yz`), by R_y(b) R_z(a). With the
-next direction d in the frame before it, `zy` has a = atan2(d_y, d_x), b = atan2(-d_z, hypot(d_x,
-d_y)), so that |b| <= 90 degrees; `yz` has b = atan2(-d_z, d_x), a = atan2(d_y, hypot(d_x, d_z)).
+With the next direction d in the frame before it, `zy` of docs/curve.md has a = atan2(d_y, d_x),
+b = atan2(-d_z, hypot(d_x, d_y)); `yz` has b = atan2(-d_z, d_x), a = atan2(d_y, hypot(d_x, d_z)).
 The axis of the second turn is then square to the directions before and after the first: it is all
-of the frame that has to be carried along the chain, and the roll of the first link about itself is
-all that is free.
+of the frame that has to be carried along the chain.
 """
 
 from __future__ import annotations

@@ -1,10 +1,4 @@
-"""What must be known of a curve so that no crossing on it is missed.
-
-A curve is a place and a velocity as functions of any parameter t, not only of arc length, with
-bounds that hold in cells of t: how slow and how fast the place moves, how much its velocity can
-change, how fast its tangent can turn. They are what makes a search for the first point at a
-distance certain: the distance from a point cannot change faster than arc length grows.
-"""
+"""Curves, and what must be known of one so that no crossing on it is missed (docs/curve.md)."""
 
 from __future__ import annotations
 
@@ -280,11 +274,8 @@ def _finite(name: str, value: float, *, above_zero: bool = False) -> float:
     return value
 
 
-# Curves that are polynomials piece by piece: splines through points, and polylines.
-#
-# Their bounds are exact in kind: a polynomial in Bernstein form lies between its smallest and its
-# largest coefficient, so speed, acceleration and turning are bounded by coefficients of r'^2, r''
-# and r' x r'', cell by cell.
+# Curves that are polynomials piece by piece: splines through points, and polylines. A polynomial in
+# Bernstein form lies between its smallest and its largest coefficient.
 
 #: Cells a piece, and parts of a cell that is cut again: bounds get tighter with more of them.
 _CELLS_A_PIECE = 4

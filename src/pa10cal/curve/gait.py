@@ -1,8 +1,4 @@
-"""Shapes that move: joint angles over time, each frame's roll chosen with regard to the last.
-
-The frame of the first link is carried from one shape to the next, its z staying as near as it can
-to where it was, and the roll is counted from there: it does not jump where a bend changes sides.
-"""
+"""Shapes that move: joint angles over time, each frame's roll chosen with regard to the last."""
 
 from __future__ import annotations
 

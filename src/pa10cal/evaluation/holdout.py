@@ -135,13 +135,9 @@ def constant_tool_twist(R_predicted: Array, R_measured: Array) -> results.ToolTw
     )
 
 
-# A campaign in which instrument or base moved at once: a base for every part of it.
-#
-# Where a model is judged in another campaign, its base is fitted there. If the instrument was
-# knocked half way, no one base fits, and the knock would count as an error of the model. The
-# verdict's search in time (`discovery.in_time`) looks at what the carried model leaves of the
-# calibration poses, base and tool fitted; held-out poses have no part in it. Where it tells a step
-# as a fact, every part has a base of its own and all have one tool.
+# A campaign in which instrument or base moved at once: a base for every part of it, one tool. The
+# search in time (`discovery.in_time`) looks at what the carried model leaves of the calibration
+# poses; held-out poses have no part in it.
 
 #: Calibration poses of a part, and components seen in them, from which on it has its own base.
 _LEAST_POSES = 10

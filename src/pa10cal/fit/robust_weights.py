@@ -234,11 +234,8 @@ def refreshed(
     return Scatter(sizes, before.stated, dof)
 
 
-# How far residuals lie outside what their own distribution makes, tails and all.
-#
-# Right data may have heavy tails. Their heaviness is read off the bulk, where a few wrong readings
-# do not show, as degrees of freedom of Student's t: the largest of many such deviates is known
-# then.
+# How far residuals lie outside what their own distribution makes: the heaviness of right data's
+# tails is read off the bulk, where a few wrong readings do not show.
 
 #: Probability that any of many right deviates, whatever their tails, is called wrong.
 ACCUSED_RATE = 1e-4

@@ -1,10 +1,8 @@
 """Base frame and target on the end-effector from what an instrument saw: closed form, then refined.
 
 With the nominal model's T_base_ee of every pose these solve T_instr_target = T_instr_base T_base_ee
-T_ee_target for the two constant frames, whatever they are: the start of a calibration whose
-instrument is anywhere and measures a target that is anywhere. Geometry that is a little wrong is
-averaged over. What of the target's place the base frame can mimic (its height, where all
-orientations differ by turns about one axis) these poses leave open: it is held as stated and named.
+T_ee_target for the two constant frames. What of the target's place the base frame can mimic (its
+height, where all orientations differ by turns about one axis) is held as stated and named.
 """
 
 from __future__ import annotations
@@ -28,8 +26,6 @@ from pa10cal.numerics.least_squares import (
     descend,
     split_identified,
 )
-
-# Base frame and places of targets by least squares from a start; see `frame.hand_eye`.
 
 #: How far from the target an error of orientation counts as the error of position it makes there.
 LEVER_M = 0.5
