@@ -77,7 +77,6 @@ def test_any_base_and_any_places_are_recovered_from_points(seed, count, targets)
     found = hand_eye_from_points(T_base_ee, p_instr_m)
     np.testing.assert_allclose(found.T_instr_base, T_instr_base, atol=1e-8)
     np.testing.assert_allclose(found.T_ee_targets[:, :3, 3], p_ee_m, atol=1e-8)
-    np.testing.assert_array_equal(np.isnan(found.residuals_m), np.isnan(p_instr_m))
     np.testing.assert_allclose(
         found.targets(T_base_ee)[..., :3, 3], seen(T_instr_base, T_base_ee, p_ee_m), atol=1e-8
     )
@@ -93,7 +92,6 @@ def test_residuals_are_those_of_the_frames_returned(seed):
     found = hand_eye_from_poses(T_base_ee, T)
     modelled = found.targets(T_base_ee)[:, 0]
     off = np.linalg.norm(T[:, :3, 3] - modelled[:, :3, 3], axis=1)
-    np.testing.assert_allclose(np.linalg.norm(found.residuals_m[:, 0], axis=1), off, atol=1e-12)
     assert found.rms_m == pytest.approx(np.sqrt(np.mean(off**2)))
     turn = Rotation.from_matrix(T[:, :3, :3] @ np.swapaxes(modelled[:, :3, :3], 1, 2)).magnitude()
     assert found.rms_rad == pytest.approx(np.sqrt(np.mean(turn**2)), abs=1e-12)
@@ -146,9 +144,8 @@ def test_turns_about_one_axis_leave_the_height_of_the_target_open():
     np.testing.assert_allclose(found.T_instr_base[:3, :3], T_instr_base[:3, :3], atol=1e-9)
     np.testing.assert_allclose(found.T_ee_targets[0, 2, 3], 0.0, atol=1e-12)
     np.testing.assert_allclose(found.T_ee_targets[0, :2], T_ee_target[:2], atol=1e-9)
-    stated = np.eye(4)
-    stated[2, 3] = T_ee_target[2, 3]
-    again = hand_eye_from_poses(T_base_ee, T, stated)
+    p_instr_m, stated_m = T[:, None, :3, 3], np.array([[0.0, 0.0, T_ee_target[2, 3]]])
+    again = hand_eye_from_points(T_base_ee, p_instr_m, stated_m)
     np.testing.assert_allclose(again.T_instr_base, T_instr_base, atol=1e-9)
 
     p_ee_m = rng.uniform(-0.2, 0.2, (2, 3))

@@ -36,12 +36,6 @@ def pose_error(T_predicted: Array, T_measured: Array) -> PoseError:
     return PoseError(T_predicted[:, :3, 3] - T_measured[:, :3, 3], 2.0 * vector, by_rotation)
 
 
-def angle_rad(error: PoseError) -> Array:
-    """Return the angle of the orientation difference, (P,)."""
-    half_chord: Array = np.linalg.norm(error.chord, axis=1) / 2.0
-    return 2.0 * np.arcsin(np.minimum(half_chord, 1.0))
-
-
 def cross_matrix(vector: Array) -> Array:
     """Return the matrices [v]x (..., 3, 3) with [v]x u = v × u."""
     matrix = np.zeros((*vector.shape, 3))

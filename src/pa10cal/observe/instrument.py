@@ -216,9 +216,10 @@ class Instrument(ABC):
         return np.zeros((*self.components_seen.shape, 0))
 
     @property
-    @abstractmethod
     def components_seen(self) -> NDArray[np.bool_]:
         """Return which of the b components of a comparison were measured in each pose, (P, b)."""
+        count, targets, axes = self.places_m.shape
+        return np.isfinite(self.places_m).reshape(count, targets * axes)
 
     @property
     @abstractmethod
@@ -314,9 +315,10 @@ class Instrument(ABC):
         """
 
     @property
-    @abstractmethod
     def spread_mm(self) -> float:
         """Return how far the measured places or distances spread about their middle, rms."""
+        places_m = self.places_m.reshape(-1, self.places_m.shape[2])
+        return 1e3 * float(np.sqrt(np.sum(np.nanvar(places_m, axis=0))))
 
     @classmethod
     @abstractmethod

@@ -150,11 +150,6 @@ class Points(Instrument):
 
     @property
     @override
-    def components_seen(self) -> NDArray[np.bool_]:
-        return np.isfinite(self.p_instr_m).reshape(len(self), 3 * len(self.names))
-
-    @property
-    @override
     def stated_covariance(self) -> Array:
         count, targets = self.p_instr_m.shape[:2]
         cov = np.zeros((count, targets, 3, targets, 3))
@@ -225,11 +220,6 @@ class Points(Instrument):
             (each_mm.sum(axis=1) / times[:, None]) @ T_instr_base[:3, :3],
             None,
         )
-
-    @property
-    @override
-    def spread_mm(self) -> float:
-        return 1e3 * float(np.sqrt(np.sum(np.nanvar(self.p_instr_m.reshape(-1, 3), axis=0))))
 
     @classmethod
     @override

@@ -260,11 +260,6 @@ class Pose(Instrument):
             np.degrees(error.chord * stretch[:, None]) @ to_base,
         )
 
-    @property
-    @override
-    def spread_mm(self) -> float:
-        return 1e3 * float(np.sqrt(np.sum(np.var(self.T_instr_target[:, :3, 3], axis=0))))
-
     @classmethod
     @override
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:

@@ -16,12 +16,11 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.straight_lines import LineSeed, StraightLine, seed_from_lines
+from pa10cal.frame.straight_lines import LineSeed, seed_from_lines
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.quantities import Located
 from pa10cal.options import BaseFrameOptions
-from pa10cal.results import calibration as records
 from pa10cal.results.calibration import BaseFrameRecord
 
 UNLOADED = "grid poses at the lowest load"
@@ -102,8 +101,8 @@ def _line_record(
         **_frame(seed.T_instr_base),
         x_direction_u_rad=seed.line_x.direction_u_rad,
         y_direction_u_rad=seed.line_y.direction_u_rad,
-        line_x=_line(seed.line_x),
-        line_y=_line(seed.line_y),
+        line_x=seed.line_x,
+        line_y=seed.line_y,
         angle_between_lines_deg=math.degrees(seed.angle_rad),
         origin_scatter_mm=1e3 * seed.origin_scatter_m,
         origin_poses=seed.origin_poses,
@@ -146,16 +145,6 @@ def _leading(measured: Instrument) -> Instrument:
     """Return what was measured in the first campaign of a group whose instrument has directions."""
     parts = [part for _, part in measured.campaigns]
     return next((part for part in parts if part.directional), parts[0])
-
-
-def _line(found: StraightLine) -> records.StraightLine:
-    return records.StraightLine(
-        direction_instr=found.direction_instr,
-        direction_u_rad=found.direction_u_rad,
-        length_mm=1e3 * found.length_m,
-        bend_rms_mm=1e3 * found.bend_rms_m,
-        points=found.points,
-    )
 
 
 def _frame(T_instr_base: Array) -> dict[str, Array]:
