@@ -24,7 +24,6 @@ from pa10cal.results.health import InputFinding
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.term import Term
-from pa10cal.yaml_file import read_yaml
 
 F = TypeVar("F", bound=Fitted)
 
@@ -60,28 +59,6 @@ def save_model(model: Fitted, path: Path, **about: Any) -> None:
         place.write_text(text, encoding="utf-8", newline="\n")
 
 
-def read_model(path: str | Path, kind: type[F]) -> F:
-    """Read a fitted model; without the file of its covariance it predicts without uncertainty.
-
-    Args:
-        path: of model.yaml, or of the folder `model`, or of the results, that it lies in.
-
-    Raises:
-        ModelError: when the file, or that of its covariance, cannot be read, is of another schema,
-            or lacks a key.
-        TermError: when it has a term that is not known.
-    """
-    path = file_of(Path(path))
-    content = read_yaml(
-        path,
-        ModelError,
-        what="the model cannot be read",
-        allowed="a model.yaml that this package wrote",
-        remedy="correct the path, or write the model again",
-    )
-    return model_from_plain(content, kind, where=str(path), covariance=covariance_beside(path))
-
-
 def file_of(path: Path) -> Path:
     """Return the file of a model: itself, or in a folder `model` or the results that hold one."""
     if not path.is_dir():
@@ -98,7 +75,7 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
         head["suspicions"] = [
             {key: getattr(each, key) for key in _SUSPICION} for each in suspicions
         ]
-    content: dict[str, Any] = {
+    return {
         "schema": SCHEMA,
         "robot": model.arm.name,
         "grade": model.grade or None,
@@ -132,7 +109,6 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
         },
         "covariance": None,
     }
-    return content
 
 
 def model_from_plain(

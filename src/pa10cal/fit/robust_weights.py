@@ -312,14 +312,13 @@ def far_from_prediction(
     white = by_stated(poses, left)
     far = np.zeros(len(poses), dtype=bool)
     for _, at in poses.measured.component_kinds:
-        of_fitted, own = _tails(usual, fitted, at), _tails(white, poses, at)
-        scale = max(of_fitted.scale, own.scale, LEAST_STATED)
-        white[:, at] /= scale
         seen = components_seen(poses, at)
-        both = np.concatenate(
-            [white[:, at][seen], usual[:, at][components_seen(fitted, at)] / scale]
+        of_fitted, own = usual[:, at][components_seen(fitted, at)], white[:, at][seen]
+        scale = max(Tails.of(of_fitted).scale, Tails.of(own).scale, LEAST_STATED)
+        white[:, at] /= scale
+        limit = Tails.of(np.concatenate([white[:, at][seen], of_fitted / scale])).largest(
+            ACCUSED_RATE, int(seen.sum())
         )
-        limit = Tails.of(both).largest(ACCUSED_RATE, int(seen.sum()))
         far |= np.abs(np.where(seen, white[:, at], 0.0)).max(axis=1, initial=0.0) > limit
     return far & ~confirmed(poses, left, np.flatnonzero(far)), white
 
@@ -354,7 +353,3 @@ def by_stated(readings: Observations, values: Array) -> Array:
 def components_seen(readings: Observations, at: slice) -> Mask:
     """Return which of some components of readings were seen."""
     return np.asarray(readings.measured.components_seen[:, at])
-
-
-def _tails(white: Array, readings: Observations, at: slice) -> Tails:
-    return Tails.of(white[:, at][components_seen(readings, at)])
