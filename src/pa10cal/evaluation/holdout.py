@@ -77,7 +77,7 @@ def judged(
             None where it has learnt nothing that stops there.
         suspected: (P,) which of them have a suspected reading; None for none.
     """
-    found = model.deviations(held_out)
+    found, labels = model.deviations(held_out), np.unique(held_out.pose)
 
     def errors(rows: NDArray[np.bool_] | None) -> results.Accuracy | None:
         return summarise(found.take(rows)) if rows is not None and rows.any() else None
@@ -86,7 +86,8 @@ def judged(
         **dict(summarise(found)),
         per_load=summarise_by_load(found, held_out.states.load_N),
         per_point={
-            str(label): summarise(found.take(held_out.pose == label)) for label in _points(held_out)
+            str(label): summarise(found.take(held_out.pose == label))
+            for label in (labels if len(labels) <= _MOST_POINTS else ())
         },
         tool_twist=_twist(model, held_out),
         inside=errors(None if extrapolated is None else ~extrapolated),
@@ -101,11 +102,6 @@ def judged(
             extrapolated=extrapolated,
         ),
     )
-
-
-def _points(held_out: Observations) -> NDArray[np.str_]:
-    labels = np.unique(held_out.pose)
-    return labels if len(labels) <= _MOST_POINTS else labels[:0]
 
 
 def _twist(model: FittedModel, held_out: Observations) -> results.ToolTwist | None:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.numerics.least_squares import (
     COST_TOLERANCE,
     OPEN,
@@ -247,30 +247,9 @@ MOST_POSES = 300
 LEAST_SPREAD_M = 1e-3
 
 
-@dataclass(frozen=True)
-class HandEye:
-    """Base frame and targets, from B targets that were seen."""
-
-    T_instr_base: Array  # (4, 4) instrument from base [m]
-    # (3,) standard uncertainty of the directions of the base's x, y and z, per axis across each,
-    # taking the residuals as independent
-    axis_u_rad: Array
-    # (B, 4, 4) end-effector from target [m]; the orientation is the identity where only positions
-    # were seen
-    T_ee_targets: Array
-    rms_m: float  # root mean square distance of seen from modelled positions
-    rms_rad: float  # root mean square angle between seen and modelled orientations
-    # directions of the targets that the poses do not identify, held as stated
-    held: tuple[str, ...]
-
-    def targets(self, T_base_ee: Array) -> Array:
-        """Return where the targets are in the instrument's frame, (P, B, 4, 4) [m]."""
-        return np.asarray(self.T_instr_base @ T_base_ee[:, None] @ self.T_ee_targets)
-
-
 def hand_eye_from_poses(
     T_base_ee: Array, T_instr_target: Array, weights: Array | None = None
-) -> HandEye:
+) -> Located:
     """Solve T_instr_target = T_instr_base T_base_ee T_ee_target for the constant frames.
 
     Rotations start from the dominant singular vectors of the sum of Kronecker products of measured
@@ -320,7 +299,7 @@ def hand_eye_from_points(
     p_ee_stated_m: Array | None = None,
     weights: Array | None = None,
     names: Sequence[str] | None = None,
-) -> HandEye:
+) -> Located:
     """Solve p_instr = T_instr_base (T_base_ee p_ee) for the base frame and the places of B targets.
 
     Carried into the base frame the equations are linear in a general matrix in the place of the
@@ -365,7 +344,7 @@ def hand_eye_from_points(
 
 def _best(
     problem: TargetProblem, starts: Sequence[tuple[Array, Array]], names: list[str]
-) -> HandEye:
+) -> Located:
     """Refine every start, given as the rotations of base and target, and return the best.
 
     Some of the poses decide which is best.
@@ -376,21 +355,23 @@ def _best(
     if split.unidentified.size:
         best = replace(best, p_ee_m=problem.p_ee_stated_m)
     guess, at, split = refined(problem, best)
-    targets, turning = problem.shape[1], len(problem.R_cmm)
+    turning = len(problem.R_cmm)
     residuals_m, residuals_rad = _residuals(problem, guess, problem.in_base(guess.p_ee_m))
     T_instr_base = np.eye(4)
     T_instr_base[:3, :3], T_instr_base[:3, 3] = guess.R_instr_base, guess.p_instr_base_m
-    T_ee_targets = np.tile(np.eye(4), (targets, 1, 1))
-    T_ee_targets[:, :3, :3], T_ee_targets[:, :3, 3] = guess.R_ee_target, guess.p_ee_m
     spare = max(len(at.residual) - at.by_step.shape[1], 1)
     covariance = np.linalg.pinv(at.by_step.T @ at.by_step)[3:6, 3:6] * at.cost / spare
     across = (np.trace(covariance) - np.diag(covariance)) / 2.0
-    return HandEye(
+    T_ee_target = np.eye(4)
+    T_ee_target[:3, :3], T_ee_target[:3, 3] = guess.R_ee_target, guess.p_ee_m[0]
+    return Located(
         T_instr_base=T_instr_base,
+        scatter_m=_rms(residuals_m, problem.weights[problem.pose]),
+        poses=problem.shape[0],
         axis_u_rad=np.sqrt(across),
-        T_ee_targets=T_ee_targets,
-        rms_m=_rms(residuals_m, problem.weights[problem.pose]),
-        rms_rad=_rms(residuals_rad, problem.weights) if turning else 0.0,
+        scatter_rad=_rms(residuals_rad, problem.weights) if turning else None,
+        T_ee_target=T_ee_target if turning else None,
+        p_ee_targets_m=None if turning else guess.p_ee_m,
         held=tuple(_said(direction, names) for direction in split.unidentified.T),
     )
 

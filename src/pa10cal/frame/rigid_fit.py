@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -214,18 +215,43 @@ def _refuse_lines(offsets: Array, where: str) -> None:
 
 
 @dataclass(frozen=True)
-class NominalSeed:
-    """The base frame in the instrument's frame, from positions of the nominal model."""
+class Located:
+    """Base frame and targets, found with the nominal arm."""
 
-    T_instr_base: Array  # (4, 4) instrument from base [m]
-    # (3,) standard uncertainty of the directions of x, y and z, per axis across each, taking the
-    # residuals as independent
-    axis_u_rad: Array
-    residual_rms_m: float  # root mean square distance of measured from modelled positions
-    poses: int  # poses fitted
+    T_instr_base: Array  # (4, 4) base in the instrument's frame [m]
+    scatter_m: float  # root mean square of the residuals, positions or distances
+    poses: int  # how many it rests on
+    # (3,) standard uncertainty of the directions of the base's axes, per axis across each, taking
+    # the residuals as independent; None where the instrument has no directions
+    axis_u_rad: Array | None = None
+    # root mean square angle between measured and modelled orientations; None where none is measured
+    scatter_rad: float | None = None
+    # (4, 4) the one target whose orientation is measured; None where it is the end-effector itself,
+    # or there is none
+    T_ee_target: Array | None = None
+    # (B, 3) places of targets, in the order of their names
+    p_ee_targets_m: Array | None = None
+    # (4, 4) `T_ee_target` of each campaign of a group, by its name
+    T_ee_target_of: Mapping[str, Array] = field(default_factory=dict)
+    # directions of the targets that the poses do not determine, held as stated
+    held: tuple[str, ...] | None = None
+    # whether the places of the targets are stated; None where it does not matter
+    stated: bool | None = None
+
+    @property
+    def T_ee_targets(self) -> Array:
+        """Return the targets in the end-effector frame, (B, 4, 4) [m], not turned where none is."""
+        if self.T_ee_target is not None:
+            return self.T_ee_target[None]
+        places_m = np.zeros((0, 3)) if self.p_ee_targets_m is None else self.p_ee_targets_m
+        return _homogeneous(np.tile(np.eye(3), (len(places_m), 1, 1)), places_m)
+
+    def targets(self, T_base_ee: Array) -> Array:
+        """Return where the targets are in the instrument's frame, (P, B, 4, 4) [m]."""
+        return np.asarray(self.T_instr_base @ T_base_ee[:, None] @ self.T_ee_targets)
 
 
-def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> NominalSeed:
+def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> Located:
     """Fit the base frame to measured positions and those of the nominal model.
 
     Args:
@@ -253,7 +279,7 @@ def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> NominalSeed:
     axes = fit.T[:3, :3]
     along = np.einsum("ik,ij,jk->k", axes, turning, axes)
     across = (np.trace(turning) - along) / 2.0
-    return NominalSeed(fit.T, np.sqrt(across), float(fit.rms), count)
+    return Located(fit.T, float(fit.rms), count, np.sqrt(across))
 
 
 # How far the nominal model moves for one measured length: the unit of what was measured.

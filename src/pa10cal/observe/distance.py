@@ -17,12 +17,11 @@ from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
 from pa10cal.frame.ranging import range_from_distances
-from pa10cal.frame.rigid_fit import scale_of_distances
+from pa10cal.frame.rigid_fit import Located, scale_of_distances
 from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import (
     Comparison,
     Deviations,
-    Located,
     Misfit,
     RawColumns,
     Stated,

@@ -20,12 +20,11 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index
-from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.observe.quantities import (
     AXES,
     Comparison,
     Deviations,
-    Located,
     Misfit,
     RawColumns,
     Rows,

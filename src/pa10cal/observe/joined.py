@@ -18,13 +18,13 @@ from typing_extensions import override
 from pa10cal.arm.statics import ObservedTargets, PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.errors import CalibrationError
+from pa10cal.frame.rigid_fit import Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import (
     Comparison,
     Deviations,
-    Located,
     Misfit,
     Rows,
     Start,
