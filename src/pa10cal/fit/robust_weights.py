@@ -183,22 +183,15 @@ def _whitener(problem: Problem, scatter: dict[str, float]) -> Array:
     return whitener
 
 
-def _stated_sizes(problem: Problem) -> dict[str, float]:
-    """Return the stated standard uncertainty of each kind, on average."""
-    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
-    return {
-        kind: float(np.sqrt(variances[:, rows][problem.components_seen[:, rows]].mean()))
-        for kind, rows in problem.measured.component_kinds
-    }
-
-
 def first_scatter(problem: Problem, rows: Rows) -> Scatter:
     """Return a scatter to start with, estimated at the start and robust to outliers."""
-    found = {}
+    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
+    found, stated = {}, {}
     for kind, columns in problem.measured.component_kinds:
-        size = np.abs(rows.residual[:, columns][problem.components_seen[:, columns]])
-        found[kind] = float(np.median(size) / 0.6745)
-    return Scatter(found, _stated_sizes(problem), dict.fromkeys(found, 0.0))
+        seen = problem.components_seen[:, columns]
+        found[kind] = float(np.median(np.abs(rows.residual[:, columns][seen])) / 0.6745)
+        stated[kind] = float(np.sqrt(variances[:, columns][seen].mean()))
+    return Scatter(found, stated, dict.fromkeys(found, 0.0))
 
 
 def refreshed(

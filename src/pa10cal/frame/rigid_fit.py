@@ -58,8 +58,7 @@ class RigidFit:
     """The rigid motion that carries points of a source frame onto points of a target frame."""
 
     T: Array  # (..., 4, 4) target from source, in the points' length unit
-    residuals: Array  # (..., k, 3) target point minus carried source point
-    rms: Array  # (...) root mean square distance, weighted as the fit was
+    rms: Array  # (...) root mean square distance of target from carried source points
 
 
 @dataclass(frozen=True)
@@ -74,20 +73,17 @@ class WeightedRigidFit:
 
     T: Array  # (B, 4, 4) target from source, in the points' length unit
     covariance: Array  # (B, 6, 6) of (dp, w) [length², length rad, rad²]
-    chi_square: Array  # (B,) weighted sum of squared residuals
-    residuals: Array  # (B, k, 3) target point minus carried source point
 
 
-def fit_rigid(source: Array, target: Array, weights: Array | None = None) -> RigidFit:
+def fit_rigid(source: Array, target: Array) -> RigidFit:
     """Fit a rotation and a translation by least squares (singular value decomposition).
 
     Args:
         source: (..., k, 3) points in the source frame; leading dimensions broadcast.
         target: (..., k, 3) the same points in the target frame.
-        weights: (..., k) non-negative weights of the squared distances; None for equal ones.
 
     Returns:
-        The proper rotation (never a reflection) and translation of least weighted distance.
+        The proper rotation (never a reflection) and translation of least squared distance.
 
     Raises:
         CalibrationError: when either set lies on one line or in one point.
@@ -95,22 +91,17 @@ def fit_rigid(source: Array, target: Array, weights: Array | None = None) -> Rig
     source, target = np.broadcast_arrays(
         np.asarray(source, dtype=float), np.asarray(target, dtype=float)
     )
-    w = np.ones(source.shape[:-1]) if weights is None else np.asarray(weights, dtype=float)
-    w = np.broadcast_to(w, source.shape[:-1])[..., None]
-    total = w.sum(axis=-2)
-    source_mean = (w * source).sum(axis=-2) / total
-    target_mean = (w * target).sum(axis=-2) / total
+    source_mean, target_mean = source.mean(axis=-2), target.mean(axis=-2)
     source_off = source - source_mean[..., None, :]
     target_off = target - target_mean[..., None, :]
-    _refuse_lines(np.sqrt(w) * source_off, "source points")
-    _refuse_lines(np.sqrt(w) * target_off, "target points")
-    U, _, Vt = np.linalg.svd(np.swapaxes(target_off, -1, -2) @ (w * source_off))
+    _refuse_lines(source_off, "source points")
+    _refuse_lines(target_off, "target points")
+    U, _, Vt = np.linalg.svd(np.swapaxes(target_off, -1, -2) @ source_off)
     U[..., :, 2] *= np.linalg.det(U @ Vt)[..., None]
     R = U @ Vt
     p = target_mean - (R @ source_mean[..., None])[..., 0]
-    residuals = target - _carry(R, p, source)
-    square = (w[..., 0] * (residuals**2).sum(axis=-1)).sum(axis=-1)
-    return RigidFit(_homogeneous(R, p), residuals, np.sqrt(square / total[..., 0]))
+    square = ((target - _carry(R, p, source)) ** 2).sum(axis=-1)
+    return RigidFit(_homogeneous(R, p), np.sqrt(square.mean(axis=-1)))
 
 
 def fit_rigid_weighted(source: Array, target: Array, covariances: Array) -> WeightedRigidFit:
@@ -142,14 +133,7 @@ def fit_rigid_weighted(source: Array, target: Array, covariances: Array) -> Weig
         scale = np.maximum(1.0, np.abs(target).max(initial=0.0))
         if np.abs(step).max(initial=0.0) <= STEP_TOLERANCE * scale:
             break
-    residuals = target - _carry(R, p, source)
-    chi_square = np.einsum("bki,bkij,bkj->b", residuals, information, residuals)
-    return WeightedRigidFit(
-        T=_homogeneous(R, p),
-        covariance=np.linalg.inv(normal),
-        chi_square=chi_square,
-        residuals=residuals,
-    )
+    return WeightedRigidFit(T=_homogeneous(R, p), covariance=np.linalg.inv(normal))
 
 
 def pose_by_source(T: Array, target: Array, covariances: Array) -> Array:

@@ -448,17 +448,11 @@ def joined(
     return Observations(pose, states, measured, kind, repeat, readings, log)
 
 
-def to_first(own: Start, first: Start) -> Array:
-    """Return where the instrument of a campaign stands in the frame of the first, (4, 4)."""
-    T: Array = first.T_instr_base @ np.linalg.inv(own.T_instr_base)
-    return T
-
-
 def _placed(every: Observations, own: Start, first: Start) -> Observations[Instrument]:
     """Return readings with base and target where those of the first campaign are."""
     if own is first:
         return every
-    measured = every.measured.moved(to_first(own, first))
+    measured = every.measured.moved(first.T_instr_base @ np.linalg.inv(own.T_instr_base))
     return replace(every, measured=measured.turned(first.R_ee_target.T @ own.R_ee_target))
 
 
@@ -477,15 +471,11 @@ def _states(each: Sequence[PoseStates], campaign: Index) -> PoseStates:
     arrays: dict[str, Any] = {
         name: np.concatenate([getattr(states, name) for states in each]) for name in names
     }
-    return PoseStates(**arrays, campaign=campaign, timed=_timed(each))
-
-
-def _timed(each: Sequence[PoseStates]) -> NDArray[np.bool_] | None:
-    """Return which poses of all campaigns have a time; None where all do."""
-    if all(states.tells_time for states in each):
-        return None
-    known = [np.ones(len(s), dtype=bool) if s.timed is None else s.timed for s in each]
-    return np.concatenate(known)
+    timed = None  # which poses have a time; None where all do
+    if not all(states.tells_time for states in each):
+        known = [np.ones(len(s), dtype=bool) if s.timed is None else s.timed for s in each]
+        timed = np.concatenate(known)
+    return PoseStates(**arrays, campaign=campaign, timed=timed)
 
 
 def _log(logs: Sequence[JointLog | None]) -> JointLog | None:
