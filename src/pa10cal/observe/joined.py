@@ -306,7 +306,11 @@ class Joined(Instrument):
     @override
     def find_start(self, T_base_ee: Array) -> Start:
         starts = {p.name: p.part.find_start(T_base_ee[p.rows]) for p in self._shown}
-        return Start.of_group(starts, self._leading.name)
+        return replace(
+            starts[self._leading.name],
+            targets_m=np.concatenate([start.targets_m for start in starts.values()]),
+            p_ee_targets_of_m={name: start.p_ee_target_m for name, start in starts.items()},
+        )
 
     @override
     def scale(self, T_base_ee: Array) -> float | None:

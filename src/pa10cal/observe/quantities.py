@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -68,18 +68,6 @@ class Start:
     targets_m: Array  # (t,) places of targets in the end-effector frame, x, y, z of each
     # (3,) the same as `p_ee_target_m` for each campaign of a group, by name
     p_ee_targets_of_m: Mapping[str, Array] = field(default_factory=dict)
-
-    @staticmethod
-    def of_group(starts: Mapping[str, Start], leading: str) -> Start:
-        """Return where a fit of several campaigns starts.
-
-        Args:
-            starts: of each campaign by name, all in one frame.
-            leading: the campaign that gives base and orientation.
-        """
-        targets_m = np.concatenate([start.targets_m for start in starts.values()])
-        tools_m = {name: start.p_ee_target_m for name, start in starts.items()}
-        return replace(starts[leading], targets_m=targets_m, p_ee_targets_of_m=tools_m)
 
 
 @dataclass(frozen=True)
