@@ -250,7 +250,7 @@ def _arm_to_plain(model: Fitted) -> dict[str, Any]:
     arm = model.arm
     columns = {name: getattr(arm, name) for name in ROW_FIELDS}
     bends = {name for motion in model.model.chain.motions for name in [motion.coordinate]}
-    return {
+    plain: dict[str, Any] = {
         "name": arm.name,
         "title": arm.title,
         "convention": arm.convention,
@@ -267,8 +267,15 @@ def _arm_to_plain(model: Fitted) -> dict[str, Any]:
         ],
         "T_base_row1": arm.T_base_row1.tolist(),
         "T_row_n_flange": arm.T_row_n_ee.tolist(),
-        **({} if arm.weights_known is None else {"weights": _weights_to_plain(arm.weights_known)}),
     }
+    if (known := arm.weights_known) is not None:
+        plain["weights"] = {
+            "from": known.origin,
+            "why": known.why,
+            "mass_u": known.mass.tolist(),
+            "com_u_m": known.com_m.tolist(),
+        }
+    return plain
 
 
 def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
@@ -282,6 +289,10 @@ def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
         for name in ROW_FIELDS
         if weighed or name not in ("mass_kg", "com_m")
     }
+    known = None
+    if (weights := content.get("weights")) is not None:
+        mass, com_m = (np.array(weights[key], dtype=float) for key in ("mass_u", "com_u_m"))
+        known = WeightsKnown(weights["from"], mass, com_m, str(weights["why"]))
     return Arm(
         name=str(content["name"]),
         title=str(content["title"]),
@@ -289,24 +300,8 @@ def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
         **columns,
         T_base_row1=_frame(content["T_base_row1"], "T_base_row1"),
         T_row_n_ee=_frame(content["T_row_n_flange"], "T_row_n_flange"),
-        weights_known=_weights_from_plain(content.get("weights")),
+        weights_known=known,
     )
-
-
-def _weights_to_plain(known: WeightsKnown) -> dict[str, Any]:
-    return {
-        "from": known.origin,
-        "why": known.why,
-        "mass_u": known.mass.tolist(),
-        "com_u_m": known.com_m.tolist(),
-    }
-
-
-def _weights_from_plain(content: Mapping[str, Any] | None) -> WeightsKnown | None:
-    if content is None:
-        return None
-    mass, com_m = (np.array(content[key], dtype=float) for key in ("mass_u", "com_u_m"))
-    return WeightsKnown(content["from"], mass, com_m, str(content["why"]))
 
 
 def _fitted_to(content: Mapping[str, Any]) -> FittedTo:
