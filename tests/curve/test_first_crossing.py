@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
 from made_up_curves import scan, tight_spline
-from pa10cal.curve.curve import circle, parametric, polyline, spline_through
+from pa10cal.curve.curve import Curve, circle, polyline, spline_through, uniform_bounds
 from pa10cal.curve.points import first_crossing
 
 SPLINES = 1500
@@ -103,12 +103,10 @@ def test_a_fold_back_on_itself_is_no_obstacle():
 
 def test_a_cusp_is_passed():
     """Where the velocity vanishes no curvature is bounded."""
-    curve = parametric(
+    curve = Curve(
         lambda t: np.stack([t**3, t**2, 0 * t], axis=1),
         lambda t: np.stack([3 * t**2, 2 * t, 0 * t], axis=1),
-        (-1.0, 1.0),
-        fastest=np.sqrt(13.0),
-        acceleration=np.sqrt(40.0),
+        uniform_bounds(-1.0, 1.0, 0.0, fastest=np.sqrt(13.0), acceleration=np.sqrt(40.0)),
     )
     t, p_m = start_of(curve)
     found = first_crossing(curve, t, p_m, 1.2)
@@ -119,7 +117,7 @@ def test_a_cusp_is_passed():
 @settings(max_examples=40, deadline=None)
 def test_a_bound_of_the_speed_alone_finds_the_same(link_m, part):
     known = circle(1.0)
-    bare = parametric(known.place, known.velocity, (0.0, 2.0 * np.pi), fastest=1.7)
+    bare = Curve(known.place, known.velocity, uniform_bounds(0.0, 2.0 * np.pi, 0.0, fastest=1.7))
     t, p_m = start_of(known, part)
     found, slowly = first_crossing(known, t, p_m, link_m), first_crossing(bare, t, p_m, link_m)
     assert slowly.t == pytest.approx(found.t, rel=1e-12)

@@ -5,7 +5,7 @@ import pytest
 
 from pa10cal.curve.angles import first_axes
 from pa10cal.curve.curve import helix, serpenoid, spline_through
-from pa10cal.curve.gait import follow, given_rolls, small_angles, travelling
+from pa10cal.curve.gait import follow
 from pa10cal.curve.roll import JointLimits, RollMap, smallest_angle
 from pa10cal.errors import CurveError
 
@@ -19,17 +19,20 @@ def wriggling(phase):
     )
 
 
-def wriggle(frames, choose):
+def phases(time_s):
+    return 2.0 * np.pi * time_s / PERIOD_S
+
+
+def wriggle(frames, **chosen):
     time_s = np.linspace(0.0, PERIOD_S, frames + 1)
-    curves = travelling(wriggling, time_s, PERIOD_S)
-    return follow(curves, time_s, LINK_M, LINKS, choose)
+    return follow(list(map(wriggling, phases(time_s))), time_s, LINK_M, LINKS, **chosen)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("move_rad", [0.0, 0.2])
 def test_angles_over_time_are_continuous(move_rad):
     """Half the time between shapes, half the moves."""
-    coarse, fine = (wriggle(frames, small_angles(move_rad * 10.0 / frames)) for frames in (20, 80))
+    coarse, fine = (wriggle(frames, move_rad=move_rad * 10.0 / frames) for frames in (20, 80))
     assert fine.move_rad.max() < 0.35 * coarse.move_rad.max()
     np.testing.assert_array_equal(
         fine.move_rad,
@@ -42,7 +45,7 @@ def test_angles_over_time_are_continuous(move_rad):
 
 @pytest.mark.slow
 def test_the_roll_is_the_best_that_may_be_reached():
-    free, still = wriggle(30, small_angles(1.0)), wriggle(30, small_angles(0.0))
+    free, still = wriggle(30, move_rad=1.0), wriggle(30)
     for shape, points in enumerate(free.points):
         best = smallest_angle(RollMap.of(points.directions))
         reached = max(np.abs(free.a_rad[shape]).max(), np.abs(free.b_rad[shape]).max())
@@ -51,19 +54,19 @@ def test_the_roll_is_the_best_that_may_be_reached():
 
 
 def test_limits_are_kept_all_along_or_refused_with_the_time():
-    limit = 0.9 * max(np.abs(g).max() for g in (wriggle(20, small_angles()).b_rad,))
+    limit = 0.9 * max(np.abs(g).max() for g in (wriggle(20).b_rad,))
     limits = JointLimits.uniform(LINKS - 1, -limit - 0.1, limit + 0.1)
-    kept = wriggle(20, small_angles(0.05, limits))
+    kept = wriggle(20, move_rad=0.05, limits=limits)
     assert max(np.abs(kept.a_rad).max(), np.abs(kept.b_rad).max()) <= limit + 0.1 + 1e-9
     tight = JointLimits.uniform(LINKS - 1, -0.1, 0.1)
     with pytest.raises(CurveError, match=r"^time 0 s, joint \d+: no roll keeps"):
-        wriggle(20, small_angles(0.0, tight))
+        wriggle(20, limits=tight)
 
 
 def test_a_serpenoid_stays_flat_at_the_roll_given():
     time_s = np.linspace(0.0, PERIOD_S, 25)
-    curves = travelling(lambda phase: serpenoid(1.3, 1.5, 0.8, phase), time_s, PERIOD_S)
-    gait = follow(curves, time_s, LINK_M, LINKS, given_rolls(np.zeros(25)))
+    curves = [serpenoid(1.3, 1.5, 0.8, phase) for phase in phases(time_s)]
+    gait = follow(curves, time_s, LINK_M, LINKS, rolls_rad=np.zeros(25))
     np.testing.assert_allclose(gait.b_rad, 0.0, atol=1e-12)
     assert gait.move_rad.max() < 0.3  # z stays where it is when the first bend changes sides
     np.testing.assert_allclose(gait.a_rad[0], gait.a_rad[-1], atol=1e-9)
@@ -72,8 +75,7 @@ def test_a_serpenoid_stays_flat_at_the_roll_given():
 
 def test_a_rolling_helix_bends_every_joint_to_all_sides_in_turn():
     time_s = np.linspace(0.0, 2.0 * PERIOD_S, 81)
-    rolls = given_rolls(2.0 * np.pi * time_s / PERIOD_S)
-    gait = follow([helix(0.2, 0.4, 1.5)] * 81, time_s, LINK_M, LINKS, rolls)
+    gait = follow([helix(0.2, 0.4, 1.5)] * 81, time_s, LINK_M, LINKS, rolls_rad=phases(time_s))
     bend = RollMap.of(gait.points[0].directions).bend_rad
     np.testing.assert_allclose(bend, bend[0], atol=1e-9)
     assert gait.a_rad.max(axis=0) == pytest.approx(bend, rel=0.02)
@@ -91,4 +93,4 @@ def test_links_that_do_not_fit_are_refused_with_the_time():
     with pytest.raises(
         CurveError, match=r"time 1 s, links: the links do not fit .*; allowed: 8 at"
     ):
-        follow(curves, time_s, LINK_M, LINKS, small_angles())
+        follow(curves, time_s, LINK_M, LINKS)

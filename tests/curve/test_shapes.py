@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from pa10cal.curve.curve import circle, helix, line, parametric, serpenoid
+from pa10cal.curve.curve import circle, helix, line, serpenoid, uniform_bounds
 from pa10cal.errors import CurveError
 
 SHAPES = {
@@ -73,42 +73,9 @@ def test_measures_that_make_no_shape_are_refused(make, message):
         make()
 
 
-def parabola(**stated):
-    return parametric(
-        lambda t: np.stack([t, t**2, 0 * t], axis=1),
-        lambda t: np.stack([np.ones_like(t), 2 * t, 0 * t], axis=1),
-        **({"span": (0.0, 1.0), "fastest": 2.3} | stated),
-    )
-
-
 def test_a_callable_needs_a_bound_of_its_speed_only():
-    bounds = parabola().bounds
+    bounds = uniform_bounds(0.0, 1.0, 0.0, fastest=2.3)
     assert bounds.length_m[-1] == pytest.approx(2.3)
     assert np.isinf(bounds.turning_between(np.array([0.2, 0.3])))
     assert np.isinf(bounds.curvature_between(np.array([0.2, 0.3])))
-    assert np.isfinite(parabola(slowest=1.0, acceleration=2.0).bounds.curvature).all()
-
-
-@pytest.mark.parametrize(
-    ("stated", "message"),
-    [
-        ({"fastest": 2.0}, "the speed at parameter 0.8.* is outside its bounds"),
-        ({"slowest": 1.1}, "the speed at parameter 0 is outside its bounds"),
-        ({"fastest": 0.0}, "bounds of the speed"),
-        ({"span": (1.0, 1.0)}, "has no span"),
-        ({"span": (0.0, np.inf)}, "has no span"),
-    ],
-)
-def test_what_is_stated_of_a_callable_is_checked(stated, message):
-    with pytest.raises(CurveError, match=message):
-        parabola(**stated)
-
-
-def test_a_callable_that_is_not_finite_is_refused():
-    with pytest.raises(CurveError, match="a position of the curve is not finite"):
-        parametric(
-            lambda t: np.stack([t, np.where(t > 0.5, np.nan, t), t], axis=1),
-            lambda t: np.ones((len(t), 3)),
-            (0.0, 1.0),
-            2.0,
-        )
+    assert np.isfinite(uniform_bounds(0.0, 1.0, 1.0, 2.3, 2.0).curvature).all()

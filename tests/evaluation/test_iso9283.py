@@ -25,22 +25,22 @@ CAMPAIGN = SimpleNamespace(name="mine", provenance="made up", robot="pa10_6ce")
 
 def test_repeatability_of_positions_all_equally_far():
     p_m = 1e-3 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-    found = repeatability(p_m, None)
-    assert found.RP_mm == pytest.approx(1.0)  # every distance is 1 mm, so they do not scatter
-    assert found.RP_deg is None
+    RP_mm, RP_deg = repeatability(p_m, None)
+    assert RP_mm == pytest.approx(1.0)  # every distance is 1 mm, so they do not scatter
+    assert RP_deg is None
 
 
 def test_repeatability_of_positions_along_a_line():
     # Mean 1 mm; distances 1, 1, 1, 3 mm: mean 1.5, standard deviation 1; 1.5 + 3 x 1.
     p_m = 1e-3 * np.array([[0.0, 0, 0], [0, 0, 0], [0, 0, 0], [4, 0, 0]])
-    assert repeatability(p_m, None).RP_mm == pytest.approx(4.5)
+    assert repeatability(p_m, None)[0] == pytest.approx(4.5)
 
 
 def test_repeatability_of_angles_is_three_standard_deviations_about_each_axis():
     angles_deg = np.array([[0.0, 0, -0.1], [0, 0, 0], [0, 0, 0.1]])
     R = (Rotation.from_rotvec(angles_deg, degrees=True) * Rotation.random(rng=1)).as_matrix()
-    found = repeatability(np.zeros((3, 3)), R)
-    np.testing.assert_allclose(found.RP_deg, [0.0, 0.0, 0.3], atol=1e-6)
+    _, RP_deg = repeatability(np.zeros((3, 3)), R)
+    np.testing.assert_allclose(RP_deg, [0.0, 0.0, 0.3], atol=1e-6)
 
 
 def repeated(repeats, *, arrival=1.0):

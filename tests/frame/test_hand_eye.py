@@ -59,8 +59,8 @@ def test_any_base_and_any_tool_are_recovered_from_poses(seed, count, robot):
     found = hand_eye_from_poses(T_base_ee, T_instr_base @ T_base_ee @ T_ee_target)
     np.testing.assert_allclose(found.T_instr_base, T_instr_base, atol=1e-8)
     np.testing.assert_allclose(found.T_ee_targets, T_ee_target[None], atol=1e-8)
-    assert found.rms_m < 1e-9
-    assert found.rms_rad < 1e-9
+    assert found.scatter_m < 1e-9
+    assert found.scatter_rad < 1e-9
     assert found.held == ()
 
 
@@ -77,7 +77,6 @@ def test_any_base_and_any_places_are_recovered_from_points(seed, count, targets)
     found = hand_eye_from_points(T_base_ee, p_instr_m)
     np.testing.assert_allclose(found.T_instr_base, T_instr_base, atol=1e-8)
     np.testing.assert_allclose(found.T_ee_targets[:, :3, 3], p_ee_m, atol=1e-8)
-    np.testing.assert_array_equal(np.isnan(found.residuals_m), np.isnan(p_instr_m))
     np.testing.assert_allclose(
         found.targets(T_base_ee)[..., :3, 3], seen(T_instr_base, T_base_ee, p_ee_m), atol=1e-8
     )
@@ -93,10 +92,9 @@ def test_residuals_are_those_of_the_frames_returned(seed):
     found = hand_eye_from_poses(T_base_ee, T)
     modelled = found.targets(T_base_ee)[:, 0]
     off = np.linalg.norm(T[:, :3, 3] - modelled[:, :3, 3], axis=1)
-    np.testing.assert_allclose(np.linalg.norm(found.residuals_m[:, 0], axis=1), off, atol=1e-12)
-    assert found.rms_m == pytest.approx(np.sqrt(np.mean(off**2)))
+    assert found.scatter_m == pytest.approx(np.sqrt(np.mean(off**2)))
     turn = Rotation.from_matrix(T[:, :3, :3] @ np.swapaxes(modelled[:, :3, :3], 1, 2)).magnitude()
-    assert found.rms_rad == pytest.approx(np.sqrt(np.mean(turn**2)), abs=1e-12)
+    assert found.scatter_rad == pytest.approx(np.sqrt(np.mean(turn**2)), abs=1e-12)
 
 
 @pytest.mark.parametrize("count", [8, 30, 1000])
@@ -117,7 +115,7 @@ def test_geometry_that_is_a_little_wrong_is_averaged_over(count):
         assert angle < np.radians(4.0)
         assert distance < 0.05
         assert np.linalg.norm(found.T_ee_targets[0, :3, 3] - T_ee_target[:3, 3]) < 0.06
-        assert found.rms_m < 0.03
+        assert found.scatter_m < 0.03
 
 
 def test_directions_scatter_as_much_as_they_are_said_to():
@@ -142,13 +140,12 @@ def test_turns_about_one_axis_leave_the_height_of_the_target_open():
     T = T_instr_base @ T_base_ee @ T_ee_target
     found = hand_eye_from_poses(T_base_ee, T)
     assert found.held == ("the target along (0.00, 0.00, 1.00)",)
-    assert found.rms_m < 1e-9
+    assert found.scatter_m < 1e-9
     np.testing.assert_allclose(found.T_instr_base[:3, :3], T_instr_base[:3, :3], atol=1e-9)
     np.testing.assert_allclose(found.T_ee_targets[0, 2, 3], 0.0, atol=1e-12)
     np.testing.assert_allclose(found.T_ee_targets[0, :2], T_ee_target[:2], atol=1e-9)
-    stated = np.eye(4)
-    stated[2, 3] = T_ee_target[2, 3]
-    again = hand_eye_from_poses(T_base_ee, T, stated)
+    p_instr_m, stated_m = T[:, None, :3, 3], np.array([[0.0, 0.0, T_ee_target[2, 3]]])
+    again = hand_eye_from_points(T_base_ee, p_instr_m, stated_m)
     np.testing.assert_allclose(again.T_instr_base, T_instr_base, atol=1e-9)
 
     p_ee_m = rng.uniform(-0.2, 0.2, (2, 3))
@@ -216,7 +213,7 @@ def test_weights_leave_a_gross_error_without_effect():
     weights[4] = 0.0
     found = hand_eye_from_points(T_base_ee, p_instr_m, weights=weights)
     np.testing.assert_allclose(found.T_instr_base, T_instr_base, atol=1e-9)
-    assert found.rms_m < 1e-9
+    assert found.scatter_m < 1e-9
 
 
 def test_the_mean_target_on_a_known_base():

@@ -35,7 +35,7 @@ def test_uncertainty_of_the_axes_is_their_scatter_over_many_fits():
         stated.append(found.axis_u_rad**2)
         x = R.T @ found.T_instr_base[:3, 0]
         turned.append((x[1] ** 2 + x[2] ** 2) / 2)
-        assert found.residual_rms_m == pytest.approx(5e-4 * 3**0.5, rel=0.4)
+        assert found.scatter_m == pytest.approx(5e-4 * 3**0.5, rel=0.4)
     assert np.mean(stated, axis=0)[0] ** 0.5 == pytest.approx(np.mean(turned) ** 0.5, rel=0.08)
 
 

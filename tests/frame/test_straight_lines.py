@@ -43,7 +43,7 @@ def test_exact_moves_give_the_base_frame_exactly(seed):
     found = seed_of(*moves)
     assert found.T_instr_base == pytest.approx(T, abs=1e-12)
     assert found.angle_rad == pytest.approx(np.pi / 2)
-    assert found.line_x.length_m == pytest.approx(0.2)
+    assert found.line_x.length_mm == pytest.approx(200.0)
     assert found.origin_scatter_m == pytest.approx(0.0, abs=1e-12)
 
 

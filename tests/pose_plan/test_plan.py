@@ -27,10 +27,10 @@ def test_every_instrument_gets_a_plan_that_beats_chance(instrument):
     plan = plan_poses(load_arm("irb120"), instrument, poses, option())
     assert len(plan) == poses
     assert len(np.unique(plan.q, axis=0)) == poses
-    assert not plan.not_identified
-    assert np.all(np.diff(plan.log_dets) > 0.0)
-    assert plan.u_tool_all_mm < plan.u_tool_random_mm
-    assert np.all(plan.u_parameters > 0.0)
+    assert not plan.expected.not_identified
+    assert np.all(np.diff(plan.expected.criterion) > 0.0)
+    assert plan.expected.tool.plan_mm < plan.expected.tool.random_mm
+    assert all(each.std > 0.0 for each in plan.expected.parameters.values())
     low, high = joint_ranges(plan.arm, plan.options)
     assert np.all((plan.q >= low - 1e-5) & (plan.q <= high + 1e-5))
 
@@ -58,35 +58,34 @@ def test_all_poses_keep_to_every_limit():
     way = np.array([3.0, 0.0, 0.5]) - at.p_base_targets
     cosine = np.einsum("pbi,pi->pb", way, at.T_base_ee[:, :3, 2]) / np.linalg.norm(way, axis=2)
     assert np.degrees(np.arccos(cosine.min())) <= 70.0 + 1e-9
-    assert plan.candidates.removed["line of sight"] > 0
+    assert plan.expected.removed["line of sight"] > 0
 
 
 def test_effects_count_where_they_are_wanted():
     arm = load_arm("irb120")
-    assert not plan_poses(arm, "pose", 20, option()).effects
+    assert not plan_poses(arm, "pose", 20, option()).expected.effects
     little, much = (plan_poses(arm, "pose", 20, option(effects=part)) for part in (1e-6, 0.9))
-    assert len(much.effects) > 10
-    assert all(each.u_alone <= each.u_among_all + 1e-9 for each in much.effects)
+    assert len(much.expected.effects) > 10
+    assert all(each.u_alone <= each.u_among_all + 1e-9 for each in much.expected.effects)
     before, after = (
-        np.log([each.u_among_all for each in plan.effects]).mean() for plan in (little, much)
+        np.log([each.u_among_all for each in plan.expected.effects]).mean()
+        for plan in (little, much)
     )
     assert after < before
-    assert much.u_tool_all_mm > little.u_tool_all_mm
+    assert much.expected.tool.plan_mm > little.expected.tool.plan_mm
 
 
 def test_there_is_something_to_choose_among_for_every_pose():
     plan = plan_poses(load_arm("gx4_351s"), "pose", 80, option(floor_mm=None))
-    assert len(plan.candidates.q) == 3 * 80
+    assert plan.expected.candidates == 3 * 80
 
 
 def test_loads_show_springs():
     arm, two = load_arm("pa10_6ce"), {"tool_kg": 2.0, "loads_N": (0.0, 44.0)}
     once, loaded = (plan_poses(arm, "pose", 15, option(**keys)) for keys in ({}, two))
-    assert loaded.springs
-    names = [parameter.name for parameter in loaded.parameters]
-    at = names.index("windup_2")
-    before = [parameter.name for parameter in once.parameters].index("windup_2")
-    assert loaded.u_parameters[at] < once.u_parameters[before]
+    assert loaded.expected.springs
+    of_loaded, of_once = (plan.expected.parameters["windup_2"].std for plan in (loaded, once))
+    assert of_loaded < of_once
 
 
 def test_a_short_path_is_no_longer_than_the_order_given():

@@ -17,7 +17,7 @@ from pa10cal.calibration.levels import TwoLevel, rows_of, spread_poses
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import Covariances, ErrorSources, propagate, with_own_scatter
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.angles_seen import span_seen
+from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import Identifiability, identify, not_identifiable
 from pa10cal.fit.problem import Rows
@@ -264,7 +264,7 @@ def fitted_model(calibration: Calibration, payload: Payload | None) -> FittedMod
         T_instr_base=calibration.T_instr_base,
         covariance=calibration.covariances.together(calibration.T_instr_base),
         payload=payload,
-        seen=span_seen(observations.states.q_rad),
+        seen=angles_seen(observations.states.q_rad),
     )
 
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.hand_eye import HandEye, hand_eye_from_points
+from pa10cal.frame.hand_eye import hand_eye_from_points
+from pa10cal.frame.rigid_fit import Located
 
 EXCHANGED = "the labels of these targets are exchanged"
 NOT_RIGID = "its distances from the other targets are not those of the other poses"
@@ -183,7 +184,7 @@ def nominal_places(T_base_ee: Array, p_m: Array) -> Array | None:
     return modelled
 
 
-def placed_by_points(T_base_ee: Array, p_m: Array, weights: Array | None = None) -> HandEye | None:
+def placed_by_points(T_base_ee: Array, p_m: Array, weights: Array | None = None) -> Located | None:
     """Return base and targets by the nominal arm; None where the poses do not determine them."""
     try:
         return hand_eye_from_points(T_base_ee, p_m, weights=weights)

@@ -11,6 +11,7 @@ from pa10cal.pose_plan.options import PlanOptions
 if TYPE_CHECKING:
     from pa10cal.arm.description import Arm
     from pa10cal.pose_plan.plan import PosePlan
+    from pa10cal.results.plan import PlanRecord
 
 #: An effect shows where its expected uncertainty is below this part of its plausible size.
 _SHOWS = 1.0 / 3.0
@@ -103,35 +104,39 @@ def _arm(robot: str) -> Arm:
 
 
 def _lines(found: PosePlan, out: Path) -> Iterator[str]:
-    expected = out.with_suffix(".json")
+    from pa10cal.pose_plan.candidates import instrument_place_m
+
+    expected = found.expected
     yield f"{out}: {len(found)} poses of {found.arm.name}, in an order of short moves"
-    yield f"{expected}: what to expect of them"
+    yield f"{out.with_suffix('.json')}: what to expect of them"
     yield (
-        f"tool position: {found.u_tool_all_mm:.3f} mm expected standard uncertainty over the poses "
-        f"that the limits allow ({len(found)} of them at random: {found.u_tool_random_mm:.3f} mm)"
+        f"tool position: {expected.tool.plan_mm:.3f} mm expected standard uncertainty over the "
+        f"poses that the limits allow ({len(found)} of them at random: "
+        f"{expected.tool.random_mm:.3f} mm)"
     )
-    open_ = ", ".join(found.not_identified)
-    springs = ", ".join(map(str, found.springs)) or "none"
+    open_ = ", ".join(expected.not_identified)
+    springs = ", ".join(map(str, expected.springs)) or "none"
     yield (
-        f"parameters: {len(found.parameters)}, springs at joints: {springs}; "
+        f"parameters: {len(expected.parameters)}, springs at joints: {springs}; "
         + (f"hardly determined: {open_}" if open_ else "all identified")
     )
-    if found.effects:
-        shown = sum(each.u_alone < _SHOWS for each in found.effects)
-        apart = sum(each.u_among_all < _SHOWS for each in found.effects)
+    if expected.effects:
+        shown = sum(each.u_alone < _SHOWS for each in expected.effects)
+        apart = sum(each.u_among_all < _SHOWS for each in expected.effects)
         yield (
-            f"missing effects: {shown} of {len(found.effects)} would show in their plausible size, "
-            f"{apart} whatever others are missing too"
+            f"missing effects: {shown} of {len(expected.effects)} would show in their plausible "
+            f"size, {apart} whatever others are missing too"
         )
     if not found.kind.directional and found.options.instrument_at_mm is None:
-        place = ", ".join(f"{1e3 * each:.0f}" for each in found.p_base_instrument_m)
+        place_m = instrument_place_m(found.arm, found.options)
+        place = ", ".join(f"{1e3 * each:.0f}" for each in place_m)
         yield f"instrument taken to be at {place} mm of the base; state --instrument-at-mm"
-    yield from _limits(found)
+    yield from _limits(expected)
 
 
-def _limits(found: PosePlan) -> Iterator[str]:
+def _limits(expected: PlanRecord) -> Iterator[str]:
     """Yield how many poses each limit removed."""
-    removed = {name: count for name, count in found.candidates.removed.items() if count}
+    removed = {name: count for name, count in expected.removed.items() if count}
     each = ", ".join(f"{name} {count}" for name, count in removed.items()) or "none"
-    kept, drawn = len(found.candidates.q), found.candidates.drawn
+    kept, drawn = expected.candidates, expected.drawn
     yield f"chosen from {kept} poses; of {drawn} drawn the limits removed: {each}"

@@ -1,12 +1,9 @@
 """Joint angles between links, and back: two turns about axes that are square to each other.
 
-A link's frame has x along the link. From one to the next it turns about z by a and about the new y
-by b (`zy`), F_i = F_{i-1} R_z(a) R_y(b), or the other way round (`yz`), by R_y(b) R_z(a). With the
-next direction d in the frame before it, `zy` has a = atan2(d_y, d_x), b = atan2(-d_z, hypot(d_x,
-d_y)), so that |b| <= 90 degrees; `yz` has b = atan2(-d_z, d_x), a = atan2(d_y, hypot(d_x, d_z)).
+With the next direction d in the frame before it, `zy` of docs/curve.md has a = atan2(d_y, d_x),
+b = atan2(-d_z, hypot(d_x, d_y)); `yz` has b = atan2(-d_z, d_x), a = atan2(d_y, hypot(d_x, d_z)).
 The axis of the second turn is then square to the directions before and after the first: it is all
-of the frame that has to be carried along the chain, and the roll of the first link about itself is
-all that is free.
+of the frame that has to be carried along the chain.
 """
 
 from __future__ import annotations
@@ -70,7 +67,6 @@ def joint_angles(directions: Array, axes_first: Array, order: Order = "zy") -> J
     Args:
         directions: (n, 3) unit vectors along the links.
         axes_first: (3, 3) frame of the first link, its x the first direction.
-        order: which turn comes first.
     """
     along, turns = _carry(directions, axes_first[:, 1 if order == "zy" else 2])
     cos, sin, length = turns.T
@@ -93,10 +89,8 @@ def chain_points(
     Args:
         a_rad: (n - 1,) turns about z.
         b_rad: (n - 1,) turns about y.
-        order: which turn comes first.
         axes_first: (3, 3) frame of the first link.
         p_first_m: (3,) where it begins [m].
-        link_m: length of a link.
     """
     in_order = [a_rad, b_rad] if order == "zy" else [b_rad, a_rad]
     turns = Rotation.from_euler(order.upper(), np.stack(in_order, axis=1)).as_matrix()
@@ -181,9 +175,6 @@ def chain_arm(name: str, links: int, link_m: float, limit_rad: float) -> Arm:
     alternate: R_z(a), no length, to the second axis; R_y(b), the link's length, back to the first.
 
     Args:
-        name: the arm's name.
-        links: how many.
-        link_m: length of a link.
         limit_rad: how far every joint turns, either way.
 
     Raises:
@@ -217,7 +208,6 @@ def arm_posture(p_m: Array, T_base: Array, link_m: float) -> Array:
     Args:
         p_m: (n + 1, 3) where links join [m]; the first at the base.
         T_base: (4, 4) the arm's base where the points are given [m].
-        link_m: length of a link.
 
     Raises:
         CurveError: when the points do not begin at the base, or are not a link apart.

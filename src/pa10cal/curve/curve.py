@@ -1,10 +1,4 @@
-"""What must be known of a curve so that no crossing on it is missed.
-
-A curve is a place and a velocity as functions of any parameter t, not only of arc length, with
-bounds that hold in cells of t: how slow and how fast the place moves, how much its velocity can
-change, how fast its tangent can turn. They are what makes a search for the first point at a
-distance certain: the distance from a point cannot change faster than arc length grows.
-"""
+"""Curves, and what must be known of one so that no crossing on it is missed (docs/curve.md)."""
 
 from __future__ import annotations
 
@@ -31,7 +25,7 @@ _ROUNDING = 16.0 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True)
 class Curve:
-    """A finite curve in space; build it with `parametric`, through points, or by name."""
+    """A finite curve in space: by name, through points, or of any callable with its bounds."""
 
     place: Callable[[Array], Array]  # places (N, 3) at parameters (N,) [m]
     velocity: Callable[[Array], Array]  # derivative (N, 3) of the place by the parameter
@@ -160,18 +154,22 @@ class Bounds:
         Args:
             t: (N,) parameters.
             p_m: (N, 3) points.
-            link_m: length of a link.
         """
         rounded = _ROUNDING * (np.abs(p_m).max(axis=-1) + self.top_speed * np.abs(t))
         return np.asarray(np.maximum(_SAME_LENGTH * link_m, rounded))
 
 
 def uniform_bounds(
-    start: float, end: float, slowest: float, fastest: float, acceleration: float
+    start: float,
+    end: float,
+    slowest: float,
+    fastest: float,
+    acceleration: float = np.inf,
 ) -> Bounds:
     """Return bounds that are the same all along a curve without kinks.
 
-    The tangent turns no faster than acceleration over speed.
+    The first point at a distance is found with `fastest` alone; the others, 0 and inf where they
+    are not known, make it quicker. The tangent turns no faster than acceleration over speed.
     """
     turning = acceleration / slowest if slowest > 0.0 else np.inf
     return Bounds(
@@ -188,61 +186,10 @@ def _sum_from_zero(parts: NDArray[np.generic]) -> Array:
     return np.concatenate([[0.0], np.cumsum(parts)])
 
 
-# Curves given by formulas: any callable with bounds stated for it, and a few by name.
+# Curves by name, given by formulas.
 
-#: Parameters at which the stated bounds of a callable are checked.
-_CHECKED = 257
-#: Rounding that a stated bound is allowed.
-_ROUNDED = 1e-9
 #: Bessel functions of orders this much above their argument are below rounding.
 _ORDERS_BEYOND = 30
-
-
-def parametric(
-    place: Callable[[Array], Array],
-    velocity: Callable[[Array], Array],
-    span: tuple[float, float],
-    fastest: float,
-    slowest: float = 0.0,
-    acceleration: float = np.inf,
-) -> Curve:
-    """Return a curve given by a callable of any parameter, without kinks.
-
-    The first point at a distance is found with `fastest` alone; the others make it quicker.
-
-    Args:
-        place: places (N, 3) at parameters (N,) [m].
-        velocity: their derivative by the parameter.
-        span: parameters at which the curve begins and ends.
-        fastest: bound of the speed |velocity| from above [m per unit of the parameter].
-        slowest: bound of it from below, 0 where not known.
-        acceleration: bound of the second derivative's length, inf where not known.
-
-    Raises:
-        CurveError: when the span is empty, a place is not finite, or the speed is seen to leave
-            its bounds.
-    """
-    if not (np.isfinite(span).all() and span[0] < span[1]):
-        raise _refusal("the curve has no span", span, "two finite parameters, the smaller first")
-    if not (0.0 <= slowest <= fastest < np.inf and fastest > 0.0):
-        raise _refusal(
-            "the bounds of the speed are invalid", (slowest, fastest), "0 <= low <= high"
-        )
-    t = np.linspace(*span, _CHECKED)
-    places, speeds = place(t), np.linalg.norm(velocity(t), axis=1)
-    bad = ~(np.isfinite(places).all(axis=1) & np.isfinite(speeds))
-    if bad.any():
-        raise _refusal(
-            "a position of the curve is not finite", t[bad][0], "finite positions and speeds"
-        )
-    off = (speeds > fastest * (1 + _ROUNDED)) | (speeds < slowest * (1 - _ROUNDED))
-    if off.any():
-        raise _refusal(
-            f"the speed at parameter {t[off][0]:g} is outside its bounds",
-            speeds[off][0],
-            f"{slowest:g} to {fastest:g}, as stated",
-        )
-    return Curve(place, velocity, uniform_bounds(*span, slowest, fastest, acceleration))
 
 
 def line(length_m: float) -> Curve:
@@ -259,9 +206,7 @@ def helix(radius_m: float, pitch_m: float, turns: float, phase_rad: float = 0.0)
     """Return a helix about z, rising by the pitch each turn; t is the angle, from 0.
 
     Args:
-        radius_m: its radius.
         pitch_m: rise a turn; negative for a left-handed one.
-        turns: how many.
         phase_rad: azimuth at which it begins.
     """
     radius_m, turns = _positive("radius_m", radius_m), _positive("turns", turns)
@@ -287,7 +232,6 @@ def serpenoid(length_m: float, waves: float, amplitude_rad: float, phase_rad: fl
     series of Bessel functions (Jacobi and Anger), whose integrals are the curve, to the last digit.
 
     Args:
-        length_m: arc length.
         waves: waves along it.
         amplitude_rad: largest heading, from the mean one.
         phase_rad: phase of the wave at its beginning; growing with time, the wave travels.
@@ -330,17 +274,8 @@ def _finite(name: str, value: float, *, above_zero: bool = False) -> float:
     return value
 
 
-def _refusal(what: str, value: object, allowed: str) -> CurveError:
-    return CurveError(
-        what, where="curve", value=value, allowed=allowed, remedy="correct the stated bounds"
-    )
-
-
-# Curves that are polynomials piece by piece: splines through points, and polylines.
-#
-# Their bounds are exact in kind: a polynomial in Bernstein form lies between its smallest and its
-# largest coefficient, so speed, acceleration and turning are bounded by coefficients of r'^2, r''
-# and r' x r'', cell by cell.
+# Curves that are polynomials piece by piece: splines through points, and polylines. A polynomial in
+# Bernstein form lies between its smallest and its largest coefficient.
 
 #: Cells a piece, and parts of a cell that is cut again: bounds get tighter with more of them.
 _CELLS_A_PIECE = 4

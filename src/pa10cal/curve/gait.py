@@ -1,12 +1,8 @@
-"""Shapes that move: joint angles over time, each frame's roll chosen with regard to the last.
-
-The frame of the first link is carried from one shape to the next, its z staying as near as it can
-to where it was, and the roll is counted from there: it does not jump where a bend changes sides.
-"""
+"""Shapes that move: joint angles over time, each frame's roll chosen with regard to the last."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -50,68 +46,43 @@ class Gait:
         return np.stack([points.p_m for points in self.points])
 
 
-#: Chooses the roll of a shape: its number, its links, and the joints of the shape before.
-RollChoice = Callable[[int, roll.RollMap, JointAngles | None], float]
-
-
-def given_rolls(rolls_rad: Array, limits: roll.JointLimits | None = None) -> RollChoice:
-    """Return the choice of rolls given for every shape, (T,).
-
-    Args:
-        rolls_rad: (T,) the rolls.
-        limits: of the joints; `follow` raises where they are not kept.
-    """
-
-    def choose(shape: int, chain: roll.RollMap, _last: JointAngles | None) -> float:
-        if limits is not None:
-            roll.room_at(chain, rolls_rad[shape], limits)
-        return float(rolls_rad[shape])
-
-    return choose
-
-
-def small_angles(move_rad: float = 0.0, limits: roll.JointLimits | None = None) -> RollChoice:
-    """Return the choice of small joint angles, reached by small moves.
-
-    The first shape has the smallest largest angle. Each one after has the smallest of those to
-    which no joint moves farther than allowed, or, where there is none, moves least.
-
-    Args:
-        move_rad: how far a joint may move from one shape to the next for the sake of smaller
-            angles; 0 for the smallest moves.
-        limits: of the joints; `follow` raises where no roll keeps them.
-    """
-
-    def choose(_shape: int, chain: roll.RollMap, last: JointAngles | None) -> float:
-        if last is None:
-            return roll.smallest_angle(chain, limits).roll_rad
-        return roll.smallest_angle_near(chain, last.a_rad, last.b_rad, move_rad, limits).roll_rad
-
-    return choose
-
-
 def follow(
     curves: Sequence[Curve],
     time_s: Array,
     link_m: float,
     links: int,
-    choose: RollChoice,
+    *,
+    rolls_rad: Array | None = None,
+    move_rad: float = 0.0,
+    limits: roll.JointLimits | None = None,
     order: Order = "zy",
 ) -> Gait:
     """Follow a curve that changes in time.
 
+    Without rolls given the first shape has the smallest largest angle. Each one after has the
+    smallest of those to which no joint moves farther than allowed, or, where there is none, moves
+    least.
+
     Args:
-        curves: the curve at each time.
-        time_s: (T,) times.
-        link_m: length of a link.
-        links: how many.
-        choose: the roll of every shape.
-        order: which turn of a joint comes first.
+        rolls_rad: (T,) roll of every shape; None to choose it.
+        move_rad: how far a joint may move from one shape to the next for the sake of smaller
+            angles; 0 for the smallest moves.
 
     Raises:
         CurveError: when the links do not fit on the curve at some time, or no roll keeps the
             limits.
     """
+
+    def chosen(chain: roll.RollMap, number: int) -> float:
+        if rolls_rad is not None:
+            if limits is not None:
+                roll.room_at(chain, rolls_rad[number], limits)
+            return float(rolls_rad[number])
+        if not number:
+            return roll.smallest_angle(chain, limits).roll_rad
+        last = joints[-1]
+        return roll.smallest_angle_near(chain, last.a_rad, last.b_rad, move_rad, limits).roll_rad
+
     shapes: list[Points] = []
     joints: list[JointAngles] = []
     rolls: list[float] = []
@@ -120,7 +91,7 @@ def follow(
         try:
             points = _fitting(curve, link_m, links)
             chain = roll.RollMap.of(points.directions, order, z_carried)
-            rolls.append(choose(len(shapes), chain, joints[-1] if joints else None))
+            rolls.append(chosen(chain, len(shapes)))
         except CurveError as error:
             raise CurveError(
                 error.what,
@@ -144,17 +115,6 @@ def follow(
     )
 
 
-def travelling(shape: Callable[[float], Curve], time_s: Array, period_s: float) -> list[Curve]:
-    """Return a shape at each time, its phase one turn farther every period.
-
-    Args:
-        shape: the curve at a phase [rad], such as a serpenoid.
-        time_s: (T,) times.
-        period_s: time of a wave; negative for one that travels the other way.
-    """
-    return [shape(phase) for phase in 2.0 * np.pi * time_s / period_s]
-
-
 def _fitting(curve: Curve, link_m: float, links: int) -> Points:
     points = lay_points(curve, link_m, links)
     if points.n < links:
@@ -169,8 +129,6 @@ def _fitting(curve: Curve, link_m: float, links: int) -> Points:
 
 
 # From the options of a curve to links laid along it, still or moving.
-
-Through = Literal["spline", "closed_spline", "straight"]
 
 
 def shape_of(shape: Shape, phase_rad: float = 0.0) -> Curve:
@@ -194,7 +152,9 @@ def limits_of(settings: CurveOptions, joints: int) -> roll.JointLimits | None:
     return roll.JointLimits(np.tile(a_rad, (joints, 1)), np.tile(b_rad, (joints, 1)))
 
 
-def curve_through(points_m: NDArray[np.float64], through: Through) -> Curve:
+def curve_through(
+    points_m: NDArray[np.float64], through: Literal["spline", "closed_spline", "straight"]
+) -> Curve:
     """Return the curve through points (P, 3) [m]."""
     if through == "straight":
         return polyline(points_m)
@@ -237,14 +197,20 @@ def _moving(curve: Curve, options: CurveOptions) -> Gait:
     curves = [curve] * len(time_s)
     if moves.moves == "roll":
         rolls_rad += 2.0 * np.pi * time_s / moves.period_s
-        choose = given_rolls(rolls_rad, limits)
     else:
         assert shape is not None
-        curves = travelling(lambda phase: shape_of(shape, phase), time_s, moves.period_s)
-        small = options.roll == "smallest_angle"
-        given = given_rolls(rolls_rad, limits)
-        choose = small_angles(np.radians(moves.move_deg), limits) if small else given
-    return follow(curves, time_s, options.link_m, options.links, choose, options.order)
+        curves = [shape_of(shape, phase) for phase in 2.0 * np.pi * time_s / moves.period_s]
+    given = moves.moves == "roll" or options.roll == "given"
+    return follow(
+        curves,
+        time_s,
+        options.link_m,
+        options.links,
+        rolls_rad=rolls_rad if given else None,
+        move_rad=float(np.radians(moves.move_deg)),
+        limits=limits,
+        order=options.order,
+    )
 
 
 # `curve.json` and the tables beside it: joint angles, points, links and the curve.

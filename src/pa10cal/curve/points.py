@@ -67,8 +67,6 @@ def lay_points(curve: Curve, link_m: float, most: int | None = None) -> Points:
     """Lay points along a curve, each the first of it at the link's length from the one before.
 
     Args:
-        curve: the curve.
-        link_m: length of a link.
         most: how many links at most; None for as many as there is room for.
 
     Raises:
@@ -203,17 +201,11 @@ def _refuse_length(curve: Curve, link_m: float, most: int | None) -> None:
         )
 
 
-# Many points at once, guessed and then proved, where the curve bends gently.
-#
-# Each point depends on the one before, but all of them together are the solution of one system of
-# equations, each link's length in its two end points, which Newton's method solves with a matrix
-# of two diagonals. Whether each point is also the first at its distance is settled afterwards, for
-# all of them: while the tangent turns by no more than a quarter turn, or the curvature is nowhere
-# above k and the arc no longer than pi / k, the distance from the first point of an arc only grows
-# along it. (In the first case every tangent has a component along the last one; for the second the
-# chord has, by the same integral with the angles at their worst.) With k L < 2 the crossing is
-# then inside the arc length [L, (2 / k) asin(k L / 2)]. Points for which neither can be shown go
-# to the search that is certain everywhere.
+# Many points at once, guessed and then proved to be the first at their distance ("Many at once" of
+# docs/curve.md), where the curve bends gently. The distance from the first point of an arc only
+# grows while the tangent turns by no more than a quarter turn (every tangent has a component along
+# the last one), or while the curvature is nowhere above k and the arc no longer than pi / k (the
+# chord has, by the same integral with the angles at their worst).
 
 _QUARTER_TURN = np.pi / 2.0 - 1e-6
 _HALF_TURN = np.pi - 1e-6
@@ -237,11 +229,8 @@ def points_ahead(curve: Curve, t: float, p_m: Array, link_m: float, most: int) -
     """Find the next points as far as they can be proved.
 
     Args:
-        curve: the curve.
         t: parameter of the last point.
         p_m: (3,) that point [m].
-        link_m: length of a link.
-        most: how many points at most.
     """
     bounds = curve.bounds
     first_end = float(bounds.not_beyond(bounds.length_to(np.array(t)) + link_m))
@@ -329,15 +318,10 @@ def _leading(good: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.logical_and.accumulate(good)
 
 
-# The first point of a curve at a distance from one of its points, never a later one.
-#
-# Distance from a point cannot change faster than arc length grows, so a stretch of the curve whose
-# ends are near and whose length is short cannot get there. With a bound of the acceleration the
-# squared distance lies within a parabola of the straight line between its values at the ends,
-# which needs far fewer stretches where the curve runs along the sphere. The first stretch that may
-# reach the distance is cut again, until the squared distance provably only grows in it, and then
-# bisected (by Brent's method); or until only rounding remains, where the curve touches the sphere
-# and turns back.
+# The first point of a curve at a distance from one of its points, never a later one ("Certain
+# everywhere" of docs/curve.md): stretches that may reach the distance are cut again, until the
+# squared distance provably only grows in the first of them, or until only rounding remains, where
+# the curve touches the sphere and turns back.
 
 #: Stretches searched at first, as a part of the link, and into how many the suspicious is cut.
 _FIRST_STRETCH, _CUTS = 0.125, 16
@@ -364,10 +348,8 @@ def first_crossing(curve: Curve, t: float, p_m: Array, link_m: float) -> Crossin
     """Find the first point of the curve after one of its points, at a distance from it.
 
     Args:
-        curve: the curve.
         t: parameter of the point.
         p_m: (3,) the point [m].
-        link_m: the distance.
 
     Returns:
         The first point, or None when all the rest of the curve is nearer.

@@ -43,10 +43,7 @@ def draw_postures(
 
     Args:
         links: of the chain.
-        link_m: length of a link.
         limit_rad: how far every joint turns, either way.
-        count: P.
-        rng: draws them.
 
     Raises:
         CurveError: when hardly any shape can be taken.

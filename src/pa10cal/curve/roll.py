@@ -1,9 +1,7 @@
-"""Which roll of the first link to take.
+"""Which roll of the first link to take ("The free roll" of docs/curve.md).
 
-Every criterion (the smallest largest angle, the most room within limits, the smallest move from
-the last shape), it is the tightest of a family of limits, one within the other, that some roll
-still keeps. Whether one does is known exactly (`feasible`), so halving finds the best of all rolls,
-not just one better than its neighbours.
+By every criterion it is the tightest of a family of limits, one within the other, that some roll
+still keeps. Whether one does is known exactly (`feasible_rolls`), so halving finds the best.
 """
 
 from __future__ import annotations
@@ -18,14 +16,8 @@ from pa10cal.arrays import Array
 from pa10cal.curve.angles import Order, first_axes
 from pa10cal.errors import CurveError
 
-# Every frame of the chain as a function of the first link's roll, in closed form.
-#
-# The axis that is carried along the chain (`angles`) goes from link to link by a linear map of the
-# planes square to the links, made a unit vector afterwards: w_i is along A_i w_1 with one product
-# A_i of 2 x 2 matrices a link. So one pass, whatever the number of rolls, and the way back from a
-# direction at any link to the roll that leads there is the inverse matrix. Each factor keeps the
-# direction square to a bend and shortens the one in its plane by the cosine of the bend: along a
-# bent chain the roll of the first link is gradually forgotten.
+# Every frame of the chain as a function of the first link's roll, in closed form: the axis carried
+# along the chain (`angles`) is along A_i w_1 with one product A_i of 2 x 2 matrices a link.
 
 
 @dataclass(frozen=True)
@@ -48,7 +40,6 @@ class RollMap:
 
         Args:
             directions: (n, 3) unit vectors along the links.
-            order: which turn comes first.
             z_at_zero: (3,) what z of the first link is nearest to at roll zero; else the normal of
                 the first bend.
         """
@@ -148,12 +139,8 @@ def _products(steps: Array) -> Array:
     return products
 
 
-# The rolls of the first link at which every joint keeps within its limits.
-#
-# Each limit of a joint is broken on an arc of its own about the link before it: where the cosine
-# of the angle from a centre is above a bound. The ends of these arcs go back to rolls of the first
-# link in closed form (`roll_map`), and what no arc covers is feasible: exact intervals, without a
-# scan.
+# The rolls of the first link at which every joint keeps within its limits: those that no arc covers
+# on which a limit is broken, where the cosine of the angle from a centre is above a bound.
 
 _TURN = 2.0 * np.pi
 #: Just below a right angle.
@@ -335,7 +322,6 @@ def smallest_angle(chain: RollMap, limits: JointLimits | None = None) -> Roll:
     """Return the roll at which the largest of all joint angles is smallest.
 
     Args:
-        chain: the links.
         limits: what the angles must keep besides.
 
     Raises:
@@ -351,7 +337,6 @@ def smallest_move(
     """Return the roll at which no joint moves far from where it stood.
 
     Args:
-        chain: the links.
         a_rad: (n - 1,) turns about z of the last shape.
         b_rad: (n - 1,) turns about y of it.
         limits: what the angles must keep besides.

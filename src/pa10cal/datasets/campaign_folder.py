@@ -38,10 +38,6 @@ def write_campaigns(campaigns: Sequence[ImportedCampaign], folder: Path) -> list
     A campaign's folder that is there already is replaced, once all campaigns are written beside
     their places. The same campaigns give the same bytes.
 
-    Args:
-        campaigns: what to write.
-        folder: the folder of campaigns.
-
     Returns:
         The campaigns' folders.
 

@@ -46,9 +46,7 @@ class Published:
 
         Args:
             repository: the owner's, as `owner/name`.
-            commit: the version meant.
             sums: checksums and paths, a line a file, as `sha256sum` prints them.
-            licence: that which the owner states.
             folder: of the repository, with a slash at its end, that the paths are counted from.
         """
         address = f"https://raw.githubusercontent.com/{repository}/{commit}/"
@@ -179,8 +177,6 @@ def import_campaigns(
     than one about a file.
 
     Args:
-        dataset: which.
-        folder: the folder of its files.
         max_left_out: part of a file's rows that may be left out.
         any_version: whether files that are not the published ones will do; the provenance of the
             campaigns made of them then says so.
@@ -266,7 +262,6 @@ def differing_files(folder: Path, published: Mapping[str, str]) -> tuple[Differi
     """Return the files whose SHA-256 is not the published one.
 
     Args:
-        folder: the data set's folder.
         published: checksum by path; all these files are there.
     """
     found = {name: sha256((folder / name).read_bytes()) for name in published}
@@ -302,8 +297,6 @@ def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[st
     Files that are there already and are the published ones are not fetched again.
 
     Args:
-        dataset: which.
-        folder: where to.
         source: folder or address to take them from; None for where they are published.
 
     Returns:

@@ -178,7 +178,6 @@ def measured_record(
     """Return the table of the campaigns at hand and of the groups that they make.
 
     Args:
-        folders: raw files by campaign, in the order of the table.
         results: holds a folder of results for each.
         calibration: load case that was evaluated.
         not_carried: why a model was not carried over, by `source target`.

@@ -70,7 +70,6 @@ def read_bare_table(
     Every line is a row, a blank one too: tables of one campaign belong together line by line.
 
     Args:
-        folder: the data set's folder.
         file: path of the table in it.
         names: what its columns are to be called.
         separator: what stands between fields; None for blanks.

@@ -76,27 +76,28 @@ class Evaluation:
             beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
             return holdout.judged(model, poses, beyond, suspected)
 
-        learnt = None if extended is None else extended.seen
-        if not elsewhere:
-            found = {name: errors(model, every, None) for name, model in models.items()}
-            if extended is not None:
-                found[EXTENDED] = errors(extended.model, with_arrivals(every)[0], learnt)
-            return found
+        def there(model: FittedModel, every: Observations) -> tuple[FittedModel, float]:
+            """Return a model as it is judged, and what it leaves of poses it is placed by."""
+            if not elsewhere:
+                return model, 0.0
+            placed = holdout.placed(model, every, setup, cuts_s)
+            return placed.model, placed.rms_mm
 
+        learnt = None if extended is None else extended.seen
         # In another campaign what is new is told by the same angles for all models.
-        learnt = learnt or best.seen
+        seen = learnt or best.seen if elsewhere else None
         found, left_mm = {}, np.inf
         for name, model in models.items():
-            there = holdout.placed(model, every, setup, cuts_s)
-            found[name], left_mm = errors(there.model, every, learnt), there.rms_mm
+            at, left_mm = there(model, every)
+            found[name] = errors(at, every, seen)
         if extended is not None:
             arrived = with_arrivals(every)[0]
-            there = holdout.placed(extended.model, arrived, setup, cuts_s)
+            at, with_effects_mm = there(extended.model, arrived)
             # Effects that do not even help in the poses to which base and tool were fitted stay
             # away.
             *_, last = found.values()
-            helps = there.rms_mm < left_mm
-            found[EXTENDED] = errors(there.model, arrived, learnt) if helps else last
+            helps = not elsewhere or with_effects_mm < left_mm
+            found[EXTENDED] = errors(at, arrived, seen or learnt) if helps else last
         return found
 
     def judge_in_parts(
@@ -121,11 +122,6 @@ def held_out_record(campaign: Campaign, calibration: str, own: Evaluation) -> re
     """Judge models on held-out poses of their own campaign.
 
     Where the verdict tells steps, they are judged with a base for every part as well.
-
-    Args:
-        campaign: whose poses they are.
-        calibration: load case of the calibration judged.
-        own: the models and the readings.
 
     Raises:
         CalibrationError: when base and tool are not determined by the poses.
@@ -152,11 +148,6 @@ def held_out_record(campaign: Campaign, calibration: str, own: Evaluation) -> re
 
 def transfer_record(campaign: Campaign, from_: str, there: Evaluation) -> results.TransferRecord:
     """Judge models of one campaign in another, part by part where instrument or base moved there.
-
-    Args:
-        campaign: in which they are judged.
-        from_: the other.
-        there: the models and the readings.
 
     Raises:
         CalibrationError: when base and tool are not determined by the poses.
@@ -201,7 +192,6 @@ def judged_where_repeated(
     """Judge models on all configurations of the kinds that have repeats, by kind.
 
     Args:
-        own: the models and the readings of their campaign.
         held_out: errors of the held-out poses, as `own.judge()` gave them.
     """
     found: dict[str, Mapping[str, results.HeldOutModel]] = {}
@@ -230,7 +220,6 @@ def summary(record: results.HoldoutRecord, *, springs: bool) -> str:
     """Return the errors in one line.
 
     Args:
-        record: the errors.
         springs: whether the arm was calibrated with springs; linear and cubic are else one model.
     """
     if not record.models:

@@ -52,10 +52,7 @@ def prepared(
     """Return averaged poses of one kind, with what the terms of a model need in their states.
 
     Args:
-        every: single readings of a campaign.
         kind: `grid` or `holdout`.
-        model: the model that is to predict them.
-        setup: what is known of the campaign besides the poses.
         cuts_s: times that part the campaign.
     """
     poses = average_repeats(every.of_kind(kind), cuts_s)
@@ -75,13 +72,12 @@ def judged(
     """Return errors of one model over held-out poses, by load, by point and pose by pose.
 
     Args:
-        model: the model.
         held_out: P poses, `prepared` for it.
         extrapolated: (P,) which of them leave the joint angles that the model has learnt from;
             None where it has learnt nothing that stops there.
         suspected: (P,) which of them have a suspected reading; None for none.
     """
-    found = model.deviations(held_out)
+    found, labels = model.deviations(held_out), np.unique(held_out.pose)
 
     def errors(rows: NDArray[np.bool_] | None) -> results.Accuracy | None:
         return summarise(found.take(rows)) if rows is not None and rows.any() else None
@@ -90,7 +86,8 @@ def judged(
         **dict(summarise(found)),
         per_load=summarise_by_load(found, held_out.states.load_N),
         per_point={
-            str(label): summarise(found.take(held_out.pose == label)) for label in _points(held_out)
+            str(label): summarise(found.take(held_out.pose == label))
+            for label in (labels if len(labels) <= _MOST_POINTS else ())
         },
         tool_twist=_twist(model, held_out),
         inside=errors(None if extrapolated is None else ~extrapolated),
@@ -105,11 +102,6 @@ def judged(
             extrapolated=extrapolated,
         ),
     )
-
-
-def _points(held_out: Observations) -> NDArray[np.str_]:
-    labels = np.unique(held_out.pose)
-    return labels if len(labels) <= _MOST_POINTS else labels[:0]
 
 
 def _twist(model: FittedModel, held_out: Observations) -> results.ToolTwist | None:
@@ -139,13 +131,9 @@ def constant_tool_twist(R_predicted: Array, R_measured: Array) -> results.ToolTw
     )
 
 
-# A campaign in which instrument or base moved at once: a base for every part of it.
-#
-# Where a model is judged in another campaign, its base is fitted there. If the instrument was
-# knocked half way, no one base fits, and the knock would count as an error of the model. The
-# verdict's search in time (`discovery.in_time`) looks at what the carried model leaves of the
-# calibration poses, base and tool fitted; held-out poses have no part in it. Where it tells a step
-# as a fact, every part has a base of its own and all have one tool.
+# A campaign in which instrument or base moved at once: a base for every part of it, one tool. The
+# search in time (`discovery.in_time`) looks at what the carried model leaves of the calibration
+# poses; held-out poses have no part in it.
 
 #: Calibration poses of a part, and components seen in them, from which on it has its own base.
 _LEAST_POSES = 10
@@ -169,9 +157,6 @@ def placed(
     """Fit base and tool of a model to the calibration poses of a campaign.
 
     Args:
-        model: of the same arm.
-        every: single readings of the campaign.
-        setup: what is known of it besides the poses.
         cuts_s: times at which the base moved: it is fitted part by part.
 
     Raises:
@@ -194,8 +179,6 @@ def steps_elsewhere(
 
     Args:
         model: the model, base and tool fitted to the calibration poses.
-        every: single readings of the campaign.
-        setup: what is known of it besides the poses.
     """
     readings = every.of_kind("grid").turned(model.R_ee_target)
     if readings.measured.campaigns or not len(readings):
@@ -229,7 +212,6 @@ def worth_cutting(every: Observations, steps_s: Sequence[float]) -> tuple[float,
     certain step.
 
     Args:
-        every: single readings of the campaign.
         steps_s: the steps, the most certain first.
     """
     readings, kept = every.of_kind("grid"), list(steps_s)
@@ -250,7 +232,6 @@ def parts_of(
 
     Args:
         found: a model with a base for every part.
-        every: single readings of the campaign.
         cuts_s: where it is parted, in order of time.
     """
     model, states = found.model, found.poses.states

@@ -7,8 +7,8 @@ commanded that pose. Accuracy therefore depends on the model; repeatability does
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,17 +24,7 @@ LEAST_REPEATS = 5
 _MM = 1e3
 
 
-@dataclass(frozen=True)
-class Repeatability:
-    """Repeatability of one pose."""
-
-    RP_mm: float  # mean distance from the mean attained position, and three standard deviations
-    # (3,) three standard deviations of the rotations about x, y and z; None where no orientation is
-    # measured
-    RP_deg: Array | None
-
-
-def repeatability(p_m: Array, R: Array | None) -> Repeatability:
+def repeatability(p_m: Array, R: Array | None) -> tuple[float, Array | None]:
     """Return the repeatability of a pose that was attained n times (ISO 9283, 7.2.2).
 
     RP_l = mean(l) + 3 S_l with l_j the distance of attained position j from their mean and S_l
@@ -44,14 +34,17 @@ def repeatability(p_m: Array, R: Array | None) -> Repeatability:
         p_m: (n, 3) attained positions, n >= 2.
         R: (n, 3, 3) attained orientations; None where none are measured. Angles are the small
             rotations from their mean, about the axes along which orientations are given.
+
+    Returns:
+        RP_l [mm], and RP_a, RP_b, RP_c (3,) [deg]; None where no orientation is measured.
     """
     distance = np.linalg.norm(p_m - p_m.mean(axis=0), axis=1)
     RP_mm = _MM * float(distance.mean() + 3.0 * distance.std(ddof=1))
     if R is None:
-        return Repeatability(RP_mm, None)
+        return RP_mm, None
     attained = Rotation.from_matrix(R)
     angles = (attained * attained.mean().inv()).as_rotvec(degrees=True)
-    return Repeatability(RP_mm, 3.0 * angles.std(axis=0, ddof=1))
+    return RP_mm, 3.0 * angles.std(axis=0, ddof=1)
 
 
 def iso9283_record(
@@ -64,9 +57,6 @@ def iso9283_record(
     """Return accuracy under every model and repeatability of every configuration repeated enough.
 
     Args:
-        campaign: whose poses they are.
-        calibration: load case of the calibration judged.
-        every: single readings of the campaign.
         judged: models judged on every configuration, by kind of poses and name of the model.
         R_instr_base: (3, 3) orientation of the base, along whose axes rotations are given.
     """
@@ -81,17 +71,17 @@ def iso9283_record(
             calibration=calibration,
             note=note,
         )
-    parts = [
-        _repeatability(kind, readings[kind], groups[kind], rows, R_instr_base)
+    repeated = [
+        row
         for kind, rows in chosen.items()
-        if len(rows)
+        for row in _repeatability(kind, readings[kind], groups[kind], rows, R_instr_base)
     ]
     names = list(judged[next(kind for kind, rows in chosen.items() if len(rows))])
     return results.Iso9283Record(
         campaign=campaign.name,
         provenance=campaign.provenance,
         calibration=calibration,
-        repeatability=results.RepeatabilityRows(**_joined([dict(part) for part in parts])),
+        repeatability=results.RepeatabilityRows.model_validate(repeated),
         accuracy={
             name: _accuracy([(judged[kind][name], rows) for kind, rows in chosen.items()])
             for name in names
@@ -129,70 +119,49 @@ def _repeatability(
     code: NDArray[np.intp],
     rows: NDArray[np.intp],
     R_instr_base: Array,
-) -> results.RepeatabilityRows:
-    positions, attitudes = _attained(single, R_instr_base)
-    found = []
+) -> Iterator[dict[str, Any]]:
+    """Yield the rows of configurations, by the keys of `RepeatabilityRows`."""
+    positions_m, R = single.measured.places_m, None
+    if single.measured.measures_pose:
+        R = R_instr_base.T @ measured_as_poses(single).measured.T_instr_target[:, :3, :3]
     for row in rows:
         at = code == row
-        p = positions[at]
-        seen = _in_all(p)
-        R = None if attitudes is None else attitudes[at]
-        found.append(repeatability(p[:, seen].mean(axis=1), R))
-    first = np.array([int(np.flatnonzero(code == row)[0]) for row in rows])
-    turns = [each.RP_deg for each in found if each.RP_deg is not None]
-    return results.RepeatabilityRows(
-        kind=np.full(len(rows), kind),
-        pose=single.pose[first],
-        load_N=single.states.load_N[first],
-        repeats=np.bincount(code)[rows].astype(np.int64),
-        one_direction=np.array([_one_side(single.states.arrival[code == row]) for row in rows]),
-        RP_mm=np.array([each.RP_mm for each in found]),
-        RP_deg=np.array(turns) if turns else None,
-    )
-
-
-def _attained(single: Observations, R_instr_base: Array) -> tuple[Array, Array | None]:
-    """Return positions (P, B, 3) and orientations (P, 3, 3) along the base's axes."""
-    if single.measured.measures_pose:
-        T = measured_as_poses(single).measured.T_instr_target
-        return T[:, None, :3, 3], R_instr_base.T @ T[:, :3, :3]
-    return single.measured.places_m, None
-
-
-def _one_side(arrival: Array) -> bool:
-    """Return whether every joint arrived from the same side in all repeats, as far as known."""
-    return bool((np.ptp(arrival, axis=0) == 0.0).all())
+        p_m = positions_m[at]
+        RP_mm, RP_deg = repeatability(
+            p_m[:, _in_all(p_m)].mean(axis=1), None if R is None else R[at]
+        )
+        yield {
+            "kind": kind,
+            "pose": single.pose[at][0],
+            "load_N": single.states.load_N[at][0],
+            "repeats": int(at.sum()),
+            # whether every joint arrived from the same side in all repeats, as far as known
+            "one_direction": bool((np.ptp(single.states.arrival[at], axis=0) == 0.0).all()),
+            "RP_mm": RP_mm,
+            "RP_deg": RP_deg,
+        }
 
 
 def _accuracy(parts: list[tuple[results.HeldOutModel, NDArray[np.intp]]]) -> results.PoseAccuracy:
-    tables = [
-        results.AccuracyRows(
-            pose=model.rows.pose[rows],
-            load_N=model.rows.load_N[rows],
-            AP_mm=np.linalg.norm(model.rows.position_mm[rows], axis=1),
-            AP_xyz_mm=-model.rows.position_mm[rows],
-            AP_deg=None if model.rows.rotation_deg is None else -model.rows.rotation_deg[rows],
-        )
-        for model, rows in parts
-        if len(rows)
-    ]
-    joined = results.AccuracyRows(**_joined([dict(table) for table in tables]))
-    turns = None if joined.AP_deg is None else np.linalg.norm(joined.AP_deg, axis=1)
+    def column(name: str) -> NDArray[Any] | None:
+        columns = [(getattr(model.rows, name), rows) for model, rows in parts if len(rows)]
+        if columns[0][0] is None:
+            return None
+        return np.concatenate([values[rows] for values, rows in columns])
+
+    off_mm, turned_deg = np.asarray(column("position_mm")), column("rotation_deg")
+    AP_mm = np.linalg.norm(off_mm, axis=1)
+    angles = None if turned_deg is None else np.linalg.norm(turned_deg, axis=1)
     return results.PoseAccuracy(
-        AP_mean_mm=float(joined.AP_mm.mean()),
-        AP_largest_mm=float(joined.AP_mm.max()),
-        AP_mean_deg=None if turns is None else float(turns.mean()),
-        AP_largest_deg=None if turns is None else float(turns.max()),
-        rows=joined,
+        AP_mean_mm=float(AP_mm.mean()),
+        AP_largest_mm=float(AP_mm.max()),
+        AP_mean_deg=None if angles is None else float(angles.mean()),
+        AP_largest_deg=None if angles is None else float(angles.max()),
+        rows=results.AccuracyRows(
+            pose=column("pose"),
+            load_N=column("load_N"),
+            AP_mm=AP_mm,
+            AP_xyz_mm=-off_mm,
+            AP_deg=None if turned_deg is None else -turned_deg,
+        ),
     )
-
-
-def _joined(tables: list[dict[str, Array | None]]) -> dict[str, Array | None]:
-    """Return the columns of tables below each other."""
-    first = tables[0]
-    return {
-        name: None
-        if first[name] is None
-        else np.concatenate([column for table in tables if (column := table[name]) is not None])
-        for name in first
-    }

@@ -45,7 +45,6 @@ def compare_models(
     """Compare two models of arms of the same layout.
 
     Args:
-        first, second: the models.
         names: what they are called in the record and in messages.
 
     Raises:
@@ -407,7 +406,6 @@ def drift(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftR
 
     Args:
         models: of two campaigns or more, in order of time, with covariances.
-        names: of the campaigns.
 
     Raises:
         ModelError: when there are fewer than two, the arms differ in layout, or a covariance is not
@@ -464,25 +462,23 @@ def _refuse(models: Sequence[FittedModel], names: Sequence[str]) -> None:
 
 def _rows(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftRows:
     """Return links, springs and effects of all models, with 95 % intervals."""
-    rows: list[tuple[str, str, str, str, str]] = []
-    numbers: list[tuple[float, float]] = []
-    for model, name in zip(models, names, strict=True):
-        for term, parameter, value, std in model.every_reported():
-            frame = isinstance(term, Offsets) and term.of != "links"
-            curve = len(term.parameters) > _MOST
-            if std > 0.0 and not frame and not curve and not isinstance(term, Weights):
-                rows.append((name, term.id, term.of, parameter.name, parameter.unit))
-                numbers.append((value, std))
-    campaign, term_id, of, parameter_name, unit = np.array(rows, dtype=str).reshape(-1, 5).T
-    values, stds = np.array(numbers).reshape(-1, 2).T
-    return results.DriftRows(
-        campaign=campaign,
-        term=term_id,
-        of=of,
-        parameter=parameter_name,
-        unit=unit,
-        value=values,
-        std=stds,
-        low=values - _HALF_95 * stds,
-        high=values + _HALF_95 * stds,
-    )
+    rows = [
+        {
+            "campaign": name,
+            "term": term.id,
+            "of": term.of,
+            "parameter": parameter.name,
+            "unit": parameter.unit,
+            "value": value,
+            "std": std,
+            "low": value - _HALF_95 * std,
+            "high": value + _HALF_95 * std,
+        }
+        for model, name in zip(models, names, strict=True)
+        for term, parameter, value, std in model.every_reported()
+        if std > 0.0
+        and len(term.parameters) <= _MOST
+        and not isinstance(term, Weights)
+        and not (isinstance(term, Offsets) and term.of != "links")
+    ]
+    return results.DriftRows.model_validate(rows)

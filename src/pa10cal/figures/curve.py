@@ -106,9 +106,6 @@ def space(
     """Add axes in space with one shape of the chain, equal scales and room for all shapes.
 
     Args:
-        figure: to add to.
-        results: the chain.
-        shape: which.
         place_mm: x, y, width and height in the figure.
         numbers: whether the axes have numbers and names.
     """
@@ -258,9 +255,7 @@ def film_curve_film(results: CurveResults, path: Path, dpi: int) -> None:
     """Write the shapes one after the other, as fast as they follow.
 
     Args:
-        results: several shapes.
         path: ends in `.gif` or `.mp4`.
-        dpi: dots an inch.
 
     Raises:
         NothingToShowError: when there is one shape.

@@ -59,15 +59,6 @@ class AnglesSeen:
         )
 
 
-def span_seen(q_rad: Array) -> AnglesSeen:
-    """Return the span of positions of every joint that poses (P, n) have seen.
-
-    What a model without maps has learnt holds between them.
-    """
-    spans = np.stack([q_rad.min(axis=0), q_rad.max(axis=0)], axis=1)
-    return AnglesSeen(tuple(spans[:, None]), (False,) * len(spans))
-
-
 def span_visited(q_rad: Array) -> AnglesSeen:
     """Return the positions of every joint that poses (P, n) have visited, gaps as usual bridged.
 
@@ -92,13 +83,14 @@ def nothing_seen(joints: int) -> AnglesSeen:
     return AnglesSeen((np.zeros((0, 2)),) * joints, (False,) * joints)
 
 
-def angles_seen(q_rad: Array, turns: NDArray[np.bool_]) -> AnglesSeen:
-    """Return the angles that poses (P, n) have seen.
+def angles_seen(q_rad: Array, turns: NDArray[np.bool_] | None = None) -> AnglesSeen:
+    """Return the angles that poses (P, n) of a fit have seen.
 
     Args:
-        q_rad: joint angles of the poses of the fit.
-        turns: (n,) whether the joint turns.
+        turns: (n,) whether a map depends on the joint's angle; of the others the span of positions
+            counts, between which what a model without maps has learnt holds. None where none does.
     """
+    turns = np.zeros(q_rad.shape[1], dtype=bool) if turns is None else turns
     return AnglesSeen(
         tuple(
             _stretches(q) if turning else np.array([[q.min(), q.max()]])

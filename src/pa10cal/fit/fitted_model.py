@@ -15,8 +15,9 @@ from pa10cal.errors import ModelError
 from pa10cal.fit.compensation import compensate
 from pa10cal.fit.fitted import FLANGE, Compensation, Fitted, Prediction
 from pa10cal.fit.forward import Forward, T_flange_frame, conditions, predicted
-from pa10cal.fit.model_file import model_from_plain, read_model, save_model
+from pa10cal.fit.model_file import covariance_beside, file_of, model_from_plain, save_model
 from pa10cal.results.calibration import CalibrationRecord, Fit
+from pa10cal.yaml_file import read_yaml
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -173,7 +174,16 @@ def load_model(path: str | Path) -> FittedModel:
             or lacks a key.
         TermError: when it has a term that is not known.
     """
-    return read_model(path, FittedModel)
+    path = file_of(Path(path))
+    content = read_yaml(
+        path,
+        ModelError,
+        what="the model cannot be read",
+        allowed="a model.yaml that this package wrote",
+        remedy="correct the path, or write the model again",
+    )
+    covariance = covariance_beside(path)
+    return model_from_plain(content, FittedModel, where=str(path), covariance=covariance)
 
 
 def models_of(record: CalibrationRecord, where: str) -> dict[str, FittedModel]:

@@ -35,7 +35,6 @@ def with_torques(
     Args:
         model, x: chain and terms, with the parameters of these. Effects play no part: they may
             need what is not known yet, and move weights by next to nothing.
-        states: P states.
         payload: what the arm carries; None where it is not known.
     """
     if np.all(np.isfinite(states.tau_Nm)):
@@ -62,11 +61,6 @@ def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> 
 
     Gravity is along the base's own axes; and what the instrument reads too much, which moves the
     tool in the model, moves no weight: motions of base and tool count for nothing here.
-
-    Args:
-        model, x: chain and terms, with the parameters of these.
-        states: P states.
-        payload: what the arm carries.
     """
     return _in_order(_blocks(model, x, states, payload))
 

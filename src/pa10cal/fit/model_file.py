@@ -24,7 +24,6 @@ from pa10cal.results.health import InputFinding
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.term import Term
-from pa10cal.yaml_file import read_yaml
 
 F = TypeVar("F", bound=Fitted)
 
@@ -43,7 +42,6 @@ def save_model(model: Fitted, path: Path, **about: Any) -> None:
     """Write a fitted model, and its covariance beside it, whole or not at all.
 
     Args:
-        model: the model.
         path: `….yaml`; the covariance goes to `….covariance.npz`.
         about: further keys that only people read, such as warnings.
 
@@ -59,29 +57,6 @@ def save_model(model: Fitted, path: Path, **about: Any) -> None:
         for covariance in covariances:
             write_covariance(model, covariance)
         place.write_text(text, encoding="utf-8", newline="\n")
-
-
-def read_model(path: str | Path, kind: type[F]) -> F:
-    """Read a fitted model; without the file of its covariance it predicts without uncertainty.
-
-    Args:
-        path: of model.yaml, or of the folder `model`, or of the results, that it lies in.
-        kind: class of the model.
-
-    Raises:
-        ModelError: when the file, or that of its covariance, cannot be read, is of another schema,
-            or lacks a key.
-        TermError: when it has a term that is not known.
-    """
-    path = file_of(Path(path))
-    content = read_yaml(
-        path,
-        ModelError,
-        what="the model cannot be read",
-        allowed="a model.yaml that this package wrote",
-        remedy="correct the path, or write the model again",
-    )
-    return model_from_plain(content, kind, where=str(path), covariance=covariance_beside(path))
 
 
 def file_of(path: Path) -> Path:
@@ -100,7 +75,7 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
         head["suspicions"] = [
             {key: getattr(each, key) for key in _SUSPICION} for each in suspicions
         ]
-    content: dict[str, Any] = {
+    return {
         "schema": SCHEMA,
         "robot": model.arm.name,
         "grade": model.grade or None,
@@ -134,7 +109,6 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
         },
         "covariance": None,
     }
-    return content
 
 
 def model_from_plain(
@@ -143,8 +117,6 @@ def model_from_plain(
     """Return the model that `model_to_plain` described.
 
     Args:
-        content: what it returned.
-        kind: class of the model.
         where: file and place, for messages.
         covariance: (k, k) of the parameters, or None.
 
@@ -278,7 +250,7 @@ def _arm_to_plain(model: Fitted) -> dict[str, Any]:
     arm = model.arm
     columns = {name: getattr(arm, name) for name in ROW_FIELDS}
     bends = {name for motion in model.model.chain.motions for name in [motion.coordinate]}
-    return {
+    plain: dict[str, Any] = {
         "name": arm.name,
         "title": arm.title,
         "convention": arm.convention,
@@ -295,8 +267,15 @@ def _arm_to_plain(model: Fitted) -> dict[str, Any]:
         ],
         "T_base_row1": arm.T_base_row1.tolist(),
         "T_row_n_flange": arm.T_row_n_ee.tolist(),
-        **({} if arm.weights_known is None else {"weights": _weights_to_plain(arm.weights_known)}),
     }
+    if (known := arm.weights_known) is not None:
+        plain["weights"] = {
+            "from": known.origin,
+            "why": known.why,
+            "mass_u": known.mass.tolist(),
+            "com_u_m": known.com_m.tolist(),
+        }
+    return plain
 
 
 def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
@@ -310,6 +289,10 @@ def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
         for name in ROW_FIELDS
         if weighed or name not in ("mass_kg", "com_m")
     }
+    known = None
+    if (weights := content.get("weights")) is not None:
+        mass, com_m = (np.array(weights[key], dtype=float) for key in ("mass_u", "com_u_m"))
+        known = WeightsKnown(weights["from"], mass, com_m, str(weights["why"]))
     return Arm(
         name=str(content["name"]),
         title=str(content["title"]),
@@ -317,24 +300,8 @@ def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
         **columns,
         T_base_row1=_frame(content["T_base_row1"], "T_base_row1"),
         T_row_n_ee=_frame(content["T_row_n_flange"], "T_row_n_flange"),
-        weights_known=_weights_from_plain(content.get("weights")),
+        weights_known=known,
     )
-
-
-def _weights_to_plain(known: WeightsKnown) -> dict[str, Any]:
-    return {
-        "from": known.origin,
-        "why": known.why,
-        "mass_u": known.mass.tolist(),
-        "com_u_m": known.com_m.tolist(),
-    }
-
-
-def _weights_from_plain(content: Mapping[str, Any] | None) -> WeightsKnown | None:
-    if content is None:
-        return None
-    mass, com_m = (np.array(content[key], dtype=float) for key in ("mass_u", "com_u_m"))
-    return WeightsKnown(content["from"], mass, com_m, str(content["why"]))
 
 
 def _fitted_to(content: Mapping[str, Any]) -> FittedTo:

@@ -69,7 +69,6 @@ def hypotheses(
     """Return what may have moved in an arm of whose parameters something is known.
 
     Args:
-        arm: the nominal arm.
         terms: what belongs to the arm: departures, springs, effects.
         x: (k,) their parameters.
         covariance: (k, k) how well these are known.
@@ -113,7 +112,6 @@ def sought(
 
     Args:
         disagreement: of readings, or of two fits.
-        possible: what may have moved.
         before: what was found already; it is not sought again, but for a model's error.
     """
     known = {(each.what.kind, each.what.of) for each in before if each.what.kind != MODEL_ERROR}

@@ -192,7 +192,6 @@ def dh_text(
     the whole one.
 
     Args:
-        model: the fitted model.
         mark: grade, for the column of that name.
         part: rigid links whose rows they are; None for the rigid part.
         error: of these, for two last columns; None where it is not known.

@@ -97,9 +97,6 @@ def weighted_rows(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) 
     """Weigh the rows of a problem.
 
     Args:
-        problem: the model and what was seen.
-        rows: of the problem at some point.
-        scatter: beyond the stated uncertainty.
         robust: whether poses far outside the scatter weigh less.
     """
     whitener = _whitener(problem, scatter.size)
@@ -186,22 +183,15 @@ def _whitener(problem: Problem, scatter: dict[str, float]) -> Array:
     return whitener
 
 
-def _stated_sizes(problem: Problem) -> dict[str, float]:
-    """Return the stated standard uncertainty of each kind, on average."""
-    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
-    return {
-        kind: float(np.sqrt(variances[:, rows][problem.components_seen[:, rows]].mean()))
-        for kind, rows in problem.measured.component_kinds
-    }
-
-
 def first_scatter(problem: Problem, rows: Rows) -> Scatter:
     """Return a scatter to start with, estimated at the start and robust to outliers."""
-    found = {}
+    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
+    found, stated = {}, {}
     for kind, columns in problem.measured.component_kinds:
-        size = np.abs(rows.residual[:, columns][problem.components_seen[:, columns]])
-        found[kind] = float(np.median(size) / 0.6745)
-    return Scatter(found, _stated_sizes(problem), dict.fromkeys(found, 0.0))
+        seen = problem.components_seen[:, columns]
+        found[kind] = float(np.median(np.abs(rows.residual[:, columns][seen])) / 0.6745)
+        stated[kind] = float(np.sqrt(variances[:, columns][seen].mean()))
+    return Scatter(found, stated, dict.fromkeys(found, 0.0))
 
 
 def refreshed(
@@ -214,11 +204,7 @@ def refreshed(
     all, where the weight alone would let them widen the scatter without bound.
 
     Args:
-        problem: the model and what was seen.
-        rows: of the problem.
-        weighted: the same, weighted with the scatter so far.
         parts: (k, r) of which A A^T is the covariance of the unknowns.
-        before: the scatter so far.
     """
     leverage = np.zeros(weighted.residual.shape)
     for at, columns in problem.measured.parts_seen:
@@ -241,11 +227,8 @@ def refreshed(
     return Scatter(sizes, before.stated, dof)
 
 
-# How far residuals lie outside what their own distribution makes, tails and all.
-#
-# Right data may have heavy tails. Their heaviness is read off the bulk, where a few wrong readings
-# do not show, as degrees of freedom of Student's t: the largest of many such deviates is known
-# then.
+# How far residuals lie outside what their own distribution makes: the heaviness of right data's
+# tails is read off the bulk, where a few wrong readings do not show.
 
 #: Probability that any of many right deviates, whatever their tails, is called wrong.
 ACCUSED_RATE = 1e-4
@@ -275,7 +258,6 @@ class Tails:
         """Return the distribution of deviates (N,).
 
         Args:
-            deviates: about zero.
             surely: standard errors by which tails may be heavier than they were found.
         """
         sizes = np.abs(deviates)
@@ -323,14 +305,13 @@ def far_from_prediction(
     white = by_stated(poses, left)
     far = np.zeros(len(poses), dtype=bool)
     for _, at in poses.measured.component_kinds:
-        of_fitted, own = _tails(usual, fitted, at), _tails(white, poses, at)
-        scale = max(of_fitted.scale, own.scale, LEAST_STATED)
-        white[:, at] /= scale
         seen = components_seen(poses, at)
-        both = np.concatenate(
-            [white[:, at][seen], usual[:, at][components_seen(fitted, at)] / scale]
+        of_fitted, own = usual[:, at][components_seen(fitted, at)], white[:, at][seen]
+        scale = max(Tails.of(of_fitted).scale, Tails.of(own).scale, LEAST_STATED)
+        white[:, at] /= scale
+        limit = Tails.of(np.concatenate([white[:, at][seen], of_fitted / scale])).largest(
+            ACCUSED_RATE, int(seen.sum())
         )
-        limit = Tails.of(both).largest(ACCUSED_RATE, int(seen.sum()))
         far |= np.abs(np.where(seen, white[:, at], 0.0)).max(axis=1, initial=0.0) > limit
     return far & ~confirmed(poses, left, np.flatnonzero(far)), white
 
@@ -365,7 +346,3 @@ def by_stated(readings: Observations, values: Array) -> Array:
 def components_seen(readings: Observations, at: slice) -> Mask:
     """Return which of some components of readings were seen."""
     return np.asarray(readings.measured.components_seen[:, at])
-
-
-def _tails(white: Array, readings: Observations, at: slice) -> Tails:
-    return Tails.of(white[:, at][components_seen(readings, at)])

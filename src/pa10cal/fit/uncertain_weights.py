@@ -63,8 +63,6 @@ def unknown_weights(arm: Arm, payload: Payload, states: PoseStates) -> tuple[Wei
     """Return the weights that a calibration fits with the springs: those nobody stated.
 
     Args:
-        arm: the nominal arm.
-        payload: what it carries.
         states: poses with calculated torques.
     """
     known = weights_known(arm)

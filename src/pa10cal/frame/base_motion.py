@@ -1,14 +1,9 @@
 """How an instrument moved between readings, from targets that are fixed to the base or the floor.
 
 A target k at b_k is read at b_k + s + w x (b_k - c), where s and w are the small shift and turn of
-the reading's configuration about the middle c of the targets. One target or two show a shift, three
-that are not in line a turn as well; a turn that is not shown counts as uncertain by what else shows
-of it. Wrong readings and knocked targets go first, one by one: about a set of places all is linear
-and Gaussian, its normal equations a band, and one reading of another target would be a motion of
-them all. Two forms of motion are tried against none: a random walk in time, whose steps are
-estimated with it, so that neighbours are averaged as far as they agree; and motions of each
-configuration by itself. The one under which the readings are most probable is taken. Along what is
-known of a motion no better than the readings spread, it is left out.
+the reading's configuration about the middle c of the targets. Wrong readings and
+knocked targets go first. About a set of places all is linear and Gaussian, its normal equations a
+band. Which motion is taken, and where it is left out: "Targets on the base" of docs/instruments.md.
 """
 
 from __future__ import annotations

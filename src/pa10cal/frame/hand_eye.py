@@ -1,17 +1,15 @@
 """Base frame and target on the end-effector from what an instrument saw: closed form, then refined.
 
 With the nominal model's T_base_ee of every pose these solve T_instr_target = T_instr_base T_base_ee
-T_ee_target for the two constant frames, whatever they are: the start of a calibration whose
-instrument is anywhere and measures a target that is anywhere. Geometry that is a little wrong is
-averaged over. What of the target's place the base frame can mimic (its height, where all
-orientations differ by turns about one axis) these poses leave open: it is held as stated and named.
+T_ee_target for the two constant frames. What of the target's place the base frame can mimic (its
+height, where all orientations differ by turns about one axis) is held as stated and named.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
+from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.numerics.least_squares import (
     COST_TOLERANCE,
     OPEN,
@@ -28,8 +27,6 @@ from pa10cal.numerics.least_squares import (
     descend,
     split_identified,
 )
-
-# Base frame and places of targets by least squares from a start; see `frame.hand_eye`.
 
 #: How far from the target an error of orientation counts as the error of position it makes there.
 LEVER_M = 0.5
@@ -168,8 +165,6 @@ def refined(
     """Refine a guess, holding what of the targets the base can mimic.
 
     Args:
-        problem: what was seen.
-        guess: where to set out.
         roughly: whether to stop where it is clear which of several guesses leads lowest.
 
     Returns:
@@ -177,19 +172,15 @@ def refined(
         orientation where one was seen) the poses identify.
     """
     for _ in range(1 if roughly else PASSES):
-        whole = _linearise(problem, guess, None).by_step
+        whole = _linearise(problem, guess).by_step
         split = split_identified(whole[:, 6:], whole[:, :6])
         guess, at = descend(
             guess,
-            _linearising(problem, split.identified),
+            partial(_linearise, problem, free=split.identified),
             _moving(split.identified),
             _ROUGHLY if roughly else COST_TOLERANCE,
         )
     return guess, at, split
-
-
-def _linearising(problem: TargetProblem, free: Array) -> Callable[[Guess], Linearised]:
-    return lambda guess: _linearise(problem, guess, free)
 
 
 def _moving(free: Array) -> Callable[[Guess, Array], Guess]:
@@ -211,12 +202,8 @@ def _moving(free: Array) -> Callable[[Guess, Array], Guess]:
     return moved
 
 
-def residuals(problem: TargetProblem, guess: Guess) -> tuple[Array, Array]:
-    """Return seen less modelled positions (K, 3) and turns (P, 3), along base axes."""
-    return _residuals(problem, guess, problem.in_base(guess.p_ee_m))
-
-
 def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[Array, Array]:
+    """Return seen less modelled positions (K, 3) and turns (P, 3), along base axes."""
     R = guess.R_instr_base
     off_m = (problem.p_instr_m - guess.p_instr_base_m) @ R - p_base_m
     if not len(problem.R_cmm):
@@ -227,7 +214,7 @@ def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[A
     ).as_rotvec()
 
 
-def _linearise(problem: TargetProblem, guess: Guess, free: Array | None) -> Linearised:
+def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = None) -> Linearised:
     """Return the problem in the step of `_moving`; with all of the targets where none is named.
 
     The derivative of a squared angle by a small turn is exact also where the angle is not small.
@@ -239,7 +226,7 @@ def _linearise(problem: TargetProblem, guess: Guess, free: Array | None) -> Line
     by_step = np.zeros((3 * (rows + turning), 6 + places + (3 if turning else 0)))
     of_places = by_step[: 3 * rows].reshape(rows, 3, -1)
     of_places[:, :, :3] = np.eye(3)
-    of_places[:, :, 3:6] = _crossed(p_base_m)
+    of_places[:, :, 3:6] = -cross_matrix(p_base_m)
     of_places[:, :, 6 : 6 + places] = problem.by_places
     of_places *= problem.root_weight[:, None, None]
     residual = [problem.root_weight[:, None] * off_m]
@@ -254,63 +241,26 @@ def _linearise(problem: TargetProblem, guess: Guess, free: Array | None) -> Line
     return Linearised(by_step, np.concatenate(residual).ravel())
 
 
-def _crossed(points: Array) -> Array:
-    """Return the derivative (K, 3, 3) of w x points by w."""
-    x, y, z = points.T
-    crossed = np.zeros((len(points), 3, 3))
-    crossed[:, 0, 1], crossed[:, 0, 2] = z, -y
-    crossed[:, 1, 0], crossed[:, 1, 2] = -z, x
-    crossed[:, 2, 0], crossed[:, 2, 1] = y, -x
-    return crossed
-
-
 #: Poses that choose between starts.
 MOST_POSES = 300
 #: Root mean square spread across a line that positions must have to determine a rotation.
 LEAST_SPREAD_M = 1e-3
 
 
-@dataclass(frozen=True)
-class HandEye:
-    """Base frame and targets, from B targets that were seen."""
-
-    T_instr_base: Array  # (4, 4) instrument from base [m]
-    # (3,) standard uncertainty of the directions of the base's x, y and z, per axis across each,
-    # taking the residuals as independent
-    axis_u_rad: Array
-    # (B, 4, 4) end-effector from target [m]; the orientation is the identity where only positions
-    # were seen
-    T_ee_targets: Array
-    # (P, B, 3) seen less modelled positions, along base axes, nan where not seen
-    residuals_m: Array
-    rms_m: float  # root mean square distance of seen from modelled positions
-    rms_rad: float  # root mean square angle between seen and modelled orientations
-    # directions of the targets that the poses do not identify, held as stated
-    held: tuple[str, ...]
-
-    def targets(self, T_base_ee: Array) -> Array:
-        """Return where the targets are in the instrument's frame, (P, B, 4, 4) [m]."""
-        return np.asarray(self.T_instr_base @ T_base_ee[:, None] @ self.T_ee_targets)
-
-
 def hand_eye_from_poses(
-    T_base_ee: Array,
-    T_instr_target: Array,
-    T_ee_stated: Array | None = None,
-    weights: Array | None = None,
-) -> HandEye:
+    T_base_ee: Array, T_instr_target: Array, weights: Array | None = None
+) -> Located:
     """Solve T_instr_target = T_instr_base T_base_ee T_ee_target for the constant frames.
 
     Rotations start from the dominant singular vectors of the sum of Kronecker products of measured
     and modelled orientations (exact for exact data with turns about more than one axis), from the
-    positions alone, and from the stated orientation of the target; all starts are refined together
-    with the translations by Gauss-Newton steps, and the best is returned.
+    positions alone, and from a target that is not turned; all starts are refined together with the
+    translations by Gauss-Newton steps, and the best is returned. What the poses do not identify of
+    the target stays at the end-effector.
 
     Args:
         T_base_ee: (P, 4, 4) modelled end-effector [m].
         T_instr_target: (P, 4, 4) measured target [m].
-        T_ee_stated: (4, 4) value kept where the poses do not identify the target; None for the
-            end-effector itself.
         weights: (P,) weights of the squared residuals; None for equal ones.
 
     Returns:
@@ -319,22 +269,19 @@ def hand_eye_from_poses(
     Raises:
         CalibrationError: with fewer than three poses.
     """
-    T_ee = np.eye(4) if T_ee_stated is None else T_ee_stated
-    p_instr_m = T_instr_target[:, None, :3, 3]
-    problem = TargetProblem.of(
-        T_base_ee, p_instr_m, T_ee[None, :3, 3], weights, T_instr_target[:, :3, :3]
-    )
+    p_instr_m, R_instr = T_instr_target[:, None, :3, 3], T_instr_target[:, :3, :3]
+    problem = TargetProblem.of(T_base_ee, p_instr_m, np.zeros((1, 3)), weights, R_instr)
     few = problem.thinned(MOST_POSES)
     turns = [
         _by_kronecker(few),
-        _mean_turn(few.weights, few.R_cmm @ T_ee[:3, :3].T @ _transposed(few.R_base)),
+        _mean_turn(few.weights, few.R_cmm @ _transposed(few.R_base)),
         *_by_positions(few),
     ]
     starts = []
     for R_instr_base in turns:
         of_target = _transposed(R_instr_base @ few.R_base) @ few.R_cmm
         starts.append((R_instr_base, _mean_turn(few.weights, of_target)))
-    starts.append((starts[1][0], T_ee[:3, :3]))
+    starts.append((starts[1][0], np.eye(3)))
     return _best(problem, starts, ["the target"])
 
 
@@ -352,7 +299,7 @@ def hand_eye_from_points(
     p_ee_stated_m: Array | None = None,
     weights: Array | None = None,
     names: Sequence[str] | None = None,
-) -> HandEye:
+) -> Located:
     """Solve p_instr = T_instr_base (T_base_ee p_ee) for the base frame and the places of B targets.
 
     Carried into the base frame the equations are linear in a general matrix in the place of the
@@ -397,7 +344,7 @@ def hand_eye_from_points(
 
 def _best(
     problem: TargetProblem, starts: Sequence[tuple[Array, Array]], names: list[str]
-) -> HandEye:
+) -> Located:
     """Refine every start, given as the rotations of base and target, and return the best.
 
     Some of the poses decide which is best.
@@ -408,24 +355,23 @@ def _best(
     if split.unidentified.size:
         best = replace(best, p_ee_m=problem.p_ee_stated_m)
     guess, at, split = refined(problem, best)
-    poses, targets = problem.shape
     turning = len(problem.R_cmm)
-    residuals_m = np.full((poses, targets, 3), np.nan)
-    residuals_m[problem.pose, problem.target], residuals_rad = residuals(problem, guess)
+    residuals_m, residuals_rad = _residuals(problem, guess, problem.in_base(guess.p_ee_m))
     T_instr_base = np.eye(4)
     T_instr_base[:3, :3], T_instr_base[:3, 3] = guess.R_instr_base, guess.p_instr_base_m
-    T_ee_targets = np.tile(np.eye(4), (targets, 1, 1))
-    T_ee_targets[:, :3, :3], T_ee_targets[:, :3, 3] = guess.R_ee_target, guess.p_ee_m
     spare = max(len(at.residual) - at.by_step.shape[1], 1)
     covariance = np.linalg.pinv(at.by_step.T @ at.by_step)[3:6, 3:6] * at.cost / spare
     across = (np.trace(covariance) - np.diag(covariance)) / 2.0
-    return HandEye(
+    T_ee_target = np.eye(4)
+    T_ee_target[:3, :3], T_ee_target[:3, 3] = guess.R_ee_target, guess.p_ee_m[0]
+    return Located(
         T_instr_base=T_instr_base,
+        scatter_m=_rms(residuals_m, problem.weights[problem.pose]),
+        poses=problem.shape[0],
         axis_u_rad=np.sqrt(across),
-        T_ee_targets=T_ee_targets,
-        residuals_m=residuals_m,
-        rms_m=_rms(residuals_m[problem.pose, problem.target], problem.weights[problem.pose]),
-        rms_rad=_rms(residuals_rad, problem.weights) if turning else 0.0,
+        scatter_rad=_rms(residuals_rad, problem.weights) if turning else None,
+        T_ee_target=T_ee_target if turning else None,
+        p_ee_targets_m=None if turning else guess.p_ee_m,
         held=tuple(_said(direction, names) for direction in split.unidentified.T),
     )
 

@@ -6,8 +6,8 @@ the target, three for the point. The base frame itself does not show.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -39,8 +39,7 @@ class Ranging:
 
     p_base_point_m: Array  # (3,) fixed point in the base frame
     p_ee_target_m: Array  # (3,) target in the end-effector frame
-    residuals_m: Array  # (P,) measured less modelled distances
-    rms_m: float  # their root mean square
+    rms_m: float  # root mean square of measured less modelled distances
     held: tuple[str, ...]  # directions of the target that the poses do not identify, held as stated
 
     def distances(self, T_base_ee: Array) -> Array:
@@ -84,17 +83,16 @@ def range_from_distances(
     root = np.sqrt(np.ones(len(d_m)) if weights is None else weights)
     problem = _Problem(T_base_ee[:, :3, 3], T_base_ee[:, :3, :3], d_m, root, stated_m)
     few = problem.thinned()
-    best = min((_refined(few, *start) for start in _starts(few)), key=lambda each: each.cost)
-    found = _refined(problem, best.p_base_m, best.p_ee_m)
-    _refuse_open(problem, found)
-    residuals_m = d_m - np.linalg.norm(problem.from_point(found.p_base_m, found.p_ee_m), axis=1)
+    start, *_ = min((_refined(few, each) for each in _starts(few)), key=lambda found: found[1].cost)
+    at, _, split = _refined(problem, start)
+    _refuse_open(problem, at)
+    residuals_m = d_m - np.linalg.norm(problem.from_point(*at), axis=1)
     return Ranging(
-        p_base_point_m=found.p_base_m,
-        p_ee_target_m=found.p_ee_m,
-        residuals_m=residuals_m,
+        p_base_point_m=at[0],
+        p_ee_target_m=at[1],
         rms_m=float(np.sqrt(np.average(residuals_m**2, weights=root**2))),
         held=tuple(
-            f"the target along {axis_text(direction)}" for direction in found.split.unidentified.T
+            f"the target along {axis_text(direction)}" for direction in split.unidentified.T
         ),
     )
 
@@ -112,12 +110,12 @@ class _Problem:
     def thinned(self) -> _Problem:
         """Return the problem of few poses, drawn at random, always the same."""
         drawn = np.sort(np.random.default_rng(0).permutation(len(self.d_m))[:MOST_POSES])
-        return _Problem(
-            self.p_base_ee_m[drawn],
-            self.R_base[drawn],
-            self.d_m[drawn],
-            self.root[drawn],
-            self.p_ee_stated_m,
+        return replace(
+            self,
+            p_base_ee_m=self.p_base_ee_m[drawn],
+            R_base=self.R_base[drawn],
+            d_m=self.d_m[drawn],
+            root=self.root[drawn],
         )
 
     def from_point(self, p_base_m: Array, p_ee_m: Array) -> Array:
@@ -125,17 +123,11 @@ class _Problem:
         return np.asarray(self.p_base_ee_m + self.R_base @ p_ee_m - p_base_m)
 
 
-@dataclass(frozen=True)
-class _Found:
-    """Where a descent ended."""
-
-    p_base_m: Array
-    p_ee_m: Array
-    cost: float
-    split: Split
+#: A fixed point (3,) in the base frame, and a target (3,) in that of the end-effector.
+_Places = tuple[Array, Array]
 
 
-def _starts(problem: _Problem) -> list[tuple[Array, Array]]:
+def _starts(problem: _Problem) -> list[_Places]:
     """Return fixed points and targets to start from."""
     aside = ASIDE_M * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
     starts = []
@@ -154,7 +146,7 @@ def _starts(problem: _Problem) -> list[tuple[Array, Array]]:
     return starts
 
 
-def _by_products(problem: _Problem) -> tuple[Array, Array]:
+def _by_products(problem: _Problem) -> _Places:
     """Solve d^2 - |x|^2 = 2 x.R u - 2 x.c - 2 c.R u + (|u|^2 + |c|^2) for target u and point c."""
     x, R = problem.p_base_ee_m, problem.R_base
     turned = np.einsum("pji,pj->pi", R, x)
@@ -165,27 +157,23 @@ def _by_products(problem: _Problem) -> tuple[Array, Array]:
     return solved[3:6], solved[:3]
 
 
-def _refined(problem: _Problem, p_base_m: Array, p_ee_m: Array) -> _Found:
+def _refined(problem: _Problem, at: _Places) -> tuple[_Places, Linearised, Split]:
     """Refine a start; what of the target the fixed point can mimic is held as stated."""
-    at = (p_base_m, p_ee_m)
     for _ in range(PASSES):
-        whole = _linearise(problem, at, np.eye(3)).by_step
+        whole = _linearise(problem, at, free=np.eye(3)).by_step
         split = split_identified(whole[:, 3:], whole[:, :3])
         onto = split.identified @ np.linalg.pinv(split.identified)
         at = (at[0], problem.p_ee_stated_m + onto @ (at[1] - problem.p_ee_stated_m))
-        at, here = descend(at, _linearising(problem, split.identified), _moving(split.identified))
-    return _Found(*at, here.cost, split)
+        free = split.identified
+        at, here = descend(at, partial(_linearise, problem, free=free), partial(_moved, free=free))
+    return at, here, split
 
 
-def _linearising(problem: _Problem, free: Array) -> Callable[[tuple[Array, Array]], Linearised]:
-    return lambda at: _linearise(problem, at, free)
+def _moved(at: _Places, step: Array, *, free: Array) -> _Places:
+    return at[0] + step[:3], at[1] + free @ step[3:]
 
 
-def _moving(free: Array) -> Callable[[tuple[Array, Array], Array], tuple[Array, Array]]:
-    return lambda at, step: (at[0] + step[:3], at[1] + free @ step[3:])
-
-
-def _linearise(problem: _Problem, at: tuple[Array, Array], free: Array) -> Linearised:
+def _linearise(problem: _Problem, at: _Places, *, free: Array) -> Linearised:
     way = problem.from_point(*at)
     length = np.maximum(np.linalg.norm(way, axis=1), np.finfo(float).tiny)
     unit = way / length[:, None]
@@ -194,9 +182,9 @@ def _linearise(problem: _Problem, at: tuple[Array, Array], free: Array) -> Linea
     return Linearised(by_step, problem.root * (problem.d_m - length))
 
 
-def _refuse_open(problem: _Problem, found: _Found) -> None:
+def _refuse_open(problem: _Problem, at: _Places) -> None:
     """Refuse poses from which the fixed point is seen in directions of a plane or a line."""
-    by_point = _linearise(problem, (found.p_base_m, found.p_ee_m), np.eye(3)).by_step[:, :3]
+    by_point = _linearise(problem, at, free=np.eye(3)).by_step[:, :3]
     _, size, directions = np.linalg.svd(by_point, full_matrices=False)
     if size[2] > OPEN * size[0]:
         return

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -36,12 +37,6 @@ def pose_error(T_predicted: Array, T_measured: Array) -> PoseError:
     return PoseError(T_predicted[:, :3, 3] - T_measured[:, :3, 3], 2.0 * vector, by_rotation)
 
 
-def angle_rad(error: PoseError) -> Array:
-    """Return the angle of the orientation difference, (P,)."""
-    half_chord: Array = np.linalg.norm(error.chord, axis=1) / 2.0
-    return 2.0 * np.arcsin(np.minimum(half_chord, 1.0))
-
-
 def cross_matrix(vector: Array) -> Array:
     """Return the matrices [v]x (..., 3, 3) with [v]x u = v × u."""
     matrix = np.zeros((*vector.shape, 3))
@@ -63,8 +58,7 @@ class RigidFit:
     """The rigid motion that carries points of a source frame onto points of a target frame."""
 
     T: Array  # (..., 4, 4) target from source, in the points' length unit
-    residuals: Array  # (..., k, 3) target point minus carried source point
-    rms: Array  # (...) root mean square distance, weighted as the fit was
+    rms: Array  # (...) root mean square distance of target from carried source points
 
 
 @dataclass(frozen=True)
@@ -79,20 +73,17 @@ class WeightedRigidFit:
 
     T: Array  # (B, 4, 4) target from source, in the points' length unit
     covariance: Array  # (B, 6, 6) of (dp, w) [length², length rad, rad²]
-    chi_square: Array  # (B,) weighted sum of squared residuals
-    residuals: Array  # (B, k, 3) target point minus carried source point
 
 
-def fit_rigid(source: Array, target: Array, weights: Array | None = None) -> RigidFit:
+def fit_rigid(source: Array, target: Array) -> RigidFit:
     """Fit a rotation and a translation by least squares (singular value decomposition).
 
     Args:
         source: (..., k, 3) points in the source frame; leading dimensions broadcast.
         target: (..., k, 3) the same points in the target frame.
-        weights: (..., k) non-negative weights of the squared distances; None for equal ones.
 
     Returns:
-        The proper rotation (never a reflection) and translation of least weighted distance.
+        The proper rotation (never a reflection) and translation of least squared distance.
 
     Raises:
         CalibrationError: when either set lies on one line or in one point.
@@ -100,22 +91,17 @@ def fit_rigid(source: Array, target: Array, weights: Array | None = None) -> Rig
     source, target = np.broadcast_arrays(
         np.asarray(source, dtype=float), np.asarray(target, dtype=float)
     )
-    w = np.ones(source.shape[:-1]) if weights is None else np.asarray(weights, dtype=float)
-    w = np.broadcast_to(w, source.shape[:-1])[..., None]
-    total = w.sum(axis=-2)
-    source_mean = (w * source).sum(axis=-2) / total
-    target_mean = (w * target).sum(axis=-2) / total
+    source_mean, target_mean = source.mean(axis=-2), target.mean(axis=-2)
     source_off = source - source_mean[..., None, :]
     target_off = target - target_mean[..., None, :]
-    _refuse_lines(np.sqrt(w) * source_off, "source points")
-    _refuse_lines(np.sqrt(w) * target_off, "target points")
-    U, _, Vt = np.linalg.svd(np.swapaxes(target_off, -1, -2) @ (w * source_off))
+    _refuse_lines(source_off, "source points")
+    _refuse_lines(target_off, "target points")
+    U, _, Vt = np.linalg.svd(np.swapaxes(target_off, -1, -2) @ source_off)
     U[..., :, 2] *= np.linalg.det(U @ Vt)[..., None]
     R = U @ Vt
     p = target_mean - (R @ source_mean[..., None])[..., 0]
-    residuals = target - _carry(R, p, source)
-    square = (w[..., 0] * (residuals**2).sum(axis=-1)).sum(axis=-1)
-    return RigidFit(_homogeneous(R, p), residuals, np.sqrt(square / total[..., 0]))
+    square = ((target - _carry(R, p, source)) ** 2).sum(axis=-1)
+    return RigidFit(_homogeneous(R, p), np.sqrt(square.mean(axis=-1)))
 
 
 def fit_rigid_weighted(source: Array, target: Array, covariances: Array) -> WeightedRigidFit:
@@ -147,14 +133,7 @@ def fit_rigid_weighted(source: Array, target: Array, covariances: Array) -> Weig
         scale = np.maximum(1.0, np.abs(target).max(initial=0.0))
         if np.abs(step).max(initial=0.0) <= STEP_TOLERANCE * scale:
             break
-    residuals = target - _carry(R, p, source)
-    chi_square = np.einsum("bki,bkij,bkj->b", residuals, information, residuals)
-    return WeightedRigidFit(
-        T=_homogeneous(R, p),
-        covariance=np.linalg.inv(normal),
-        chi_square=chi_square,
-        residuals=residuals,
-    )
+    return WeightedRigidFit(T=_homogeneous(R, p), covariance=np.linalg.inv(normal))
 
 
 def pose_by_source(T: Array, target: Array, covariances: Array) -> Array:
@@ -220,18 +199,43 @@ def _refuse_lines(offsets: Array, where: str) -> None:
 
 
 @dataclass(frozen=True)
-class NominalSeed:
-    """The base frame in the instrument's frame, from positions of the nominal model."""
+class Located:
+    """Base frame and targets, found with the nominal arm."""
 
-    T_instr_base: Array  # (4, 4) instrument from base [m]
-    # (3,) standard uncertainty of the directions of x, y and z, per axis across each, taking the
-    # residuals as independent
-    axis_u_rad: Array
-    residual_rms_m: float  # root mean square distance of measured from modelled positions
-    poses: int  # poses fitted
+    T_instr_base: Array  # (4, 4) base in the instrument's frame [m]
+    scatter_m: float  # root mean square of the residuals, positions or distances
+    poses: int  # how many it rests on
+    # (3,) standard uncertainty of the directions of the base's axes, per axis across each, taking
+    # the residuals as independent; None where the instrument has no directions
+    axis_u_rad: Array | None = None
+    # root mean square angle between measured and modelled orientations; None where none is measured
+    scatter_rad: float | None = None
+    # (4, 4) the one target whose orientation is measured; None where it is the end-effector itself,
+    # or there is none
+    T_ee_target: Array | None = None
+    # (B, 3) places of targets, in the order of their names
+    p_ee_targets_m: Array | None = None
+    # (4, 4) `T_ee_target` of each campaign of a group, by its name
+    T_ee_target_of: Mapping[str, Array] = field(default_factory=dict)
+    # directions of the targets that the poses do not determine, held as stated
+    held: tuple[str, ...] | None = None
+    # whether the places of the targets are stated; None where it does not matter
+    stated: bool | None = None
+
+    @property
+    def T_ee_targets(self) -> Array:
+        """Return the targets in the end-effector frame, (B, 4, 4) [m], not turned where none is."""
+        if self.T_ee_target is not None:
+            return self.T_ee_target[None]
+        places_m = np.zeros((0, 3)) if self.p_ee_targets_m is None else self.p_ee_targets_m
+        return _homogeneous(np.tile(np.eye(3), (len(places_m), 1, 1)), places_m)
+
+    def targets(self, T_base_ee: Array) -> Array:
+        """Return where the targets are in the instrument's frame, (P, B, 4, 4) [m]."""
+        return np.asarray(self.T_instr_base @ T_base_ee[:, None] @ self.T_ee_targets)
 
 
-def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> NominalSeed:
+def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> Located:
     """Fit the base frame to measured positions and those of the nominal model.
 
     Args:
@@ -259,7 +263,7 @@ def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> NominalSeed:
     axes = fit.T[:3, :3]
     along = np.einsum("ik,ij,jk->k", axes, turning, axes)
     across = (np.trace(turning) - along) / 2.0
-    return NominalSeed(fit.T, np.sqrt(across), float(fit.rms), count)
+    return Located(fit.T, float(fit.rms), count, np.sqrt(across))
 
 
 # How far the nominal model moves for one measured length: the unit of what was measured.

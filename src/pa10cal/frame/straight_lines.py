@@ -9,22 +9,10 @@ import numpy as np
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.options import BaseFrameOptions
+from pa10cal.results.calibration import StraightLine
 
 #: Positions of the same poses as measured and as the nominal model has them.
 Positions = tuple[Array, Array]
-
-
-@dataclass(frozen=True)
-class StraightLine:
-    """A least-squares line through the measured points of one move."""
-
-    direction_instr: Array  # (3,) unit vector, in the sense in which the robot's coordinate grows
-    length_m: float  # distance between the outermost points, along the line
-    bend_rms_m: float  # root mean square distance of the points from the line
-    # standard uncertainty of the direction, per axis across the line, from the points' scatter
-    # about the line and their spread along it
-    direction_u_rad: float
-    points: int  # number of points
 
 
 @dataclass(frozen=True)
@@ -74,8 +62,8 @@ def fit_line(p_instr_m: Array, travel_m: Array, name: str = "straight move") -> 
     spread = float(np.sqrt((along**2).sum()))
     return StraightLine(
         direction_instr=direction,
-        length_m=float(np.ptp(along)),
-        bend_rms_m=float(np.sqrt(square / count)),
+        length_mm=1e3 * float(np.ptp(along)),
+        bend_rms_mm=1e3 * float(np.sqrt(square / count)),
         direction_u_rad=float(scatter / spread) if spread > 0.0 else float("inf"),
         points=count,
     )
@@ -113,7 +101,8 @@ def seed_from_lines(
     """
     line_x = _checked_line(x_move[0], x_move[1][:, 0], "line_x", options)
     line_y = _checked_line(y_move[0], y_move[1][:, 1], "line_y", options)
-    angle = _angle(line_x.direction_instr, line_y.direction_instr)
+    x, y = line_x.direction_instr, line_y.direction_instr
+    angle = float(np.arctan2(np.linalg.norm(np.cross(x, y)), x @ y))
     least = options.min_angle_deg
     if not np.radians(least) <= angle <= np.pi - np.radians(least):
         raise CalibrationError(
@@ -123,7 +112,7 @@ def seed_from_lines(
             allowed=f"an angle of {least:g} to {180 - least:g} deg between them",
             remedy="check the labels line_x and line_y, or move along two perpendicular axes",
         )
-    R_instr_base = axes_from_lines(line_x.direction_instr, line_y.direction_instr)
+    R_instr_base = axes_from_lines(x, y)
     p_instr_m, p_base_m = origin_poses
     origins = p_instr_m - p_base_m @ R_instr_base.T
     T_instr_base = np.eye(4)
@@ -136,24 +125,20 @@ def _checked_line(
     p_instr_m: Array, travel_m: Array, where: str, options: BaseFrameOptions
 ) -> StraightLine:
     line = fit_line(p_instr_m, travel_m, where)
-    if line.length_m < 1e-3 * options.min_length_mm:
+    if line.length_mm < options.min_length_mm:
         raise CalibrationError(
             "the straight move is too short",
             where=where,
-            value=f"{1e3 * line.length_m:.3f} mm",
+            value=f"{line.length_mm:.3f} mm",
             allowed=f"at least {options.min_length_mm:g} mm (base_frame.min_length_mm)",
             remedy="measure a longer move",
         )
-    if line.bend_rms_m > 1e-3 * options.max_bend_mm:
+    if line.bend_rms_mm > options.max_bend_mm:
         raise CalibrationError(
             "the straight move is bent",
             where=where,
-            value=f"{1e3 * line.bend_rms_m:.3f} mm rms from the line",
+            value=f"{line.bend_rms_mm:.3f} mm rms from the line",
             allowed=f"at most {options.max_bend_mm:g} mm (base_frame.max_bend_mm)",
             remedy="check for a point of another move, or measure the move again",
         )
     return line
-
-
-def _angle(first: Array, second: Array) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))

@@ -1,15 +1,12 @@
 """Sets of poses, chosen by what they say of unknowns: one by one, then by exchange.
 
-A pose with rows R adds R^T R to the information M of the unknowns, whatever is read there. By the
-matrix determinant lemma log det M grows by log det (I + R M^-1 R^T), a matrix as small as the rows
-of one pose; M^-1 follows by Woodbury's formula. So one pose against all others costs one product of
-their rows, and nothing as large as M is ever factored anew (Fedorov, 1972; the exchange of one pose
-after the other is that of Cook and Nachtsheim, 1980).
+A pose with rows R adds R^T R to the information M of the unknowns: log det M grows by
+log det (I + R M^-1 R^T), and M^-1 follows by Woodbury's formula, so that nothing as large as M is
+factored anew (Fedorov, 1972; exchange of one pose after the other: Cook and Nachtsheim, 1980).
 
-Two criteria. For a model's parameters, a weighted sum of log determinants, each of some of the
-unknowns: of all, or of some with the others projected out (Ds-optimality), whose determinant is a
-quotient of two. For rivals, how far one of them is from what all else can follow (T-optimality,
-Atkinson and Fedorov, 1975).
+Two criteria: for a model's parameters a weighted sum of log determinants (D- and Ds-optimality);
+for rivals, how far one of them is from what all else can follow (T-optimality, Atkinson and
+Fedorov, 1975).
 """
 
 from __future__ import annotations
@@ -201,7 +198,6 @@ def one_by_one(
 
     Args:
         criterion: of the candidates; with these poses afterwards, and no others.
-        most: how many are wanted.
         among: candidates to choose from; None for all.
 
     Returns:
@@ -227,7 +223,6 @@ def exchange(
     most by: often itself. No candidate is chosen twice.
 
     Args:
-        criterion: of the candidates; with the poses chosen afterwards.
         start: (n,) candidates to set out with.
         most_sweeps: bound on the turns through all poses.
     """

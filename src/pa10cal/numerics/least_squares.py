@@ -139,7 +139,6 @@ def minimise(
         cost: the sum of squares at a point, where that is cheaper than the equations.
         reweighted: renews weights about an accepted point and returns the problem there; None where
             weights stay.
-        first_damping: damping of the first step.
         no_worse: growth of the sum of squares that counts as rounding, relative.
     """
     at, here, damping = start, equations(start), first_damping
@@ -258,8 +257,6 @@ def descend(
     """Go down from a start by Gauss-Newton steps, damped where they would go up.
 
     Args:
-        start: where to begin.
-        linearise: the problem at a point.
         moved: a point and a step (k,) to the next point.
         cost_tolerance: a step that lowers the cost by a smaller part of it is not taken.
 

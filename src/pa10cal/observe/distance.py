@@ -17,12 +17,11 @@ from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
 from pa10cal.frame.ranging import range_from_distances
-from pa10cal.frame.rigid_fit import scale_of_distances
+from pa10cal.frame.rigid_fit import Located, scale_of_distances
 from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import (
     Comparison,
     Deviations,
-    Located,
     Misfit,
     RawColumns,
     Stated,
@@ -120,11 +119,6 @@ class Distance(Instrument):
 
     @property
     @override
-    def components_seen(self) -> NDArray[np.bool_]:
-        return np.ones((len(self), 1), dtype=bool)
-
-    @property
-    @override
     def stated_covariance(self) -> Array:
         return (self.u_m**2)[:, None, None]
 
@@ -167,11 +161,6 @@ class Distance(Instrument):
         off_m, along = self._off_along(carried_targets(T_instr_base @ T_base_ee, targets_m)[0])
         position_mm = 1e3 * (off_m[:, None] * along) @ T_instr_base[:3, :3]
         return Deviations(1e3 * np.abs(off_m), position_mm, None)
-
-    @property
-    @override
-    def spread_mm(self) -> float:
-        return 1e3 * float(np.std(self.d_m))
 
     @classmethod
     @override

@@ -20,12 +20,11 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index
-from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.observe.quantities import (
     AXES,
     Comparison,
     Deviations,
-    Located,
     Misfit,
     RawColumns,
     Rows,
@@ -177,11 +176,7 @@ class Instrument(ABC):
         """
 
     def end_poses(self, T_instr_ee: Array) -> Array:
-        """Return poses of the end of the chain (P, 4, 4): as measured where they are, else these.
-
-        Args:
-            T_instr_ee: (P, 4, 4) predicted.
-        """
+        """Return poses of the end of the chain (P, 4, 4): measured where they are, else these."""
         return T_instr_ee
 
     def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
@@ -220,9 +215,10 @@ class Instrument(ABC):
         return np.zeros((*self.components_seen.shape, 0))
 
     @property
-    @abstractmethod
     def components_seen(self) -> NDArray[np.bool_]:
         """Return which of the b components of a comparison were measured in each pose, (P, b)."""
+        count, targets, axes = self.places_m.shape
+        return np.isfinite(self.places_m).reshape(count, targets * axes)
 
     @property
     @abstractmethod
@@ -274,7 +270,6 @@ class Instrument(ABC):
 
         Args:
             T_base_ee: (P, 4, 4) nominal end-effector [m].
-            used: poses to fit.
             weights: weight of the squared residuals of each.
 
         Raises:
@@ -319,9 +314,10 @@ class Instrument(ABC):
         """
 
     @property
-    @abstractmethod
     def spread_mm(self) -> float:
         """Return how far the measured places or distances spread about their middle, rms."""
+        places_m = self.places_m.reshape(-1, self.places_m.shape[2])
+        return 1e3 * float(np.sqrt(np.sum(np.nanvar(places_m, axis=0))))
 
     @classmethod
     @abstractmethod
@@ -335,11 +331,7 @@ class Instrument(ABC):
     @classmethod
     @abstractmethod
     def raw_columns(cls, header: Sequence[str]) -> RawColumns:
-        """Return the columns of `files.poses` that hold what it measured.
-
-        Args:
-            header: all columns that the file has.
-        """
+        """Return the columns of `files.poses` that hold what it measured."""
 
     @classmethod
     def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:  # noqa: ARG003
@@ -357,10 +349,8 @@ class Instrument(ABC):
         """Read P rows of `files.poses`.
 
         Args:
-            columns: from `raw_columns`.
             values: (P, k) what the columns hold, nan where left blank.
             u: (P, k) standard uncertainties, nan where not stated.
-            stated: what the campaign's description states.
         """
 
 

@@ -6,7 +6,7 @@ are seen. All campaigns stand in one frame, that of the first (see `observe.grou
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, NoReturn, Self
@@ -18,57 +18,20 @@ from typing_extensions import override
 from pa10cal.arm.statics import ObservedTargets, PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.errors import CalibrationError
+from pa10cal.frame.rigid_fit import Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import (
     Comparison,
     Deviations,
-    Located,
     Misfit,
-    RawColumns,
     Rows,
     Start,
-    Stated,
     Words,
 )
 from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import Parameter
-
-# What several campaigns together cannot do: each is read and planned by itself.
-
-
-class OneByOne(Instrument):
-    """Refuses to be read or foreseen."""
-
-    @classmethod
-    @override
-    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Instrument:
-        _refuse("measurements are foreseen")
-
-    @classmethod
-    @override
-    def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
-        _refuse("tables of poses are read")
-
-    @classmethod
-    @override
-    def raw_columns(cls, header: Sequence[str]) -> RawColumns:
-        _refuse("raw files are read")
-
-    @classmethod
-    @override
-    def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Instrument:
-        _refuse("raw files are read")
-
-
-def _refuse(what: str) -> NoReturn:
-    raise CalibrationError(
-        f"{what} campaign by campaign",
-        where="a group of campaigns",
-        allowed="one campaign",
-        remedy="do it for each campaign of the group",
-    )
 
 
 @dataclass(frozen=True)
@@ -78,13 +41,12 @@ class _Place:
     name: str  # of the campaign
     part: Instrument  # what was measured in it
     rows: Index  # (p,) its poses
-    columns: slice  # its components
-    targets: slice  # the coordinates of its targets
-    stated: slice  # the coordinates of its apparatus
+    # its components `b`, the coordinates of its targets `t`, and those of its apparatus `a`
+    at: Mapping[str, slice]
 
 
 @dataclass(frozen=True)
-class Joined(OneByOne):
+class Joined(Instrument):
     """What was measured in P poses of several campaigns."""
 
     names: tuple[str, ...]  # (C,) names of the campaigns
@@ -109,14 +71,19 @@ class Joined(OneByOne):
 
     @cached_property
     def _places(self) -> tuple[_Place, ...]:
-        places, column, target, stated = [], 0, 0, 0
-        for number, (name, part) in enumerate(zip(self.names, self.parts, strict=True)):
-            columns = slice(column, column + part.components_seen.shape[1])
-            targets = slice(target, target + len(part.target_parameters))
-            apparatus = slice(stated, stated + part.by_stated_targets.shape[2])
-            column, target, stated = columns.stop, targets.stop, apparatus.stop
-            rows = np.flatnonzero(self.campaign == number)
-            places.append(_Place(name, part, rows, columns, targets, apparatus))
+        places, before = [], dict.fromkeys("bta", 0)
+        for number, (name, part) in enumerate(self.campaigns):
+            own = (
+                part.components_seen.shape[1],
+                len(part.target_parameters),
+                part.by_stated_targets.shape[2],
+            )
+            at = {
+                axis: slice(first, first + count)
+                for (axis, first), count in zip(before.items(), own, strict=True)
+            }
+            before = {axis: columns.stop for axis, columns in at.items()}
+            places.append(_Place(name, part, np.flatnonzero(self.campaign == number), at))
         return tuple(places)
 
     @cached_property
@@ -128,31 +95,42 @@ class Joined(OneByOne):
         return within
 
     @property
-    def _shown(self) -> Iterator[_Place]:
-        """Yield the campaigns that have poses here."""
-        return (place for place in self._places if len(place.rows))
+    def _shown(self) -> tuple[_Place, ...]:
+        """Return the campaigns that have poses here."""
+        return tuple(place for place in self._places if len(place.rows))
 
     def _with(self, parts: Sequence[Instrument]) -> Self:
         return replace(self, parts=tuple(parts))
 
     def _scattered(
         self,
-        of: Callable[[_Place], Array],
-        *shape: int,
-        at: Callable[[_Place], tuple[Any, ...]] = lambda p: (p.rows,),
+        of: Callable[[_Place], Iterable[Array]],
+        *axes: tuple[str | int, ...],
         fill: float = 0.0,
-    ) -> Array:
-        """Return an array (P, *shape) with what each campaign has in its own place, else `fill`.
+    ) -> list[Array]:
+        """Return arrays with what each campaign has in its own poses and columns, else `fill`.
 
         Args:
-            of: gives what a campaign has.
-            shape: of the array, after the poses.
-            at: gives the place of a campaign; its poses by default.
+            of: gives what a campaign has, one array (p, ...) for each of those returned.
+            axes: of each array, after the poses: `b`, `t` or `a` of `_Place`; or how long the axis
+                is at least, where it is as long as the longest of a campaign.
             fill: what stands elsewhere.
         """
-        whole = np.full((len(self), *shape), fill)
-        for p in self._shown:
-            whole[at(p)] = of(p)
+        whole = []
+        for names, *parts in zip(axes, *map(of, self._shown), strict=True):
+            lengths = [
+                self._places[-1].at[axis].stop
+                if isinstance(axis, str)
+                else max([axis, *(part.shape[k] for part in parts)])
+                for k, axis in enumerate(names, start=1)
+            ]
+            whole.append(np.full((len(self), *lengths), fill))
+            for p, part in zip(self._shown, parts, strict=True):
+                own = zip(names, part.shape[1:], strict=True)
+                at: list[Any] = [
+                    p.at[axis] if isinstance(axis, str) else slice(length) for axis, length in own
+                ]
+                whole[-1][p.rows, *at] = part
         return whole
 
     @property
@@ -168,7 +146,7 @@ class Joined(OneByOne):
     @property
     @override
     def parts_seen(self) -> tuple[tuple[Index | slice, slice], ...]:
-        return tuple((p.rows, p.columns) for p in self._shown)
+        return tuple((p.rows, p.at["b"]) for p in self._shown)
 
     @property
     @override
@@ -201,19 +179,13 @@ class Joined(OneByOne):
     @override
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
         return self._with(
-            [p.part.ideal(T_instr_ee[p.rows], targets_m[p.targets]) for p in self._places]
+            [p.part.ideal(T_instr_ee[p.rows], targets_m[p.at["t"]]) for p in self._places]
         )
 
     @property
     @override
     def places_m(self) -> Array:
-        most = max(part.places_m.shape[1] for part in self.parts)
-
-        def at(p: _Place) -> tuple[Any, ...]:
-            _, targets, axes = p.part.places_m.shape
-            return p.rows, slice(targets), slice(axes)
-
-        return self._scattered(lambda p: p.part.places_m, most, 3, at=at, fill=np.nan)
+        return self._scattered(lambda p: (p.part.places_m,), (0, 3), fill=np.nan)[0]
 
     @property
     @override
@@ -238,32 +210,25 @@ class Joined(OneByOne):
 
     @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
-        components = self.components_seen.shape[1]
-        residual, by_end = np.zeros((len(self), components)), np.zeros((len(self), components, 6))
-        by_targets = np.zeros((len(self), components, self._places[-1].targets.stop))
-        for p in self._shown:
-            found = p.part.compare(T_instr_ee[p.rows], targets_m[p.targets])
-            residual[p.rows, p.columns] = found.residual
-            by_end[p.rows, p.columns] = found.by_end
-            by_targets[p.rows, p.columns, p.targets] = found.by_targets
-        return Comparison(residual, by_end, by_targets)
+        def of(p: _Place) -> Iterable[Array]:
+            found = p.part.compare(T_instr_ee[p.rows], targets_m[p.at["t"]])
+            return found.residual, found.by_end, found.by_targets
+
+        return Comparison(*self._scattered(of, ("b",), ("b", 6), ("b", "t")))
 
     @override
     def end_poses(self, T_instr_ee: Array) -> Array:
-        return self._scattered(lambda p: p.part.end_poses(T_instr_ee[p.rows]), 4, 4)
+        return self._scattered(lambda p: (p.part.end_poses(T_instr_ee[p.rows]),), (4, 4))[0]
 
     @override
     def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
-        found = [p.part.readout(T_instr_ee[p.rows], targets_m[p.targets]) for p in self._shown]
-        most = max(each.p_instr_targets_m.shape[1] for each in found)
-        p_instr_m = np.zeros((len(self), most, 3))
-        by_targets = np.zeros((len(self), 6, 3 * most))
-        for p, each in zip(self._shown, found, strict=True):
-            own = each.p_instr_targets_m.shape[1]
-            p_instr_m[p.rows] = each.p_instr_targets_m[:, :1]
-            p_instr_m[p.rows, :own] = each.p_instr_targets_m
-            by_targets[p.rows, :, : 3 * own] = each.pose_by_targets
-        return ObservedTargets(p_instr_m, by_targets)
+        def of(p: _Place) -> Iterable[Array]:
+            found = p.part.readout(T_instr_ee[p.rows], targets_m[p.at["t"]])
+            return found.p_instr_targets_m, found.pose_by_targets
+
+        p_instr_m, by_targets = self._scattered(of, (0, 3), (6, 0), fill=np.nan)
+        p_instr_m = np.where(np.isnan(p_instr_m), p_instr_m[:, :1], p_instr_m)
+        return ObservedTargets(p_instr_m, np.nan_to_num(by_targets))
 
     @override
     def axes_of_end(self, T_instr_ee: Array) -> Array:
@@ -272,20 +237,14 @@ class Joined(OneByOne):
     @property
     @override
     def by_stated_targets(self) -> Array:
-        return self._scattered(
-            lambda p: p.part.by_stated_targets,
-            self.components_seen.shape[1],
-            self._places[-1].stated.stop,
-            at=lambda p: (p.rows, p.columns, p.stated),
-        )
+        return self._scattered(lambda p: (p.part.by_stated_targets,), ("b", "a"))[0]
 
     @cached_property
     def components_seen(self) -> NDArray[np.bool_]:
         """Return which components were measured in each pose, (P, b)."""
-        seen = np.zeros((len(self), self._places[-1].columns.stop), dtype=bool)
-        for p in self._shown:
-            seen[p.rows, p.columns] = p.part.components_seen
-        return seen
+        return self._scattered(lambda p: (p.part.components_seen.astype(float),), ("b",))[0].astype(
+            bool
+        )
 
     @property
     @override
@@ -293,32 +252,32 @@ class Joined(OneByOne):
         return self._blocks(lambda p: p.part.stated_covariance)
 
     def _blocks(self, of: Callable[[_Place], Array]) -> Array:
-        """Return matrices (P, b, b) with those of each campaign, unit where nothing was seen."""
-        count, components = self.components_seen.shape
-        blocks = np.zeros((count, components, components))
-        blocks[:, range(components), range(components)] = 1.0
-        for p in self._shown:
-            blocks[p.rows, p.columns, p.columns] = of(p)
+        """Return matrices (P, b, b) with those of each campaign, unit for those of others."""
+
+        def with_columns(p: _Place) -> Iterable[Array]:
+            block = of(p)
+            return block, np.ones(block.shape[:2])
+
+        blocks, own = self._scattered(with_columns, ("b", "b"), ("b",))
+        diagonal = np.arange(own.shape[1])
+        blocks[:, diagonal, diagonal] += 1.0 - own
         return blocks
 
     @property
     @override
     def component_kinds(self) -> tuple[tuple[str, slice], ...]:
         return tuple(
-            (
-                of_campaign(kind, p.name),
-                slice(p.columns.start + at.start, p.columns.start + at.stop),
-            )
+            (of_campaign(kind, p.name), slice(first + at.start, first + at.stop))
             for p in self._shown
+            for first in [p.at["b"].start]
             for kind, at in p.part.component_kinds
         )
 
     @property
     @override
     def position_columns(self) -> Index:
-        return np.concatenate(
-            [p.columns.start + p.part.position_columns for p in self._places]
-        ).astype(np.intp)
+        columns = [p.at["b"].start + p.part.position_columns for p in self._places]
+        return np.concatenate(columns).astype(np.intp)
 
     @override
     def locate(self, T_base_ee: Array) -> Located:
@@ -342,13 +301,16 @@ class Joined(OneByOne):
     @property
     def _leading(self) -> _Place:
         """Return the first campaign whose instrument shows the orientation of the base."""
-        shown = tuple(self._shown)
-        return next((p for p in shown if p.part.directional), shown[0])
+        return next((p for p in self._shown if p.part.directional), self._shown[0])
 
     @override
     def find_start(self, T_base_ee: Array) -> Start:
         starts = {p.name: p.part.find_start(T_base_ee[p.rows]) for p in self._shown}
-        return Start.of_group(starts, self._leading.name)
+        return replace(
+            starts[self._leading.name],
+            targets_m=np.concatenate([start.targets_m for start in starts.values()]),
+            p_ee_targets_of_m={name: start.p_ee_target_m for name, start in starts.items()},
+        )
 
     @override
     def scale(self, T_base_ee: Array) -> float | None:
@@ -358,44 +320,56 @@ class Joined(OneByOne):
 
     @override
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        most = max(part.places_m.shape[1] for part in self.parts)
-        length_m, turn_rad = np.full((len(self), most), np.nan), np.zeros(len(self))
-        for p in self._shown:
+        def of(p: _Place) -> Iterable[Array]:
             here = self.campaign[used] == self.names.index(p.name)
             found = p.part.misfit(T_base_ee[p.rows], self._within[used][here], weights[here])
-            length_m[p.rows, : found.length_m.shape[1]] = found.length_m
-            turn_rad[p.rows] = found.turn_rad
-        return Misfit(length_m, turn_rad)
+            return found.length_m, found.turn_rad
+
+        return Misfit(*self._scattered(of, (0,), (), fill=np.nan))
 
     @property
     @override
     def attitudes(self) -> Array | None:
         if any(part.attitudes is None for part in self.parts):
             return None
-        return self._scattered(lambda p: np.asarray(p.part.attitudes), 3, 3)
+        return self._scattered(lambda p: (np.asarray(p.part.attitudes),), (3, 3))[0]
 
     @override
     def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:
-        return self._scattered(
-            lambda p: p.part.as_read(T_base_ee[p.rows], T_instr_base, targets_off_m[p.stated]), 4, 4
-        )
+        def of(p: _Place) -> Iterable[Array]:
+            yield p.part.as_read(T_base_ee[p.rows], T_instr_base, targets_off_m[p.at["a"]])
+
+        return self._scattered(of, (4, 4))[0]
 
     @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
-        distance, position = np.zeros(len(self)), np.zeros((len(self), 3))
-        rotation = None if self.attitudes is None else np.zeros((len(self), 3))
-        for p in self._shown:
-            found = p.part.deviations(T_base_ee[p.rows], T_instr_base, targets_m[p.targets])
-            distance[p.rows], position[p.rows] = found.distance_mm, found.position_mm
-            if rotation is not None and found.rotation_deg is not None:
-                rotation[p.rows] = found.rotation_deg
-        return Deviations(distance, position, rotation)
+        def of(p: _Place) -> Iterable[Array]:
+            found = p.part.deviations(T_base_ee[p.rows], T_instr_base, targets_m[p.at["t"]])
+            rotation = (
+                np.zeros((len(p.rows), 3)) if found.rotation_deg is None else found.rotation_deg
+            )
+            return found.distance_mm, found.position_mm, rotation
+
+        distance, position, rotation = self._scattered(of, (), (3,), (3,))
+        return Deviations(distance, position, None if self.attitudes is None else rotation)
 
     @property
     @override
     def spread_mm(self) -> float:
         squares = sum(len(p.rows) * p.part.spread_mm**2 for p in self._shown)
         return float(np.sqrt(squares / len(self)))
+
+    @classmethod
+    def _by_campaign(cls, *_: Any, **__: Any) -> NoReturn:
+        """Refuse to be read or foreseen."""
+        raise CalibrationError(
+            "measurements are read and foreseen campaign by campaign",
+            where="a group of campaigns",
+            allowed="one campaign",
+            remedy="do it for each campaign of the group",
+        )
+
+    foreseen = from_columns = raw_columns = from_raw = _by_campaign
 
     @override
     def to_columns(self) -> dict[str, NDArray[Any]]:
@@ -467,7 +441,6 @@ def joined(
 
     Args:
         each: single readings of every campaign.
-        names: of the campaigns.
         targets: see `Joined`; None where no target was turned.
     """
     campaign = np.repeat(np.arange(len(each)), [len(every) for every in each])
@@ -479,17 +452,11 @@ def joined(
     return Observations(pose, states, measured, kind, repeat, readings, log)
 
 
-def to_first(own: Start, first: Start) -> Array:
-    """Return where the instrument of a campaign stands in the frame of the first, (4, 4)."""
-    T: Array = first.T_instr_base @ np.linalg.inv(own.T_instr_base)
-    return T
-
-
 def _placed(every: Observations, own: Start, first: Start) -> Observations[Instrument]:
     """Return readings with base and target where those of the first campaign are."""
     if own is first:
         return every
-    measured = every.measured.moved(to_first(own, first))
+    measured = every.measured.moved(first.T_instr_base @ np.linalg.inv(own.T_instr_base))
     return replace(every, measured=measured.turned(first.R_ee_target.T @ own.R_ee_target))
 
 
@@ -508,15 +475,11 @@ def _states(each: Sequence[PoseStates], campaign: Index) -> PoseStates:
     arrays: dict[str, Any] = {
         name: np.concatenate([getattr(states, name) for states in each]) for name in names
     }
-    return PoseStates(**arrays, campaign=campaign, timed=_timed(each))
-
-
-def _timed(each: Sequence[PoseStates]) -> NDArray[np.bool_] | None:
-    """Return which poses of all campaigns have a time; None where all do."""
-    if all(states.tells_time for states in each):
-        return None
-    known = [np.ones(len(s), dtype=bool) if s.timed is None else s.timed for s in each]
-    return np.concatenate(known)
+    timed = None  # which poses have a time; None where all do
+    if not all(states.tells_time for states in each):
+        known = [np.ones(len(s), dtype=bool) if s.timed is None else s.timed for s in each]
+        timed = np.concatenate(known)
+    return PoseStates(**arrays, campaign=campaign, timed=timed)
 
 
 def _log(logs: Sequence[JointLog | None]) -> JointLog | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import pkgutil
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Annotated
 
@@ -43,15 +43,8 @@ def instrument_of(words: str) -> type[Instrument] | None:
     return instruments()[words] if len(kinds) == 1 else Joined
 
 
-def _kind(word: str) -> str:
-    return _one_of(list(instruments()), word)
-
-
-def _tracker(word: str) -> str:
-    return _one_of([kind for kind, found in instruments().items() if not found.from_touches], word)
-
-
-def _one_of(words: list[str], word: str) -> str:
+def _known(word: str, *, touches: bool = True) -> str:
+    words = [kind for kind, found in instruments().items() if touches or not found.from_touches]
     if word not in words:
         raise ValueError(f"should be one of {', '.join(words)}")
     return word
@@ -63,5 +56,5 @@ def sees_several(kind: str) -> bool:
 
 
 #: A kind of instrument, and one that gives its measurements in `files.poses`.
-InstrumentKind = Annotated[str, AfterValidator(_kind)]
-TrackerKind = Annotated[str, AfterValidator(_tracker)]
+InstrumentKind = Annotated[str, AfterValidator(_known)]
+TrackerKind = Annotated[str, AfterValidator(partial(_known, touches=False))]

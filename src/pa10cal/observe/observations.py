@@ -176,7 +176,6 @@ def poses_of(
     """Return the poses of one kind as the paper's model takes them, ordered by pose and load.
 
     Args:
-        every: single readings of a campaign.
         kind: `grid`, `holdout`, `line_x` or `line_y`.
         average: whether repeats of the same pose and load become one row (see `average_repeats`).
         covariance: where it comes from. `repeats`: the scatter of repeats, pooled over all poses

@@ -145,8 +145,6 @@ def partings(states: PoseStates, time_s: float, prismatic: Mask | None = None) -
     with the order: a rail that goes out and comes back parts each stretch, and never the whole.
 
     Args:
-        states: of the readings.
-        time_s: the time.
         prismatic: (n,) which joints slide.
     """
     order = np.argsort(states.time_s, kind="stable")
@@ -218,9 +216,6 @@ def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
     apart (`moved`), also where directions are those of the order already, as in a table of a group.
     Times that many configurations share give no order: then no direction is known. Logged
     directions of joints that are reversed (`reversed_joints`) are put right.
-
-    Args:
-        every: single readings of all kinds.
     """
     states = every.states
     if not len(every):
@@ -246,9 +241,6 @@ def reversed_joints(every: Observations) -> NDArray[np.bool_]:
 
     Those that are said to arrive from the other side than where they stood before, nearly always,
     where the other joints nearly always arrive from there.
-
-    Args:
-        every: single readings of all kinds.
     """
     logged, by_order = every.states.arrival, _by_order(every)
     none = np.zeros(logged.shape[1], dtype=bool)

@@ -13,7 +13,7 @@ from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
 from pa10cal.frame.hand_eye import hand_eye_from_points
-from pa10cal.frame.rigid_fit import cross_matrix, scale_of_points
+from pa10cal.frame.rigid_fit import Located, cross_matrix, scale_of_points
 from pa10cal.observe.instrument import (
     MM,
     BaseTargets,
@@ -27,7 +27,6 @@ from pa10cal.observe.quantities import (
     AXES,
     Comparison,
     Deviations,
-    Located,
     Misfit,
     RawColumns,
     Stated,
@@ -150,11 +149,6 @@ class Points(Instrument):
 
     @property
     @override
-    def components_seen(self) -> NDArray[np.bool_]:
-        return np.isfinite(self.p_instr_m).reshape(len(self), 3 * len(self.names))
-
-    @property
-    @override
     def stated_covariance(self) -> Array:
         count, targets = self.p_instr_m.shape[:2]
         cov = np.zeros((count, targets, 3, targets, 3))
@@ -192,15 +186,7 @@ class Points(Instrument):
         found = hand_eye_from_points(
             T_base_ee, self.p_instr_m, self.p_ee_stated_m, names=self.names
         )
-        return Located(
-            T_instr_base=found.T_instr_base,
-            scatter_m=found.rms_m,
-            poses=len(self),
-            axis_u_rad=found.axis_u_rad,
-            p_ee_targets_m=found.T_ee_targets[:, :3, 3],
-            held=found.held,
-            stated=self.p_ee_stated_m is not None,
-        )
+        return replace(found, stated=self.p_ee_stated_m is not None)
 
     @override
     def scale(self, T_base_ee: Array) -> float | None:
@@ -225,11 +211,6 @@ class Points(Instrument):
             (each_mm.sum(axis=1) / times[:, None]) @ T_instr_base[:3, :3],
             None,
         )
-
-    @property
-    @override
-    def spread_mm(self) -> float:
-        return 1e3 * float(np.sqrt(np.sum(np.nanvar(self.p_instr_m.reshape(-1, 3), axis=0))))
 
     @classmethod
     @override

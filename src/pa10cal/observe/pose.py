@@ -15,7 +15,7 @@ from typing_extensions import override
 from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
-from pa10cal.frame.rigid_fit import cross_matrix, pose_error, scale_of_points
+from pa10cal.frame.rigid_fit import Located, cross_matrix, pose_error, scale_of_points
 from pa10cal.observe.instrument import (
     MM,
     BaseTargets,
@@ -28,7 +28,6 @@ from pa10cal.observe.instrument import (
 from pa10cal.observe.quantities import (
     Comparison,
     Deviations,
-    Located,
     Misfit,
     RawColumns,
     Stated,
@@ -146,7 +145,6 @@ class Pose(Instrument):
         """Return where the targets were, and how the pose was made of them.
 
         Args:
-            T_instr_ee: not needed: the poses are measured.
             targets_m: (t,) stated places of the balls of an apparatus; not needed without one.
         """
         R, origin = self.T_instr_target[:, :3, :3], self.T_instr_target[:, :3, 3]
@@ -187,16 +185,7 @@ class Pose(Instrument):
 
     @override
     def locate(self, T_base_ee: Array) -> Located:
-        found = hand_eye_from_poses(T_base_ee, self.T_instr_target)
-        return Located(
-            T_instr_base=found.T_instr_base,
-            scatter_m=found.rms_m,
-            poses=len(self),
-            axis_u_rad=found.axis_u_rad,
-            scatter_rad=found.rms_rad,
-            T_ee_target=found.T_ee_targets[0],
-            held=found.held,
-        )
+        return hand_eye_from_poses(T_base_ee, self.T_instr_target)
 
     @override
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
@@ -260,11 +249,6 @@ class Pose(Instrument):
             position_mm,
             np.degrees(error.chord * stretch[:, None]) @ to_base,
         )
-
-    @property
-    @override
-    def spread_mm(self) -> float:
-        return 1e3 * float(np.sqrt(np.sum(np.var(self.T_instr_target[:, :3, 3], axis=0))))
 
     @classmethod
     @override

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -56,31 +56,6 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Located:
-    """Base frame and targets, found with the nominal arm."""
-
-    T_instr_base: Array  # (4, 4) base in the instrument's frame [m]
-    scatter_m: float  # root mean square of the residuals, positions or distances
-    poses: int  # how many it rests on
-    # (3,) standard uncertainty of the directions of the base's axes, per axis across each; None
-    # where the instrument has no directions
-    axis_u_rad: Array | None = None
-    # root mean square angle between measured and modelled orientations; None where none is measured
-    scatter_rad: float | None = None
-    # (4, 4) the one target whose orientation is measured; None where it is the end-effector itself,
-    # or there is none
-    T_ee_target: Array | None = None
-    # (B, 3) places of targets, in the order of `Instrument.target_names`
-    p_ee_targets_m: Array | None = None
-    # (4, 4) `T_ee_target` of each campaign of a group, by its name
-    T_ee_target_of: Mapping[str, Array] = field(default_factory=dict)
-    # directions of the targets that the poses do not determine, held as stated
-    held: tuple[str, ...] | None = None
-    # whether the places of the targets are stated; None where it does not matter
-    stated: bool | None = None
-
-
-@dataclass(frozen=True)
 class Start:
     """Approximate frames and targets, from which a fit starts."""
 
@@ -93,18 +68,6 @@ class Start:
     targets_m: Array  # (t,) places of targets in the end-effector frame, x, y, z of each
     # (3,) the same as `p_ee_target_m` for each campaign of a group, by name
     p_ee_targets_of_m: Mapping[str, Array] = field(default_factory=dict)
-
-    @staticmethod
-    def of_group(starts: Mapping[str, Start], leading: str) -> Start:
-        """Return where a fit of several campaigns starts.
-
-        Args:
-            starts: of each campaign by name, all in one frame.
-            leading: the campaign that gives base and orientation.
-        """
-        targets_m = np.concatenate([start.targets_m for start in starts.values()])
-        tools_m = {name: start.p_ee_target_m for name, start in starts.items()}
-        return replace(starts[leading], targets_m=targets_m, p_ee_targets_of_m=tools_m)
 
 
 @dataclass(frozen=True)

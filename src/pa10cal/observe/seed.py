@@ -16,12 +16,9 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.straight_lines import LineSeed, StraightLine, seed_from_lines
-from pa10cal.observe.instrument import Instrument
+from pa10cal.frame.straight_lines import seed_from_lines
 from pa10cal.observe.observations import Observations, average_repeats
-from pa10cal.observe.quantities import Located
 from pa10cal.options import BaseFrameOptions
-from pa10cal.results import calibration as records
 from pa10cal.results.calibration import BaseFrameRecord
 
 UNLOADED = "grid poses at the lowest load"
@@ -38,12 +35,7 @@ def locate_base(
     """Find base frame and targets.
 
     Args:
-        every: single readings of all kinds.
-        arm: the nominal arm.
-        options: what straight moves must satisfy.
         where: the table that the readings are of, for messages.
-        campaign: its name.
-        provenance: its provenance.
 
     Raises:
         CalibrationError: when there is one straight move only, one is too short or bent, or the
@@ -68,8 +60,21 @@ def locate_base(
     seed = seed_from_lines(
         positions(line_x), positions(line_y), positions(line_x, line_y, unloaded), options
     )
-    T_ee_target = unloaded.measured.target_on(seed.T_instr_base, T_base_ee)
-    return _line_record(seed, T_ee_target, campaign, provenance)
+    return BaseFrameRecord(
+        campaign=campaign,
+        provenance=provenance,
+        method="straight_lines",
+        **_frame(seed.T_instr_base),
+        x_direction_u_rad=seed.line_x.direction_u_rad,
+        y_direction_u_rad=seed.line_y.direction_u_rad,
+        line_x=seed.line_x,
+        line_y=seed.line_y,
+        angle_between_lines_deg=math.degrees(seed.angle_rad),
+        origin_scatter_mm=1e3 * seed.origin_scatter_m,
+        origin_poses=seed.origin_poses,
+        origin_from=f"line moves and {UNLOADED}",
+        T_ee_target=unloaded.measured.target_on(seed.T_instr_base, T_base_ee),
+    )
 
 
 def _least_loaded(grid: Observations) -> NDArray[np.bool_]:
@@ -97,38 +102,20 @@ def summary(record: BaseFrameRecord) -> str:
     )
 
 
-def _line_record(
-    seed: LineSeed, T_ee_target: Array | None, campaign: str, provenance: str
-) -> BaseFrameRecord:
-    return BaseFrameRecord(
-        campaign=campaign,
-        provenance=provenance,
-        method="straight_lines",
-        **_frame(seed.T_instr_base),
-        x_direction_u_rad=seed.line_x.direction_u_rad,
-        y_direction_u_rad=seed.line_y.direction_u_rad,
-        line_x=_line(seed.line_x),
-        line_y=_line(seed.line_y),
-        angle_between_lines_deg=math.degrees(seed.angle_rad),
-        origin_scatter_mm=1e3 * seed.origin_scatter_m,
-        origin_poses=seed.origin_poses,
-        origin_from=f"line moves and {UNLOADED}",
-        T_ee_target=T_ee_target,
-    )
-
-
 def _located_record(
     unloaded: Observations, T_base_ee: Array, campaign: str, provenance: str
 ) -> BaseFrameRecord:
     """Return the record of what the nominal arm, fitted to the instrument's readings, gives."""
     measured = unloaded.measured
-    found: Located = measured.locate(T_base_ee)
+    found = measured.locate(T_base_ee)
+    # Of a group the first campaign counts whose instrument has directions.
+    parts = [part for _, part in measured.campaigns] or [measured]
     u_rad, places_m = found.axis_u_rad, found.p_ee_targets_m
     point_m = -found.T_instr_base[:3, 3]  # the instrument's axes are then those of the base
     return BaseFrameRecord(
         campaign=campaign,
         provenance=provenance,
-        method=measured.locates_by if not measured.campaigns else _leading(measured).locates_by,
+        method=next((part for part in parts if part.directional), parts[0]).locates_by,
         **_frame(found.T_instr_base),
         x_direction_u_rad=None if u_rad is None else float(u_rad[0]),
         y_direction_u_rad=None if u_rad is None else float(u_rad[1]),
@@ -144,22 +131,6 @@ def _located_record(
         origin_scatter_mm=1e3 * found.scatter_m,
         origin_poses=found.poses,
         origin_from=UNLOADED,
-    )
-
-
-def _leading(measured: Instrument) -> Instrument:
-    """Return what was measured in the first campaign of a group whose instrument has directions."""
-    parts = [part for _, part in measured.campaigns]
-    return next((part for part in parts if part.directional), parts[0])
-
-
-def _line(found: StraightLine) -> records.StraightLine:
-    return records.StraightLine(
-        direction_instr=found.direction_instr,
-        direction_u_rad=found.direction_u_rad,
-        length_mm=1e3 * found.length_m,
-        bend_rms_mm=1e3 * found.bend_rms_m,
-        points=found.points,
     )
 
 

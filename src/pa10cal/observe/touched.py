@@ -13,11 +13,10 @@ from typing_extensions import override
 from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source, seed_from_nominal
+from pa10cal.frame.rigid_fit import Located, fit_rigid_weighted, pose_by_source, seed_from_nominal
 from pa10cal.observe.instrument import MM, POSE_SCALE, LocatingMethod, group_means
 from pa10cal.observe.pose import Pose, pose_of_columns
 from pa10cal.observe.quantities import (
-    Located,
     Stated,
     Words,
     columns_of_places,
@@ -131,7 +130,6 @@ class Touched(Pose):
         """Return where the balls were; see `Pose.readout`.
 
         Args:
-            T_instr_ee: not needed: the poses are measured.
             targets_m: (t,) stated places of the balls; none to take them from the readings.
         """
         if not len(targets_m):
@@ -141,13 +139,7 @@ class Touched(Pose):
 
     @override
     def locate(self, T_base_ee: Array) -> Located:
-        found = seed_from_nominal(self.T_instr_target[:, :3, 3], T_base_ee[:, :3, 3])
-        return Located(
-            T_instr_base=found.T_instr_base,
-            scatter_m=found.residual_rms_m,
-            poses=found.poses,
-            axis_u_rad=found.axis_u_rad,
-        )
+        return seed_from_nominal(self.T_instr_target[:, :3, 3], T_base_ee[:, :3, 3])
 
     @override
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:

@@ -126,7 +126,6 @@ def draw_candidates(arm: Arm, targets_m: Array, options: PlanOptions, least: int
     As many as the options want, and some for each pose that is needed.
 
     Args:
-        arm: the nominal arm.
         targets_m: (B, 3) targets on the end.
         options: where arm and tool may be, and how many poses are wanted.
         least: how many are needed.
@@ -244,11 +243,8 @@ def expect(
     """Return the rows of poses.
 
     Args:
-        arm: the nominal arm.
-        kind: what measures.
         q: (N, n) joint positions [rad, or m of a prismatic joint].
         options: targets, uncertainties, loads.
-        calibration: how it will be calibrated.
     """
     loads = len(options.loads_N)
     observations, start = _foreseen(arm, kind, q, options)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from pa10cal.arm.chain import Chain
@@ -31,13 +30,11 @@ from pa10cal.pose_plan.candidates import (
     draw_candidates,
     expect,
     instrument_named,
-    instrument_place_m,
     targets_of,
 )
 from pa10cal.pose_plan.options import KeepOut, KeepOutBox, PlanOptions
 from pa10cal.results import plan as records
 from pa10cal.settings_reading import parse_section
-from pa10cal.terms.term import Parameter
 from pa10cal.yaml_file import read_yaml
 
 #: Sets drawn at random, to hold the plan against.
@@ -58,30 +55,10 @@ class PosePlan:
     q: Array  # (N, n) joint positions [rad, or m of a prismatic joint]
     p_base_target_m: Array  # (N, 3) where the first target comes, by the nominal arm
     u_tool_mm: Array  # (N,) expected standard uncertainty of that position after the calibration
-    u_tool_all_mm: float  # the same, root mean square over all candidates
-    u_tool_random_mm: float  # the same after as many poses drawn at random, median of several sets
-    parameters: tuple[Parameter, ...]  # the k unknowns of the model
-    u_parameters: Array  # (k,) their expected standard uncertainties
-    not_identified: tuple[str, ...]  # unknowns that these poses hardly determine
-    effects: tuple[records.ExpectedEffect, ...]  # how well missing effects would show
-    springs: tuple[int, ...]  # joints to which the model gives a spring
-    # the criterion at the start of the exchange, and after each; never falling
-    log_dets: tuple[float, ...]
-    candidates: Candidates  # from which the poses were chosen
-    travel_rad: float  # sum over moves of the furthest that a joint turns [rad, m]
+    expected: records.PlanRecord  # what to expect of the poses together, as plan.json holds it
 
     def __len__(self) -> int:
         return len(self.q)
-
-    @property
-    def p_base_instrument_m(self) -> Array:
-        """Return where the instrument is, as given or as taken to be, (3,)."""
-        return instrument_place_m(self.arm, self.options)
-
-    @property
-    def ids(self) -> NDArray[np.str_]:
-        """Return the names of the poses, (N,): P1, P2, …"""
-        return np.array([f"P{number}" for number in range(1, len(self) + 1)])
 
     def save(self, path: str | Path) -> None:
         """Write the poses as a CSV file, and what to expect of them as a JSON file beside it.
@@ -90,7 +67,7 @@ class PosePlan:
             OutputError: when they cannot be written there.
         """
         path = Path(path)
-        expected = plan_record(self).model_dump_json(indent=1) + "\n"
+        expected = self.expected.model_dump_json(indent=1) + "\n"
         with whole_files(path, path.with_suffix(".json")) as (poses, beside):
             poses.write_text(plan_text(self), encoding="utf-8", newline="\n")
             beside.write_text(expected, encoding="utf-8", newline="\n")
@@ -106,7 +83,6 @@ def plan_poses(
     """Choose poses to measure.
 
     Args:
-        arm: the nominal arm.
         instrument: what measures, a word of docs/instruments.md.
         poses: N, how many.
         options: where arm and instrument may be, and what is measured; None for the defaults.
@@ -148,8 +124,6 @@ def _choose(rows: Expected, poses: int, effects: float) -> tuple[Index, tuple[fl
     about the effects once the model is projected out, each a parameter on average.
 
     Args:
-        rows: of the candidates.
-        poses: how many.
         effects: part that the effects count, 0 to 1.
     """
     k, every = rows.unknowns, rows.white.shape[2]
@@ -175,35 +149,44 @@ def _planned(
     """Return a plan of poses chosen, with all that is expected of them."""
     k = rows.unknowns
     covariance = covariance_of(rows.white[chosen][..., :k])
-    part = np.sqrt(np.diag(covariance))
+    part, q = np.sqrt(np.diag(covariance)), candidates.q[chosen]
     rng = np.random.default_rng(options.random_seed)
     count = len(rows.white)
     others = [rng.choice(count, len(chosen), replace=False) for _ in range(_RANDOM_SETS)]
     at_random = [rms_mm(rows.tool, covariance_of(rows.white[o][..., :k])) for o in others]
     target_m = next(iter(targets_of(kind, options).values()))
-    T = Chain.of(arm).forward(candidates.q[chosen])
-    return PosePlan(
-        arm=arm,
-        kind=kind,
-        options=options,
-        q=candidates.q[chosen],
-        p_base_target_m=T[:, :3, 3] + T[:, :3, :3] @ target_m,
-        u_tool_mm=_u_mm(rows.tool[chosen], covariance),
-        u_tool_all_mm=rms_mm(rows.tool, covariance),
-        u_tool_random_mm=float(np.median(at_random)),
-        parameters=rows.parameters,
-        u_parameters=part * rows.sizes,
+    T = Chain.of(arm).forward(q)
+    p_m, u_mm = T[:, :3, 3] + T[:, :3, :3] @ target_m, _u_mm(rows.tool[chosen], covariance)
+    rows_of = zip(_positions(arm, q), p_m, u_mm, strict=True)
+    expected = records.PlanRecord(
+        robot=arm.name,
+        instrument=kind.kind,
+        poses=tuple(
+            records.PlannedPose(id=f"P{k}", q=tuple(at), target_mm=1e3 * p, u_tool_mm=float(u))
+            for k, (at, p, u) in enumerate(rows_of, start=1)
+        ),
+        tool=records.ToolExpected(
+            plan_mm=rms_mm(rows.tool, covariance), random_mm=float(np.median(at_random))
+        ),
+        parameters={
+            parameter.name: records.ExpectedParameter(std=float(u), unit=parameter.unit)
+            for parameter, u in zip(rows.parameters, part * rows.sizes, strict=True)
+        },
         not_identified=tuple(
             parameter.name
-            for parameter, left in zip(rows.parameters, part, strict=True)
-            if left > _IDENTIFIED
+            for parameter, remaining in zip(rows.parameters, part, strict=True)
+            if remaining > _IDENTIFIED
         ),
-        effects=_effects(rows, chosen),
         springs=rows.springs,
-        log_dets=values,
-        candidates=candidates,
-        travel_rad=path_length(candidates.q[chosen]),
+        effects=_effects(rows, chosen),
+        criterion=values,
+        candidates=len(candidates.q),
+        drawn=candidates.drawn,
+        removed=candidates.removed,
+        travel=path_length(q),
+        options=options.model_dump(mode="json"),
     )
+    return PosePlan(arm, kind, options, q, p_m, u_mm, expected)
 
 
 def covariance_of(white: Array) -> Array:
@@ -331,43 +314,14 @@ def read_keep_out(path: Path) -> tuple[KeepOutBox, ...]:
 
 def plan_text(plan: PosePlan) -> str:
     """Return the poses as `id,q1_deg,…,x_mm,y_mm,z_mm,u_tool_mm`."""
-    places_mm, u_mm = 1e3 * plan.p_base_target_m, plan.u_tool_mm
     lines = [",".join(["id", *position_columns(plan.arm.prismatic), *_PLACE, "u_tool_mm"])]
-    for name, q, p, u in zip(plan.ids, _positions(plan), places_mm, u_mm, strict=True):
-        words = [f"{value:.3f}" for value in (*q, *p)]
-        lines.append(",".join([str(name), *words, f"{u:.4f}"]))
+    for pose in plan.expected.poses:
+        words = [f"{value:.3f}" for value in (*pose.q, *pose.target_mm)]
+        lines.append(",".join([pose.id, *words, f"{pose.u_tool_mm:.4f}"]))
     return "\n".join(lines) + "\n"
 
 
-def _positions(plan: PosePlan) -> Array:
-    """Return the joint positions (N, n) as files have them [deg; mm of a sliding joint]."""
-    return np.where(plan.arm.prismatic, 1e3 * plan.q, np.degrees(plan.q))
-
-
-def plan_record(plan: PosePlan) -> records.PlanRecord:
-    """Return the record of a plan."""
-    rows = zip(plan.ids, _positions(plan), plan.p_base_target_m, plan.u_tool_mm, strict=True)
-    return records.PlanRecord(
-        robot=plan.arm.name,
-        instrument=plan.kind.kind,
-        poses=tuple(
-            records.PlannedPose(
-                id=str(name), q=tuple(q.tolist()), target_mm=1e3 * p, u_tool_mm=float(u)
-            )
-            for name, q, p, u in rows
-        ),
-        tool=records.ToolExpected(plan_mm=plan.u_tool_all_mm, random_mm=plan.u_tool_random_mm),
-        parameters={
-            parameter.name: records.ExpectedParameter(std=float(u), unit=parameter.unit)
-            for parameter, u in zip(plan.parameters, plan.u_parameters, strict=True)
-        },
-        not_identified=plan.not_identified,
-        springs=plan.springs,
-        effects=plan.effects,
-        criterion=plan.log_dets,
-        candidates=len(plan.candidates.q),
-        drawn=plan.candidates.drawn,
-        removed=plan.candidates.removed,
-        travel=plan.travel_rad,
-        options=plan.options.model_dump(mode="json"),
-    )
+def _positions(arm: Arm, q: Array) -> list[list[float]]:
+    """Return joint positions (N, n) as files have them [deg; mm of a sliding joint]."""
+    positions: list[list[float]] = np.where(arm.prismatic, 1e3 * q, np.degrees(q)).tolist()
+    return positions

@@ -27,7 +27,7 @@ from pa10cal.calibration.uncertainty import (
     suspected_held_out,
 )
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.angles_seen import span_seen
+from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import not_identifiable
@@ -328,7 +328,7 @@ def fitted(general: GeneralCalibration) -> FittedModel:
         target_names=problem.measured.target_names,
         covariance=_covariance(general, count),
         payload=general.payload,
-        seen=span_seen(problem.observations.states.q_rad),
+        seen=angles_seen(problem.observations.states.q_rad),
     )
 
 
