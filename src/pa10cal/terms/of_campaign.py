@@ -38,34 +38,27 @@ class _InSomePoses(ABC):
 
     @property
     def of(self) -> str:
-        """Return the place of the term, and the name of the poses."""
         return f"{self.term.of}{OF}{self.name}"
 
     @property
     def formula(self) -> str:
-        """Return the form of the term."""
         return f"in the poses of {self.name}: {self.term.formula}"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return the parameters of the term, each with the name of the poses."""
         return self._named(self.term.parameters)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Return the chain coordinates it adds to."""
         return self.term.coordinates
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        """Return what the term adds, nothing in other poses, (P, m) or (1, m)."""
         return np.asarray(self._here(states)[:, None] * self.term.shift(states, x))
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the derivative of `shift` by x, (P, m, k) or (1, m, k)."""
         return np.asarray(self._here(states)[:, None, None] * self.term.derivative(states, x))
 
     def report(self, x: Array) -> Report:
-        """Return the parameters as the term does, each with the name of the poses."""
         found = self.term.report(x)
         return replace(found, parameters=self._named(found.parameters))
 

@@ -191,15 +191,12 @@ class Offsets:
         )
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        """Return the parameters themselves, (1, k)."""
         return x[None, :]
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the identity, (1, k, k)."""
         return identity(len(x))[None]
 
     def report(self, x: Array) -> Report:
-        """Return the parameters as they are."""
         return report_as_solved(self.parameters, x)
 
 
@@ -263,29 +260,23 @@ class Fixed:
 
     @property
     def of(self) -> str:
-        """Return the place of the term."""
         return self.term.of
 
     @property
     def formula(self) -> str:
-        """Return the form of the term."""
         return self.term.formula
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Return the chain coordinates it adds to."""
         return self.term.coordinates
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        """Return what the term adds, (P, m) or (1, m)."""
         return self.term.shift(states, self.x_term)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return no column, (1, m, 0)."""
         return np.zeros((1, len(self.coordinates), 0))
 
     def report(self, x: Array) -> Report:
-        """Return nothing."""
         return Report((), x, np.zeros((0, 0)))
 
 
@@ -297,15 +288,12 @@ class FixedTorque(Fixed):
 
     @property
     def carried(self) -> bool:
-        """Return whether the joint carries that torque; else only the log shows it."""
         return self.term.carried
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        """Return what the term adds to the torques, (P, n)."""
         return self.term.torque_Nm(states, self.x_term)
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return no column, (P, n, 0)."""
         return np.zeros((*states.tau_Nm.shape, 0))
 
 

@@ -158,7 +158,6 @@ class NamedEffect(Effect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return those readers know, named after effect and place."""
         place = self.of.removeprefix("joint ")
         return tuple(
             replace(parameter, name=f"{self.id}_{place}_{parameter.name}")
@@ -166,7 +165,6 @@ class NamedEffect(Effect):
         )
 
     def report(self, x: Array) -> Report:
-        """Return the parameters under the names readers know."""
         return report_as_solved(self.reported, x)
 
 
@@ -176,13 +174,11 @@ class AtJoint(Effect):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint where it may sit."""
         found = [(joint, cls.fields_at(context, joint)) for joint in turning_joints(context)]
         return tuple(cls(f"joint {joint}", *rest) for joint, rest in found if rest is not None)
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return its fields, but for the place, at a joint that turns; None where it cannot sit."""
         return ()
 
     @property
@@ -192,7 +188,6 @@ class AtJoint(Effect):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Return the joint's angle."""
         return (f"theta_{self.joint}",)
 
 

@@ -30,7 +30,6 @@ class GearRatioError(JointEffect):
     reported: ClassVar[tuple[Parameter, ...]] = (Parameter("eps", "1", 1e-5, plausible=3e-4),)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return q_j, (P, 1, 1)."""
         return states.q_rad[:, self.joint - 1, None, None]
 
 
@@ -44,7 +43,6 @@ class Backlash(JointEffect):
     reported: ClassVar[tuple[Parameter, ...]] = (Parameter("b", "rad", 1e-5, plausible=3e-4),)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return s_j, (P, 1, 1)."""
         return states.arrival[:, self.joint - 1, None, None]
 
 
@@ -105,11 +103,9 @@ class WristCoupling(NamedEffect):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Return the angle of the last joint."""
         return (f"theta_{self.last}",)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the angle of the joint before the last, (P, 1, 1)."""
         return states.q_rad[:, self.before - 1, None, None]
 
 
@@ -127,24 +123,20 @@ class JointHarmonic(AtJoint):
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return the cycles a turn."""
         return (cls.order_stated,)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return the sine and the cosine part."""
         return tuple(
             Parameter(f"{self.id}_{self.joint}_{part}", "rad", 1e-5, plausible=self.plausible_rad)
             for part in ("sin", "cos")
         )
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return sine and cosine of order q_j, (P, 1, 2)."""
         phase = self.order * states.q_rad[:, self.joint - 1]
         return np.stack([np.sin(phase), np.cos(phase)], axis=-1)[:, None, :]
 
     def report(self, x: Array) -> Report:
-        """Return amplitude and phase."""
         return amplitude_and_phase(x, "rad")
 
 
@@ -220,7 +212,6 @@ class PeriodicError(JointHarmonic):
     sought: ClassVar[bool] = False
 
     def report(self, x: Array) -> Report:
-        """Return amplitude and phase, and the order."""
         known = super().report(x)
         order = Parameter("k", "1", 1.0)
         return replace(

@@ -35,16 +35,13 @@ class FrictionTorque(FalseTorque):
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return the joint's rated torque."""
         return (context.rated_at(joint),)
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return the torque that friction holds."""
         return (Parameter("tau_c", "N m", 1e-3 * self.rated_Nm, plausible=0.03 * self.rated_Nm),)
 
     def per_unit(self, states: PoseStates) -> Array:
-        """Return s_j, (P,)."""
         return states.arrival[:, self.joint - 1]
 
 
@@ -60,7 +57,6 @@ class TorqueGain(FalseTorque):
     reported: ClassVar[tuple[Parameter, ...]] = (Parameter("g", "1", 1e-3, plausible=0.05),)
 
     def per_unit(self, states: PoseStates) -> Array:
-        """Return the torque of the weights, (P,)."""
         return static_loads_in(states, self).joint_Nm[:, self.joint - 1]
 
 
@@ -89,27 +85,22 @@ class JointCompliance(JointEffect):
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return the stiffness."""
         return (Parameter("K", "N m/rad", 100.0 * self.rated_Nm),)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return the compliance."""
         plausible = 1.0 / (100.0 * self.rated_Nm)
         name = f"{self.id}_{self.joint}_compliance"
         scale = 0.01 * plausible
         return (Parameter(name, "rad/(N m)", scale, lower=0.0, plausible=plausible),)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return minus the torque, (P, 1, 1)."""
         return -states.tau_Nm[:, self.joint - 1, None, None]
 
     def by_torque(self, states: PoseStates, x: Array) -> Array:
-        """Return the derivative of `shift` by the joint's torque, (P,) [rad/(N m)]."""
         return np.full(len(states), -x[0])
 
     def report(self, x: Array) -> Report:
-        """Return the stiffness."""
         stiffness = 1.0 / max(float(x[0]), _RIGID)
         return Report(self.reported, np.array([stiffness]), np.array([[-(stiffness**2)]]))
 
@@ -136,7 +127,6 @@ class SoftWindup(JointEffect):
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return the deflection under a large torque and the torque where it turns over."""
         span_Nm = self.span_Nm
         return (
             Parameter("A", "rad", 1e-5, plausible=3e-4),
@@ -144,19 +134,16 @@ class SoftWindup(JointEffect):
         )
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        """Return minus the extra deflection, (P, 1)."""
         shift: Array = -x[0] * np.tanh(self._tau_Nm(states) / x[1])[:, None]
         return shift
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the derivative of `shift` by A and tau0, (P, 1, 2)."""
         tau_Nm = self._tau_Nm(states)
         full = np.tanh(tau_Nm / x[1])
         by_tau0 = x[0] * (1.0 - full**2) * tau_Nm / x[1] ** 2
         return np.stack([-full, by_tau0], axis=-1)[:, None, :]
 
     def by_torque(self, states: PoseStates, x: Array) -> Array:
-        """Return the derivative of `shift` by the joint's torque, (P,) [rad/(N m)]."""
         slope: Array = -x[0] / x[1] * (1.0 - np.tanh(self._tau_Nm(states) / x[1]) ** 2)
         return slope
 

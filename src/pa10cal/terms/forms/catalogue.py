@@ -245,7 +245,6 @@ class ShiftForm(Form):
     }
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return each column along its own shift, (P, 3, k)."""
         axes = np.tile(np.eye(3), len(x) // 3)
         return np.asarray(self.values(states)[:, None, :] * axes)
 
@@ -303,7 +302,6 @@ class ReadingForm(Form, FalseReading):
 
     @property
     def formula(self) -> str:
-        """Return the form in words a reader can type."""
         axes = [int(number) for number in self.numbers[1:3]]
         middle = [self.middle_instr_m[k % 3] for k in axes]
         names = {key: "xyz"[k % 3] for key, k in zip("bc", axes, strict=False)}
@@ -324,14 +322,12 @@ class ReadingForm(Form, FalseReading):
         return np.stack(self.shape.columns(at), axis=-1)
 
     def field(self, p_instr_m: Array) -> Array:
-        """Return the error of readings a unit of each parameter, (P, B, 3, k)."""
         columns = self.of_place(p_instr_m)
         field = np.zeros((*p_instr_m.shape, columns.shape[-1]))
         field[:, :, int(self.numbers[0])] = columns
         return field
 
     def report(self, x: Array) -> Report:
-        """Return the parameters in the form of the formula."""
         if self.form != "quadratic":
             return super().report(x)
         c = x[0] if x[0] != 0.0 else np.finfo(float).tiny

@@ -119,7 +119,6 @@ class Form(NamedEffect):
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return the parameters it is solved in."""
         return self.shape.solved
 
     @property
@@ -129,7 +128,6 @@ class Form(NamedEffect):
 
     @property
     def formula(self) -> str:
-        """Return the form in words a reader can type."""
         words = self.shape.words.format(*self.numbers, j=self.joint)
         return words.replace("(1 q_", "(q_")
 
@@ -144,7 +142,6 @@ class Form(NamedEffect):
         return np.stack(self.shape.columns(At(states, self.joint, self.numbers)), axis=1)
 
     def report(self, x: Array) -> Report:
-        """Return the parameters in the form of the formula."""
         if self.shape.reported == "turning":
             return amplitude_and_phase(x, self.shape.solved[0].unit)
         if self.shape.reported == "offset":

@@ -172,11 +172,9 @@ class AngleForm(Form):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Return the joint's angle."""
         return (f"theta_{self.joint}",)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return what each parameter is multiplied with, (P, 1, k)."""
         return self.values(states)[:, None, :]
 
 
@@ -216,5 +214,4 @@ class PullForm(JointTorqueOnly, Form):
     }
 
     def per_unit(self, states: PoseStates) -> Array:
-        """Return what each parameter is multiplied with, (P, k)."""
         return self.values(states)
