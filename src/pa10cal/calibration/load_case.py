@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,9 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import Solution
 from pa10cal.calibration.determined import FitSummary
 from pa10cal.calibration.general.fit import Fit
+from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.uncertainty import calibrated_parameters
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
@@ -140,3 +142,19 @@ def case_keys(
         "seconds": None,
         "settings": case.options.model_dump(mode="json"),
     }
+
+
+def base_parameters(
+    T_instr_base: Array, covariance: Array, axes: Array, held: Collection[str] = ()
+) -> dict[str, CalibratedParameter]:
+    """Return the six parameters of the base frame, see `report_base`.
+
+    Args:
+        T_instr_base: (4, 4) the base frame.
+        covariance: (6, 6) of its six small motions.
+        axes: (3, 3) axes along which the base shifts by these, in the instrument's frame.
+        held: names of those that the data do not identify.
+    """
+    along = np.eye(6)
+    along[:3, :3] = axes
+    return calibrated_parameters(report_base(T_instr_base), along @ covariance @ along.T, held)

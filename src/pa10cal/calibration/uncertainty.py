@@ -36,13 +36,6 @@ from pa10cal.terms.term import Report
 # Position and orientation error of predicted poses, as the paper states them.
 
 
-def deviations(
-    T_base_ee: Array, T_instr_base: Array, observations: Observations[Pose]
-) -> Deviations:
-    """Compare predicted with measured poses."""
-    return observations.measured.deviations(T_base_ee, T_instr_base, np.zeros(0))
-
-
 def summarise(found: Deviations, rows: NDArray[np.bool_] | slice = slice(None)) -> Accuracy:
     """Summarise deviations over some rows."""
     distance, angle = found.distance_mm[rows], found.angle_deg
@@ -115,27 +108,6 @@ def suspected_held_out(every: Observations, model: FittedModel) -> NDArray[np.bo
 
 
 @dataclass(frozen=True)
-class Covariances:
-    """Covariances of an estimate."""
-
-    parameters: Array  # (k, k) of the outer parameters
-    # (6, 6) of the base frame: translation along the instrument's axes [m], small right rotation
-    # [rad]
-    base: Array
-    cross: Array  # (k, 6) of the outer parameters with the base frame
-
-    def together(self, T_instr_base: Array) -> Array:
-        """Return the covariance (k + 6, k + 6) of parameters and small motions of the base.
-
-        The base's motions are along and about its own axes, as those of the chain are.
-        """
-        along = np.eye(6)
-        along[:3, :3] = T_instr_base[:3, :3].T
-        cross = self.cross @ along.T
-        return np.block([[self.parameters, cross], [cross.T, along @ self.base @ along.T]])
-
-
-@dataclass(frozen=True)
 class ErrorSources:
     """What is known of the errors of measured poses."""
 
@@ -175,7 +147,7 @@ def propagate(
     terms: Array,
     r_max_m: float,
     u_apparatus_m: float,
-) -> Covariances:
+) -> Array:
     """Propagate the errors of the measured poses to the estimate.
 
     Args:
@@ -185,6 +157,10 @@ def propagate(
         terms: (r, k) tolerance rows of the solve.
         r_max_m: length that normalises positions.
         u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
+
+    Returns:
+        Covariance (k + 6, k + 6) of the parameters and of six small motions of the base, along and
+        about its own axes, as those of the chain are.
     """
     J, by_base = at_solution.jacobian, at_solution.by_base
     k = J.shape[2]
@@ -206,9 +182,10 @@ def propagate(
     noise = observations.measured.cov * np.outer(unit, unit)
     common = observations.measured.by_apparatus * unit[:, None]
     both = np.concatenate([influence, base_influence], axis=1)
+    both[:, k : k + 3] = at_solution.T_instr_base[:3, :3].T @ both[:, k : k + 3]
     moved = u_apparatus_m * np.einsum("nai,nij->aj", both, common, optimize=True)
-    whole = np.einsum("nai,nij,nbj->ab", both, noise, both, optimize=True) + moved @ moved.T
-    return Covariances(parameters=whole[:k, :k], base=whole[k:, k:], cross=whole[:k, k:])
+    covariance = np.einsum("nai,nij,nbj->ab", both, noise, both, optimize=True)
+    return np.asarray(covariance + moved @ moved.T, dtype=np.float64)
 
 
 # Parameters as readers know them.

@@ -16,8 +16,7 @@ from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_
 from pa10cal.calibration.general.fit import Fit
 from pa10cal.calibration.general.prior import calibrate_from, prior_of
 from pa10cal.calibration.health import Errors, health, held_out_errors
-from pa10cal.calibration.levels import report_base
-from pa10cal.calibration.load_case import LoadCase, case_keys, fit_keys
+from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
     calibrated_parameters,
     scatter_of_repeats,
@@ -262,6 +261,7 @@ def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str,
 
 def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, CalibratedParameter]:
     problem, found, count = general.problem, general.fit, len(model.x)
+    assert model.covariance is not None
     openly = not_identifiable(found.identifiability, problem.parameters)
     is_open = np.array([parameter.name in openly for parameter in problem.parameters])
     report = model.model.report(model.x)
@@ -276,26 +276,20 @@ def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, Ca
     first = len(found.x) - len(problem.places)
     places = Report(problem.parameters[first:], found.x[first:], np.eye(len(problem.places)))
     linear = {name: each for name, each in of_model.items() if not name.startswith("K_cub")}
+    # Of a distance only the fixed point's place is known, not the orientation of the base.
+    whole = len(general.unknowns.base.parameters) == len(BASE)
+    base = base_parameters(
+        model.T_instr_base,
+        model.covariance[-6:, -6:],
+        problem.T_instr_base[:3, :3],
+        () if whole else ("gamma_x", "gamma_y", "gamma_z"),
+    )
     return {
         **linear,  # as springs are here
-        **_base_parameters(general, model),
+        **base,
         **calibrated_parameters(places, found.covariance[first:, first:], openly),
         **general.settled,
     }
-
-
-def _base_parameters(
-    general: GeneralCalibration, model: FittedModel
-) -> dict[str, CalibratedParameter]:
-    """Return the base frame's parameters; of a distance only the fixed point's place."""
-    assert model.covariance is not None
-    base = report_base(model.T_instr_base)
-    # The motions are along axes of the base as it was put; those of the report the instrument's.
-    along = np.eye(6)
-    along[:3, :3] = general.problem.T_instr_base[:3, :3]
-    whole = len(general.unknowns.base.parameters) == len(BASE)
-    held = [each.name for each in base.parameters if not whole and each.unit != "m"]
-    return calibrated_parameters(base, along @ model.covariance[-6:, -6:] @ along.T, held)
 
 
 def _refuse_another_arm(general: GeneralCalibration, left_mm: float, spread_mm: float) -> None:
