@@ -81,10 +81,11 @@ def calibrate(
     Raises:
         CalibrationError: when there are fewer equations than unknowns.
     """
+    level = TwoLevel(model, observations, np.arange(len(observations)), options.r_max_m)
+    check_enough(level.one_level(np.eye(4)))
     check_torques(model, observations)
     poses = spread_poses(observations, options.inner_poses)
-    level = TwoLevel(model, observations, rows_of(observations, poses), options.r_max_m)
-    check_enough(level.one_level(np.eye(4)))
+    level = replace(level, inner_rows=rows_of(observations, poses))
     starts = random_starts(model, options.starts, options.random_seed)
     starts[0] = _from_linear_springs(level, starts[0], options)
     terms = tolerance_rows(level, starts[0], options)
