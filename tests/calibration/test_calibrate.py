@@ -284,9 +284,7 @@ def test_solver_reports_that_it_did_not_arrive(model, observe):
 
 
 def test_too_few_poses_are_refused(model, observe):
-    with pytest.raises(
-        CalibrationError, match=r"5 poses with .*, 36 unknowns.*at least 6 poses"
-    ):
+    with pytest.raises(CalibrationError, match=r"5 poses with .*, 36 unknowns.*at least 6 poses"):
         calibrate(model, observe().take(slice(0, 5)), QUICK, AS_MEASURED)
 
 

@@ -13,8 +13,8 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import Solution
-from pa10cal.calibration.determined import FitSummary
 from pa10cal.calibration.general.fit import Fit
+from pa10cal.calibration.health import FitSummary
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import calibrated_parameters

@@ -14,8 +14,7 @@ from pa10cal.calibration.calibrate import (
     fitted_model,
     pull_beyond_bounds,
 )
-from pa10cal.calibration.determined import FitSummary
-from pa10cal.calibration.health import Errors, health, held_out_errors
+from pa10cal.calibration.health import Evidence, FitSummary, health, held_out_errors
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
@@ -258,8 +257,8 @@ def _health(
     jacobian = whole.rows(ended.x).jacobian
     u_apparatus_m = 1e-3 * case.options.apparatus_uncertainty_mm
     return health(
-        ended,
-        Errors(
+        Evidence(
+            ended=ended,
             train_rms_mm=summarise(model.deviations(used)).rms_mm,
             held_out=off,
             noise_mm=noise_mm,

@@ -305,6 +305,5 @@ def gross_errors_of_repeats(mean_square_mm: float, usual_mm: float) -> tuple[Inp
             where="repeated poses",
             remedy="look for exchanged labels and gross errors among them",
             kind="outlier",
-            would_leave_mm=None,
         ),
     )

@@ -61,7 +61,6 @@ def contradictions(group: GroupOfCampaigns) -> tuple[InputFinding, ...]:
             where=worst.name,
             remedy="calibrate the campaigns before and after the change apart, and compare them",
             kind="joint_zero" if worst.name.startswith(_JOINT_ZERO) else "campaigns",
-            would_leave_mm=None,
         ),
     )
 

@@ -10,12 +10,11 @@ import numpy as np
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array
-from pa10cal.calibration.determined import FitSummary
 from pa10cal.calibration.general.apart import apart, contradictions
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
 from pa10cal.calibration.general.fit import Fit
 from pa10cal.calibration.general.prior import calibrate_from, prior_of
-from pa10cal.calibration.health import Errors, health, held_out_errors
+from pa10cal.calibration.health import Evidence, FitSummary, health, held_out_errors
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
     calibrated_parameters,
@@ -162,7 +161,8 @@ def general_case(
     findings = case.findings if group is None else (*case.findings, *contradictions(group))
     rigid_left = fitted(geometry).deviations(grid)
     readings = single.take(case.rows(single.states.load_N))
-    errors = Errors(
+    evidence = Evidence(
+        ended=_fit_summary(full),
         train_rms_mm=summarise(found.take(trusted)).rms_mm,
         held_out=off,
         noise_mm=_noise_mm(full),
@@ -175,15 +175,14 @@ def general_case(
         weights=known.origin if known.assumed and full.springs else "",
         wanted_mm=options.wanted_uncertainty_mm,
     )
-    ended = _fit_summary(full)
-    judged = health(ended, errors)
+    judged = health(evidence)
     about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign)
     of_nominal = fitted(nominal).deviations(grid)
     before = summarise_by_load(of_nominal, load_N)
     less = summarise_trusted(of_nominal, found, load_N, flagged)
     of_geometry = summarise_by_load(rigid_left, load_N)
     record = GeneralCalibrationRecord(
-        **case_keys(case, ended, judged, replace(calibrated, fitted_to=about), grid),
+        **case_keys(case, evidence.ended, judged, replace(calibrated, fitted_to=about), grid),
         **_general_fit_keys(full, about),
         starts=1,
         starts_agreeing=1,
