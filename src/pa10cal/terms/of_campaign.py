@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -78,6 +78,13 @@ class OfCampaign(_InSomePoses):
     campaign: int  # number of the campaign in the group, from 0
     name: str  # its name, which the parameters bear
     id: ClassVar[str] = "of_campaign"
+
+    def only(self, names: Collection[str]) -> OfCampaign:
+        """Return the parameters of a constant term that are named, see `Offsets.only`."""
+        assert isinstance(self.term, Offsets)
+        own = (parameter.name for parameter in self.term.parameters)
+        kept = {name for name in own if of_campaign(name, self.name) in names}
+        return replace(self, term=self.term.only(kept))
 
     def _here(self, states: PoseStates) -> NDArray[np.bool_]:
         """Return which poses are of the campaign, (P,); (1,) where no campaign is meant."""

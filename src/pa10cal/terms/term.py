@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol, TypeGuard
 
 import numpy as np
 
-from pa10cal.arm.chain import BASE
+from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
@@ -236,10 +236,19 @@ def link_departures(arm: Arm, tolerances: Tolerances) -> Offsets:
 
 def base_frame() -> Offsets:
     """Build the six small motions of the base away from where the chain is put."""
-    parameters = tuple(
-        Parameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3) for name in BASE
+    return _small_motions(BASE, "base")
+
+
+def tool_frame() -> Offsets:
+    """Build the six small motions of the tool at the end of the chain."""
+    return _small_motions(TOOL, "tool")
+
+
+def _small_motions(names: tuple[str, ...], of: str) -> Offsets:
+    parameters = (
+        Parameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3) for name in names
     )
-    return Offsets(parameters, BASE, of="base")
+    return Offsets(tuple(parameters), names, of=of)
 
 
 # A term whose parameters are settled.

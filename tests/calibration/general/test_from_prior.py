@@ -26,7 +26,7 @@ from pa10cal.studies.simulated import (
     payload_of_individual,
 )
 from pa10cal.terms.effects.in_time import BaseDrift
-from pa10cal.terms.effects.joint_angle import ArrivalError
+from pa10cal.terms.effects.joint import ArrivalError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.model import Model
 

@@ -311,6 +311,10 @@ def fitted(general: GeneralCalibration) -> FittedModel:
     of_model = problem.of_model(x)
     count = len(model.parameters)
     small = base_motion(problem.model, of_model[count:])
+    of_base = [count + BASE.index(name) for name in general.unknowns.base.coordinates]
+    rows = np.array([*range(count), *of_base], dtype=np.intp)
+    covariance = np.zeros((count + len(BASE),) * 2)
+    covariance[np.ix_(rows, rows)] = general.fit.covariance[: len(rows), : len(rows)]
     return FittedModel(
         model=model,
         x=about_moved_base(model.terms, of_model[:count], small),
@@ -319,21 +323,10 @@ def fitted(general: GeneralCalibration) -> FittedModel:
         R_first_target_of=problem.measured.R_first_target_of,
         targets_m=problem.places_at(x),
         target_names=problem.measured.target_names,
-        covariance=_covariance(general, count),
+        covariance=covariance,
         payload=general.payload,
         seen=span_seen(problem.observations.states.q_rad),
     )
-
-
-def _covariance(general: GeneralCalibration, count: int) -> Array:
-    """Return the covariance (k + 6, k + 6) of a model's k parameters and the base's motions."""
-    base = general.unknowns.base.coordinates
-    of_base = count + np.array([BASE.index(name) for name in base], dtype=np.intp)
-    rows = np.concatenate([np.arange(count), of_base])
-    covariance = np.zeros((count + 6, count + 6))
-    used = len(rows)
-    covariance[np.ix_(rows, rows)] = general.fit.covariance[:used, :used]
-    return covariance
 
 
 def base_motion(model: Model, x_base: Array) -> Array:

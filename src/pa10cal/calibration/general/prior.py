@@ -40,11 +40,11 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import Moved, PriorPart
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_angle import ArrivalError
+from pa10cal.terms.effects.joint import ArrivalError
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OfCampaign
-from pa10cal.terms.term import Offsets, Parameter, Term
+from pa10cal.terms.term import Offsets, Term
 from pa10cal.terms.weights import Weights
 
 #: Where effects sit that may be others in another campaign: of its foundation and its tool.
@@ -95,7 +95,9 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     Raises:
         CalibrationError: when the model is of another arm, or its covariance is not known.
     """
-    covariance = _known(model, arm)
+    _refuse_another_arm(model, arm)
+    assert model.covariance is not None
+    covariance = model.covariance[: len(model.x), : len(model.x)].copy()
     terms: list[Term] = []
     from_: list[int] = []
     sizes: list[float] = []
@@ -117,7 +119,10 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
             columns = [-1] * len(columns)
         terms.append(term)
         from_ += columns
-        sizes += [_size(parameter) for parameter in term.parameters]
+        sizes += [
+            _AT_BOUND * each.scale if each.plausible is None else each.plausible
+            for each in term.parameters
+        ]
     index, fresh = np.array(from_, dtype=np.intp), np.array(from_) < 0
     mean = np.where(fresh, 0.0, model.x[index])
     known = covariance[np.ix_(index, index)]
@@ -127,8 +132,8 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     return Prior(model, tuple(terms), Expected(mean, known))
 
 
-def _known(model: FittedModel, arm: Arm) -> Array:
-    """Return the covariance of a model of an arm, or refuse it."""
+def _refuse_another_arm(model: FittedModel, arm: Arm) -> None:
+    """Refuse a model of another arm, or of unknown covariance."""
     layout = ("prismatic", "theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")
     same = model.arm.n == arm.n and model.arm.convention == arm.convention
     differs = [
@@ -136,32 +141,24 @@ def _known(model: FittedModel, arm: Arm) -> Array:
         for name in layout
         if not same or not np.allclose(getattr(model.arm, name), getattr(arm, name), 0.0, 1e-9)
     ]
+    what, value = "the prior is a model of another arm", model.arm.name
     if model.arm.name != arm.name:
-        raise CalibrationError(
-            "the prior is a model of another arm",
-            where="prior",
-            value=model.arm.name,
-            allowed=f"a model of {arm.name}",
-            remedy="give a model of the arm that was measured; where it is one arm under two "
-            "names, give both descriptions the same name",
+        allowed = f"a model of {arm.name}"
+        remedy = (
+            "give a model of the arm that was measured; where it is one arm under two names, give "
+            "both descriptions the same name"
         )
-    if differs:
-        raise CalibrationError(
-            "the prior is a model of another arm",
-            where="prior",
-            value=f"{model.arm.name}; its {', '.join(differs)} differ",
-            allowed=f"a model of {arm.name} with the same nominal rows",
-            remedy="give a model of the arm that was measured",
-        )
-    if model.covariance is None:
-        raise CalibrationError(
-            "the covariance of the prior is not known",
-            where="prior",
-            value=model.arm.name,
-            allowed="a model with the file of its covariance beside it",
-            remedy="copy model.covariance.npz together with model.yaml, or export it again",
-        )
-    return model.covariance[: len(model.x), : len(model.x)].copy()
+    elif differs:
+        value = f"{model.arm.name}; its {', '.join(differs)} differ"
+        allowed = f"a model of {arm.name} with the same nominal rows"
+        remedy = "give a model of the arm that was measured"
+    elif model.covariance is None:
+        what = "the covariance of the prior is not known"
+        allowed = "a model with the file of its covariance beside it"
+        remedy = "copy model.covariance.npz together with model.yaml, or export it again"
+    else:
+        return
+    raise CalibrationError(what, where="prior", value=value, allowed=allowed, remedy=remedy)
 
 
 def of_arm(term: Term) -> bool:
@@ -188,11 +185,6 @@ def _weights(term: Weights, arm: Arm, payload: Payload | None) -> Weights | None
             weights = replace(term, sizes=sizes)
         return replace(weights, unknown_tool=not payload.known)
     return None if payload.known else unknown_tool(arm, payload)
-
-
-def _size(parameter: Parameter) -> float:
-    """Return how far a parameter may be of which no fit says anything."""
-    return _AT_BOUND * parameter.scale if parameter.plausible is None else parameter.plausible
 
 
 # Calibration that starts from a fitted model of the arm: after a crash, a new tool, a new cell.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import inspect
 import pkgutil
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from importlib import import_module
 from types import ModuleType
@@ -68,6 +68,14 @@ class CandidateContext:
         """Return the lowest and highest angle of a joint, from 1; None where it was not moved."""
         low, high = self.q_span_rad[joint - 1].tolist()
         return (low, high) if high - low > _LEAST_SPAN_RAD else None
+
+
+#: What an effect at a joint takes of it, by the name of its field; nothing where it has none.
+_OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
+    "rated_Nm": CandidateContext.rated_at,  # rated torque
+    "span_Nm": CandidateContext.carried_at,  # largest torque that the joint carried
+    "span_rad": CandidateContext.span_at,  # lowest and highest measured angle
+}
 
 
 @dataclass(frozen=True)
@@ -179,7 +187,13 @@ class AtJoint(Effect):
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        return ()
+        """Return its fields, but for the place, at a joint that turns; None where it cannot sit.
+
+        Those of a name in `_OF_JOINT` are taken by it, and it sits where the joint has all of them.
+        """
+        names = [each.name for each in fields(cls) if each.name in _OF_JOINT]
+        taken = tuple(_OF_JOINT[name](context, joint) for name in names)
+        return taken if all(taken) else None
 
     @property
     def joint(self) -> int:

@@ -89,11 +89,6 @@ class TorqueMap(JointTorqueOnly, JointEffect):
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 4
 
-    @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        span_rad = context.span_at(joint)
-        return (span_rad, context.rated_at(joint)) if span_rad else None
-
     @property
     def reported(self) -> tuple[Parameter, ...]:
         rated_Nm = self.rated_Nm
@@ -120,12 +115,6 @@ class WindupMap(JointEffect):
     )
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 5
-
-    @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return the largest torque of a joint that carried any."""
-        carried_Nm = context.carried_at(joint)
-        return (carried_Nm,) if carried_Nm else None
 
     @property
     def reported(self) -> tuple[Parameter, ...]:

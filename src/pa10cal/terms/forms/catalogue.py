@@ -23,8 +23,7 @@ from pa10cal.terms.effects.effect import (
     turning_joints,
 )
 from pa10cal.terms.effects.in_time import FalseReading
-from pa10cal.terms.forms.form import Form, Numbers, Shape, beyond, sines, sized
-from pa10cal.terms.forms.of_joints import AngleForm, PullForm
+from pa10cal.terms.forms.form import AngleForm, Form, Numbers, PullForm, Shape, beyond, sines, sized
 from pa10cal.terms.term import Parameter, Report
 
 #: Cycles a turn that are tried: as many as there are positions, within these.
