@@ -139,7 +139,10 @@ def patched_urdf(
     tree = read_tree(source.text, source.where)
     _, _, path = tree.path(source.base, source.tip)
     joints = [joint for joint in path if joint.kind in MOVING]
-    T_root = _links_at_zero(tree)
+    T_root = {  # all joints at zero
+        link.name: reduce(np.matmul, map(_origin, tree.above(link.name)), np.eye(4))
+        for link in tree.links
+    }
     T_base = {link: np.linalg.inv(T_root[source.base]) @ T for link, T in T_root.items()}
     own = np.array([T_base[joint.child] for joint in joints])
     _refuse_another_arm(source, chain, joints, own, T_base[source.tip])
@@ -160,12 +163,6 @@ def patched_urdf(
             _set_origin(element, origins[str(element.get("name"))])
     _add_links(file.robot, tree, source.tip, np.linalg.inv(T) @ T_base_flange, frames)
     return file.text(*comments)
-
-
-def _links_at_zero(tree: UrdfTree) -> dict[str, Array]:
-    """Return the poses of all links in the root, (4, 4) each, with all joints at zero."""
-    names = [link.name for link in tree.links]
-    return {name: reduce(np.matmul, map(_origin, tree.above(name)), np.eye(4)) for name in names}
 
 
 def _origin(joint: UrdfJoint) -> Array:
@@ -229,12 +226,8 @@ def _add_fixed(
         each if each not in taken else f"{each}_pa10cal" for each in (name, f"to_{name}")
     )
     taken.update((link, joint))
-    ElementTree.SubElement(robot, "link", name=link).tail = "\n  "
-    element = ElementTree.SubElement(robot, "joint", name=joint, type="fixed")
-    ElementTree.SubElement(element, "origin", origin_of(T))
-    ElementTree.SubElement(element, "parent", link=parent)
-    ElementTree.SubElement(element, "child", link=link)
-    element.tail = "\n"
+    _joint(robot, joint, "fixed", parent, link, T).tail = "\n"
+    robot[-2].tail = "\n  "
     return link
 
 
@@ -306,7 +299,9 @@ def _frames_as_designed(chain: Chain) -> Array | None:
         # Heights and lengths along x, from places that the axes go through.
         d1, d14 = points[1, 2], -T_flange[1, 3]
         a2, a3 = points[2, 0], points[3, 0] - points[2, 0]
-        d5, d6 = d1 - T_flange[2, 3], _d6(axes, points, T_flange)
+        d5, d6 = d1 - T_flange[2, 3], 0.0
+        if np.linalg.norm(np.cross(axes[4], axes[5])) > 0.5:
+            d6 = float((T_flange[:3, 3] - points[4]) @ axes[5])
         origins = (
             placed(np.array([0.0, 0.0, d1]), np.zeros(3)),
             placed(np.zeros(3), np.array([_QUARTER, 0.0, 0.0])),
@@ -322,12 +317,6 @@ def _frames_as_designed(chain: Chain) -> Array | None:
         if _agree(np.array(found), carried, T_base_flange):
             return np.array(found)
     return None
-
-
-def _d6(axes: Array, points: Array, T_flange: Array) -> float:
-    """Return how far the flange is beyond the fifth axis, along the sixth."""
-    across = np.cross(axes[4], axes[5])
-    return float((T_flange[:3, 3] - points[4]) @ axes[5]) if np.linalg.norm(across) > 0.5 else 0.0
 
 
 def _agree(found: Array, carried: Array, T_base_flange: Array) -> bool:

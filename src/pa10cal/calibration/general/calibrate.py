@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import Chain
+from pa10cal.arm.chain import BASE, Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
@@ -276,7 +276,7 @@ def tilts_not_shown(problem: Problem, fit: Fit) -> dict[str, CalibratedParameter
     }
 
 
-# Frames and targets from which a fit starts, by the nominal arm.
+# Frames and targets from which a fit starts, by the nominal arm, and where the base moves to.
 
 
 def find_start(arm: Arm, observations: Observations) -> Start:
@@ -313,3 +313,9 @@ def start_of(seed: BaseFrameRecord, measured: Instrument) -> Start:
     targets_m = np.concatenate([np.zeros(0), *(stated[name] for name in target_names)])
     tools_m = {name: T[:3, 3] for name, T in (seed.T_ee_target_of or {}).items()}
     return Start(seed.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m, tools_m)
+
+
+def base_motion(model: Model, x_base: Array) -> Array:
+    """Return the six small motions (6,) of the base, zero for those that are no unknowns."""
+    values = dict(zip(model.terms[-1].coordinates, x_base, strict=True))
+    return np.array([values.get(name, 0.0) for name in BASE])
