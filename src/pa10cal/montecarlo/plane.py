@@ -77,34 +77,24 @@ def sample_errors(
     """
     cycles = int(counts[-1])
     starts = np.arange(0, cycles, BLOCK_CYCLES)
-    cuts = np.unique(np.concatenate([starts, counts[:-1]]))
-    sums = np.empty((2, len(streams), len(cuts)))
-    blocks = {
-        length: DisplacementBlock(plan, length)
-        for length in {min(BLOCK_CYCLES, cycles - int(start)) for start in starts}
-    }
-    ones = np.ones(BLOCK_CYCLES)
-    work = []
-    for start in starts:
-        block = blocks[min(BLOCK_CYCLES, cycles - int(start))]
-        inside = cuts[(cuts >= start) & (cuts < start + BLOCK_CYCLES)]
-        bounds = [*(inside - start), len(block.error_m)]
-        parts = [
-            (block.error_m[first:last], ones[: last - first])
-            for first, last in itertools.pairwise(bounds)
-        ]
-        work.append((block, parts))
+    cuts = np.unique(np.concatenate([starts, counts]))
+    sums = np.empty((2, len(streams), len(cuts) - 1))
+    lengths = [min(BLOCK_CYCLES, cycles - start) for start in starts.tolist()]
+    blocks = {length: DisplacementBlock(plan, length) for length in set(lengths)}
     progress(0, len(streams))
     for position, source in enumerate(streams):
         drawn = []
-        for block, parts in work:
+        for start, length in zip(starts, lengths, strict=True):
+            block = blocks[length]
             source.standard_normal(out=block.normals)
             block.displace(position)
-            drawn += [(error_m.dot(one), error_m.dot(error_m)) for error_m, one in parts]
+            inside = cuts[(cuts >= start) & (cuts <= start + length)] - start
+            for first, last in itertools.pairwise(inside):
+                error_m = block.error_m[first:last]
+                drawn.append((error_m.sum(), error_m @ error_m))
         sums[:, position] = np.transpose(drawn)
         progress(position + 1, len(streams))
-    ends = np.searchsorted(np.append(cuts[1:], cycles), counts)
-    error_m, squared_m2 = np.cumsum(sums, axis=2)[:, :, ends]
+    error_m, squared_m2 = np.cumsum(sums, axis=2)[:, :, np.searchsorted(cuts[1:], counts)]
     return ErrorSums(cycles=counts, error_m=error_m, squared_m2=squared_m2)
 
 

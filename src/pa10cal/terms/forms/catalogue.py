@@ -203,7 +203,6 @@ class TiltForm(Form):
             lambda at: tuple(beyond(M, at.numbers[0]) for M in at.moments),
             sized("cx cy", "rad/(N m)", _TILT_RAD / _MOMENT_NM),
             ("threshold",),
-            between=0,
         ),
         "sign_of_moment": Shape(
             "base.rx += cx sgn(M_x), base.ry += cy sgn(M_y), M the overturning moment",
@@ -229,7 +228,6 @@ class ShiftForm(Form):
             lambda at: (np.exp(-(at.states.time_s - at.numbers[1]) / at.numbers[0]),) * 3,
             sized("dx dy dz", "m", _SHIFT_M),
             ("time",),
-            between=0,
         ),
         "wave_in_time": Shape(
             "base.x, y, z += (dx, dy, dz) sin(2 pi t / {0:.4g}) "
@@ -239,7 +237,6 @@ class ShiftForm(Form):
             ),
             sized("dx dy dz ex ey ez", "m", _SHIFT_M),
             ("period",),
-            between=0,
         ),
     }
 
@@ -294,8 +291,6 @@ class ReadingForm(Form, FalseReading):
             lambda at: sines(2.0 * np.pi * at.u / at.numbers[2]),
             sized("s c", "m", _READING_M),
             ("axis", "along", "period"),
-            "turning",
-            between=2,
         ),
     }
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -21,6 +21,8 @@ Numbers = tuple[float, ...]
 
 #: Size in which forms are fitted, in the plausible one.
 _ANY_SIZE = 10.0
+#: Names of numbers that need not be whole.
+_ANY_VALUE = ("threshold", "start", "time", "period")
 
 
 class At(NamedTuple):
@@ -70,10 +72,11 @@ class Shape:
     columns: Callable[[Any], tuple[Array, ...]]
     solved: tuple[Parameter, ...]  # the parameters it is solved in
     numbers: tuple[str, ...] = ()  # names of the numbers that fix it and a reader has to be given
-    # `as solved`; `turning` where a sine and a cosine part are an amplitude A and a phase phi;
-    # `offset` where a slope and a constant are a slope and the place of its zero
-    reported: Literal["as solved", "turning", "offset"] = "as solved"
-    between: int | None = None  # which number, from 0, may have any value; None where all are whole
+
+    @property
+    def between(self) -> int | None:
+        """Return which number, from 0, may have any value; None where all are whole."""
+        return next((k for k, name in enumerate(self.numbers) if name in _ANY_VALUE), None)
 
 
 @dataclass(frozen=True)
@@ -145,11 +148,13 @@ class Form(NamedEffect):
         return np.stack(self.shape.columns(At(states, self.joint, self.numbers)), axis=1)
 
     def report(self, x: Array) -> Report:
-        if self.shape.reported == "turning":
-            return amplitude_and_phase(x, self.shape.solved[0].unit)
-        if self.shape.reported == "offset":
-            return _slope_and_zero(x, self.shape.solved)
-        return report_as_solved(self.reported, x)
+        solved = self.shape.solved
+        names = [parameter.name for parameter in solved]
+        if names == ["s", "c"]:  # a sine and a cosine part
+            return amplitude_and_phase(x, solved[0].unit)
+        if names == ["k", "q0"]:  # a slope and a constant: as a slope and the place of its zero
+            return _slope_and_zero(x, solved)
+        return report_as_solved(solved, x)
 
 
 def _slope_and_zero(x: Array, solved: tuple[Parameter, ...]) -> Report:
@@ -223,7 +228,6 @@ class AngleForm(Form):
             lambda at: sines(at.numbers[0] * at.q),
             _SINES,
             ("order",),
-            "turning",
         ),
         "two_harmonics": Shape(
             "theta_{j} += s1 sin({0:g} q_{j}) + c1 cos({0:g} q_{j}) + s2 sin({1:g} q_{j}) "
@@ -237,21 +241,18 @@ class AngleForm(Form):
             lambda at: (_saw(at),),
             _A,
             ("teeth", "start"),
-            between=1,
         ),
         "square": Shape(
             "theta_{j} += A sgn sin({0:g} q_{j} - 2 pi {1:.4g})",
             lambda at: (np.sign(-_saw(at)),),
             _A,
             ("teeth", "start"),
-            between=1,
         ),
         "step": Shape(
             "theta_{j} += A where q_{j} > {0:.4g}",
             lambda at: ((at.q > at.numbers[0]).astype(float),),
             _A,
             ("threshold",),
-            between=0,
         ),
         "torque_squared": Shape(
             "theta_{j} -= c tau_{j}^2",
@@ -274,14 +275,12 @@ class AngleForm(Form):
             lambda at: (-beyond(at.tau, at.numbers[0]),),
             sized("c", "rad/(N m)", _A_NM),
             ("threshold",),
-            between=0,
         ),
         "torque_by_angle": Shape(
             "theta_{j} -= tau_{j} A sin({0:g} q_{j} + phi)",
             lambda at: sines(at.numbers[0] * at.q, -at.tau),
             sized("s c", "rad/(N m)", _A_NM),
             ("order",),
-            "turning",
         ),
         "arrival_by_torque": Shape(
             "theta_{j} += h s_{j} |tau_{j}|",
@@ -298,14 +297,12 @@ class AngleForm(Form):
             lambda at: sines(at.numbers[0] * at.q, at.arrival),
             _SINES,
             ("order",),
-            "turning",
         ),
         "other_angle": Shape(
             "theta_{j} += A sin({1:g} q_{0:g} + phi)",
             lambda at: sines(at.numbers[1] * at.q_of(at.numbers[0])),
             _SINES,
             ("joint", "order"),
-            "turning",
         ),
         "product_of_angles": Shape(
             "theta_{j} += c q_{j} q_{0:g}",
@@ -331,7 +328,6 @@ class AngleForm(Form):
             _settling,
             _A,
             ("time",),
-            between=0,
         ),
     }
 
@@ -353,28 +349,24 @@ class PullForm(JointTorqueOnly, Form):
             "tau_{j} += k (q_{j} - q0)",
             lambda at: (at.q, np.ones(len(at.states))),
             (*_PULL, *sized("q0", "rad", _TORQUE_NM)),
-            reported="offset",
         ),
         "pull_beyond": Shape(
             "tau_{j} += k max(q_{j} - {0:.4g}, 0)",
             lambda at: (np.maximum(at.q - at.numbers[0], 0.0),),
             _PULL,
             ("threshold",),
-            between=0,
         ),
         "pull_below": Shape(
             "tau_{j} += k min(q_{j} - {0:.4g}, 0)",
             lambda at: (np.minimum(at.q - at.numbers[0], 0.0),),
             _PULL,
             ("threshold",),
-            between=0,
         ),
         "pull_harmonic": Shape(
             "tau_{j} += A sin({0:g} q_{j} + phi)",
             lambda at: sines(at.numbers[0] * at.q),
             sized("s c", "N m", _TORQUE_NM),
             ("order",),
-            "turning",
         ),
     }
 
