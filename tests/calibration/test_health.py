@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.health import Evidence, FitSummary, HeldOut, poses_needed
+from pa10cal.calibration.health import Evidence, FitSummary, poses_needed
 from pa10cal.calibration.health import health as health_of
+from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.results.evaluation import Accuracy
 from pa10cal.results.health import InputFinding, RepeatScatter

@@ -274,9 +274,7 @@ def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | Non
 def flange_off_m(chain: Chain, coordinates: Array) -> float:
     """Return how far the flange is from where the last joint's axis, as designed, would have it.
 
-    Args:
-        chain: the chain of the arm.
-        coordinates: (m,) calibrated coordinates at zero joint positions.
+    The coordinates (m,) are calibrated ones, at zero joint positions.
     """
     ends = []
     for at in (chain.nominal, coordinates):

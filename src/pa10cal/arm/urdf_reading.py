@@ -32,11 +32,7 @@ class UrdfText:
 
 
 def parse_urdf(text: str, *, comments: bool = False) -> UrdfText:
-    """Read a URDF.
-
-    Args:
-        text: the file's content.
-        comments: whether comments stay where they are.
+    """Read the text of a URDF; comments stay where they are, or are dropped.
 
     Raises:
         ValueError: when it is not XML, saying where.
@@ -266,11 +262,7 @@ class UrdfTree:
 
 
 def read_tree(text: str, where: str) -> UrdfTree:
-    """Read links and joints of a URDF.
-
-    Args:
-        text: the file's content.
-        where: its name, for messages.
+    """Read links and joints of the text of a URDF, which messages call by `where`.
 
     Raises:
         ArmError: naming what cannot be used, and its place.

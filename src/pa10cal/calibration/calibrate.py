@@ -230,12 +230,7 @@ def check_torques(model: Model, observations: Observations) -> None:
 
 
 def fitted_model(calibration: Calibration, payload: Payload | None) -> FittedModel:
-    """Return the fitted model of a calibration on two levels.
-
-    Args:
-        calibration: where it ended.
-        payload: what the arm carried; None where that is not known.
-    """
+    """Return the fitted model of a calibration on two levels; no payload where none is known."""
     observations = calibration.level.observations
     return FittedModel(
         model=calibration.level.model,

@@ -7,7 +7,7 @@ thresholds and their reasons stand here and there.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,12 +15,9 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.statics import reported_name
 from pa10cal.arrays import Array
-from pa10cal.calibration.uncertainty import summarise
+from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.numerics.exchange import Information, one_by_one
-from pa10cal.observe.observations import Observations
-from pa10cal.observe.quantities import Deviations
-from pa10cal.results.evaluation import Accuracy
 from pa10cal.results.health import (
     CorrelatedPair,
     ExpectedUncertainty,
@@ -97,16 +94,6 @@ class FitSummary:
     # names of those that the mounting of base or tool moves as well, so that they say nothing of
     # how the arm was built
     of_mounting: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """Remaining errors of held-out poses."""
-
-    accuracy: Accuracy  # the errors
-    u_mm: float | None = None  # standard uncertainty of the predictions there; None where not known
-    repeats: float = 1.0  # readings behind a held-out pose over those behind a fitted one
-    suspected: int = 0  # further held-out poses, with a suspected reading, that do not count
 
 
 @dataclass(frozen=True)
@@ -273,38 +260,6 @@ def health(evidence: Evidence) -> Health:
         repeats=evidence.repeats,
         findings=findings,
         poses=evidence.poses,
-    )
-
-
-def held_out_errors(
-    deviations: Deviations,
-    fitted: Observations,
-    held_out: Observations,
-    position: Array,
-    cov: Array,
-    suspected: NDArray[np.bool_] | None = None,
-) -> HeldOut:
-    """Return the errors of held-out poses, with what they are to be compared with.
-
-    Args:
-        deviations: of the P poses held out.
-        fitted, held_out: averaged poses.
-        position: (P, c, k) derivative of the predicted positions of those held out [m].
-        cov: (k, k) of the parameters.
-        suspected: (P,) which of them have a suspected reading; those do not count, unless all
-            have one. None for none.
-    """
-    if suspected is not None and suspected.any() and not suspected.all():
-        rest = ~suspected
-        found = held_out_errors(
-            deviations.take(rest), fitted, held_out.take(rest), position[rest], cov
-        )
-        return replace(found, suspected=int(suspected.sum()))
-    variance = np.einsum("pck,kl,pcl->p", position, cov, position, optimize=True)
-    return HeldOut(
-        accuracy=summarise(deviations),
-        u_mm=float(1e3 * np.sqrt(np.mean(np.maximum(variance, 0.0)))),
-        repeats=float(np.mean(1.0 / fitted.readings) / np.mean(1.0 / held_out.readings)),
     )
 
 
@@ -600,6 +555,11 @@ def poses_needed(
         d_optimal_order=tuple(ended.pose[order].tolist()),
         expected=tuple(expected),
     )
+
+
+def names_of(parameters: Sequence[Parameter], rows: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Return the names of some parameters."""
+    return tuple(p.name for p, of_them in zip(parameters, rows, strict=True) if of_them)
 
 
 def _gram(rows: Array) -> Array:

@@ -58,14 +58,7 @@ _AXES = {
 def check_input(
     campaign: CampaignDescription, arm: Arm, every: Observations, options: CalibrationOptions
 ) -> tuple[InputFinding, ...]:
-    """Find what is probably wrong in the input, before it is calibrated.
-
-    Args:
-        campaign: its description.
-        arm: the nominal arm.
-        every: single readings of all kinds.
-        options: how to calibrate.
-    """
+    """Find what is probably wrong in a campaign, by single readings of all kinds."""
     members = dict(zip(every.by_campaign(), campaign.campaigns, strict=True))
     if members:
         return tuple(

@@ -84,15 +84,7 @@ def fit_keys(
     names: Sequence[str],
     covariance: Array,
 ) -> dict[str, Any]:
-    """Return what a record holds of every fit.
-
-    Args:
-        ended: where it ended.
-        model: the fitted model, and what it was fitted to.
-        parameters: all parameters by name.
-        names: of those of the covariance.
-        covariance: (k, k) theirs.
-    """
+    """Return what a record holds of every fit, with the covariance (k, k) of those named."""
     return {
         "status": "converged" if ended.converged else "not converged",
         "reason": ended.reason,
@@ -110,12 +102,7 @@ def case_keys(
 ) -> dict[str, Any]:
     """Return what the record of a load case holds whatever the model.
 
-    Args:
-        case: the load case.
-        ended: how the fit ended.
-        found: whether it is good.
-        model: the fitted model, and what it was fitted to.
-        grid: grid poses of every load, as the model takes them.
+    Residuals are those of the grid poses of every load, as the model takes them.
     """
     identified, left = ended.identifiability, model.deviations(grid)
     return {
@@ -130,7 +117,6 @@ def case_keys(
         "singular_values": identified.singular_values,
         "null_directions": unidentified_directions(identified, ended.parameters),
         "observability": observability(identified, len(ended.pose)),
-        # place, position and rotation residual along base axes
         "residuals": ResidualRows(
             pose=grid.pose,
             load_N=grid.states.load_N,

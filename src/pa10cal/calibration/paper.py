@@ -14,7 +14,7 @@ from pa10cal.calibration.calibrate import (
     fitted_model,
     pull_beyond_bounds,
 )
-from pa10cal.calibration.health import Evidence, FitSummary, health, held_out_errors
+from pa10cal.calibration.health import Evidence, FitSummary, health, names_of
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
@@ -22,10 +22,10 @@ from pa10cal.calibration.uncertainty import (
     align_nominal,
     calibrated_parameters,
     gross_errors_of_repeats,
+    held_out_errors,
     scatter_of_repeats,
     summarise,
     summarise_by_load,
-    suspected_held_out,
     with_own_scatter,
 )
 from pa10cal.errors import CalibrationError
@@ -44,7 +44,6 @@ from pa10cal.results.calibration import (
 )
 from pa10cal.results.health import Health
 from pa10cal.terms.joint_spring import baseline, nominal
-from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report
 
 #: Random postures at which it is found what no pose determines.
@@ -64,9 +63,7 @@ def paper_case(
 ) -> tuple[PaperCalibrationRecord, FittedModel]:
     """Compute a load case on two levels, with the paper's unknowns.
 
-    Args:
-        case: the load case.
-        T_instr_base_seed: (4, 4) about where the base is.
+    The seed (4, 4) is what the straight moves say of the base; it starts nothing.
 
     Raises:
         CalibrationError: when the instrument measures no poses, no grid pose has that load, or
@@ -194,9 +191,7 @@ def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:
     held = np.flatnonzero(calibration.solution.at_bound)
     touched = np.abs(report.jacobian[:, held]).sum(axis=1) > 0
     at_zero = touched & (report.values == 0.0)
-    names = (parameter.name for parameter in report.parameters)
-    flagged = at_zero if at_zero.any() else touched
-    return frozenset(name for name, is_held in zip(names, flagged, strict=True) if is_held)
+    return frozenset(names_of(report.parameters, at_zero if at_zero.any() else touched))
 
 
 def _fit_summary(cubic: Calibration, noise: Observations[Pose]) -> FitSummary:
@@ -204,16 +199,15 @@ def _fit_summary(cubic: Calibration, noise: Observations[Pose]) -> FitSummary:
     level, solution = cubic.level, cubic.solution
     whole, x = level.one_level(cubic.T_instr_base), np.concatenate([solution.x, np.zeros(6)])
     jacobian = whole.rows(x).jacobian
-    hidden = _hidden(whole, x)
+    hidden, last = _hidden(whole, x), f"_{level.model.chain.arm.n}"
+    # The departures of the last row hold how the apparatus is mounted as well.
+    names = (each.name for each in level.parameters)
+    of_row = {each for each in names if each.startswith("delta_") and each.endswith(last)}
     return FitSummary(
         converged=solution.converged,
         reason=solution.reason,
         iterations=solution.iterations,
-        at_bound=tuple(
-            parameter.name
-            for parameter, at_bound in zip(level.model.parameters, solution.at_bound, strict=True)
-            if at_bound
-        ),
+        at_bound=names_of(level.parameters, solution.at_bound),
         pose=level.observations.pose,
         parameters=whole.parameters,
         covariance=cubic.covariance,
@@ -223,7 +217,7 @@ def _fit_summary(cubic: Calibration, noise: Observations[Pose]) -> FitSummary:
         not_identifiable=cubic.not_identifiable,
         x=x,
         hidden=hidden,
-        of_mounting=hidden | _of_last_row(level.model),
+        of_mounting=hidden | of_row,
     )
 
 
@@ -242,14 +236,8 @@ def _health(
     )
     held_out, off = poses_of(case.every, "holdout"), None
     if len(held_out):
-        off = held_out_errors(
-            model.deviations(held_out),
-            used,
-            held_out,
-            replace(whole, observations=held_out).rows(ended.x).jacobian[:, :3],
-            ended.covariance,
-            suspected_held_out(case.every, model),
-        )
+        position = replace(whole, observations=held_out).rows(ended.x).jacobian[:, :3]
+        off = held_out_errors(model, case.every, used, held_out, position, ended.covariance)
     scatter, findings = scatter_of_repeats(stated, model), case.findings
     if scatter:
         usual_mm = 1e3 * scatter[0].found * np.sqrt(3.0 * np.mean(1.0 / used.readings))
@@ -299,14 +287,4 @@ def _hidden(problem: Problem, x: Array) -> frozenset[str]:
     )
     rows = replace(problem, observations=observations.with_states(drawn)).rows(x).jacobian
     rank = identify(rows.reshape(-1, len(x)), problem.scale)
-    names = {parameter.name for parameter in problem.parameters}
-    return not_identifiable(rank, problem.parameters) & names
-
-
-def _of_last_row(model: Model) -> frozenset[str]:
-    """Return the departures of the last row, which hold how the apparatus is mounted as well."""
-    return frozenset(
-        parameter.name
-        for parameter in model.parameters
-        if parameter.name.startswith("delta_") and parameter.name.endswith(f"_{model.chain.arm.n}")
-    )
+    return not_identifiable(rank, problem.parameters)

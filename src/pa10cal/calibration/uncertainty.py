@@ -92,19 +92,56 @@ def align_nominal(nominal: Model, observations: Observations[Pose]) -> Array:
 
 
 def suspected_held_out(every: Observations, model: FittedModel) -> NDArray[np.bool_]:
-    """Return which averaged held-out poses have a suspected reading, (H,).
+    """Return which averaged held-out poses have a suspected reading, (H,), by single readings.
 
     The evaluation tells them by the same rule.
-
-    Args:
-        every: single readings of all kinds.
-        model: the calibrated model.
     """
     single, fitted = every.of_kind("holdout"), every.of_kind("grid")
     if not len(single):
         return np.zeros(0, dtype=bool)
     far, _ = far_from_prediction(model.as_modelled(single), model, model.as_modelled(fitted))
     return np.bincount(reading_groups(single), far) > 0.0
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Remaining errors of held-out poses."""
+
+    accuracy: Accuracy  # the errors
+    u_mm: float | None = None  # standard uncertainty of the predictions there; None where not known
+    repeats: float = 1.0  # readings behind a held-out pose over those behind a fitted one
+    suspected: int = 0  # further held-out poses, with a suspected reading, that do not count
+
+
+def held_out_errors(
+    model: FittedModel,
+    every: Observations,
+    fitted: Observations,
+    held_out: Observations,
+    position: Array,
+    cov: Array,
+) -> HeldOut:
+    """Return the errors of held-out poses, with what they are to be compared with.
+
+    Those with a suspected reading do not count, unless all have one.
+
+    Args:
+        model: the calibrated model.
+        every: single readings of all kinds.
+        fitted, held_out: averaged poses, P of them held out.
+        position: (P, c, k) derivative of the predicted positions of those held out [m].
+        cov: (k, k) of the parameters.
+    """
+    suspected = suspected_held_out(every, model)
+    rest = ~suspected | suspected.all()
+    position = position[rest]
+    variance = np.einsum("pck,kl,pcl->p", position, cov, position, optimize=True)
+    return HeldOut(
+        accuracy=summarise(model.deviations(held_out), rest),
+        u_mm=float(1e3 * np.sqrt(np.mean(np.maximum(variance, 0.0)))),
+        repeats=float(np.mean(1.0 / fitted.readings) / np.mean(1.0 / held_out.readings[rest])),
+        suspected=int((~rest).sum()),
+    )
 
 
 @dataclass(frozen=True)

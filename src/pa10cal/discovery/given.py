@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.calibration.health import Evidence, FitSummary, HeldOut, health
+from pa10cal.calibration.health import Evidence, FitSummary, health
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.load_case import COMBINED, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.calibration.uncertainty import (
+    HeldOut,
     calibrated_parameters,
     reported_keys,
     summarise,

@@ -201,8 +201,7 @@ def study_plane(
         arm: the nominal arm.
         plane_mm: height of the flange above the base.
         settings: what to draw.
-        campaign: whose result it is.
-        robot: name of the arm.
+        campaign, robot: names in the result.
         progress: called before the first and after every position.
 
     Raises:

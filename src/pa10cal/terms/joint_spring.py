@@ -30,11 +30,8 @@ _LARGEST_SHARE = 0.95
 def stiffness_by_solved(names: Sequence[str], x: Array) -> Array:
     """Return the derivative (k, k) of the parameters, springs as stiffness, by the solved ones.
 
-    Up to the reference torques, which correlations do not show.
-
-    Args:
-        names: of the k solved parameters.
-        x: (k,) their values.
+    Up to the reference torques, which correlations do not show. Names and values (k,) are those of
+    the solved ones.
     """
     derivative = np.eye(len(names))
     for row, name in enumerate(names):

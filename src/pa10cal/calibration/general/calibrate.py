@@ -143,8 +143,7 @@ def at_rest(
     """Fit again, from where a fit ended, until the torques of weights move nothing any more.
 
     Args:
-        problem: what was solved.
-        found: where that ended.
+        problem, found: what was solved, and where that ended.
         unweighed: states without those torques.
         payload: what the arm carries.
         fitted: fits a problem from a point, with a scatter to set out with; see `fit`.
@@ -179,8 +178,7 @@ def _not_shown(
     """Return the joints whose springs readings do not show: all, or the one that they show least.
 
     Args:
-        problem: what was solved.
-        found: where that ended.
+        problem, found: what was solved, and where that ended.
         springs: joints with a spring.
         sure: those of which it is there, whatever readings show.
         one_by_one: whether weights are unknown too, so that springs stand in for each other.
@@ -290,11 +288,7 @@ def find_start(arm: Arm, observations: Observations) -> Start:
 
 
 def start_of(seed: BaseFrameRecord, measured: Instrument) -> Start:
-    """Return where frames and targets are, from `seed/base_frame.json`.
-
-    Args:
-        seed: what it holds.
-        measured: by which instrument.
+    """Return where frames and targets are, from what `seed/base_frame.json` holds.
 
     Raises:
         RecordError: when it lacks a target.

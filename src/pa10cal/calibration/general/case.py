@@ -16,15 +16,15 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.general.calibrate import GeneralCalibration, base_motion, calibrate_general
 from pa10cal.calibration.general.fit import Fit, reach_of
 from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of
-from pa10cal.calibration.health import Evidence, FitSummary, health, held_out_errors
+from pa10cal.calibration.health import Evidence, FitSummary, health, names_of
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
     calibrated_parameters,
+    held_out_errors,
     scatter_of_repeats,
     summarise,
     summarise_by_load,
     summarise_trusted,
-    suspected_held_out,
 )
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
@@ -113,10 +113,6 @@ def general_case(
 ) -> tuple[GeneralCalibrationRecord, GeneralCalibration]:
     """Compute a load case with every parameter that arm and instrument can identify.
 
-    Args:
-        case: the load case.
-        start: about where frames and targets are.
-
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
             does not fit the readings at all, or the prior is of another arm.
@@ -151,14 +147,8 @@ def general_case(
     if len(held_out):
         held_out = weighed(held_out)
         elsewhere = replace(full.problem, observations=held_out.turned(start.R_ee_target))
-        off = held_out_errors(
-            calibrated.deviations(held_out),
-            used,
-            held_out,
-            _position(elsewhere, elsewhere.rows(full.fit.x).jacobian),
-            full.fit.covariance,
-            suspected_held_out(every, calibrated),
-        )
+        position = _position(elsewhere, elsewhere.rows(full.fit.x).jacobian)
+        off = held_out_errors(calibrated, every, used, held_out, position, full.fit.covariance)
     doubts, known = suspected_outliers(full.problem, full.fit), weights_known(arm)
     flagged = np.zeros(len(grid), dtype=bool)
     flagged[np.flatnonzero(rows)[[doubt.row for doubt in doubts]]] = True
@@ -271,13 +261,11 @@ def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, Ca
     is_open = np.array([parameter.name in openly for parameter in problem.parameters])
     report = model.model.report(model.x)
     sources = np.abs(report.jacobian) > 0
-    names = np.array([parameter.name for parameter in report.parameters])
-    of_model = calibrated_parameters(
-        report,
-        found.covariance[:count, :count],
-        names[(sources & is_open[:count]).any(axis=1)],
-        names[(sources & found.at_bound[:count]).any(axis=1)],
+    held, at_bound = (
+        names_of(report.parameters, np.asarray((sources & of_solved[:count]).any(axis=1)))
+        for of_solved in (is_open, found.at_bound)
     )
+    of_model = calibrated_parameters(report, found.covariance[:count, :count], held, at_bound)
     first = len(found.x) - len(problem.places)
     places = Report(problem.parameters[first:], found.x[first:], np.eye(len(problem.places)))
     linear = {name: each for name, each in of_model.items() if not name.startswith("K_cub")}
@@ -337,22 +325,19 @@ def fitted(general: GeneralCalibration) -> FittedModel:
 
 def _fit_summary(general: GeneralCalibration) -> FitSummary:
     fit, parameters = general.fit, general.problem.parameters
-    names = {parameter.name for parameter in parameters}
     root = np.sqrt(fit.weights)[:, None, None]
     return FitSummary(
         converged=fit.converged,
         reason=fit.reason,
         iterations=fit.iterations,
-        at_bound=tuple(
-            parameter.name for parameter, held in zip(parameters, fit.at_bound, strict=True) if held
-        ),
+        at_bound=names_of(parameters, fit.at_bound),
         pose=general.problem.observations.pose,
         parameters=parameters,
         covariance=fit.covariance,
         identifiability=fit.identifiability,
         white=(root * fit.whitener) @ fit.jacobian,
         position=_position(general.problem, fit.jacobian),
-        not_identifiable=not_identifiable(fit.identifiability, parameters) & names - _sags(general),
+        not_identifiable=not_identifiable(fit.identifiability, parameters) - _sags(general),
         x=fit.x,
         hidden=_assumed_weights(general),
     )
@@ -366,13 +351,8 @@ def _sags(general: GeneralCalibration) -> frozenset[str]:
     if not weights_known(general.arm).assumed:
         return frozenset()
     std = np.sqrt(np.maximum(np.diag(general.fit.covariance), 0.0))
-    return frozenset(
-        parameter.name
-        for parameter, value, sigma in zip(
-            general.problem.parameters, general.fit.x, std, strict=True
-        )
-        if parameter.name.startswith("windup") and sigma < _SHOWN * value
-    )
+    shown = names_of(general.problem.parameters, np.less(std, _SHOWN * general.fit.x))
+    return frozenset(name for name in shown if name.startswith("windup"))
 
 
 def _assumed_weights(general: GeneralCalibration) -> frozenset[str]:

@@ -77,11 +77,7 @@ class Prior:
 
 
 def refuse_unsound(model: FittedModel, *, force: bool = False) -> None:
-    """Refuse a model whose calibration is not to be trusted.
-
-    Args:
-        model: the fitted model.
-        force: whether it is taken all the same.
+    """Refuse a model whose calibration is not to be trusted, unless it is forced all the same.
 
     Raises:
         CalibrationError: naming its grade.

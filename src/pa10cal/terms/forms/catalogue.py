@@ -43,13 +43,7 @@ _WAVES = (0.25, 0.35, 0.5, 0.7, 1.0)
 
 
 def forms_at(place: str, context: CandidateContext, states: PoseStates) -> tuple[Form, ...]:
-    """Return the short forms that are tried at a place.
-
-    Args:
-        place: `joint 2`, `base`, `instrument`; elsewhere there is none.
-        context: where effects may sit.
-        states: of the poses.
-    """
+    """Return the forms tried at a place: `joint 2`, `base`, `instrument`; elsewhere none."""
     if place.startswith("joint "):
         joint = joint_of(place)
         if joint in turning_joints(context):
@@ -102,11 +96,7 @@ def further(forms: Sequence[Form], states: PoseStates) -> list[Form]:
 
     Teeth as many as the cycles of an order that helps, which is most of their error; and two
     orders, the best with each of the next, of a joint that was seen all around: over part of a
-    turn two orders follow any smooth error.
-
-    Args:
-        forms: what was tried, the best first.
-        states: of the poses.
+    turn two orders follow any smooth error. Of the forms tried the best one comes first.
     """
     found: list[Form] = []
     single = [form for form in forms if form.form == "harmonic"]
