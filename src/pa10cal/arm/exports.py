@@ -17,7 +17,6 @@ from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames, placed,
 from pa10cal.arm.urdf_reading import (
     MOVING,
     UrdfJoint,
-    UrdfTree,
     as_comment,
     origin_of,
     parse_urdf,
@@ -161,7 +160,13 @@ def patched_urdf(
     for element in file.robot.findall("joint"):
         if element.get("name") in origins:
             _set_origin(element, origins[str(element.get("name"))])
-    _add_links(file.robot, tree, source.tip, np.linalg.inv(T) @ T_base_flange, frames)
+    # The flange, where the tip is not its link, and further links fixed to it.
+    taken = {link.name for link in tree.links} | {joint.name for joint in tree.joints}
+    T_tip_flange, flange = np.linalg.inv(T) @ T_base_flange, source.tip
+    if flange != FLANGE or np.abs(T_tip_flange - np.eye(4)).max() > 0.0:
+        flange = _add_fixed(file.robot, taken, source.tip, FLANGE, T_tip_flange)
+    for name, T_flange_link in frames.items():
+        _add_fixed(file.robot, taken, flange, name, T_flange_link)
     return file.text(*comments)
 
 
@@ -200,22 +205,6 @@ def _set_origin(joint: ElementTree.Element, T: Array) -> None:
         origin.tail = joint.text
         joint.insert(0, origin)
     origin.attrib.update(origin_of(T))
-
-
-def _add_links(
-    robot: ElementTree.Element,
-    tree: UrdfTree,
-    tip: str,
-    T_tip_flange: Array,
-    frames: Mapping[str, Array],
-) -> None:
-    """Add the flange, where the tip is not its link, and further links fixed to it."""
-    taken = {link.name for link in tree.links} | {joint.name for joint in tree.joints}
-    flange = tip
-    if tip != FLANGE or np.abs(T_tip_flange - np.eye(4)).max() > 0.0:
-        flange = _add_fixed(robot, taken, tip, FLANGE, T_tip_flange)
-    for name, T in frames.items():
-        _add_fixed(robot, taken, flange, name, T)
 
 
 def _add_fixed(
@@ -312,19 +301,12 @@ def _frames_as_designed(chain: Chain) -> Array | None:
         for origin in origins:
             T = T @ origin
             found.append(T)
-        if _agree(np.array(found), carried, T_base_flange):
-            return np.array(found)
+        every = np.array(found)
+        along = every[:, :3, 2] - carried[:, :3, 2]
+        beside = np.cross(every[:, :3, 3] - carried[:, :3, 3], carried[:, :3, 2])
+        if max(np.abs(off).max() for off in (along, beside, every[-1] - T_base_flange)) < _SAME:
+            return every
     return None
-
-
-def _agree(found: Array, carried: Array, T_base_flange: Array) -> bool:
-    """Return whether axes and flange of a layout are those of an arm."""
-    along = found[:, :3, 2] - carried[:, :3, 2]
-    beside = np.cross(found[:, :3, 3] - carried[:, :3, 3], carried[:, :3, 2])
-    return bool(
-        max(np.abs(along).max(), np.abs(beside).max(), np.abs(found[-1] - T_base_flange).max())
-        < _SAME
-    )
 
 
 # Poses as the controllers of robots write them.

@@ -273,7 +273,11 @@ def rows_through(p_base_m: Array, axes: Array, T_base_ee: Array) -> Rows:
         parameters.append(_row_to(R.T @ (p_m - T[:3, 3]), R.T @ axis))
         T = T @ _motion(*parameters[-1])
         frames.append(T)
-    parameters.append(_last_row(np.linalg.inv(T) @ T_base_ee))
+    # The last row brings its frame under the end-effector, x in line where it can be.
+    end = np.linalg.inv(T) @ T_base_ee
+    flat = end[:2, 0] if np.linalg.norm(end[:2, 0]) > 0.5 else end[:2, 1]
+    turn = float(np.arctan2(flat[1], flat[0]))
+    parameters.append(_neat_row(turn, float(end[2, 3]), 0.0, 0.0, 0.0))
     T = T @ _motion(*parameters[-1])
     T_row_n_ee = (np.linalg.inv(T) @ T_base_ee).round(15) + 0.0
     return Rows(np.array(parameters), T_base_row1, T_row_n_ee, np.array([*frames, T]))
@@ -320,12 +324,6 @@ def _within_a_quarter(x: float, y: float) -> tuple[float, float, float]:
     if abs(theta) <= np.pi / 2.0 + _ROUND_OFF:
         return theta, length, 1.0
     return theta - float(np.copysign(np.pi, theta)), -length, -1.0
-
-
-def _last_row(T: Array) -> tuple[float, float, float, float, float]:
-    """Return the row that brings a frame under the end-effector, x in line where it can be."""
-    flat = T[:2, 0] if np.linalg.norm(T[:2, 0]) > 0.5 else T[:2, 1]
-    return _neat_row(float(np.arctan2(flat[1], flat[0])), float(T[2, 3]), 0.0, 0.0, 0.0)
 
 
 def _neat_row(

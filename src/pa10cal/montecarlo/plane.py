@@ -134,7 +134,8 @@ def drawn_keys(sums: ErrorSums) -> dict[str, Any]:
     """
     means, variances = moments(sums)
     mean, variance = means[:, -1], variances[:, -1]
-    half_widths = _half_width(variances, sums.cycles)
+    # Half the 95 % interval of the mean of all places.
+    half_widths = _NORMAL_95 * np.sqrt((variances / sums.cycles).sum(axis=0)) / len(mean)
     total = np.mean(sums.squared_m2[:, -1]) / sums.cycles[-1] - np.mean(mean) ** 2
     between = float(np.std(mean, ddof=1))
     return {
@@ -156,12 +157,6 @@ def moments(sums: ErrorSums) -> tuple[Array, Array]:
     """Return mean and unbiased variance (P, C) of the first cycles at each place."""
     mean = sums.error_m / sums.cycles
     return mean, np.maximum(sums.squared_m2 - sums.error_m * mean, 0.0) / (sums.cycles - 1)
-
-
-def _half_width(variance: Array, cycles: NDArray[np.int64]) -> Array:
-    """Return half the 95 % interval (C,) of the mean of all places."""
-    variance_of_sum: Array = (variance / cycles).sum(axis=0)
-    return _NORMAL_95 * np.sqrt(variance_of_sum) / len(variance)
 
 
 def expected_error(jacobian: Array, sigma_rad: float) -> ExpectedError:
@@ -208,7 +203,14 @@ def study_plane(
         SettingsError: when the plane cannot be reached or the map is too fine.
         ArmError: when a joint slides.
     """
-    _refuse_sliding_joints(arm)
+    if arm.prismatic.any():
+        raise ArmError(
+            "resolver uncertainty is an angle, but a joint is prismatic",
+            where=arm.name,
+            value=f"joint {int(np.argmax(arm.prismatic)) + 1}",
+            allowed="arms with revolute joints only",
+            remedy="do not run the Monte Carlo for this robot",
+        )
     chain, sigma_rad = Chain.of(arm), math.radians(settings.sigma_deg)
     reference = reference_in_plane(chain, 1e-3 * plane_mm, settings.reach_m)
     on_map = grid_places(chain, reference, settings.reach_m, 1e-3 * settings.map_spacing_mm)
@@ -263,14 +265,3 @@ def _mm(value_m: Any) -> float:
 def _mm_each(value_m: Any) -> Array:
     """Return metres as millimetres, rounded far below the resolution of the draws."""
     return np.round(1e3 * np.asarray(value_m), 9)
-
-
-def _refuse_sliding_joints(arm: Arm) -> None:
-    if arm.prismatic.any():
-        raise ArmError(
-            "resolver uncertainty is an angle, but a joint is prismatic",
-            where=arm.name,
-            value=f"joint {int(np.argmax(arm.prismatic)) + 1}",
-            allowed="arms with revolute joints only",
-            remedy="do not run the Monte Carlo for this robot",
-        )

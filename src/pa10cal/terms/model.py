@@ -16,7 +16,6 @@ from pa10cal.terms.term import (
     Parameter,
     Report,
     Term,
-    TorqueTerm,
     Yielding,
     identity,
     shows_torque,
@@ -154,7 +153,11 @@ class Model:
 
     def carried(self, states: PoseStates, x: Array) -> PoseStates:
         """Return the states with the torques that the joints carry, in place of those logged."""
-        false_Nm = [term.torque_Nm(states, x[columns]) for term, columns in self._falsifying]
+        false_Nm = [
+            term.torque_Nm(states, x[columns])
+            for term, columns in self._slices
+            if shows_torque(term) and not term.carried  # it shows in the log and not in the joints
+        ]
         return replace(states, tau_Nm=states.tau_Nm - sum(false_Nm)) if false_Nm else states
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
@@ -207,15 +210,6 @@ class Model:
     @cached_property
     def _yielding(self) -> list[tuple[Yielding, slice]]:
         return [(term, columns) for term, columns in self._slices if yields(term)]
-
-    @cached_property
-    def _falsifying(self) -> list[tuple[TorqueTerm, slice]]:
-        """Return the terms that show in the log and not in the joints."""
-        return [
-            (term, columns)
-            for term, columns in self._slices
-            if shows_torque(term) and not term.carried
-        ]
 
     @cached_property
     def _slices(self) -> list[tuple[Term, slice]]:

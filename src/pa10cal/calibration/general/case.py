@@ -325,6 +325,7 @@ def fitted(general: GeneralCalibration) -> FittedModel:
 
 def _fit_summary(general: GeneralCalibration) -> FitSummary:
     fit, parameters = general.fit, general.problem.parameters
+    sags, weights = _of_assumed_weights(general)
     root = np.sqrt(fit.weights)[:, None, None]
     return FitSummary(
         converged=fit.converged,
@@ -337,30 +338,27 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         identifiability=fit.identifiability,
         white=(root * fit.whitener) @ fit.jacobian,
         position=_position(general.problem, fit.jacobian),
-        not_identifiable=not_identifiable(fit.identifiability, parameters) - _sags(general),
+        not_identifiable=not_identifiable(fit.identifiability, parameters) - sags,
         x=fit.x,
-        hidden=_assumed_weights(general),
+        hidden=weights,
     )
 
 
-def _sags(general: GeneralCalibration) -> frozenset[str]:
-    """Return the springs under weights that nobody stated whose sag poses show all the same.
+def _of_assumed_weights(general: GeneralCalibration) -> tuple[frozenset[str], frozenset[str]]:
+    """Return springs and weights, under weights that nobody stated; else none.
 
-    What poses leave open of those weights goes with the springs by a little, and these with them.
+    What poses leave open of those weights is no lack of poses. It goes with the springs by a
+    little, and these with it: those are meant whose sag poses show all the same.
     """
     if not weights_known(general.arm).assumed:
-        return frozenset()
+        return frozenset(), frozenset()
     std = np.sqrt(np.maximum(np.diag(general.fit.covariance), 0.0))
     shown = names_of(general.problem.parameters, np.less(std, _SHOWN * general.fit.x))
-    return frozenset(name for name in shown if name.startswith("windup"))
-
-
-def _assumed_weights(general: GeneralCalibration) -> frozenset[str]:
-    """Return the weights that nobody stated: what poses leave open of them is no lack of poses."""
-    if not weights_known(general.arm).assumed:
-        return frozenset()
     weights = (term for term in general.problem.model.terms if isinstance(term, Weights))
-    return frozenset(parameter.name for term in weights for parameter in term.parameters)
+    return (
+        frozenset(name for name in shown if name.startswith("windup")),
+        frozenset(parameter.name for term in weights for parameter in term.parameters),
+    )
 
 
 def _position(problem: Problem, jacobian: Array) -> Array:
@@ -479,7 +477,9 @@ def apart(problem: Problem, fit: Fit) -> GroupOfCampaigns | None:
         )
         after = fit.residual[at] + fit.jacobian[at][:, :, free] @ (reach * own.step())
         rms_mm, alone_rms_mm = (
-            _rms_mm(left[:, positions], fit.weights[at]) for left in (fit.residual[at], after)
+            1e3 * float(np.sqrt(np.average(squares, weights=fit.weights[at])))
+            for left in (fit.residual[at], after)
+            for squares in (np.sum(left[:, positions] ** 2, axis=1),)
         )
         chi_square, dof, worst = _difference(own, others, np.array(shared), reach, parameters)
         p_value = float(chdtrc(dof, chi_square)) if dof > 0.0 else 1.0
@@ -541,8 +541,3 @@ def _difference(
             chi_square=float(each[worst]),
         ),
     )
-
-
-def _rms_mm(residual: Array, weights: Array) -> float:
-    """Return the root mean square position error of poses, those far off weighing less."""
-    return 1e3 * float(np.sqrt(np.average(np.sum(residual**2, axis=1), weights=weights)))

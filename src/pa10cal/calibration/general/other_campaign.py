@@ -398,7 +398,12 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
             columns.append(own)
     of_arm = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
     chain = model.model.chain
-    own_frames = (*unknowns.frames, *_of_parts(unknowns.base, cuts_s))
+    ends_s = pairwise((*sorted(cuts_s), float("inf")))  # of every part but the first
+    parts = (
+        OfPart(unknowns.base, from_s, to_s, f"part {number}")
+        for number, (from_s, to_s) in enumerate(ends_s, start=2)
+    )
+    own_frames = (*unknowns.frames, *parts)
     with_frames = Model(chain, (*known, *own_frames, unknowns.base))
     problem = Problem(
         with_frames,
@@ -525,15 +530,6 @@ def _of_link(
             kept[k] = own / size**2
             left[k] = own * (1.0 - kept[k]) + there.payload_kg_m**2
     return kept, left
-
-
-def _of_parts(base: Offsets, cuts_s: Sequence[float]) -> tuple[OfPart, ...]:
-    """Return the motions of the base in every part but the first."""
-    ends_s = (*sorted(cuts_s), float("inf"))
-    return tuple(
-        OfPart(base, from_s, to_s, f"part {number}")
-        for number, (from_s, to_s) in enumerate(pairwise(ends_s), start=2)
-    )
 
 
 def _with_frames(problem: Problem, x: Array, of_arm: Array, base: tuple[str, ...]) -> Array:

@@ -153,16 +153,11 @@ class Form(NamedEffect):
         if names == ["s", "c"]:  # a sine and a cosine part
             return amplitude_and_phase(x, solved[0].unit)
         if names == ["k", "q0"]:  # a slope and a constant: as a slope and the place of its zero
-            return _slope_and_zero(x, solved)
+            slope = x[0] if x[0] != 0.0 else np.finfo(float).tiny
+            zero = -x[1] / slope
+            jacobian = np.array([[1.0, 0.0], [-zero / slope, -1.0 / slope]])
+            return Report(solved, np.array([x[0], zero]), jacobian)
         return report_as_solved(solved, x)
-
-
-def _slope_and_zero(x: Array, solved: tuple[Parameter, ...]) -> Report:
-    """Report x_0 v + x_1 as x_0 (v - v_0)."""
-    slope = x[0] if x[0] != 0.0 else np.finfo(float).tiny
-    zero = -x[1] / slope
-    jacobian = np.array([[1.0, 0.0], [-zero / slope, -1.0 / slope]])
-    return Report(solved, np.array([x[0], zero]), jacobian)
 
 
 def sines(angle: Array, times: Array | float = 1.0) -> tuple[Array, Array]:
@@ -190,11 +185,6 @@ _TORQUE_NM = 10.0
 _LOAD_NM = 30.0
 
 
-def _two_orders(at: At) -> tuple[Array, ...]:
-    first, second = at.numbers
-    return (*sines(first * at.q), *sines(second * at.q))
-
-
 def _saw(at: At) -> Array:
     teeth, start = at.numbers
     turns = teeth * at.q / (2.0 * np.pi) - start
@@ -204,11 +194,6 @@ def _saw(at: At) -> Array:
 def _product_of_sines(at: At) -> tuple[Array, ...]:
     of_own, of_other = sines(at.q), sines(at.q_of(at.numbers[0]))
     return tuple(own * other for own in of_own for other in of_other)
-
-
-def _settling(at: At) -> tuple[Array]:
-    time_constant_s, start_s = at.numbers
-    return (np.exp(-(at.states.time_s - start_s) / time_constant_s),)
 
 
 _A = sized("A", "rad", _ANGLE_RAD)
@@ -232,7 +217,7 @@ class AngleForm(Form):
         "two_harmonics": Shape(
             "theta_{j} += s1 sin({0:g} q_{j}) + c1 cos({0:g} q_{j}) + s2 sin({1:g} q_{j}) "
             "+ c2 cos({1:g} q_{j})",
-            _two_orders,
+            lambda at: (*sines(at.numbers[0] * at.q), *sines(at.numbers[1] * at.q)),
             sized("s1 c1 s2 c2", "rad", _ANGLE_RAD),
             ("order", "order"),
         ),
@@ -325,7 +310,7 @@ class AngleForm(Form):
         ),
         "settling": Shape(
             "theta_{j} += A exp(-(t - {1:.6g}) / {0:.4g}), t in s",
-            _settling,
+            lambda at: (np.exp(-(at.states.time_s - at.numbers[1]) / at.numbers[0]),),
             _A,
             ("time",),
         ),
