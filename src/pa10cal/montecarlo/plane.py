@@ -346,15 +346,17 @@ def sample_errors(
     sums = np.empty((2, len(streams), len(cuts) - 1))
     lengths = [min(BLOCK_CYCLES, cycles - start) for start in starts.tolist()]
     blocks = {length: DisplacementBlock(plan, length) for length in set(lengths)}
+    work = []
+    for start, length in zip(starts, lengths, strict=True):
+        inside = cuts[(cuts >= start) & (cuts <= start + length)] - start
+        work.append((blocks[length], list(itertools.pairwise(inside.tolist()))))
     progress(0, len(streams))
     for position, source in enumerate(streams):
         drawn = []
-        for start, length in zip(starts, lengths, strict=True):
-            block = blocks[length]
+        for block, parts in work:
             source.standard_normal(out=block.normals)
             block.displace(position)
-            inside = cuts[(cuts >= start) & (cuts <= start + length)] - start
-            for first, last in itertools.pairwise(inside):
+            for first, last in parts:
                 error_m = block.error_m[first:last]
                 drawn.append((error_m.sum(), error_m @ error_m))
         sums[:, position] = np.transpose(drawn)
