@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.calibration.calibrate import nominal_start, solve, tolerance_rows
+from pa10cal.calibration.calibrate import random_starts, solve, tolerance_rows
 from pa10cal.calibration.levels import TwoLevel, rows_of, spread_poses
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.files.arms import load_arm
@@ -63,14 +63,14 @@ def problem(poses: int) -> TwoLevel:
 
 def solve_exactly(level: TwoLevel) -> Array:
     """Solve with exact derivatives, as the pipeline does, from one start."""
-    start = nominal_start(level.model)
+    start = random_starts(level.model, 1, 0)[0]
     return solve(level, start, tolerance_rows(level, start, CalibrationOptions()), 200).x
 
 
 def solve_by_differences(level: TwoLevel) -> Array:
     """Solve as the paper did: finite differences outside, and inside for every evaluation."""
     model, observations = level.model, level.observations
-    start = nominal_start(model)
+    start = random_starts(model, 1, 0)[0]
     terms = tolerance_rows(level, start, CalibrationOptions())
     inner = np.zeros(6)
 
@@ -137,7 +137,7 @@ def rows() -> list[tuple[str, float, str, str]]:
     step = []
     for poses in _SIZES:
         grown = problem(poses)
-        x = nominal_start(grown.model)
+        x = random_starts(grown.model, 1, 0)[0]
         step.append(seconds(lambda grown=grown, x=x: grown.rows(x), 9))
     exponent = float(np.polyfit(np.log(_SIZES[2:]), np.log(step[2:]), 1)[0])
     whole = seconds(lambda: solve_exactly(problem(10_000)), 1)

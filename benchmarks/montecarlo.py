@@ -14,9 +14,15 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
-from pa10cal.montecarlo.displacement import joint_motion, plan_displacement
 from pa10cal.montecarlo.places import draw_places, reference_in_plane
-from pa10cal.montecarlo.plane import BLOCK_CYCLES, counts_of, sample_errors, stream
+from pa10cal.montecarlo.plane import (
+    BLOCK_CYCLES,
+    counts_of,
+    joint_motion,
+    plan_displacement,
+    sample_errors,
+    stream,
+)
 from pa10cal.options import MonteCarloOptions
 
 PLANE_MM = 500

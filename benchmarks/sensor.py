@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import pa10cal
-from pa10cal.calibration.general.transfer import refit_frames
+from pa10cal.calibration.general.other_campaign import refit_frames
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.datasets.campaign_folder import write_campaigns
 from pa10cal.datasets.importing import dataset_named, import_campaigns

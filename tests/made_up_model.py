@@ -10,7 +10,6 @@ from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.calibrate import find_start
 from pa10cal.calibration.general.case import general_case
-from pa10cal.calibration.general.problem import tool_frame
 from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.files.arms import load_arm
@@ -21,7 +20,7 @@ from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import CandidateContext, candidates
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.term import link_departures, tool_frame
 
 PAYLOAD = Payload(2.4, np.array([0.01, 0.0, 0.05]), np.zeros(3), np.array([0.0, 0.0, -9.81]))
 

@@ -99,7 +99,7 @@ def calibrate(
 
     used = options or CalibrationOptions()
     if given := prior or (load_model(used.prior) if used.prior else None):
-        from pa10cal.calibration.general.prior import refuse_unsound
+        from pa10cal.calibration.general.other_campaign import refuse_unsound
 
         refuse_unsound(given, force=force)
     about = campaign.description, campaign.arm, campaign.observations

@@ -46,16 +46,16 @@ def test_rows_end_on_the_axes_and_at_the_end_effector(steps, seed):
     assert off.max() < 1e-9
     np.testing.assert_allclose(rows.T_base_rows[-1] @ rows.T_row_n_ee, T, atol=1e-12)
     # No row is thrown far out by axes that are all but parallel.
-    assert max(np.abs(rows.a_m).max(), np.abs(rows.d_m).max()) < 20.0
-    assert np.all(np.abs(rows.theta_rad[:-1]) <= np.pi / 2 + 1e-9)
+    assert np.abs(rows.parameters[:, 1:3]).max() < 20.0
+    assert np.all(np.abs(rows.parameters[:-1, 0]) <= np.pi / 2 + 1e-9)
 
 
 def test_a_small_tilt_of_parallel_axes_is_a_small_beta():
     axes = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [1e-6, -2e-6, 1.0]])
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     p_base_m = np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 5.0], [0.7, 0.0, -3.0]])
-    rows = rows_through(p_base_m, axes, np.eye(4))
-    np.testing.assert_allclose(rows.a_m[:2], [0.4, 0.3], atol=1e-5)
-    np.testing.assert_allclose(rows.d_m[:2], 0.0, atol=1e-12)
-    assert rows.alpha_rad[1] == pytest.approx(2e-6, rel=1e-3)
-    assert rows.beta_rad[1] == pytest.approx(1e-6, rel=1e-3)
+    _, d_m, a_m, alpha_rad, beta_rad = rows_through(p_base_m, axes, np.eye(4)).parameters.T
+    np.testing.assert_allclose(a_m[:2], [0.4, 0.3], atol=1e-5)
+    np.testing.assert_allclose(d_m[:2], 0.0, atol=1e-12)
+    assert alpha_rad[1] == pytest.approx(2e-6, rel=1e-3)
+    assert beta_rad[1] == pytest.approx(1e-6, rel=1e-3)

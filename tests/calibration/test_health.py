@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.determined import FitSummary, poses_needed
-from pa10cal.calibration.health import Errors, HeldOut, health
+from pa10cal.calibration.health import Evidence, FitSummary, poses_needed
+from pa10cal.calibration.health import health as health_of
+from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.results.evaluation import Accuracy
 from pa10cal.results.health import InputFinding, RepeatScatter
@@ -51,7 +52,11 @@ def accuracy(mean_mm, peak_mm, rms_mm, configurations):
 def errors(**changes):
     """What noise alone leaves."""
     left = HeldOut(accuracy(0.017, 0.03, 0.0173, 60))
-    return replace(Errors(0.0167, left, 0.0173, 500.0), **changes)
+    return replace(Evidence(ended(), 0.0167, left, 0.0173, 500.0), **changes)
+
+
+def health(fit, evidence):
+    return health_of(replace(evidence, ended=fit))
 
 
 def repeats(found=1e-5, stated=1e-5, kind="position"):

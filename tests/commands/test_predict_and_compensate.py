@@ -19,7 +19,7 @@ from pa10cal.fit.contradictions import of_joints
 from pa10cal.fit.fitted_model import load_model
 from pa10cal.fit.model_file import save_model
 from pa10cal.options import Tolerances
-from pa10cal.terms.effects.joint_angle import Backlash
+from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.term import link_departures
 

@@ -13,7 +13,7 @@ from pa10cal.discovery.evidence.discover import VerdictByRepeats
 from pa10cal.discovery.gates import MOST_ALTERNATIVES, MOST_SIZES, doubts, gated, unfit, with_pulls
 from pa10cal.discovery.lack_of_fit import pure_error_test
 from pa10cal.fit.fitted import FittedTo
-from pa10cal.terms.effects.joint_angle import GearRatioError
+from pa10cal.terms.effects.joint import GearRatioError
 
 
 def names(verdict):

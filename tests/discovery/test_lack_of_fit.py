@@ -20,8 +20,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import average_repeats
 from pa10cal.options import Tolerances
 from pa10cal.results.evaluation import Accuracy
-from pa10cal.terms.effects.joint_angle import TransmissionError
-from pa10cal.terms.effects.joint_torque import FrictionTorque
+from pa10cal.terms.effects.joint import FrictionTorque, TransmissionError
 from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 

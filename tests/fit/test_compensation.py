@@ -12,17 +12,16 @@ from hypothesis import strategies as st
 
 from made_up_model import fitted, postures, vocabulary
 from pa10cal.arm.chain import Chain
-from pa10cal.calibration.general.problem import tool_frame
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.options import Tolerances
-from pa10cal.terms.effects.joint_angle import Backlash
+from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.term import link_departures, tool_frame
 
 
 def links(arm):

@@ -12,7 +12,6 @@ import pytest
 from made_up_model import fitted, postures, vocabulary
 from pa10cal.arm.chain import end_pose
 from pa10cal.arm.statics import PoseStates
-from pa10cal.calibration.general.problem import tool_frame
 from pa10cal.fit.rigid import (
     best_rigid_model,
     beyond_rigid,
@@ -24,7 +23,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.term import link_departures, tool_frame
 
 
 def links(arm):

@@ -13,14 +13,13 @@ from hypothesis import strategies as st
 from made_up_model import fitted, postures, vocabulary
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
-from pa10cal.calibration.general.problem import tool_frame
 from pa10cal.errors import ModelError, TermError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.fit.fitted_model import FittedModel, load_model
 from pa10cal.fit.model_file import SCHEMA, save_model
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.term import link_departures, tool_frame
 
 
 def with_masses(robot):

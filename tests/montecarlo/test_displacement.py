@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pa10cal.arm.chain import Chain
-from pa10cal.montecarlo.displacement import (
+from pa10cal.montecarlo.plane import (
     DisplacementBlock,
     joint_motion,
     plan_displacement,

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain
-from pa10cal.montecarlo.places import find_reference, follow
+from pa10cal.errors import SettingsError
+from pa10cal.montecarlo.places import follow, reference_in_plane
 
 
 @pytest.fixture(scope="module")
 def reference(pa10_chain):
-    return find_reference(pa10_chain, np.array([0.7]), 0.5)
+    return reference_in_plane(pa10_chain, 0.5, (0.7, 0.7))
 
 
 def spread(count, near=0.5, far=0.9):
@@ -55,18 +56,19 @@ def test_out_of_reach_of_links_or_of_joint_1_is_told(pa10_chain, reference):
 
 
 def test_no_posture_where_there_is_none(pa10_chain):
-    assert find_reference(pa10_chain, np.array([0.7]), 1.5) is None
+    with pytest.raises(SettingsError, match=r"cannot reach this plane.*1500"):
+        reference_in_plane(pa10_chain, 1.5, (0.7, 0.7))
 
 
 def test_other_radii_are_tried_in_turn(pa10_chain):
-    reference = find_reference(pa10_chain, np.array([1.4, 0.6]), 0.5)
-    assert reference.radius_m == 0.6
+    reference = reference_in_plane(pa10_chain, 0.5, (0.6, 2.2))
+    assert reference.radius_m == pytest.approx(0.6)
 
 
 def test_a_seven_joint_arm_with_odd_twists(make_arm):
     rows = [(0.36, 0, -90), (0, 0, 85), (0.42, 0, 95), (0, 0, -90), (0.4, 0.01, -80), (0, 0, 90)]
     chain = Chain.of(make_arm([*rows, (0.126, 0, 0)], limit_rad=2.9))
-    reference = find_reference(chain, np.array([0.55]), 0.3)
+    reference = reference_in_plane(chain, 0.3, (0.55, 0.55))
     radius, azimuth = spread(60, 0.45, 0.6)
     postures = follow(chain, reference, radius, 0.7 * azimuth)
     assert postures.reached.mean() > 0.9

@@ -5,8 +5,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from pa10cal.montecarlo.displacement import joint_motion, plan_displacement
-from pa10cal.montecarlo.plane import BLOCK_CYCLES, sample_errors, stream
+from pa10cal.montecarlo.plane import (
+    BLOCK_CYCLES,
+    joint_motion,
+    plan_displacement,
+    sample_errors,
+    stream,
+)
 
 SIGMA = np.radians(0.011)
 PLACES = 6

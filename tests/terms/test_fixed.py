@@ -5,7 +5,7 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.joint_torque import FrictionTorque
+from pa10cal.terms.effects.joint import FrictionTorque
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import FixedTorque, fixed, shows_torque

@@ -351,11 +351,8 @@ def carried_frames(chain: Chain, coordinates: Array) -> tuple[Array, Array]:
     """Return the frames that the joints carry along, (n, 4, 4), and the flange (4, 4), in the base.
 
     Joint k moves along or about the z axis of its frame. Small motions of base and tool are
-    omitted: the base is where the chain starts, the flange where it ends.
-
-    Args:
-        chain: the chain.
-        coordinates: (m,) its coordinates at zero joint positions.
+    omitted: the base is where the chain starts, the flange where it ends. Its coordinates (m,) are
+    those at zero joint positions.
     """
     at = coordinates.copy()
     at[chain.columns(BASE + TOOL)] = 0.0
@@ -370,8 +367,7 @@ def moved_frames(chain: Chain, coordinates: Array, T_base_frames: Array) -> tupl
     """Return other frames that the joints carry along, moved from nominal, and the flange.
 
     Args:
-        chain: the chain.
-        coordinates: (m,) its coordinates at zero joint positions.
+        chain, coordinates: see `carried_frames`.
         T_base_frames: (n, 4, 4) a frame that each joint carries along, as designed, in the base.
 
     Returns:

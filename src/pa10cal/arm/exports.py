@@ -17,7 +17,6 @@ from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames, placed,
 from pa10cal.arm.urdf_reading import (
     MOVING,
     UrdfJoint,
-    UrdfTree,
     as_comment,
     origin_of,
     parse_urdf,
@@ -139,7 +138,10 @@ def patched_urdf(
     tree = read_tree(source.text, source.where)
     _, _, path = tree.path(source.base, source.tip)
     joints = [joint for joint in path if joint.kind in MOVING]
-    T_root = _links_at_zero(tree)
+    T_root = {  # all joints at zero
+        link.name: reduce(np.matmul, map(_origin, tree.above(link.name)), np.eye(4))
+        for link in tree.links
+    }
     T_base = {link: np.linalg.inv(T_root[source.base]) @ T for link, T in T_root.items()}
     own = np.array([T_base[joint.child] for joint in joints])
     _refuse_another_arm(source, chain, joints, own, T_base[source.tip])
@@ -158,14 +160,14 @@ def patched_urdf(
     for element in file.robot.findall("joint"):
         if element.get("name") in origins:
             _set_origin(element, origins[str(element.get("name"))])
-    _add_links(file.robot, tree, source.tip, np.linalg.inv(T) @ T_base_flange, frames)
+    # The flange, where the tip is not its link, and further links fixed to it.
+    taken = {link.name for link in tree.links} | {joint.name for joint in tree.joints}
+    T_tip_flange, flange = np.linalg.inv(T) @ T_base_flange, source.tip
+    if flange != FLANGE or np.abs(T_tip_flange - np.eye(4)).max() > 0.0:
+        flange = _add_fixed(file.robot, taken, source.tip, FLANGE, T_tip_flange)
+    for name, T_flange_link in frames.items():
+        _add_fixed(file.robot, taken, flange, name, T_flange_link)
     return file.text(*comments)
-
-
-def _links_at_zero(tree: UrdfTree) -> dict[str, Array]:
-    """Return the poses of all links in the root, (4, 4) each, with all joints at zero."""
-    names = [link.name for link in tree.links]
-    return {name: reduce(np.matmul, map(_origin, tree.above(name)), np.eye(4)) for name in names}
 
 
 def _origin(joint: UrdfJoint) -> Array:
@@ -205,22 +207,6 @@ def _set_origin(joint: ElementTree.Element, T: Array) -> None:
     origin.attrib.update(origin_of(T))
 
 
-def _add_links(
-    robot: ElementTree.Element,
-    tree: UrdfTree,
-    tip: str,
-    T_tip_flange: Array,
-    frames: Mapping[str, Array],
-) -> None:
-    """Add the flange, where the tip is not its link, and further links fixed to it."""
-    taken = {link.name for link in tree.links} | {joint.name for joint in tree.joints}
-    flange = tip
-    if tip != FLANGE or np.abs(T_tip_flange - np.eye(4)).max() > 0.0:
-        flange = _add_fixed(robot, taken, tip, FLANGE, T_tip_flange)
-    for name, T in frames.items():
-        _add_fixed(robot, taken, flange, name, T)
-
-
 def _add_fixed(
     robot: ElementTree.Element, taken: set[str], parent: str, name: str, T: Array
 ) -> str:
@@ -229,12 +215,8 @@ def _add_fixed(
         each if each not in taken else f"{each}_pa10cal" for each in (name, f"to_{name}")
     )
     taken.update((link, joint))
-    ElementTree.SubElement(robot, "link", name=link).tail = "\n  "
-    element = ElementTree.SubElement(robot, "joint", name=joint, type="fixed")
-    ElementTree.SubElement(element, "origin", origin_of(T))
-    ElementTree.SubElement(element, "parent", link=parent)
-    ElementTree.SubElement(element, "child", link=link)
-    element.tail = "\n"
+    _joint(robot, joint, "fixed", parent, link, T).tail = "\n"
+    robot[-2].tail = "\n  "
     return link
 
 
@@ -281,9 +263,7 @@ def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | Non
 def flange_off_m(chain: Chain, coordinates: Array) -> float:
     """Return how far the flange is from where the last joint's axis, as designed, would have it.
 
-    Args:
-        chain: the chain of the arm.
-        coordinates: (m,) calibrated coordinates at zero joint positions.
+    The coordinates (m,) are calibrated ones, at zero joint positions.
     """
     ends = []
     for at in (chain.nominal, coordinates):
@@ -306,7 +286,9 @@ def _frames_as_designed(chain: Chain) -> Array | None:
         # Heights and lengths along x, from places that the axes go through.
         d1, d14 = points[1, 2], -T_flange[1, 3]
         a2, a3 = points[2, 0], points[3, 0] - points[2, 0]
-        d5, d6 = d1 - T_flange[2, 3], _d6(axes, points, T_flange)
+        d5, d6 = d1 - T_flange[2, 3], 0.0
+        if np.linalg.norm(np.cross(axes[4], axes[5])) > 0.5:
+            d6 = float((T_flange[:3, 3] - points[4]) @ axes[5])
         origins = (
             placed(np.array([0.0, 0.0, d1]), np.zeros(3)),
             placed(np.zeros(3), np.array([_QUARTER, 0.0, 0.0])),
@@ -319,25 +301,12 @@ def _frames_as_designed(chain: Chain) -> Array | None:
         for origin in origins:
             T = T @ origin
             found.append(T)
-        if _agree(np.array(found), carried, T_base_flange):
-            return np.array(found)
+        every = np.array(found)
+        along = every[:, :3, 2] - carried[:, :3, 2]
+        beside = np.cross(every[:, :3, 3] - carried[:, :3, 3], carried[:, :3, 2])
+        if max(np.abs(off).max() for off in (along, beside, every[-1] - T_base_flange)) < _SAME:
+            return every
     return None
-
-
-def _d6(axes: Array, points: Array, T_flange: Array) -> float:
-    """Return how far the flange is beyond the fifth axis, along the sixth."""
-    across = np.cross(axes[4], axes[5])
-    return float((T_flange[:3, 3] - points[4]) @ axes[5]) if np.linalg.norm(across) > 0.5 else 0.0
-
-
-def _agree(found: Array, carried: Array, T_base_flange: Array) -> bool:
-    """Return whether axes and flange of a layout are those of an arm."""
-    along = found[:, :3, 2] - carried[:, :3, 2]
-    beside = np.cross(found[:, :3, 3] - carried[:, :3, 3], carried[:, :3, 2])
-    return bool(
-        max(np.abs(along).max(), np.abs(beside).max(), np.abs(found[-1] - T_base_flange).max())
-        < _SAME
-    )
 
 
 # Poses as the controllers of robots write them.

@@ -65,14 +65,15 @@ def arm_from_urdf_text(
     rows = rows_through(T_base_joints[:, :3, 3], axes, posed.T_base_ee(np.zeros(len(joints))))
     limits, notes = _limits(joints, where)
     mass_kg, com_m = posed.masses(T_base_joints, rows)
+    theta_rad, d_m, a_m, alpha_rad, beta_rad = rows.parameters.T
     arm = Arm(
         name=name,
         title=name,
         convention="standard",
-        theta_rad=rows.theta_rad,
-        d_m=rows.d_m,
-        a_m=rows.a_m,
-        alpha_rad=rows.alpha_rad,
+        theta_rad=theta_rad,
+        d_m=d_m,
+        a_m=a_m,
+        alpha_rad=alpha_rad,
         hayati=np.zeros(len(joints), dtype=bool),
         prismatic=np.array([joint.kind == "prismatic" for joint in joints]),
         limits_rad=limits,
@@ -80,7 +81,7 @@ def arm_from_urdf_text(
         torque_limit_Nm=np.array([joint.effort for joint in joints]),
         mass_kg=mass_kg,
         com_m=com_m,
-        beta_rad=rows.beta_rad,
+        beta_rad=beta_rad,
         T_base_row1=rows.T_base_row1,
         T_row_n_ee=rows.T_row_n_ee,
     )
@@ -114,7 +115,10 @@ class _Posed:
 
     def T_base_ee(self, q: Array) -> Array:
         """Return the end-effector in the base (4, 4) at joint positions (n,)."""
-        pin.framesForwardKinematics(self._model, self._data, self._configuration(q))
+        # Cosine and sine where a joint turns without limit.
+        each = zip(q, self._turns, strict=True)
+        parts = [[np.cos(angle), np.sin(angle)] if turns else [angle] for angle, turns in each]
+        pin.framesForwardKinematics(self._model, self._data, np.concatenate(parts))
         T_base_ee: Array = self._data.oMf[self._base].actInv(self._data.oMf[self._tip]).homogeneous
         return T_base_ee
 
@@ -140,14 +144,6 @@ class _Posed:
         T_row_joint = np.linalg.inv(rows.T_base_rows) @ T_base_joints
         com_m = np.einsum("kij,kj->ki", T_row_joint[:, :3, :3], com_m) + T_row_joint[:, :3, 3]
         return mass_kg, np.where(mass_kg[:, None] > 0.0, neat(com_m), 0.0)
-
-    def _configuration(self, q: Array) -> Array:
-        """Return what pinocchio takes: cosine and sine where a joint turns without limit."""
-        parts = [
-            [np.cos(value), np.sin(value)] if turns else [value]
-            for value, turns in zip(q, self._turns, strict=True)
-        ]
-        return np.concatenate(parts)
 
 
 def _kinematics_text(tree: UrdfTree) -> str:
@@ -252,12 +248,7 @@ _DECIMALS = 9
 class Rows:
     """Standard Denavit-Hartenberg rows, with the constant frames that they start and end with."""
 
-    # theta_rad, d_m, a_m, alpha_rad and beta_rad: (n,) parameters
-    theta_rad: Array
-    d_m: Array
-    a_m: Array
-    alpha_rad: Array
-    beta_rad: Array
+    parameters: Array  # (n, 5) theta [rad], d [m], a [m], alpha [rad] and beta [rad] of each
     T_base_row1: Array  # (4, 4) frame the first row starts from, its z along the first axis [m]
     T_row_n_ee: Array  # (4, 4) end-effector in the frame of the last row [m]
     T_base_rows: Array  # (n, 4, 4) frames of the rows [m]
@@ -275,19 +266,21 @@ def rows_through(p_base_m: Array, axes: Array, T_base_ee: Array) -> Rows:
         axes: (n, 3) direction of each axis, of length one.
         T_base_ee: (4, 4) end-effector.
     """
-    T_base_row1 = _tidy(_first_frame(p_base_m[0], axes[0]))
+    T_base_row1 = _first_frame(p_base_m[0], axes[0]).round(15) + 0.0  # no round-off beside 0 and 1
     T, parameters, frames = T_base_row1, [], []
     for p_m, axis in zip(p_base_m[1:], axes[1:], strict=True):
         R = T[:3, :3]
         parameters.append(_row_to(R.T @ (p_m - T[:3, 3]), R.T @ axis))
         T = T @ _motion(*parameters[-1])
         frames.append(T)
-    parameters.append(_last_row(np.linalg.inv(T) @ T_base_ee))
+    # The last row brings its frame under the end-effector, x in line where it can be.
+    end = np.linalg.inv(T) @ T_base_ee
+    flat = end[:2, 0] if np.linalg.norm(end[:2, 0]) > 0.5 else end[:2, 1]
+    turn = float(np.arctan2(flat[1], flat[0]))
+    parameters.append(_neat_row(turn, float(end[2, 3]), 0.0, 0.0, 0.0))
     T = T @ _motion(*parameters[-1])
-    T_row_n_ee = _tidy(np.linalg.inv(T) @ T_base_ee)
-    theta, d, a, alpha, beta = np.array(parameters).T
-    T_base_rows = np.array([*frames, T])
-    return Rows(theta, d, a, alpha, beta, T_base_row1, T_row_n_ee, T_base_rows)
+    T_row_n_ee = (np.linalg.inv(T) @ T_base_ee).round(15) + 0.0
+    return Rows(np.array(parameters), T_base_row1, T_row_n_ee, np.array([*frames, T]))
 
 
 def _first_frame(p_m: Array, axis: Array) -> Array:
@@ -333,12 +326,6 @@ def _within_a_quarter(x: float, y: float) -> tuple[float, float, float]:
     return theta - float(np.copysign(np.pi, theta)), -length, -1.0
 
 
-def _last_row(T: Array) -> tuple[float, float, float, float, float]:
-    """Return the row that brings a frame under the end-effector, x in line where it can be."""
-    flat = T[:2, 0] if np.linalg.norm(T[:2, 0]) > 0.5 else T[:2, 1]
-    return _neat_row(float(np.arctan2(flat[1], flat[0])), float(T[2, 3]), 0.0, 0.0, 0.0)
-
-
 def _neat_row(
     theta: float, d: float, a: float, alpha: float, beta: float
 ) -> tuple[float, float, float, float, float]:
@@ -353,12 +340,6 @@ def neat(values: Array) -> Array:
     tidy: Array = np.where(
         np.abs(few - values) < _ROUND_OFF * np.maximum(1.0, np.abs(few)), few, values
     )
-    return tidy
-
-
-def _tidy(T: Array) -> Array:
-    """Return a pose without the round-off that stands in place of zeros and ones."""
-    tidy: Array = np.round(T, 15) + 0.0
     return tidy
 
 

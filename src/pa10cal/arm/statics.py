@@ -152,7 +152,15 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     Raises:
         ArmError: when the arm has no masses, or gravity no direction.
     """
-    mass_kg, first_moments_kg_m = _link_masses(chain)
+    mass_kg, com_m = chain.arm.mass_kg, chain.arm.com_m
+    if mass_kg is None or com_m is None:
+        raise ArmError(
+            "the arm has no masses, so its weights are not known",
+            where=chain.arm.name,
+            allowed="mass_kg and com_m, one entry a joint",
+            remedy="complete the arm description",
+        )
+    first_moments_kg_m = mass_kg[:, None] * com_m
     g = float(np.linalg.norm(payload.gravity_m_s2))
     if g == 0.0:
         raise ArmError(
@@ -190,26 +198,16 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     moments_kg_m = moments_kg_m[::-1].cumsum(axis=0)[::-1]
     link_Nm, base_Nm = _moments(found, masses_kg, moments_kg_m, payload.gravity_m_s2)
     down_ee = (payload.gravity_m_s2 / g) @ found.T_base_ee[:, :3, :3]
-    by_level = lever.by_gravity(masses_kg, moments_kg_m) @ _turns(payload.gravity_m_s2)
+    # Gravity changes with two small turns about axes across it, masses sit at their centres.
+    across = np.linalg.svd(payload.gravity_m_s2[None])[2][1:]
+    by_level = lever.by_gravity(masses_kg, moments_kg_m) @ (g * across.T)
+    at_centres = by_mass.reshape(*by_mass.shape[:2], -1, 4).copy()
+    at_centres[..., 0] += np.sum(at_centres[..., 1:] * com_m, axis=-1)
     by_weights = np.concatenate(
-        [_at_centres(by_mass, chain.arm.com_m), by_apparatus[..., None], by_level], axis=2
+        [at_centres.reshape(by_mass.shape), by_apparatus[..., None], by_level], axis=2
     )
     loads = StaticLoads(link_Nm, base_Nm, torque_Nm, down_ee, by_weights, by_load)
     return Statics(torque_Nm, by_mass, by_load, loads)
-
-
-def _at_centres(by_mass: Array, com_m: Array | None) -> Array:
-    """Return the torques by masses that sit at their centres, and by moments, (P, n, 4 n)."""
-    links = by_mass.reshape(*by_mass.shape[:2], -1, 4).copy()
-    links[..., 0] += np.sum(links[..., 1:] * (0.0 if com_m is None else com_m), axis=-1)
-    return links.reshape(by_mass.shape)
-
-
-def _turns(gravity_m_s2: Array) -> Array:
-    """Return how gravity changes with two small turns about axes across it, (3, 2)."""
-    _, _, right = np.linalg.svd(gravity_m_s2[None])
-    turns: Array = np.linalg.norm(gravity_m_s2) * right[1:].T
-    return turns
 
 
 def _moments(
@@ -266,19 +264,6 @@ class _Levers:
         beyond = np.tri(n).T  # a joint holds its own link and those after it
         torques: Array = (by_mass * beyond[..., None]).reshape(count, n, 4 * n)
         return torques
-
-
-def _link_masses(chain: Chain) -> tuple[Array, Array]:
-    """Return masses (n,) and first moments (n, 3) of the links."""
-    arm = chain.arm
-    if arm.mass_kg is None or arm.com_m is None:
-        raise ArmError(
-            "the arm has no masses, so its weights are not known",
-            where=arm.name,
-            allowed="mass_kg and com_m, one entry a joint",
-            remedy="complete the arm description",
-        )
-    return arm.mass_kg, arm.mass_kg[:, None] * arm.com_m
 
 
 # The torsional spring of a joint, paper equation (1), solved in closed form.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import takewhile
@@ -31,11 +32,7 @@ class UrdfText:
 
 
 def parse_urdf(text: str, *, comments: bool = False) -> UrdfText:
-    """Read a URDF.
-
-    Args:
-        text: the file's content.
-        comments: whether comments stay where they are.
+    """Read the text of a URDF; comments stay where they are, or are dropped.
 
     Raises:
         ValueError: when it is not XML, saying where.
@@ -90,6 +87,77 @@ def as_comment(text: str) -> str:
 
 MOVING = ("revolute", "continuous", "prismatic")
 KINDS = (*MOVING, "fixed", "floating", "planar")
+#: No joint of an arm is further from the one before.
+_FAR_M = 10.0
+_NOWHERE = (0.0, 0.0, 0.0)
+#: What is refused: what is wrong, what is allowed, and what to do about it.
+_REFUSALS = {
+    "xml": ("it is not XML", "a URDF file", "check the file"),
+    "urdf": ("it is not a URDF", "<robot> as the outermost element", "check the file"),
+    "xacro": (
+        "xacro macros are not expanded",
+        "plain URDF",
+        "run xacro on it first: xacro robot.urdf.xacro > robot.urdf",
+    ),
+    "twice": ("two {}s have one name", "each name once", "rename one"),
+    "link": ("the joint names a link that is not there", "{}", "correct the name"),
+    "child": (
+        "two joints have the same child link: the arm is not serial",
+        "one joint for each link",
+        "cut the loop",
+    ),
+    "tree": (
+        "the links do not form a single tree",
+        "exactly one link without a parent joint",
+        "join the parts, or open the loop",
+    ),
+    "loop": ("joints form a loop", "links connected by joints from {} on", "cut the circle"),
+    "mass": ("the mass is negative", "0 kg or more", "correct it"),
+    "type": ("unknown type of joint", ", ".join((*MOVING, "fixed")), "{}"),
+    "far": (
+        f"the joint is further than {_FAR_M:g} m from the one before",
+        "metres",
+        "divide by 1000 if these are millimetres",
+    ),
+    "axis": ("the axis has no direction", "not all zero", "correct it"),
+    "end": ("the joint has no {}", "a link", "give its {}"),
+    "limits": (
+        "the limits allow the joint no motion",
+        "the lower limit first, then a higher one",
+        "correct the limits",
+    ),
+    "number": ("{} cannot be read", "{} with decimal points", "correct it"),
+    "name": ("{} names no link", "{}", "{}"),
+    "beyond": ("the tip is not beyond the base", "a link beyond {}", "name another base or tip"),
+    "branches": (
+        "the robot branches, and no tip is named",
+        "{}",
+        "name the end of the arm with --tip",
+    ),
+    "still": (
+        "no joint moves between base and tip",
+        "at least one joint of type " + ", ".join(MOVING),
+        "name another base or tip",
+    ),
+    "serial": (
+        "a joint of this type is not in a serial arm",
+        ", ".join((*MOVING, "fixed")),
+        "name a base beyond this joint with --base",
+    ),
+    "mimic": (
+        "the joint follows joint {} (mimic)",
+        "independent joints",
+        "name a base beyond this joint, or a tip before it",
+    ),
+}
+
+
+def _refusal(kind: str, where: str, value: object = None, *words: str) -> ArmError:
+    """Return a refusal; the words are put in the places that its texts leave, in their order."""
+    left = iter(words)
+    texts = (re.sub("{}", lambda _: next(left), text) for text in _REFUSALS[kind])
+    what, allowed, remedy = texts
+    return ArmError(what, where=where, value=value, allowed=allowed, remedy=remedy)
 
 
 @dataclass(frozen=True)
@@ -146,15 +214,16 @@ class UrdfTree:
         up = takewhile(lambda joint: joint.child not in with_base, reversed(self.above(tip)))
         joints = list(up)[::-1]
         if tip not in with_base and (not joints or joints[0].parent not in with_base):
-            beyond = self._beyond(with_base[-1])
-            raise ArmError(
-                "the tip is not beyond the base",
-                where=self.where,
-                value=tip,
-                allowed=f"a link beyond {base}: {', '.join(beyond) or 'none'}",
-                remedy="name another base or tip",
-            )
-        self._check(joints, base, tip)
+            beyond = ", ".join(self._beyond(with_base[-1])) or "none"
+            raise _refusal("beyond", self.where, tip, f"{base}: {beyond}")
+        if not any(joint.kind in MOVING for joint in joints):
+            raise _refusal("still", self.where, f"{base} to {tip}")
+        for joint in joints:
+            place = f"{self.where}: joint {joint.name}"
+            if joint.kind not in (*MOVING, "fixed"):
+                raise _refusal("serial", place, joint.kind)
+            if joint.follows:
+                raise _refusal("mimic", place, None, joint.follows)
         return base, tip, tuple(joints)
 
     def above(self, link: str) -> tuple[UrdfJoint, ...]:
@@ -169,13 +238,8 @@ class UrdfTree:
     def _known(self, name: str, option: str) -> str:
         names = [link.name for link in self.links]
         if name not in names:
-            raise ArmError(
-                f"{option} names no link",
-                where=self.where,
-                value=name,
-                allowed=", ".join(names),
-                remedy=remedy_for(name, names, f"name one of these links for {option}"),
-            )
+            remedy = remedy_for(name, names, f"name one of these links for {option}")
+            raise _refusal("name", self.where, name, option, ", ".join(names), remedy)
         return name
 
     def _beyond(self, base: str) -> list[str]:
@@ -193,54 +257,12 @@ class UrdfTree:
             and any(joint.kind != "fixed" for joint in self.above(link)[before:])
         ]
         if len(tips) > 1:
-            raise ArmError(
-                "the robot branches, and no tip is named",
-                where=self.where,
-                value=f"{len(tips)} tips",
-                allowed=", ".join(tips),
-                remedy="name the end of the arm with --tip",
-            )
+            raise _refusal("branches", self.where, f"{len(tips)} tips", ", ".join(tips))
         return tips[0] if tips else base
-
-    def _check(self, joints: list[UrdfJoint], base: str, tip: str) -> None:
-        """Refuse a path without a moving joint, or with one that does not move by itself."""
-        if not any(joint.kind in MOVING for joint in joints):
-            raise ArmError(
-                "no joint moves between base and tip",
-                where=self.where,
-                value=f"{base} to {tip}",
-                allowed="at least one joint of type " + ", ".join(MOVING),
-                remedy="name another base or tip",
-            )
-        for joint in joints:
-            if joint.kind not in (*MOVING, "fixed"):
-                raise ArmError(
-                    "a joint of this type is not in a serial arm",
-                    where=f"{self.where}: joint {joint.name}",
-                    value=joint.kind,
-                    allowed=", ".join((*MOVING, "fixed")),
-                    remedy="name a base beyond this joint with --base",
-                )
-            if joint.follows:
-                raise ArmError(
-                    f"the joint follows joint {joint.follows} (mimic)",
-                    where=f"{self.where}: joint {joint.name}",
-                    allowed="independent joints",
-                    remedy="name a base beyond this joint, or a tip before it",
-                )
-
-
-_NOWHERE = (0.0, 0.0, 0.0)
-#: No joint of an arm is further from the one before.
-_FAR_M = 10.0
 
 
 def read_tree(text: str, where: str) -> UrdfTree:
-    """Read links and joints of a URDF.
-
-    Args:
-        text: the file's content.
-        where: its name, for messages.
+    """Read links and joints of the text of a URDF, which messages call by `where`.
 
     Raises:
         ArmError: naming what cannot be used, and its place.
@@ -248,25 +270,11 @@ def read_tree(text: str, where: str) -> UrdfTree:
     try:
         robot = parse_urdf(text).robot
     except ValueError as error:
-        raise _refusal(
-            "it is not XML", where, str(error), "a URDF file", "check the file"
-        ) from None
+        raise _refusal("xml", where, str(error)) from None
     if robot.tag != "robot":
-        raise _refusal(
-            "it is not a URDF",
-            where,
-            robot.tag,
-            "<robot> as the outermost element",
-            "check the file",
-        )
+        raise _refusal("urdf", where, robot.tag)
     if any(_is_macro(element) for element in robot.iter()):
-        raise _refusal(
-            "xacro macros are not expanded",
-            where,
-            None,
-            "plain URDF",
-            "run xacro on it first: xacro robot.urdf.xacro > robot.urdf",
-        )
+        raise _refusal("xacro", where)
     links = tuple(_link(element, where) for element in robot.findall("link"))
     joints = tuple(_joint(element, where) for element in robot.findall("joint"))
     return UrdfTree(where, links, joints, _root(links, joints, where))
@@ -281,58 +289,28 @@ def _is_macro(element: ElementTree.Element) -> bool:
     return "xacro" in element.tag or any("${" in each or "$(" in each for each in written)
 
 
-def _refusal(what: str, where: str, value: object, allowed: str, remedy: str) -> ArmError:
-    return ArmError(what, where=where, value=value, allowed=allowed, remedy=remedy)
-
-
 def _root(links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...], where: str) -> str:
     names = [link.name for link in links]
     for what, seen in (("link", names), ("joint", [joint.name for joint in joints])):
-        twice = sorted({name for name in seen if seen.count(name) > 1})
-        if twice:
-            raise _refusal(
-                f"two {what}s have one name", where, twice[0], "each name once", "rename one"
-            )
+        if twice := sorted({name for name in seen if seen.count(name) > 1}):
+            raise _refusal("twice", where, twice[0], what)
     children = [joint.child for joint in joints]
     for joint in joints:
+        place = f"{where}: joint {joint.name}"
         for link in (joint.parent, joint.child):
             if link not in names:
-                raise _refusal(
-                    "the joint names a link that is not there",
-                    f"{where}: joint {joint.name}",
-                    link,
-                    ", ".join(names) or "no links",
-                    "correct the name",
-                )
+                raise _refusal("link", place, link, ", ".join(names) or "no links")
         if children.count(joint.child) > 1:
-            raise _refusal(
-                "two joints have the same child link: the arm is not serial",
-                f"{where}: joint {joint.name}",
-                joint.child,
-                "one joint for each link",
-                "cut the loop",
-            )
+            raise _refusal("child", place, joint.child)
     roots = [name for name in names if name not in children]
     if len(roots) != 1:
-        raise _refusal(
-            "the links do not form a single tree",
-            where,
-            ", ".join(roots) or "no root: the joints form a loop, or there are no links",
-            "exactly one link without a parent joint",
-            "join the parts, or open the loop",
-        )
+        none = "no root: the joints form a loop, or there are no links"
+        raise _refusal("tree", where, ", ".join(roots) or none)
     reached = {roots[0]}
     for _ in joints:
         reached |= {joint.child for joint in joints if joint.parent in reached}
-    apart = [name for name in names if name not in reached]
-    if apart:
-        raise _refusal(
-            "joints form a loop",
-            where,
-            ", ".join(apart),
-            f"links connected by joints from {roots[0]} on",
-            "cut the circle",
-        )
+    if apart := [name for name in names if name not in reached]:
+        raise _refusal("loop", where, ", ".join(apart), roots[0])
     return roots[0]
 
 
@@ -345,31 +323,22 @@ def _link(element: ElementTree.Element, where: str) -> UrdfLink:
     (mass_kg,) = _numbers(inertial.find("mass"), "value", (0.0,), f"{place}: mass")
     com_m = _numbers(inertial.find("origin"), "xyz", _NOWHERE, f"{place}: inertial origin")
     if mass_kg < 0.0:
-        raise _refusal("the mass is negative", place, mass_kg, "0 kg or more", "correct it")
+        raise _refusal("mass", place, mass_kg)
     return UrdfLink(name, mass_kg, com_m)
 
 
 def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
     name, kind = element.get("name", ""), element.get("type", "")
     place = f"{where}: joint {name}"
-    if kind not in KINDS:
-        # The others of a URDF are read, but no chain can follow them.
-        taken = (*MOVING, "fixed")
-        remedy = remedy_for(kind, KINDS, "correct the type")
-        raise _refusal("unknown type of joint", place, kind, ", ".join(taken), remedy)
+    if kind not in KINDS:  # the others of a URDF are read, but no chain can follow them
+        raise _refusal("type", place, kind, remedy_for(kind, KINDS, "correct the type"))
     mimic, origin, limit = (element.find(tag) for tag in ("mimic", "origin", "limit"))
     xyz = _numbers(origin, "xyz", _NOWHERE, f"{place}: origin")
     if max(map(abs, xyz)) > _FAR_M:
-        raise _refusal(
-            f"the joint is further than {_FAR_M:g} m from the one before",
-            place,
-            xyz,
-            "metres",
-            "divide by 1000 if these are millimetres",
-        )
+        raise _refusal("far", place, xyz)
     axis = _numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"{place}: axis")
     if kind in MOVING and math.hypot(*axis) < 1e-9:
-        raise _refusal("the axis has no direction", place, axis, "not all zero", "correct it")
+        raise _refusal("axis", place, axis)
     return UrdfJoint(
         name=name,
         kind=kind,
@@ -388,7 +357,7 @@ def _end(element: ElementTree.Element, end: str, where: str) -> str:
     found = element.find(end)
     link = "" if found is None else found.get("link", "")
     if not link:
-        raise _refusal(f"the joint has no {end}", where, None, "a link", f"give its {end}")
+        raise _refusal("end", where, None, end, end)
     return link
 
 
@@ -399,13 +368,7 @@ def _limits(limit: ElementTree.Element | None, kind: str, where: str) -> tuple[f
     if kind == "continuous" or lower == upper == 0.0:
         return math.nan, math.nan
     if lower >= upper:
-        raise _refusal(
-            "the limits allow the joint no motion",
-            where,
-            (lower, upper),
-            "the lower limit first, then a higher one",
-            "correct the limits",
-        )
+        raise _refusal("limits", where, (lower, upper))
     return lower, upper
 
 
@@ -420,11 +383,6 @@ def _numbers(
     except ValueError:
         values = ()
     if len(values) != len(default) or not all(map(math.isfinite, values)):
-        raise _refusal(
-            f"{key} cannot be read",
-            where,
-            text,
-            f"{len(default)} number{'s' if len(default) > 1 else ''}, with decimal points",
-            "correct it",
-        )
+        count = f"{len(default)} number{'s' if len(default) > 1 else ''},"
+        raise _refusal("number", where, text, key, count)
     return values

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +12,10 @@ from scipy.optimize import least_squares
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
+from pa10cal.calibration.general.problem import check_enough
 from pa10cal.calibration.levels import TwoLevel, rows_of, spread_poses
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.uncertainty import Covariances, ErrorSources, propagate, with_own_scatter
+from pa10cal.calibration.uncertainty import ErrorSources, propagate, with_own_scatter
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.fit.fitted_model import FittedModel
@@ -26,7 +26,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Parameter
 
 #: Starts whose cost is within this part of the best have found the same minimum.
 _SAME_COST = 1e-6
@@ -50,7 +49,8 @@ class Calibration:
     identifiability: Identifiability  # of all unknowns, base frame included
     # names of the parameters that take part in directions that the data do not identify
     not_identifiable: frozenset[str]
-    covariances: Covariances  # of parameters and base frame
+    # (k + 6, k + 6) of parameters and of six small motions of the base, along its own axes
+    covariance: Array
 
     @property
     def converged(self) -> bool:
@@ -81,10 +81,11 @@ def calibrate(
     Raises:
         CalibrationError: when there are fewer equations than unknowns.
     """
-    _check_enough(model, observations)
+    level = TwoLevel(model, observations, np.arange(len(observations)), options.r_max_m)
+    check_enough(level.one_level(np.eye(4)))
     check_torques(model, observations)
     poses = spread_poses(observations, options.inner_poses)
-    level = TwoLevel(model, observations, rows_of(observations, poses), options.r_max_m)
+    level = replace(level, inner_rows=rows_of(observations, poses))
     starts = random_starts(model, options.starts, options.random_seed)
     starts[0] = _from_linear_springs(level, starts[0], options)
     terms = tolerance_rows(level, starts[0], options)
@@ -149,7 +150,7 @@ def describe(
         identifiability=identifiability,
         not_identifiable=not_identifiable(identifiability, whole.parameters)
         & {parameter.name for parameter in model.parameters},
-        covariances=propagate(
+        covariance=propagate(
             at_solution,
             observations
             if errors.readings is None
@@ -174,19 +175,9 @@ def pull_beyond_bounds(calibration: Calibration) -> Array:
     rows = np.concatenate([at.jacobian.reshape(-1, len(scale)), calibration.terms]) * scale
     target = np.concatenate([-at.residual.ravel(), -calibration.terms @ solution.x])
     step = np.linalg.lstsq(rows, target, rcond=None)[0] * scale
-    std = np.sqrt(np.diag(calibration.covariances.parameters))
+    std = np.sqrt(np.diag(calibration.covariance)[: len(step)])
     pull = np.divide(np.abs(step), std, out=np.zeros_like(step), where=std > 0)
     return np.where(solution.at_bound, pull, 0.0)
-
-
-def solve_one_level(
-    level: TwoLevel, T_instr_base: Array, x_start: Array, terms: Array, max_iterations: int
-) -> Solution:
-    """Solve for all unknowns at once, the base frame's six small motions last."""
-    padded = np.concatenate([terms, np.zeros((len(terms), 6))], axis=1)
-    start = np.concatenate([x_start, np.zeros(6)])
-    whole = level.one_level(T_instr_base)
-    return solve(whole, start, padded, max_iterations, weights=level.weights)
 
 
 def tolerance_rows(level: TwoLevel, x: Array, options: CalibrationOptions) -> Array:
@@ -217,18 +208,6 @@ def _same_span(first: Array, second: Array) -> bool:
     )
 
 
-def _check_enough(model: Model, observations: Observations[Pose]) -> None:
-    unknowns = len(model.parameters) + 6
-    if 6 * len(observations) < unknowns:
-        raise CalibrationError(
-            "fewer equations than unknowns",
-            where="grid poses",
-            value=f"{len(observations)} poses, {unknowns} unknowns",
-            allowed=f"at least {-(-unknowns // 6)} poses",
-            remedy="measure more poses or omit parameters",
-        )
-
-
 def check_torques(model: Model, observations: Observations) -> None:
     """Refuse springs whose torques were not logged.
 
@@ -251,18 +230,13 @@ def check_torques(model: Model, observations: Observations) -> None:
 
 
 def fitted_model(calibration: Calibration, payload: Payload | None) -> FittedModel:
-    """Return the fitted model of a calibration on two levels.
-
-    Args:
-        calibration: where it ended.
-        payload: what the arm carried; None where that is not known.
-    """
+    """Return the fitted model of a calibration on two levels; no payload where none is known."""
     observations = calibration.level.observations
     return FittedModel(
         model=calibration.level.model,
         x=calibration.solution.x,
         T_instr_base=calibration.T_instr_base,
-        covariance=calibration.covariances.together(calibration.T_instr_base),
+        covariance=calibration.covariance,
         payload=payload,
         seen=angles_seen(observations.states.q_rad),
     )
@@ -288,17 +262,6 @@ _REASONS = {
 }
 
 
-class LeastSquares(Protocol):
-    """What the solver needs: the paper's two levels, or a `fit.Problem` on one."""
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Return the k unknowns."""
-
-    def rows(self, x: Array) -> Rows:
-        """Return residuals and exact derivatives."""
-
-
 @dataclass(frozen=True)
 class Solution:
     """Where a solve ended."""
@@ -312,12 +275,11 @@ class Solution:
 
 
 def solve(
-    problem: LeastSquares,
+    level: TwoLevel,
     x_start: Array,
     terms: Array,
     max_iterations: int,
     precision: float = FULL_PRECISION,
-    weights: Array | None = None,
 ) -> Solution:
     """Minimise the data rows plus the tolerance terms from one start.
 
@@ -326,15 +288,13 @@ def solve(
     from Gauss-Newton steps.
 
     Args:
-        problem: the problem.
+        level: the problem.
         x_start: (k,) start, inside the physical range.
         terms: (r, k) tolerance rows; `terms @ x` are residuals.
         max_iterations: bound on the steps tried.
         precision: relative changes at which it has arrived.
-        weights: (6,) by which the components of its rows are multiplied; None for one.
     """
-    scale = np.array([parameter.scale for parameter in problem.parameters])
-    bounds = Bounds.of(problem.parameters)
+    scale, bounds = level.model.scale, Bounds.of(level.parameters)
     lower, upper = bounds.lower / scale, bounds.upper / scale
     last: dict[bytes, Rows] = {}
 
@@ -343,19 +303,15 @@ def solve(
         key = z.tobytes()
         if key not in last:
             last.clear()
-            rows = problem.rows(z * scale)
-            if weights is not None:
-                rows = Rows(weights * rows.residual, weights[:, None] * rows.jacobian)
-            last[key] = rows
+            last[key] = level.rows(z * scale)
         return last[key]
 
     def residuals(z: Array) -> Array:
         return np.concatenate([linearise(z).residual.ravel(), terms @ (z * scale)])
 
     def jacobian(z: Array) -> Array:
-        rows = linearise(z).jacobian
-        found: Array = np.concatenate([rows.reshape(-1, len(z)), terms]) * scale
-        return found
+        rows = linearise(z).jacobian.reshape(-1, len(z))
+        return np.concatenate([rows, terms]) * scale
 
     result = least_squares(
         residuals,
@@ -408,11 +364,6 @@ def _polish(
             break
         z, last = ahead, length
     return z
-
-
-def nominal_start(model: Model) -> Array:
-    """Return nominal geometry with usual springs."""
-    return random_starts(model, 1, 0)[0]
 
 
 def random_starts(model: Model, count: int, random_seed: int) -> list[Array]:

@@ -7,7 +7,7 @@ thresholds and their reasons stand here and there.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,17 +15,20 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.statics import reported_name
 from pa10cal.arrays import Array
-from pa10cal.calibration.determined import FitSummary, correlated, poses_needed
-from pa10cal.calibration.uncertainty import summarise
-from pa10cal.observe.observations import Observations
-from pa10cal.observe.quantities import Deviations
-from pa10cal.results.evaluation import Accuracy
+from pa10cal.calibration.uncertainty import HeldOut
+from pa10cal.fit.identifiability import Identifiability
+from pa10cal.numerics.exchange import Information, one_by_one
 from pa10cal.results.health import (
+    CorrelatedPair,
+    ExpectedUncertainty,
     Grade,
     Health,
     InputFinding,
+    PosesNeeded,
     RepeatScatter,
 )
+from pa10cal.terms.joint_spring import stiffness_by_solved
+from pa10cal.terms.term import Parameter
 
 #: Remaining error over the noise above which a model lacks something.
 OVER_NOISE = 1.25
@@ -64,23 +67,40 @@ MOSTLY = 0.7
 SMALL_SHARE = 0.3
 #: Condition number in scaled parameters above which some direction is poorly determined.
 ILL_CONDITIONED = 1e5
-_MOST_NAMES = 4
+#: Names that a sentence lists, and pairs of parameters that a record lists: those of which the
+#: correlation is above this are nearly inseparable.
+_MOST_NAMES, _MOST_PAIRS = 4, 20
+_CORRELATED = 0.95
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """Remaining errors of held-out poses."""
+class FitSummary:
+    """How a fit ended, whichever fit it was."""
 
-    accuracy: Accuracy  # the errors
-    u_mm: float | None = None  # standard uncertainty of the predictions there; None where not known
-    repeats: float = 1.0  # readings behind a held-out pose over those behind a fitted one
-    suspected: int = 0  # further held-out poses, with a suspected reading, that do not count
+    converged: bool  # whether it stopped at a stationary point
+    reason: str  # why it stopped
+    iterations: int  # steps taken
+    at_bound: tuple[str, ...]  # names of parameters at the end of their physical range
+    pose: NDArray[np.str_]  # (P,) labels of the poses fitted
+    parameters: tuple[Parameter, ...]  # the k parameters it was solved in
+    covariance: Array  # (k, k) theirs
+    identifiability: Identifiability  # rank of the rows
+    white: Array  # (P, b, k) rows of unit variance
+    position: Array  # (P, c, k) derivative of the predicted position [m]
+    not_identifiable: frozenset[str]  # names of those that the data do not identify
+    x: Array  # (k,) values of the parameters
+    # names of those that no pose of this instrument can determine
+    hidden: frozenset[str] = frozenset()
+    # names of those that the mounting of base or tool moves as well, so that they say nothing of
+    # how the arm was built
+    of_mounting: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
-class Errors:
-    """Remaining errors of a calibrated model."""
+class Evidence:
+    """What a grade rests on: how a fit ended, and the remaining errors of the calibrated model."""
 
+    ended: FitSummary  # how the fit ended
     # root mean square position error of the poses fitted, suspected outliers aside
     train_rms_mm: float
     held_out: HeldOut | None  # errors of poses held out, None where there are none
@@ -104,20 +124,20 @@ class Errors:
     # standard uncertainty of predicted positions that is wanted; None where nobody says so
     wanted_mm: float | None = None
 
+    @cached_property
+    def poses(self) -> PosesNeeded:
+        """Return how many poses there are, and how many the uncertainty needs.
+
+        Where nobody says what is wanted, it is one that adds hardly anything to the error.
+        """
+        wanted_mm = self.wanted_mm
+        small_mm = SMALL_SHARE * self.train_rms_mm if wanted_mm is None else wanted_mm
+        return poses_needed(self.ended, small_mm, wanted_mm)
+
     @property
-    def small_mm(self) -> float:
-        """Return the uncertainty of predicted positions that is wanted, or adds hardly anything."""
-        return SMALL_SHARE * self.train_rms_mm if self.wanted_mm is None else self.wanted_mm
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What a grade rests on."""
-
-    ended: FitSummary  # how the fit ended
-    left: Errors  # what it left
-    # standard uncertainty of a predicted position; inf where it is not determined
-    u_model_mm: float
+    def u_model_mm(self) -> float:
+        """Return the standard uncertainty of a predicted position; inf where not determined."""
+        return float("inf") if self.poses.u_model_mm is None else self.poses.u_model_mm
 
     @property
     def rank(self) -> int:
@@ -140,38 +160,39 @@ class Evidence:
         ended, over = self.ended, max(self.over_noise or 1.0, 1.0)
         std = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
         apart = ended.not_identifiable | ended.of_mounting
-        found = [
-            (abs(float(value)) / each.tolerance, float(sigma) / each.tolerance, each.name)
+        far = [
+            (abs(float(value)) / each.tolerance, each.name)
             for each, value, sigma in zip(ended.parameters, ended.x, std, strict=True)
-            if each.tolerance and each.name not in apart
+            if each.tolerance
+            and each.name not in apart
+            and abs(value) - BY_CHANCE * over * sigma > FAR_OFF * each.tolerance
         ]
-        far = [(size, name) for size, u, name in found if size - BY_CHANCE * over * u > FAR_OFF]
         return sorted(far, key=lambda each: -each[0])
 
     @property
     def soft(self) -> bool:
         """Return whether springs explain the larger part of what rigid joints leave."""
-        rigid_mm = self.left.without_springs_mm
-        return rigid_mm is not None and self.left.train_rms_mm**2 < MOSTLY * rigid_mm**2
+        rigid_mm = self.without_springs_mm
+        return rigid_mm is not None and self.train_rms_mm**2 < MOSTLY * rigid_mm**2
 
     @property
     def error_mm(self) -> float:
         """Return the remaining error without what the fit has taken up of it."""
         taken = min(self.rank / max(self.rows, 1), 0.9)
-        return self.left.train_rms_mm / float(np.sqrt(1.0 - taken))
+        return self.train_rms_mm / float(np.sqrt(1.0 - taken))
 
     @property
     def own_noise_mm(self) -> float | None:
         """Return the error that readings and apparatus explain; None where it is not known."""
         noise_mm = self.reading_noise_mm
-        return None if noise_mm is None else float(np.hypot(noise_mm, self.left.apparatus_mm))
+        return None if noise_mm is None else float(np.hypot(noise_mm, self.apparatus_mm))
 
     @property
     def reading_noise_mm(self) -> float | None:
         """Return the noise of the poses fitted: as repeats show it, else as stated."""
-        if self.left.noise_mm is None or self.left.noise_is_found or not self.left.repeats:
-            return self.left.noise_mm
-        return self.left.noise_mm * self.left.repeats[0].ratio
+        if self.noise_mm is None or self.noise_is_found or not self.repeats:
+            return self.noise_mm
+        return self.noise_mm * self.repeats[0].ratio
 
     @property
     def over_noise(self) -> float | None:
@@ -183,10 +204,11 @@ class Evidence:
     def most_over_noise(self) -> float:
         """Return how many times the noise the remaining error may be."""
         own_mm, reading_mm = self.own_noise_mm, self.reading_noise_mm
-        limit = OVER_NOISE * _by_chance(self.rows - self.rank)
+        dof = max(self.rows - self.rank, 1)
+        limit = OVER_NOISE * (1.0 + BY_CHANCE / float(np.sqrt(2.0 * dof)))
         if not own_mm or reading_mm is None:
             return limit
-        of_targets_mm = OF_ONE_APPARATUS * self.left.apparatus_mm
+        of_targets_mm = OF_ONE_APPARATUS * self.apparatus_mm
         return limit * float(np.hypot(reading_mm, of_targets_mm)) / own_mm
 
     @property
@@ -197,7 +219,7 @@ class Evidence:
         """
         noise_mm = min(self.reading_noise_mm or self.error_mm, self.error_mm)
         lacking = self.error_mm**2 - noise_mm**2
-        away = self.left.held_out
+        away = self.held_out
         u_mm = self.u_model_mm if away is None or away.u_mm is None else away.u_mm
         repeats = 1.0 if away is None else away.repeats
         return float(np.sqrt(lacking + noise_mm**2 / repeats + u_mm**2))
@@ -205,20 +227,18 @@ class Evidence:
     @property
     def over_expected(self) -> float | None:
         """Return the held-out error over the one promised, where chance does not explain it."""
-        if self.left.held_out is None:
+        if self.held_out is None:
             return None
-        found = self.left.held_out.accuracy
+        found = self.held_out.accuracy
         ratio = found.rms_mm / self.expected_held_out_mm
         count = max(found.configurations, 1)
         at_most = max(OVER_EXPECTED, 1.0 + BY_CHANCE / np.sqrt(2.0 * count))
         return ratio if ratio > at_most else None
 
 
-def health(ended: FitSummary, errors: Errors) -> Health:
+def health(evidence: Evidence) -> Health:
     """Judge a calibration by its convergence and its remaining errors."""
-    poses = poses_needed(ended, errors.small_mm, errors.wanted_mm)
-    u_model_mm = float("inf") if poses.u_model_mm is None else poses.u_model_mm
-    evidence, away = Evidence(ended, errors, u_model_mm), errors.held_out
+    ended, away = evidence.ended, evidence.held_out
     grade, line, findings = graded(evidence)
     return Health(
         grade=grade,
@@ -227,51 +247,19 @@ def health(ended: FitSummary, errors: Errors) -> Health:
         reason=ended.reason,
         iterations=ended.iterations,
         at_bounds=tuple(map(reported_name, ended.at_bound)),
-        rank=ended.identifiability.rank,
+        rank=evidence.rank,
         unknowns=len(ended.parameters),
         condition=ended.identifiability.condition,
         not_identifiable=tuple(sorted(map(reported_name, ended.not_identifiable))),
         correlated_pairs=correlated(ended),
-        train_rms_mm=errors.train_rms_mm,
+        train_rms_mm=evidence.train_rms_mm,
         held_out_rms_mm=None if away is None else away.accuracy.rms_mm,
-        noise_mm=errors.noise_mm,
+        noise_mm=evidence.noise_mm,
         error_over_noise=evidence.over_noise,
         held_out_over_expected=evidence.over_expected,
-        repeats=errors.repeats,
+        repeats=evidence.repeats,
         findings=findings,
-        poses=poses,
-    )
-
-
-def held_out_errors(
-    deviations: Deviations,
-    fitted: Observations,
-    held_out: Observations,
-    position: Array,
-    cov: Array,
-    suspected: NDArray[np.bool_] | None = None,
-) -> HeldOut:
-    """Return the errors of held-out poses, with what they are to be compared with.
-
-    Args:
-        deviations: of the P poses held out.
-        fitted, held_out: averaged poses.
-        position: (P, c, k) derivative of the predicted positions of those held out [m].
-        cov: (k, k) of the parameters.
-        suspected: (P,) which of them have a suspected reading; those do not count, unless all
-            have one. None for none.
-    """
-    if suspected is not None and suspected.any() and not suspected.all():
-        rest = ~suspected
-        found = held_out_errors(
-            deviations.take(rest), fitted, held_out.take(rest), position[rest], cov
-        )
-        return replace(found, suspected=int(suspected.sum()))
-    variance = np.einsum("pck,kl,pcl->p", position, cov, position, optimize=True)
-    return HeldOut(
-        accuracy=summarise(deviations),
-        u_mm=float(1e3 * np.sqrt(np.mean(np.maximum(variance, 0.0)))),
-        repeats=float(np.mean(1.0 / fitted.readings) / np.mean(1.0 / held_out.readings)),
+        poses=evidence.poses,
     )
 
 
@@ -285,7 +273,7 @@ def graded(evidence: Evidence) -> tuple[Grade, str, tuple[InputFinding, ...]]:
         remedy = "raise calibration.max_iterations, or measure more poses"
         return "not_converged", f"the fit did not converge: {evidence.ended.reason}; {remedy}", ()
     errors = _errors(evidence)
-    if findings := (*evidence.left.findings, *_suspected(evidence)):
+    if findings := (*evidence.findings, *_suspected(evidence)):
         more = f"; {len(findings) - 1} more in health.findings" if findings[1:] else ""
         return "suspect_input", f"{errors}; check the input: {findings[0]}{more}", findings
     beside = "".join(f"; {remark}" for remark in _remarks(evidence))
@@ -298,7 +286,7 @@ def graded(evidence: Evidence) -> tuple[Grade, str, tuple[InputFinding, ...]]:
     noise_mm = evidence.own_noise_mm
     over = evidence.over_noise
     agrees = "" if noise_mm is None else f", as the noise of {noise_mm:.3f} mm explains"
-    if noise_mm is not None and f"{noise_mm:.3f}" == f"{evidence.left.train_rms_mm:.3f}":
+    if noise_mm is not None and f"{noise_mm:.3f}" == f"{evidence.train_rms_mm:.3f}":
         agrees = ", as the noise explains"
     if noise_mm is not None and over is not None and over > NOTICED:
         agrees = f", {over:.2g} times the noise of {noise_mm:.3f} mm"
@@ -321,9 +309,9 @@ def most_stated(factor: float = STATED_OFF, *, from_touches: bool) -> float:
 
 
 def _errors(evidence: Evidence) -> str:
-    fitted = f"{evidence.left.train_rms_mm:.3f} mm"
+    fitted = f"{evidence.train_rms_mm:.3f} mm"
     text = f"remaining error {fitted} rms over the poses fitted"
-    if (away := evidence.left.held_out) is not None:
+    if (away := evidence.held_out) is not None:
         there = f"{away.accuracy.rms_mm:.3f} mm"
         text += " and over held-out poses" if there == fitted else f", {there} over held-out poses"
         if away.suspected:
@@ -333,13 +321,12 @@ def _errors(evidence: Evidence) -> str:
 
 def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
     """Return what the fit itself shows to be wrong in the input."""
-    if evidence.left.train_rms_mm > FITS_NOT * evidence.left.spread_mm and not evidence.soft:
+    if evidence.train_rms_mm > FITS_NOT * evidence.spread_mm and not evidence.soft:
         yield InputFinding(
             what="the arm as described does not fit the readings",
             where="the whole campaign",
             remedy="check robot, order, signs and zeros of the joints, and units",
             kind="other_arm",
-            would_leave_mm=None,
         )
     yield from _stated(evidence)
     for size, name in evidence.far_off:
@@ -349,7 +336,6 @@ def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
             remedy="check this value in the description of the arm, and the zero of its joint in "
             "the log",
             kind="departure",
-            would_leave_mm=None,
         )
 
 
@@ -359,12 +345,12 @@ _OF_UNIT = 4.0
 
 def _stated(evidence: Evidence) -> Iterator[InputFinding]:
     """Return where stated and found uncertainty are off by more than a factor."""
-    for scatter in evidence.left.repeats:
+    for scatter in evidence.repeats:
         turns = scatter.kind.startswith("attitude")
         unit, off = ("mrad", ATTITUDE_OFF) if turns else ("mm", STATED_OFF)
-        joints = JOINT_RAD * (1.0 if turns else 1e-3 * evidence.left.spread_mm)
+        joints = JOINT_RAD * (1.0 if turns else 1e-3 * evidence.spread_mm)
         too_small = scatter.found > off * np.hypot(scatter.stated, joints)
-        most = most_stated(off, from_touches=evidence.left.from_touches)
+        most = most_stated(off, from_touches=evidence.from_touches)
         too_large = scatter.stated > most * scatter.found
         if too_small or too_large:
             yield InputFinding(
@@ -373,19 +359,17 @@ def _stated(evidence: Evidence) -> Iterator[InputFinding]:
                 where=f"stated uncertainty of the {scatter.kind}",
                 remedy="check its unit and value, and whether readings were copied or averaged",
                 kind="stated_uncertainty",
-                would_leave_mm=None,
             )
-    if evidence.left.repeats or evidence.left.noise_is_found or not evidence.left.noise_mm:
+    if evidence.repeats or evidence.noise_is_found or not evidence.noise_mm:
         return
-    ratio = evidence.error_mm / evidence.left.noise_mm
+    ratio = evidence.error_mm / evidence.noise_mm
     if EXACT < ratio < 1.0 / STATED_OFF or ratio > UNIT_OFF:
         unit = _other_unit(ratio)
         yield InputFinding(
-            what=f"{evidence.left.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
+            what=f"{evidence.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
             where="stated uncertainty of the position (instrument.uncertainty_mm)",
             remedy="check its unit and value" + (f": it looks like {unit}" if unit else ""),
             kind="stated_uncertainty",
-            would_leave_mm=None,
         )
 
 
@@ -402,7 +386,7 @@ def _lacking(evidence: Evidence) -> str:
     parts = []
     over = evidence.over_noise
     if over is not None and over > evidence.most_over_noise:
-        known = "" if evidence.left.noise_is_found or evidence.left.repeats else "stated "
+        known = "" if evidence.noise_is_found or evidence.repeats else "stated "
         parts.append(
             f"{over:.2g} times the {known}noise of {evidence.own_noise_mm:.3f} mm: the model is "
             "missing an effect"
@@ -414,9 +398,9 @@ def _lacking(evidence: Evidence) -> str:
             f"{ratio:.2g} times the error that the fit promises for held-out poses: they differ "
             "from the poses fitted, or the model is missing an effect"
         )
-    rigid_mm = evidence.left.without_springs_mm
+    rigid_mm = evidence.without_springs_mm
     # Of another robot a springy model leaves as much: a reader is to know why it was not refused.
-    refused = evidence.left.train_rms_mm > FITS_NOT * evidence.left.spread_mm
+    refused = evidence.train_rms_mm > FITS_NOT * evidence.spread_mm
     if parts and refused and evidence.soft and rigid_mm is not None:
         parts.append(
             f"a soft arm: with rigid joints {rigid_mm:.3f} mm remain, springs explain the larger "
@@ -448,7 +432,7 @@ def _uncertain(evidence: Evidence) -> str:
 
     Where nobody says what is wanted, they are to be no more uncertain than single readings.
     """
-    u_mm, wanted_mm = evidence.u_model_mm, evidence.left.wanted_mm or evidence.error_mm
+    u_mm, wanted_mm = evidence.u_model_mm, evidence.wanted_mm or evidence.error_mm
     if u_mm <= wanted_mm:
         return ""
     more = int(np.ceil(len(evidence.ended.white) * ((u_mm / wanted_mm) ** 2 - 1.0)))
@@ -465,19 +449,19 @@ def _remarks(evidence: Evidence) -> Iterator[str]:
     held = tuple(name for name in evidence.ended.at_bound if not name.startswith("windup"))
     if held:
         yield f"{_listed(held)} at the end of the physical range"
-    if evidence.left.weights:
+    if evidence.weights:
         yield (
             "no masses are stated, so weights are assumed "
             + (
                 "from the lengths of the links"
-                if evidence.left.weights == "assumed"
+                if evidence.weights == "assumed"
                 else "from the mass of the whole arm"
             )
             + ": stiffness is relative to them"
         )
     if evidence.ended.identifiability.condition > ILL_CONDITIONED:
         yield f"condition number {evidence.ended.identifiability.condition:.1e}"
-    if count := evidence.left.suspected_outliers:
+    if count := evidence.suspected_outliers:
         many = "s have" if count > 1 else " has"
         yield (
             f"{count} suspected outlier{many} less weight in the fit and no part in the remaining "
@@ -490,5 +474,98 @@ def _listed(names: Sequence[str]) -> str:
     return shown + (" and others" if names[_MOST_NAMES:] else "")
 
 
-def _by_chance(dof: int) -> float:
-    return 1.0 + BY_CHANCE / float(np.sqrt(2.0 * max(dof, 1)))
+# Pairs of parameters that correlate.
+
+
+def correlated(ended: FitSummary) -> tuple[CorrelatedPair, ...]:
+    """Return pairs of reported parameters: of a spring, its stiffness."""
+    solved = [parameter.name for parameter in ended.parameters]
+    known = np.flatnonzero(
+        (np.diag(ended.covariance) > 0)
+        & np.array([name not in ended.not_identifiable for name in solved])
+    )
+    by_solved = stiffness_by_solved(solved, ended.x)
+    covariance = by_solved @ ended.covariance @ by_solved.T
+    std = np.sqrt(np.diag(covariance))
+    names = list(map(reported_name, solved))
+    correlation = covariance[np.ix_(known, known)] / np.outer(std[known], std[known])
+    first, second = np.nonzero(np.triu(np.abs(correlation) > _CORRELATED, 1))
+    sizes = correlation[first, second]
+    worst = np.argsort(-np.abs(sizes))[:_MOST_PAIRS]
+    return tuple(
+        CorrelatedPair(
+            parameters=(names[known[first[k]]], names[known[second[k]]]),
+            correlation=float(sizes[k]),
+        )
+        for k in worst
+    )
+
+
+# How many poses a calibration needs: D-optimal order, and expected uncertainty by their number.
+#
+# A pose adds its information J^T J, whatever was read there. Taken in the order in which the
+# determinant grows fastest, the measured poses show with how few of them the model would have been
+# known nearly as well (D-optimality; Sun and Hollerbach, 2008, compare such criteria).
+
+#: Poses to choose from and poses chosen at most: more would change no curve that one can see.
+_POOL = 1000
+_MOST = 200
+#: Expected size of a parameter in its scale, which makes information definite before it is full.
+_POSSIBLE_SCALES = 30.0
+
+
+def poses_needed(
+    ended: FitSummary, u_needed_mm: float, wanted_mm: float | None = None
+) -> PosesNeeded:
+    """Order the poses of a fit by their information, and tell how many an uncertainty takes.
+
+    Args:
+        ended: how the fit ended.
+        u_needed_mm: standard uncertainty of a predicted position to reach, root mean square over
+            all poses.
+        wanted_mm: the same, where somebody asked for it.
+    """
+    white, scale = ended.white, np.array([parameter.scale for parameter in ended.parameters])
+    count, scales = len(white), np.outer(scale, scale)
+    pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
+    information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
+    candidates = Information(white[pool] * scale * _POSSIBLE_SCALES)
+    order = pool[one_by_one(candidates, min(len(pool), _MOST))]
+    spread = _gram(ended.position) * scales / count
+    enough = -(-ended.identifiability.rank // white.shape[1])
+
+    def u_mm(of_poses: Array) -> float | None:
+        if len(of_poses) < enough:
+            return None
+        covariance = np.linalg.inv(information + _gram(of_poses) * scales)
+        u_m = float(np.sqrt(np.sum(covariance * spread)))
+        return 1e3 * u_m if np.isfinite(u_m) else None
+
+    numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp)).tolist()
+    expected = [
+        ExpectedUncertainty(poses=n, u_optimal_mm=optimal, u_measured_mm=u_mm(white[:n]))
+        for n in numbers
+        if (optimal := u_mm(white[order[:n]])) is not None
+    ]
+    few = (each.poses for each in expected if each.u_optimal_mm <= u_needed_mm)
+    return PosesNeeded(
+        measured=count,
+        needed=next(few, None),
+        u_needed_mm=u_needed_mm,
+        wanted_mm=wanted_mm,
+        u_model_mm=u_mm(white),
+        d_optimal_order=tuple(ended.pose[order].tolist()),
+        expected=tuple(expected),
+    )
+
+
+def names_of(parameters: Sequence[Parameter], rows: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Return the names of some parameters."""
+    return tuple(p.name for p, of_them in zip(parameters, rows, strict=True) if of_them)
+
+
+def _gram(rows: Array) -> Array:
+    """Return the products (k, k) of the rows (P, b, k) of all poses."""
+    flat = rows.reshape(-1, rows.shape[2])
+    found: Array = flat.T @ flat
+    return found

@@ -7,33 +7,30 @@ found here leaves the campaign running, marked: `docs/raw-data.md` lists all of 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
+from scipy.special import ndtri
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload
-from pa10cal.arrays import Array
-from pa10cal.calibration.joint_checks import (
-    Asked,
-    above_noise,
-    joint_zeros,
-    scatter_of_repeats_mm,
-    signs_and_order,
-    small_signs,
-)
+from pa10cal.arrays import Array, Index, Mask
+from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.labels import exchange_text, stated_order, stated_shape
+from pa10cal.campaign.own_columns import RotationColumns
 from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_file import words_of
 from pa10cal.campaign.weighed_arm import weights_finding
-from pa10cal.errors import Pa10calError
+from pa10cal.errors import CalibrationError, Pa10calError
 from pa10cal.fit.loads import statics_of
-from pa10cal.observe.observations import Observations, average_repeats
+from pa10cal.frame.hand_eye import LEVER_M
+from pa10cal.observe.instrument import group_means
+from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.results.health import InputFinding
 from pa10cal.terms.model import Model
 
@@ -61,14 +58,7 @@ _AXES = {
 def check_input(
     campaign: CampaignDescription, arm: Arm, every: Observations, options: CalibrationOptions
 ) -> tuple[InputFinding, ...]:
-    """Find what is probably wrong in the input, before it is calibrated.
-
-    Args:
-        campaign: its description.
-        arm: the nominal arm.
-        every: single readings of all kinds.
-        options: how to calibrate.
-    """
+    """Find what is probably wrong in a campaign, by single readings of all kinds."""
     members = dict(zip(every.by_campaign(), campaign.campaigns, strict=True))
     if members:
         return tuple(
@@ -76,21 +66,21 @@ def check_input(
             for name, own in every.by_campaign().items()
             for finding in check_input(members[name], arm, own, options)
         )
-    grid = average_repeats(every.of_kind("grid"))
-    some = _some(grid)
-    words = words_of(campaign, arm.prismatic)
+    single = every.of_kind("grid")
+    grid, words = average_repeats(single), words_of(campaign, arm.prismatic)
+    checked = _Checked(
+        campaign, arm, options, words, grid.take(_spread(len(grid))), _scatter_of_repeats_mm(single)
+    )
     found = (
         *_temperature(campaign, every, words),
         *weights_finding(arm),
         *_shape(campaign, arm, grid, options),
     )
-    repeats_mm = scatter_of_repeats_mm(every.of_kind("grid"))
-    asked = Asked(campaign, arm, options, words, repeats_mm)
-    others = _attitudes(asked, some) or signs_and_order(asked, some) or joint_zeros(asked, some)
-    if not others and campaign.payload(arm) is not None and _logs_torques(some):
-        others = _gravity_by_torques(campaign, arm, some)
-    if not others and above_noise(arm, some, options):
-        others = small_signs(asked, some) or _gravity(asked, some)
+    others = _attitudes(checked) or _signs_and_order(checked) or _joint_zeros(checked)
+    if not others:
+        others = _gravity_by_torques(checked)
+    if not others and _above_noise(checked):
+        others = _small_signs(checked) or _gravity(checked)
     return (*found, *others)
 
 
@@ -107,22 +97,138 @@ def explained(error: Refusal, findings: Sequence[InputFinding]) -> Refusal:
     )
 
 
-def _some(observations: Observations) -> Observations:
-    count = len(observations)
-    rows = np.unique(np.linspace(0, count - 1, min(count, MOST_POSES)).astype(int))
-    return observations.take(rows)
+def _spread(count: int) -> Index:
+    """Return the rows that a check looks at."""
+    return np.unique(np.linspace(0, count - 1, min(count, MOST_POSES)).astype(int))
 
 
-def _attitudes(asked: Asked, grid: Observations) -> tuple[InputFinding, ...]:
+def _scatter_of_repeats_mm(single: Observations) -> float:
+    """Return how far readings lie from the mean of their repeats; 0 without any."""
+    code = reading_groups(single)
+    repeated = np.bincount(code)[code] > 1
+    p_m = single.measured.places_m
+    off_m = p_m - group_means(p_m.reshape(len(p_m), -1), code)[code].reshape(p_m.shape)
+    size_m = np.linalg.norm(off_m[repeated], axis=2)
+    return 1e3 * float(np.nanmedian(size_m)) if np.isfinite(size_m).any() else 0.0
+
+
+@dataclass(frozen=True)
+class _Checked:
+    """A campaign whose input is checked, and how its user calls it."""
+
+    campaign: CampaignDescription
+    arm: Arm
+    options: CalibrationOptions
+    words: OwnWords
+    grid: Observations  # the poses that checks look at, averaged
+    repeats_mm: float  # how far repeats scatter; 0 where that is not known
+
+    @property
+    def payload(self) -> Payload | None:
+        """Return what the arm carries; None where it is not known."""
+        return self.campaign.payload(self.arm)
+
+    @property
+    def logs_torques(self) -> bool:
+        """Return whether every pose has torques."""
+        return bool(np.isfinite(self.grid.states.tau_Nm).all())
+
+    @property
+    def rotation(self) -> RotationColumns | None:
+        """Return what campaign.yaml states of the columns of orientations."""
+        columns = self.campaign.columns
+        each = () if columns is None else (columns.poses, columns.readings)
+        return next((one.rotation for one in each if one is not None and one.rotation), None)
+
+    @property
+    def signs(self) -> list[int]:
+        """Return the signs of the joints that campaign.yaml states."""
+        return list(self.campaign.joint_signs or [1] * self.arm.n)
+
+    @property
+    def offsets_deg(self) -> list[float]:
+        """Return the offsets of the joints that campaign.yaml states."""
+        return list(self.campaign.joint_offsets_deg or [0.0] * self.arm.n)
+
+    def nominal_misfit_m(self, q: Array) -> float:
+        """Return the rms misfit of the nominal arm, base and targets fitted; inf if none fits."""
+        try:
+            found = self.grid.measured.locate(Chain.of(self.arm).forward(q))
+        except CalibrationError:
+            return np.inf
+        return float(np.hypot(found.scatter_m, LEVER_M * (found.scatter_rad or 0.0)))
+
+    def calibration(
+        self, payload: Payload | None, q: Array | None = None
+    ) -> GeneralCalibration | None:
+        """Return a quick calibration; None where the poses are too few.
+
+        Args:
+            payload: what the arm carries; None for rigid joints.
+            q: (P, n) joint positions in place of those logged.
+        """
+        grid, options = self.grid, self.options
+        if q is not None:
+            grid = grid.with_states(replace(grid.states, q_rad=q))
+        if payload is None:
+            options = options.with_springs(())
+        try:
+            return calibrate_general(self.arm, grid, find_start(self.arm, grid), payload, options)
+        except CalibrationError:
+            return None
+
+    def calibrated_mm(self, payload: Payload | None, q: Array | None = None) -> tuple[float, float]:
+        """Return the rms position error of a calibration, and the noise stated or found."""
+        found = self.calibration(payload, q)
+        if found is None:
+            return np.inf, np.inf
+        residual, variances, seen = _positions(found)
+        stated_mm = 1e3 * float(np.sqrt(min(3, seen.shape[1]) * np.mean(variances[seen])))
+        # Of several targets the error of one is meant; a distance is one component.
+        squares = np.sum(residual**2, axis=1) / np.maximum(1, seen.sum(axis=1) // 3)
+        rms_mm = 1e3 * float(np.sqrt(np.average(squares, weights=found.fit.weights)))
+        return rms_mm, max(stated_mm, self.repeats_mm)
+
+    def puts_right(self, q: Array, nominal_m: float) -> bool:
+        """Return whether changed joints are right: for the nominal arm, and for a calibrated one.
+
+        Args:
+            q: (P, n) the joints, changed.
+            nominal_m: misfit of the nominal arm with them.
+        """
+        if not puts_right(nominal_m, EXPECTED_M):
+            return False
+        left_mm, noise_mm = self.calibrated_mm(self.payload, q)
+        # Of too few poses the nominal arm is all that judges.
+        return left_mm == np.inf or puts_right(left_mm, 1e3 * EXPECTED_M, noise_mm)
+
+
+def _positions(found: GeneralCalibration) -> tuple[Array, Array, Mask]:
+    """Return residuals, stated variances and what was seen of positions, (P, c) each [m]."""
+    problem, columns = found.problem, found.problem.measured.position_columns
+    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
+    return found.fit.residual[:, columns], variances, problem.components_seen[:, columns]
+
+
+def _above_noise(checked: _Checked) -> bool:
+    """Return whether the rigid arm, calibrated, is off by much more than the stated noise."""
+    found = checked.calibration(None)
+    if found is None:
+        return False  # too few poses: the calibration says how many it needs
+    residual, variances, seen = _positions(found)
+    return bool(np.median((residual**2 / variances)[seen]) > ABOVE_NOISE**2 * _MEDIAN_SQUARE)
+
+
+def _attitudes(checked: _Checked) -> tuple[InputFinding, ...]:
     """Find the convention of the orientations, where another than the one stated is right."""
-    measured, words = grid.measured, asked.words
+    grid, measured, words = checked.grid, checked.grid.measured, checked.words
     if measured.attitudes is None or measured.from_touches:
         return ()
     T_instr_target = np.tile(np.eye(4), (len(grid), 1, 1))
     T_instr_target[:, :3, :3] = measured.attitudes
     T_instr_target[:, :3, 3] = measured.places_m[:, 0]
-    T_base_ee = Chain.of(asked.arm).forward(grid.states.q_rad)
-    better = better_convention(T_base_ee, T_instr_target, asked.rotation, words.key("qw"))
+    T_base_ee = Chain.of(checked.arm).forward(grid.states.q_rad)
+    better = better_convention(T_base_ee, T_instr_target, checked.rotation, words.key("qw"))
     if better is None:
         return ()
     return (
@@ -133,29 +239,23 @@ def _attitudes(asked: Asked, grid: Observations) -> tuple[InputFinding, ...]:
             "arm, "
             f"and {np.degrees(better.would_leave_rad):.2g} deg if they are {better.name}",
             remedy=better.remedy,
-            would_leave_mm=None,
         ),
     )
 
 
-def _logs_torques(grid: Observations) -> bool:
-    return bool(np.isfinite(grid.states.tau_Nm).all())
-
-
-def _gravity(asked: Asked, some: Observations) -> tuple[InputFinding, ...]:
+def _gravity(checked: _Checked) -> tuple[InputFinding, ...]:
     """Try gravity along the other axes of the base, under springs that give to the masses.
 
     An arm that hangs or stands on a wall says so by `gravity_m_s2` in the frame of its base.
     """
-    payload = asked.campaign.payload(asked.arm)
     # Under weights that nobody stated, an error of joint 1 is as well one of an arm on a wall.
-    if payload is None or _logs_torques(some) or weights_known(asked.arm).assumed:
+    if checked.logs_torques or weights_known(checked.arm).assumed:
         return ()
-    others = _other_directions(payload)
+    others = _other_directions(checked.payload)
     if not others:
         return ()
-    now_mm, _ = asked.calibrated_mm(some, payload)
-    left = {name: asked.calibrated_mm(some, other) for name, other in others.items()}
+    now_mm, _ = checked.calibrated_mm(checked.payload)
+    left = {name: checked.calibrated_mm(other) for name, other in others.items()}
     best = min(left, key=lambda name: left[name][0])
     left_mm, noise_mm = left[best]
     if not left_mm < GRAVITY_LEFT * now_mm < np.inf:
@@ -165,33 +265,31 @@ def _gravity(asked: Asked, some: Observations) -> tuple[InputFinding, ...]:
     return (_other_gravity(best, others[best], now, then, left_mm, right=right),)
 
 
-def _gravity_by_torques(
-    campaign: CampaignDescription, arm: Arm, some: Observations
-) -> tuple[InputFinding, ...]:
+def _gravity_by_torques(checked: _Checked) -> tuple[InputFinding, ...]:
     """Compare logged torques with those of the masses, under gravity along each axis."""
-    payload = campaign.payload(arm)
-    others = {} if payload is None else _other_directions(payload)
+    payload, states = checked.payload, checked.grid.states
+    others = _other_directions(payload) if checked.logs_torques else {}
     if payload is None or not others:
         return ()
-    nominal, logged = Model(Chain.of(arm), ()), some.states.tau_Nm
+    nominal, logged = Model(Chain.of(checked.arm), ()), states.tau_Nm
 
     def follows(carried: Payload) -> float:
-        of_masses = statics_of(nominal, np.zeros(0), some.states, carried).torque_Nm
+        of_masses = statics_of(nominal, np.zeros(0), states, carried).torque_Nm
         size = np.sqrt(np.sum(of_masses**2) * np.sum(logged**2))
         return float(np.sum(of_masses * logged) / size) if size > 0.0 else 0.0
 
-    now = follows(payload)
-    best = max(others, key=lambda name: follows(others[name]))
-    if follows(others[best]) < FOLLOWS or now > DOES_NOT_FOLLOW:
+    now, follow = follows(payload), {name: follows(other) for name, other in others.items()}
+    best = max(follow, key=lambda name: follow[name])
+    if follow[best] < FOLLOWS or now > DOES_NOT_FOLLOW:
         return ()
-    found, then = f"a correlation of {now:.2f}", f"{follows(others[best]):.2f}"
+    found, then = f"a correlation of {now:.2f}", f"{follow[best]:.2f}"
     return (_other_gravity(best, others[best], found, then),)
 
 
-def _other_directions(payload: Payload) -> dict[str, Payload]:
+def _other_directions(payload: Payload | None) -> dict[str, Payload]:
     """Return the payload under gravity along every axis of the base that is not the one stated."""
-    size = float(np.linalg.norm(payload.gravity_m_s2))
-    if size == 0.0:
+    size = 0.0 if payload is None else float(np.linalg.norm(payload.gravity_m_s2))
+    if payload is None or size == 0.0:
         return {}
     stated = payload.gravity_m_s2 / size
     return {
@@ -228,18 +326,21 @@ def _shape(
     campaign: CampaignDescription, arm: Arm, grid: Observations, options: CalibrationOptions
 ) -> Iterator[InputFinding]:
     """Compare the places of targets with those stated: among each other, and on the arm."""
-    measured, names = grid.measured, measured_targets(grid)
+    measured = grid.measured
+    # Targets or balls that the instrument measured one by one, (P, B, 3).
+    names = tuple(getattr(measured, "names", ()))
+    balls_m = getattr(measured, "p_instr_balls_m", None)
+    places_m = measured.places_m if balls_m is None else balls_m
     if len(names) < 2 or not set(names) <= set(campaign.tool.balls_mm):
         return
     stated_mm = np.array([campaign.tool.balls_mm[name] for name in names])
-    off = stated_shape(1e3 * target_places(grid), stated_mm)
+    off = stated_shape(1e3 * places_m, stated_mm)
     allowed_mm = 10.0 * (options.apparatus_uncertainty_mm if measured.from_touches else 1.0)
     if off is None or off.largest_mm < max(allowed_mm, 5.0 * off.u_mm):
         # Distances do not show what is exchanged in a pair, or in a regular ring.
-        some = _some(grid)
-        order = stated_order(
-            Chain.of(arm).forward(some.states.q_rad), target_places(some), stated_mm
-        )
+        some = _spread(len(grid))
+        nominal = Chain.of(arm).forward(grid.states.q_rad[some])
+        order = stated_order(nominal, places_m[some], stated_mm)
         if order is not None:
             shown = "the nominal arm carries each of them where the other is stated to be"
             yield _exchanged(exchange_text(order, names), shown)
@@ -253,7 +354,6 @@ def _shape(
             what=f"target {names[off.target]} is not where it is stated to be: its distance from "
             f"another is {off.largest_mm:.3g} mm off, known to {off.u_mm:.2g} mm",
             remedy="check its stated place",
-            would_leave_mm=None,
         )
 
 
@@ -263,7 +363,6 @@ def _exchanged(swapped: str, shown: str) -> InputFinding:
         where=f"tool.balls_mm: {swapped}",
         what=f"the names of {swapped} seem exchanged: {shown}",
         remedy="exchange their stated places, or rename their columns",
-        would_leave_mm=None,
     )
 
 
@@ -293,17 +392,190 @@ def _temperature(
             what=f"{temperature_C:g} deg C is no usual temperature of a laboratory; in degrees "
             f"Fahrenheit it would be {fahrenheit_C:.0f} deg C",
             remedy=remedy,
-            would_leave_mm=None,
         )
 
 
-def measured_targets(grid: Observations) -> tuple[str, ...]:
-    """Return the names of the targets or balls that an instrument measured one by one."""
-    names = getattr(grid.measured, "names", ())
-    return tuple(names)
+# Signs, order and zeros of the joints: would much less error be left if they were changed?
+
+#: Misfit of the nominal arm, base and target fitted, that no departures explain [m].
+NOT_DEPARTURES_M = 0.01
+#: A change must leave so much less to be believed, by the nominal arm and by a calibrated one.
+NOMINAL_LEFT = 1.0 / 3.0
+CALIBRATED_LEFT = 0.4
+#: Masters of joints are never so far off [rad].
+NO_MASTERING_RAD = float(np.radians(1.0))
+#: A change that puts the nominal arm so much further off is not tried with a calibration.
+WORTH_TRYING = 3.0
+MOST_CHANGES = 3
+#: Error left over that of the stated noise above which the input is searched for a cause.
+ABOVE_NOISE = 5.0
+_MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
+_CHECK_ALL = "check robot, and order, signs, zeros and units of all joints"
 
 
-def target_places(grid: Observations) -> Array:
-    """Return where targets or balls were measured, (P, B, 3) [m]."""
-    balls = getattr(grid.measured, "p_instr_balls_m", None)
-    return grid.measured.places_m if balls is None else balls
+@dataclass(frozen=True)
+class _Change:
+    """A change of the joint columns."""
+
+    kind: str  # `joint_sign` or `joint_order`
+    joints: tuple[int, ...]  # from 1; the one that is reversed, or the two that are exchanged
+
+    def of(self, q: Array) -> Array:
+        """Return joint columns (P, n) with the change made."""
+        q, at = q.copy(), [joint - 1 for joint in self.joints]
+        if self.kind == "joint_sign":
+            q[:, at] *= -1.0
+        else:
+            q[:, at] = q[:, at[::-1]]
+        return q
+
+    @property
+    def text(self) -> str:
+        """Say what seems wrong."""
+        if self.kind == "joint_sign" and len(self.joints) > 1:
+            return "the signs of all joints are reversed"
+        if self.kind == "joint_sign":
+            return f"the sign of joint {self.joints[0]} is reversed"
+        return f"joints {self.joints[0]} and {self.joints[1]} are exchanged"
+
+    def where(self, words: OwnWords) -> str:
+        """Say which columns are meant."""
+        return ", ".join(words.joint(joint) for joint in self.joints)
+
+
+def _remedies(made: Sequence[_Change], checked: _Checked) -> str:
+    """Say what to state, so that the changes are made."""
+    signs, offsets, words = checked.signs, checked.offsets_deg, checked.words
+    order, moved = list(range(checked.arm.n)), ""
+    for change in made:
+        at = [joint - 1 for joint in change.joints]
+        if change.kind == "joint_sign":
+            for k in at:
+                signs[k], offsets[k] = -signs[k], -offsets[k]
+        else:
+            one, two = at
+            order[one], order[two] = order[two], order[one]
+            signs[one], signs[two] = signs[two], signs[one]
+            offsets[one], offsets[two] = offsets[two], offsets[one]
+            moved = moved or change.where(words)
+    remedies = []
+    if order != sorted(order):
+        units = np.where(checked.arm.prismatic, "mm", "deg")
+        names = [f"q{k + 1}_{units[k]}" for k in order]
+        own = words.key(names[0])
+        remedies.append(words.set_names(names) if own else f"exchange the columns {moved}")
+    if signs != checked.signs:
+        remedies.append(f"set joint_signs: [{', '.join(map(str, signs))}]")
+    if offsets != checked.offsets_deg:
+        remedies.append(_set_offsets(offsets))
+    also = "" if order != sorted(order) else ", or reverse the axis in the arm's description"
+    return " and ".join(remedies) + also
+
+
+def _set_offsets(offsets_deg: Sequence[float]) -> str:
+    return f"set joint_offsets_deg: [{', '.join(f'{each + 0.0:.6g}' for each in offsets_deg)}]"
+
+
+def _changes(arm: Arm) -> Iterator[_Change]:
+    yield _Change("joint_sign", tuple(range(1, arm.n + 1)))
+    for joint in range(1, arm.n + 1):
+        yield _Change("joint_sign", (joint,))
+    for joint in range(1, arm.n):
+        if arm.prismatic[joint - 1] == arm.prismatic[joint]:
+            yield _Change("joint_order", (joint, joint + 1))
+
+
+def _signs_and_order(checked: _Checked) -> tuple[InputFinding, ...]:
+    """Change signs and order of joints one after the other, as long as much less is left."""
+    q = checked.grid.states.q_rad
+    first_m = left_m = checked.nominal_misfit_m(q)
+    if first_m < NOT_DEPARTURES_M:
+        return ()
+    made: list[_Change] = []
+    for _ in range(MOST_CHANGES):
+        tried = [(checked.nominal_misfit_m(each.of(q)), each) for each in _changes(checked.arm)]
+        least_m, best = min(tried, key=lambda each: each[0])
+        if least_m > 0.7 * left_m:
+            break
+        q, left_m = best.of(q), least_m
+        made.append(best)
+    if left_m > NOMINAL_LEFT * first_m or left_m > max(NOT_DEPARTURES_M, 0.1 * first_m):
+        return ()
+    right = checked.puts_right(q, left_m)
+    return (_changed(made, checked, 1e3 * first_m, 1e3 * left_m, "the nominal arm fits to", right),)
+
+
+def _changed(
+    made: Sequence[_Change],
+    checked: _Checked,
+    now_mm: float,
+    left_mm: float,
+    fits: str,
+    right: bool,
+) -> InputFinding:
+    text = " and ".join(change.text for change in made)
+    then = "that is put right" if right else f"so, {STILL_WRONG}"
+    return InputFinding(
+        kind=made[0].kind,
+        where="; ".join(change.where(checked.words) for change in made),
+        what=f"{text}: {fits} {now_mm:.3g} mm as logged, {left_mm:.3g} mm if {then}",
+        remedy=_remedies(made, checked) if right else _CHECK_ALL,
+        would_leave_mm=left_mm,
+    )
+
+
+def _joint_zeros(checked: _Checked) -> tuple[InputFinding, ...]:
+    """Find the zero of a joint that is off by more than any mastering, by calibrating."""
+    arm, q = checked.arm, checked.grid.states.q_rad
+    first_m = checked.nominal_misfit_m(q)
+    found = None if first_m < NOT_DEPARTURES_M else checked.calibration(checked.payload)
+    if found is None:
+        return ()
+    names = [parameter.name for parameter in found.problem.model.parameters]
+    zeros = {
+        joint: float(found.fit.x[names.index(name)])
+        for joint in range(1, arm.n + 1)
+        if (name := f"delta_theta_{joint}") in names and not arm.prismatic[joint - 1]
+    }
+    joint = max(zeros, key=lambda each: abs(zeros[each]), default=0)
+    if not joint or abs(zeros[joint]) < NO_MASTERING_RAD:
+        return ()
+    moved = q.copy()
+    moved[:, joint - 1] += zeros[joint]
+    left_m = checked.nominal_misfit_m(moved)
+    if left_m > NOMINAL_LEFT * first_m:
+        return ()
+    right = checked.puts_right(moved, left_m)
+    off_deg, offsets = float(np.degrees(zeros[joint])), checked.offsets_deg
+    offsets[joint - 1] = round(offsets[joint - 1] + off_deg, 3)
+    then = "" if right else f", {STILL_WRONG}"
+    return (
+        InputFinding(
+            kind="joint_zero",
+            where=checked.words.joint(joint),
+            what=f"the zero of joint {joint} is {abs(off_deg):.3g} deg off: the nominal arm fits "
+            f"to {1e3 * first_m:.3g} mm as logged, {1e3 * left_m:.3g} mm without that{then}",
+            remedy=f"check the zero of this joint in the log, or {_set_offsets(offsets)}"
+            if right
+            else _CHECK_ALL,
+            would_leave_mm=1e3 * left_m,
+        ),
+    )
+
+
+def _small_signs(checked: _Checked) -> tuple[InputFinding, ...]:
+    """Try signs and order whose error departures partly take up, as of a wrist, by calibrating."""
+    q = checked.grid.states.q_rad
+    most_m, tried = WORTH_TRYING * checked.nominal_misfit_m(q), []
+    for change in _changes(checked.arm):
+        nominal_m = checked.nominal_misfit_m(change.of(q))
+        if nominal_m < most_m:
+            tried.append((checked.calibrated_mm(None, change.of(q))[0], nominal_m, change))
+    if not tried:
+        return ()
+    now_mm, _ = checked.calibrated_mm(None)
+    left_mm, nominal_m, best = min(tried, key=lambda each: each[0])
+    if not left_mm < CALIBRATED_LEFT * now_mm < np.inf:
+        return ()
+    right = checked.puts_right(best.of(q), nominal_m)
+    return (_changed([best], checked, now_mm, left_mm, "the arm calibrates to", right),)

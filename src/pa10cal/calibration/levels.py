@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.problem import Problem, Rows
-from pa10cal.frame.rigid_fit import PoseError, cross_matrix, pose_error
+from pa10cal.frame.rigid_fit import cross_matrix, pose_error
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
@@ -130,9 +130,7 @@ def fit_base_frame(
     relative = R_cmm @ R_base.transpose(0, 2, 1)
     d_moment += 0.5 * attitude_weight_m2 * _times_cross(relative, turn)
     turned = np.tensordot(R.T, d_moment, axes=1)
-    skew = np.stack(
-        [turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]
-    )
+    skew = np.stack([turned[j, i] - turned[i, j] for i, j in ((1, 2), (2, 0), (0, 1))])
     stretch = R.T @ moment
     omega = np.linalg.solve(np.trace(stretch) * np.eye(3) - stretch, skew)
     d_translation = R @ np.cross(mean_base[:, None], omega, axis=0) - R @ shift.mean(axis=0)
@@ -144,25 +142,14 @@ def _times_cross(matrices: Array, turns: Array) -> Array:
     count, k = len(matrices), turns.shape[2]
     products = matrices.reshape(count, 9).T @ turns.reshape(count, 3 * k)  # sums of A_ij w_l
     column = products.reshape(3, 3, 3, k)
-    return -np.stack(
-        [
-            column[:, 1, 2] - column[:, 2, 1],
-            column[:, 2, 0] - column[:, 0, 2],
-            column[:, 0, 1] - column[:, 1, 0],
-        ],
-        axis=1,
-    )
+    return -np.stack([column[:, i, j] - column[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], 1)
 
 
 # The base frame in the paper's parameters: origin and body-fixed rotations of the instrument.
 
-PARAMETERS = (
-    Parameter("base_p_cmm_x", "m", 1e-3),
-    Parameter("base_p_cmm_y", "m", 1e-3),
-    Parameter("base_p_cmm_z", "m", 1e-3),
-    Parameter("gamma_x", "rad", 1e-3),
-    Parameter("gamma_y", "rad", 1e-3),
-    Parameter("gamma_z", "rad", 1e-3),
+_PARAMETERS = (
+    *(Parameter(f"base_p_cmm_{axis}", "m", 1e-3) for axis in "xyz"),
+    *(Parameter(f"gamma_{axis}", "rad", 1e-3) for axis in "xyz"),
 )
 
 
@@ -186,17 +173,12 @@ def report_base(T_instr_base: Array) -> Report:
     jacobian[:3, :3] = -R_base_cmm
     jacobian[:3, 3:] = cross_matrix(origin)
     jacobian[3:, 3:] = -np.linalg.pinv(rates)  # singular where body-fixed y turns by 90 degrees
-    return Report(PARAMETERS, np.concatenate([origin, gamma]), jacobian)
+    return Report(_PARAMETERS, np.concatenate([origin, gamma]), jacobian)
 
 
 @dataclass(frozen=True)
 class TwoLevelRows(Rows):
-    """Rows of N poses at one point, through the inner level.
-
-    Attributes:
-        residual: (N, 6) position over r_max, then chord of the orientation.
-        jacobian: (N, 6, k) total derivative by the parameters.
-    """
+    """Rows of N poses at one point: position over r_max, chord of the orientation, (N, 6)."""
 
     # (N, 6, 6) derivative by the base frame: translation in the instrument's frame [m], then a
     # small right rotation
@@ -234,22 +216,20 @@ class TwoLevel:
         none = np.zeros(0)
         return Problem(model, none.astype(np.intp), none, T_instr_base, self.observations)
 
-    def base(self, x: Array) -> BaseFrame:
-        """Return the inner minimum for parameters x."""
-        return self._fit(self.model.predict(self.observations.states, x))
-
-    def residual(self, x: Array) -> Array:
-        """Return predicted less measured, (N, 6)."""
-        T_base_ee = self.model.predict(self.observations.states, x)
-        return self._residual(self._error(self._fit(T_base_ee), T_base_ee))
-
     def rows(self, x: Array) -> TwoLevelRows:
         """Return residuals and exact derivatives, by one inner solve."""
+        T_instr_target, inner = self.observations.measured.T_instr_target, self.inner_rows
         predicted = self.model.predict_with_jacobian(self.observations.states, x)
         T_base_ee, jacobian = predicted.T_base_ee, predicted.jacobian
-        base = self._fit(T_base_ee, jacobian)
+        base = fit_base_frame(
+            T_base_ee[inner],
+            T_instr_target[inner],
+            attitude_weight_m2=self.r_max_m**2,
+            jacobian=jacobian[inner],
+        )
         assert base.jacobian is not None
-        R, error = base.T_instr_base[:3, :3], self._error(base, T_base_ee)
+        R = base.T_instr_base[:3, :3]
+        error = pose_error(base.T_instr_base @ T_base_ee, T_instr_target)
         # R exp([omega]) p + t: the base moves the point by dt + (R omega) x (R p), turns it by R
         # omega.
         p = T_base_ee[:, :3, 3] @ R.T
@@ -261,19 +241,5 @@ class TwoLevel:
         total[:, :3] = (R / self.r_max_m) @ jacobian[:, :3]
         total[:, 3:] = by_base[:, 3:, 3:] @ jacobian[:, 3:]
         total += by_base @ base.jacobian
-        return TwoLevelRows(self._residual(error), total, by_base, base.T_instr_base, base.jacobian)
-
-    def _fit(self, T_base_ee: Array, jacobian: Array | None = None) -> BaseFrame:
-        rows = self.inner_rows
-        return fit_base_frame(
-            T_base_ee[rows],
-            self.observations.measured.T_instr_target[rows],
-            attitude_weight_m2=self.r_max_m**2,
-            jacobian=None if jacobian is None else jacobian[rows],
-        )
-
-    def _error(self, base: BaseFrame, T_base_ee: Array) -> PoseError:
-        return pose_error(base.T_instr_base @ T_base_ee, self.observations.measured.T_instr_target)
-
-    def _residual(self, error: PoseError) -> Array:
-        return np.concatenate([error.position_m / self.r_max_m, error.chord], axis=1)
+        residual = np.concatenate([error.position_m / self.r_max_m, error.chord], axis=1)
+        return TwoLevelRows(residual, total, by_base, base.T_instr_base, base.jacobian)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,9 +13,11 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import Solution
-from pa10cal.calibration.determined import FitSummary
 from pa10cal.calibration.general.fit import Fit
+from pa10cal.calibration.health import FitSummary
+from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.uncertainty import calibrated_parameters
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
@@ -82,15 +84,7 @@ def fit_keys(
     names: Sequence[str],
     covariance: Array,
 ) -> dict[str, Any]:
-    """Return what a record holds of every fit.
-
-    Args:
-        ended: where it ended.
-        model: the fitted model, and what it was fitted to.
-        parameters: all parameters by name.
-        names: of those of the covariance.
-        covariance: (k, k) theirs.
-    """
+    """Return what a record holds of every fit, with the covariance (k, k) of those named."""
     return {
         "status": "converged" if ended.converged else "not converged",
         "reason": ended.reason,
@@ -108,12 +102,7 @@ def case_keys(
 ) -> dict[str, Any]:
     """Return what the record of a load case holds whatever the model.
 
-    Args:
-        case: the load case.
-        ended: how the fit ended.
-        found: whether it is good.
-        model: the fitted model, and what it was fitted to.
-        grid: grid poses of every load, as the model takes them.
+    Residuals are those of the grid poses of every load, as the model takes them.
     """
     identified, left = ended.identifiability, model.deviations(grid)
     return {
@@ -128,7 +117,6 @@ def case_keys(
         "singular_values": identified.singular_values,
         "null_directions": unidentified_directions(identified, ended.parameters),
         "observability": observability(identified, len(ended.pose)),
-        # place, position and rotation residual along base axes
         "residuals": ResidualRows(
             pose=grid.pose,
             load_N=grid.states.load_N,
@@ -140,3 +128,19 @@ def case_keys(
         "seconds": None,
         "settings": case.options.model_dump(mode="json"),
     }
+
+
+def base_parameters(
+    T_instr_base: Array, covariance: Array, axes: Array, held: Collection[str] = ()
+) -> dict[str, CalibratedParameter]:
+    """Return the six parameters of the base frame, see `report_base`.
+
+    Args:
+        T_instr_base: (4, 4) the base frame.
+        covariance: (6, 6) of its six small motions.
+        axes: (3, 3) axes along which the base shifts by these, in the instrument's frame.
+        held: names of those that the data do not identify.
+    """
+    along = np.eye(6)
+    along[:3, :3] = axes
+    return calibrated_parameters(report_base(T_instr_base), along @ covariance @ along.T, held)

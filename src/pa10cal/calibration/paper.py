@@ -12,26 +12,20 @@ from pa10cal.calibration.calibrate import (
     Calibration,
     calibrate,
     fitted_model,
-    nominal_start,
     pull_beyond_bounds,
-    solve,
-    solve_one_level,
 )
-from pa10cal.calibration.determined import FitSummary
-from pa10cal.calibration.health import Errors, health, held_out_errors
-from pa10cal.calibration.levels import TwoLevel, report_base
-from pa10cal.calibration.load_case import LoadCase, case_keys, fit_keys
-from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.health import Evidence, FitSummary, health, names_of
+from pa10cal.calibration.levels import TwoLevel
+from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
     ErrorSources,
     align_nominal,
     calibrated_parameters,
-    deviations,
     gross_errors_of_repeats,
+    held_out_errors,
     scatter_of_repeats,
     summarise,
     summarise_by_load,
-    suspected_held_out,
     with_own_scatter,
 )
 from pa10cal.errors import CalibrationError
@@ -41,18 +35,15 @@ from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.pose import Pose
-from pa10cal.observe.quantities import Deviations
 from pa10cal.results.calibration import (
     CalibratedParameter,
     LinearFit,
-    OneLevel,
     PaperCalibrationRecord,
     PaperErrors,
     SeedDifference,
 )
 from pa10cal.results.health import Health
 from pa10cal.terms.joint_spring import baseline, nominal
-from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report
 
 #: Random postures at which it is found what no pose determines.
@@ -72,9 +63,7 @@ def paper_case(
 ) -> tuple[PaperCalibrationRecord, FittedModel]:
     """Compute a load case on two levels, with the paper's unknowns.
 
-    Args:
-        case: the load case.
-        T_instr_base_seed: (4, 4) about where the base is.
+    The seed (4, 4) is what the straight moves say of the base; it starts nothing.
 
     Raises:
         CalibrationError: when the instrument measures no poses, no grid pose has that load, or
@@ -102,36 +91,34 @@ def paper_case(
 
     cubic = calibrated(cubic=True)
     linear = calibrated(cubic=False) if joints else cubic
-    rigid, load_N = nominal(arm), grid.states.load_N
-    T_rigid = rigid.predict(grid.states, np.zeros(0))
-    before = summarise_by_load(deviations(T_rigid, align_nominal(rigid, grid), grid), load_N)
-    from_seed = summarise_by_load(deviations(T_rigid, T_instr_base_seed, grid), load_N)
-    after = summarise_by_load(model_deviations(cubic, grid), load_N)
-    noise = with_own_scatter(used, chosen, cubic.level.model, cubic.solution.x)
+    load_N, payload, rigid = grid.states.load_N, case.payload, nominal(arm)
+    model, linear_model = fitted_model(cubic, payload), fitted_model(linear, payload)
+    before, from_seed = (
+        summarise_by_load(FittedModel(rigid, np.zeros(0), T).deviations(grid), load_N)
+        for T in (align_nominal(rigid, grid), T_instr_base_seed)
+    )
+    noise = with_own_scatter(used, chosen, model.model, model.x)
     stated = poses_of(every, "grid", average=False, covariance="instrument").take(rows)
     ended = _fit_summary(cubic, noise)
     found = _health(case, cubic, ended, noise, stated)
-    about, payload = FittedTo.of(used, case.load, found, campaign), case.payload
-    model = replace(fitted_model(cubic, payload), fitted_to=about)
+    about = FittedTo.of(used, case.load, found, campaign)
+    model, linear_model = (replace(each, fitted_to=about) for each in (model, linear_model))
     away = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base
     seed_angle_deg = float(np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1))))
     record = PaperCalibrationRecord(
         **case_keys(case, ended, found, model, grid),
         **_paper_fit_keys(cubic, model),
         errors={
-            load: PaperErrors(
-                before=before[load], before_seed_frame=from_seed[load], after=after[load]
-            )
-            for load in after
+            load: PaperErrors(before=before[load], before_seed_frame=from_seed[load], after=after)
+            for load, after in summarise_by_load(model.deviations(grid), load_N).items()
         },
         inner_poses=cubic.inner_poses,
-        one_level=_one_level(cubic, T_instr_base_seed, options),
         seed_difference=SeedDifference(
             angle_deg=seed_angle_deg, distance_mm=float(1e3 * np.linalg.norm(away[:3, 3]))
         ),
         linear=LinearFit(
-            **_paper_fit_keys(linear, replace(fitted_model(linear, payload), fitted_to=about)),
-            after=summarise_by_load(model_deviations(linear, grid), load_N),
+            **_paper_fit_keys(linear, linear_model),
+            after=summarise_by_load(linear_model.deviations(grid), load_N),
         ),
         warnings=_warnings(cubic, found, seed_angle_deg),
     )
@@ -139,14 +126,16 @@ def paper_case(
 
 
 def _paper_fit_keys(calibration: Calibration, model: FittedModel) -> dict[str, Any]:
-    report = calibration.level.model.report(calibration.solution.x)
+    report = model.model.report(model.x)
+    by_solved, of_solved = report.jacobian, calibration.covariance[:-6, :-6]
+    names = [parameter.name for parameter in report.parameters]
     return {
         **fit_keys(
             calibration.solution,
             model,
             parameter_records(calibration),
-            [parameter.name for parameter in report.parameters],
-            report.jacobian @ calibration.covariances.parameters @ report.jacobian.T,
+            names,
+            by_solved @ of_solved @ by_solved.T,
         ),
         "starts": len(calibration.starts),
         "starts_agreeing": calibration.starts_agreeing,
@@ -156,11 +145,11 @@ def _paper_fit_keys(calibration: Calibration, model: FittedModel) -> dict[str, A
 def parameter_records(calibration: Calibration) -> dict[str, CalibratedParameter]:
     """Return every parameter with value, standard uncertainty, unit and tolerance."""
     outer = calibration.level.model.report(calibration.solution.x)
-    covariances = calibration.covariances
+    covariance, T_instr_base = calibration.covariance, calibration.T_instr_base
     held, at_bound = calibration.not_identifiable, _at_bound(calibration, outer)
     return {
-        **calibrated_parameters(outer, covariances.parameters, held, at_bound),
-        **calibrated_parameters(report_base(calibration.T_instr_base), covariances.base),
+        **calibrated_parameters(outer, covariance[:-6, :-6], held, at_bound),
+        **base_parameters(T_instr_base, covariance[-6:, -6:], T_instr_base[:3, :3]),
     }
 
 
@@ -202,40 +191,7 @@ def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:
     held = np.flatnonzero(calibration.solution.at_bound)
     touched = np.abs(report.jacobian[:, held]).sum(axis=1) > 0
     at_zero = touched & (report.values == 0.0)
-    names = (parameter.name for parameter in report.parameters)
-    flagged = at_zero if at_zero.any() else touched
-    return frozenset(name for name, is_held in zip(names, flagged, strict=True) if is_held)
-
-
-def model_deviations(calibration: Calibration, poses: Observations[Pose]) -> Deviations:
-    """Return predicted minus measured of a calibrated model."""
-    T_base_ee = calibration.level.model.predict(poses.states, calibration.solution.x)
-    return deviations(T_base_ee, calibration.T_instr_base, poses)
-
-
-def _one_level(
-    cubic: Calibration, T_instr_base_seed: Array, options: CalibrationOptions
-) -> OneLevel:
-    """Solve on one level from the seed, and on two with all poses inside."""
-    level, terms = cubic.level, cubic.terms
-    start = nominal_start(level.model)
-    one = solve_one_level(level, T_instr_base_seed, start, terms, options.max_iterations)
-    x = one.x[:-6]
-    all_inside = replace(level, inner_rows=np.arange(len(level.observations)))
-    two = solve(all_inside, start, terms, options.max_iterations)
-    names = [parameter.name for parameter in level.model.parameters]
-    known = np.array([name not in cubic.not_identifiable for name in names])
-    # A parameter counts by its value, or by its scale where that is larger.
-    size = np.maximum(np.abs(two.x), level.model.scale)
-    T_base_ee = level.model.predict(level.observations.states, x)
-    found = deviations(T_base_ee, all_inside.base(x).T_instr_base, level.observations)
-    std = np.sqrt(np.diag(cubic.covariances.parameters))
-    shift = np.where(known, (x - cubic.solution.x) / np.where(std > 0, std, 1.0), 0.0)
-    return OneLevel(
-        largest_difference=float((np.abs(x - two.x) / size)[known].max()),
-        mean_mm=float(found.distance_mm.mean()),
-        shift_over_std=dict(zip(names, shift.tolist(), strict=True)),
-    )
+    return frozenset(names_of(report.parameters, at_zero if at_zero.any() else touched))
 
 
 def _fit_summary(cubic: Calibration, noise: Observations[Pose]) -> FitSummary:
@@ -243,26 +199,25 @@ def _fit_summary(cubic: Calibration, noise: Observations[Pose]) -> FitSummary:
     level, solution = cubic.level, cubic.solution
     whole, x = level.one_level(cubic.T_instr_base), np.concatenate([solution.x, np.zeros(6)])
     jacobian = whole.rows(x).jacobian
-    hidden = _hidden(whole, x)
+    hidden, last = _hidden(whole, x), f"_{level.model.chain.arm.n}"
+    # The departures of the last row hold how the apparatus is mounted as well.
+    names = (each.name for each in level.parameters)
+    of_row = {each for each in names if each.startswith("delta_") and each.endswith(last)}
     return FitSummary(
         converged=solution.converged,
         reason=solution.reason,
         iterations=solution.iterations,
-        at_bound=tuple(
-            parameter.name
-            for parameter, at_bound in zip(level.model.parameters, solution.at_bound, strict=True)
-            if at_bound
-        ),
+        at_bound=names_of(level.parameters, solution.at_bound),
         pose=level.observations.pose,
         parameters=whole.parameters,
-        covariance=cubic.covariances.together(cubic.T_instr_base),
+        covariance=cubic.covariance,
         identifiability=cubic.identifiability,
         white=np.linalg.inv(np.linalg.cholesky(noise.measured.cov)) @ jacobian,
         position=jacobian[:, :3],
         not_identifiable=cubic.not_identifiable,
         x=x,
         hidden=hidden,
-        of_mounting=hidden | _of_last_row(level.model),
+        of_mounting=hidden | of_row,
     )
 
 
@@ -281,14 +236,8 @@ def _health(
     )
     held_out, off = poses_of(case.every, "holdout"), None
     if len(held_out):
-        off = held_out_errors(
-            model_deviations(cubic, held_out),
-            used,
-            held_out,
-            replace(whole, observations=held_out).rows(ended.x).jacobian[:, :3],
-            ended.covariance,
-            suspected_held_out(case.every, model),
-        )
+        position = replace(whole, observations=held_out).rows(ended.x).jacobian[:, :3]
+        off = held_out_errors(model, case.every, used, held_out, position, ended.covariance)
     scatter, findings = scatter_of_repeats(stated, model), case.findings
     if scatter:
         usual_mm = 1e3 * scatter[0].found * np.sqrt(3.0 * np.mean(1.0 / used.readings))
@@ -296,9 +245,9 @@ def _health(
     jacobian = whole.rows(ended.x).jacobian
     u_apparatus_m = 1e-3 * case.options.apparatus_uncertainty_mm
     return health(
-        ended,
-        Errors(
-            train_rms_mm=summarise(model_deviations(cubic, used)).rms_mm,
+        Evidence(
+            ended=ended,
+            train_rms_mm=summarise(model.deviations(used)).rms_mm,
             held_out=off,
             noise_mm=noise_mm,
             spread_mm=used.measured.spread_mm,
@@ -338,14 +287,4 @@ def _hidden(problem: Problem, x: Array) -> frozenset[str]:
     )
     rows = replace(problem, observations=observations.with_states(drawn)).rows(x).jacobian
     rank = identify(rows.reshape(-1, len(x)), problem.scale)
-    names = {parameter.name for parameter in problem.parameters}
-    return not_identifiable(rank, problem.parameters) & names
-
-
-def _of_last_row(model: Model) -> frozenset[str]:
-    """Return the departures of the last row, which hold how the apparatus is mounted as well."""
-    return frozenset(
-        parameter.name
-        for parameter in model.parameters
-        if parameter.name.startswith("delta_") and parameter.name.endswith(f"_{model.chain.arm.n}")
-    )
+    return not_identifiable(rank, problem.parameters)

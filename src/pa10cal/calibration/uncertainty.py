@@ -36,13 +36,6 @@ from pa10cal.terms.term import Report
 # Position and orientation error of predicted poses, as the paper states them.
 
 
-def deviations(
-    T_base_ee: Array, T_instr_base: Array, observations: Observations[Pose]
-) -> Deviations:
-    """Compare predicted with measured poses."""
-    return observations.measured.deviations(T_base_ee, T_instr_base, np.zeros(0))
-
-
 def summarise(found: Deviations, rows: NDArray[np.bool_] | slice = slice(None)) -> Accuracy:
     """Summarise deviations over some rows."""
     distance, angle = found.distance_mm[rows], found.angle_deg
@@ -99,13 +92,9 @@ def align_nominal(nominal: Model, observations: Observations[Pose]) -> Array:
 
 
 def suspected_held_out(every: Observations, model: FittedModel) -> NDArray[np.bool_]:
-    """Return which averaged held-out poses have a suspected reading, (H,).
+    """Return which averaged held-out poses have a suspected reading, (H,), by single readings.
 
     The evaluation tells them by the same rule.
-
-    Args:
-        every: single readings of all kinds.
-        model: the calibrated model.
     """
     single, fitted = every.of_kind("holdout"), every.of_kind("grid")
     if not len(single):
@@ -115,24 +104,44 @@ def suspected_held_out(every: Observations, model: FittedModel) -> NDArray[np.bo
 
 
 @dataclass(frozen=True)
-class Covariances:
-    """Covariances of an estimate."""
+class HeldOut:
+    """Remaining errors of held-out poses."""
 
-    parameters: Array  # (k, k) of the outer parameters
-    # (6, 6) of the base frame: translation along the instrument's axes [m], small right rotation
-    # [rad]
-    base: Array
-    cross: Array  # (k, 6) of the outer parameters with the base frame
+    accuracy: Accuracy  # the errors
+    u_mm: float | None = None  # standard uncertainty of the predictions there; None where not known
+    repeats: float = 1.0  # readings behind a held-out pose over those behind a fitted one
+    suspected: int = 0  # further held-out poses, with a suspected reading, that do not count
 
-    def together(self, T_instr_base: Array) -> Array:
-        """Return the covariance (k + 6, k + 6) of parameters and small motions of the base.
 
-        The base's motions are along and about its own axes, as those of the chain are.
-        """
-        along = np.eye(6)
-        along[:3, :3] = T_instr_base[:3, :3].T
-        cross = self.cross @ along.T
-        return np.block([[self.parameters, cross], [cross.T, along @ self.base @ along.T]])
+def held_out_errors(
+    model: FittedModel,
+    every: Observations,
+    fitted: Observations,
+    held_out: Observations,
+    position: Array,
+    cov: Array,
+) -> HeldOut:
+    """Return the errors of held-out poses, with what they are to be compared with.
+
+    Those with a suspected reading do not count, unless all have one.
+
+    Args:
+        model: the calibrated model.
+        every: single readings of all kinds.
+        fitted, held_out: averaged poses, P of them held out.
+        position: (P, c, k) derivative of the predicted positions of those held out [m].
+        cov: (k, k) of the parameters.
+    """
+    suspected = suspected_held_out(every, model)
+    rest = ~suspected | suspected.all()
+    position = position[rest]
+    variance = np.einsum("pck,kl,pcl->p", position, cov, position, optimize=True)
+    return HeldOut(
+        accuracy=summarise(model.deviations(held_out), rest),
+        u_mm=float(1e3 * np.sqrt(np.mean(np.maximum(variance, 0.0)))),
+        repeats=float(np.mean(1.0 / fitted.readings) / np.mean(1.0 / held_out.readings[rest])),
+        suspected=int((~rest).sum()),
+    )
 
 
 @dataclass(frozen=True)
@@ -175,7 +184,7 @@ def propagate(
     terms: Array,
     r_max_m: float,
     u_apparatus_m: float,
-) -> Covariances:
+) -> Array:
     """Propagate the errors of the measured poses to the estimate.
 
     Args:
@@ -185,6 +194,10 @@ def propagate(
         terms: (r, k) tolerance rows of the solve.
         r_max_m: length that normalises positions.
         u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
+
+    Returns:
+        Covariance (k + 6, k + 6) of the parameters and of six small motions of the base, along and
+        about its own axes, as those of the chain are.
     """
     J, by_base = at_solution.jacobian, at_solution.by_base
     k = J.shape[2]
@@ -206,9 +219,10 @@ def propagate(
     noise = observations.measured.cov * np.outer(unit, unit)
     common = observations.measured.by_apparatus * unit[:, None]
     both = np.concatenate([influence, base_influence], axis=1)
+    both[:, k : k + 3] = at_solution.T_instr_base[:3, :3].T @ both[:, k : k + 3]
     moved = u_apparatus_m * np.einsum("nai,nij->aj", both, common, optimize=True)
-    whole = np.einsum("nai,nij,nbj->ab", both, noise, both, optimize=True) + moved @ moved.T
-    return Covariances(parameters=whole[:k, :k], base=whole[k:, k:], cross=whole[:k, k:])
+    covariance = np.einsum("nai,nij,nbj->ab", both, noise, both, optimize=True)
+    return np.asarray(covariance + moved @ moved.T, dtype=np.float64)
 
 
 # Parameters as readers know them.
@@ -328,6 +342,5 @@ def gross_errors_of_repeats(mean_square_mm: float, usual_mm: float) -> tuple[Inp
             where="repeated poses",
             remedy="look for exchanged labels and gross errors among them",
             kind="outlier",
-            would_leave_mm=None,
         ),
     )

@@ -97,7 +97,7 @@ def run(
     config = {key: json.dumps(value) for key, value in over.items()}
     config |= {"raw_dir": str(raw), "results_dir": str(out)}
     if prior is not None:
-        from pa10cal.calibration.general.prior import refuse_unsound
+        from pa10cal.calibration.general.other_campaign import refuse_unsound
         from pa10cal.fit.fitted_model import load_model
         from pa10cal.fit.model_file import file_of
 

@@ -29,7 +29,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_torque import JointCompliance
+from pa10cal.terms.effects.joint import JointCompliance
 from pa10cal.terms.effects.structure import BaseCompliance, LinkEffect
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model

@@ -12,7 +12,7 @@ from pa10cal.discovery.gates import harmless, unfit
 from pa10cal.discovery.short_forms import Proposal, choose
 from pa10cal.discovery.verdict import MAP, Searched
 from pa10cal.terms.effects.effect import Effect, joint_of, turning_joints
-from pa10cal.terms.effects.joint_angle import PeriodicError
+from pa10cal.terms.effects.joint import PeriodicError
 from pa10cal.terms.forms.catalogue import all_around, forms_at
 from pa10cal.terms.forms.form import Form
 

@@ -28,7 +28,7 @@ from pa10cal.results.discovery import Unexplained
 from pa10cal.results.evaluation import BeforeAfter
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.effects.in_time import BaseDrift
-from pa10cal.terms.effects.joint_angle import ArrivalError, Backlash, GearRatioError
+from pa10cal.terms.effects.joint import ArrivalError, Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.weights import Weights
 

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.calibration.determined import FitSummary
-from pa10cal.calibration.health import Errors, HeldOut, health
+from pa10cal.calibration.health import Evidence, FitSummary, health
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.load_case import COMBINED, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.calibration.uncertainty import (
+    HeldOut,
     calibrated_parameters,
     reported_keys,
     summarise,
@@ -138,7 +138,8 @@ def calibrate_with(
             repeats=repeats,
             suspected=len(campaign.held_out) - len(away),
         )
-    errors = Errors(
+    evidence = Evidence(
+        ended=_summary(fitted, used, whitener, covariance),
         train_rms_mm=summarise(deviations, ~flagged).rms_mm,
         held_out=held_out,
         suspected_outliers=int(flagged.sum()),
@@ -147,14 +148,13 @@ def calibrate_with(
         spread_mm=used.measured.spread_mm,
         wanted_mm=wanted_mm,
     )
-    summary = _summary(fitted, used, whitener, covariance)
     return CalibratedWith(
         model=calibrated,
         poses=poses,
         found=deviations,
         flagged=flagged,
-        ended=summary,
-        health=health(summary, errors),
+        ended=evidence.ended,
+        health=health(evidence),
     )
 
 

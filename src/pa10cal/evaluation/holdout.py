@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arrays import Array
-from pa10cal.calibration.general.transfer import refit_frames, with_tool_of
+from pa10cal.calibration.general.other_campaign import refit_frames, with_tool_of
 from pa10cal.calibration.uncertainty import summarise, summarise_by_load
 from pa10cal.discovery.finding import steps_told
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time

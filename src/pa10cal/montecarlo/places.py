@@ -14,7 +14,7 @@ nominal geometry.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,26 +47,6 @@ class Places:
     p_base_m: Array  # (P, 2) x and y of the flange in the base frame
     q_rad: Array  # (P, n) joint positions there
     rejected: int  # places left out because the arm cannot reach them
-
-
-def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, float]) -> Reference:
-    """Return the posture for a plane, found as near the middle of the reach as can be.
-
-    Raises:
-        SettingsError: when no place of the plane can be reached.
-    """
-    near, far = reach_m
-    radii = near + (far - near) * np.array([0.5, 0.25, 0.75, 0.0, 1.0])
-    reference = find_reference(chain, radii, height_m)
-    if reference is None:
-        raise SettingsError(
-            f"{chain.arm.name} cannot reach this plane with its flange pointing down",
-            where="montecarlo.planes_mm (--plane-mm)",
-            value=round(1e3 * height_m),
-            allowed=f"heights reachable at {near} to {far} m from the base axis",
-            remedy="choose another plane, or change montecarlo.reach_m",
-        )
-    return reference
 
 
 def draw_places(
@@ -163,16 +143,20 @@ class Postures:
     reached: NDArray[np.bool_]
 
 
-def find_reference(chain: Chain, radii_m: Array, height_m: float) -> Reference | None:
-    """Search the posture at azimuth zero, at the first of the radii where there is one.
+def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, float]) -> Reference:
+    """Search the posture for a plane, at azimuth zero, as near the middle of the reach as can be.
 
     Starts are spread over the joint ranges. Where the search ends counts first by how near the
-    place it is, then by how near the middle of the ranges. None when no radius can be reached.
+    place it is, then by how near the middle of the ranges.
+
+    Raises:
+        SettingsError: when no place of the plane can be reached.
     """
     low, high = chain.arm.limits_rad.T
     starts = np.random.default_rng(0).uniform(low, high, (_STARTS, chain.arm.n))
     starts[0] = (low + high) / 2.0
-    for radius_m in radii_m:
+    near, far = reach_m
+    for radius_m in near + (far - near) * np.array([0.5, 0.25, 0.75, 0.0, 1.0]):
         place = np.array([radius_m, 0.0, height_m])
         q_rad = starts
         for _ in range(_SEARCH_STEPS):
@@ -180,12 +164,22 @@ def find_reference(chain: Chain, radii_m: Array, height_m: float) -> Reference |
             q_rad = _step(q_rad, residual, jacobian, low, high)
         residual, _ = _search_residual(chain, q_rad, place)
         best = int(np.argmin(np.linalg.norm(residual, axis=1)))
-        T_base_ee = chain.forward(q_rad[best : best + 1])[0]
-        rough = Reference(q_rad[best], float(radius_m), height_m, _pointing_down(T_base_ee[:3, :3]))
+        # The axis straight down, the heading as it is.
+        x = chain.forward(q_rad[best : best + 1])[0, :3, 0] * [1.0, 1.0, 0.0]
+        x /= np.linalg.norm(x)
+        z = np.array([0.0, 0.0, -1.0])
+        down = np.stack([x, np.cross(z, x), z], axis=1)
+        rough = Reference(q_rad[best], float(radius_m), height_m, down)
         exact = follow(chain, rough, np.array([radius_m]), np.array([0.0]))
         if exact.reached[0]:
-            return Reference(exact.q_rad[0], rough.radius_m, height_m, rough.R_base_ee)
-    return None
+            return replace(rough, q_rad=exact.q_rad[0])
+    raise SettingsError(
+        f"{chain.arm.name} cannot reach this plane with its flange pointing down",
+        where="montecarlo.planes_mm (--plane-mm)",
+        value=round(1e3 * height_m),
+        allowed=f"heights reachable at {near} to {far} m from the base axis",
+        remedy="choose another plane, or change montecarlo.reach_m",
+    )
 
 
 def follow(chain: Chain, reference: Reference, radius_m: Array, azimuth_rad: Array) -> Postures:
@@ -251,11 +245,3 @@ def _step(q_rad: Array, residual: Array, jacobian: Array, low: Array, high: Arra
     step = np.linalg.solve(normal, transposed @ residual[:, :, None])[:, :, 0]
     moved: Array = q_rad + np.clip(step, -_LONGEST_STEP_RAD, _LONGEST_STEP_RAD)
     return moved.clip(low, high)
-
-
-def _pointing_down(R_base_ee: Array) -> Array:
-    """Return the orientation with the axis straight down and the same heading."""
-    x = R_base_ee[:, 0] * [1.0, 1.0, 0.0]
-    x /= np.linalg.norm(x)
-    z = np.array([0.0, 0.0, -1.0])
-    return np.stack([x, np.cross(z, x), z], axis=1)

@@ -1,4 +1,4 @@
-"""The Monte Carlo of one plane (paper, Section II.D): places, draws, closed form, map."""
+"""The Monte Carlo of one plane (paper, Section II.D): draws, closed form, map."""
 
 from __future__ import annotations
 
@@ -16,16 +16,281 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
-from pa10cal.montecarlo.displacement import (
-    DisplacementBlock,
-    DisplacementPlan,
-    joint_motion,
-    plan_displacement,
-)
 from pa10cal.montecarlo.places import draw_places, grid_places, reference_in_plane
 from pa10cal.options import MonteCarloOptions
 from pa10cal.results.studies import Convergence, PlaneMap, PlaneRecord
 from pa10cal.results.studies import Places as PlacesDrawn
+
+# The displacement of the flange under finite joint errors, as products of rows and one matrix.
+#
+# Joint i turns all that lies beyond it about its axis ẑ by its error δ. If the joints further out
+# have displaced the flange by u, and v runs from the axis to the flange, joint i adds
+#
+#     sin δ ẑ×(v + u) + (1 - cos δ) ẑ×(ẑ×(v + u)),
+#
+# which is exact: nothing is linearised. So the displacement is a constant matrix, in which stands
+# all that belongs to the pose, times rows that change with every draw: sin δ and 1 - cos δ of the
+# joints, and their products with the components of u across the axis. u is computed from the tip
+# inwards; it is small, so no digits are lost. Four simplifications, all exact:
+#
+# - the length of a displacement does not depend on the link it is seen from. Seen from a link in
+#   the middle, the tip moves by the joints beyond that link, and the point where the flange should
+#   be moves by the joints before it, turned backwards: two short chains instead of a long one;
+# - consecutive joints with parallel axes act as one that turns by the sum of their errors; each
+#   link between them turns by a partial sum;
+# - a component of u that vanishes in every pose takes no product (axes at right angles);
+# - outermost joints whose axes pass through the point do not move it (their errors are drawn all
+#   the same).
+
+#: The series leaves out δ⁴/24 of 1 - cos δ and δ⁵/120 of sin δ; it serves while the former, of
+#: an angle this many standard deviations long, stays below `_LEFT_OUT`: a longer angle comes once
+#: in 1e15 draws.
+_LONGEST_SIGMAS = 8.0
+_LEFT_OUT = 1e-12
+#: A joint that moves the flange by less than this per radian does not move it [m].
+_STILL_M = 1e-13
+#: Axes whose sine of the angle between is below this are parallel; a part of a displacement below
+#: this [m for one radian] vanishes.
+_PARALLEL = 1e-14
+
+
+def series_is_exact(sigma_rad: float, most_added: int) -> bool:
+    """Return whether `turns` may take the series for angles that are sums of random errors.
+
+    Args:
+        sigma_rad: standard deviation of one joint's error.
+        most_added: how many independent errors at most are added into one angle.
+    """
+    longest = _LONGEST_SIGMAS * np.sqrt(most_added) * sigma_rad
+    return bool(longest**4 / 24.0 <= _LEFT_OUT)
+
+
+def turns(normals: Array, versine: Array, work: Array, sigma_rad: float, *, series: bool) -> None:
+    """Replace normals z by sin σz, and write 1 - cos σz, in few passes over memory.
+
+    Args:
+        normals, versine, work: arrays of one shape.
+        sigma_rad: standard deviation σ of one joint's error.
+        series: whether by σz - (σz)³/6 and (σz)²/2, which `refine` makes exact for sums of errors;
+            else by numpy's sine, with 1 - cos δ = 2 sin²(δ/2).
+    """
+    if series:
+        np.square(normals, work)
+        np.multiply(work, sigma_rad**2 / 2.0, versine)
+        np.multiply(work, -(sigma_rad**3) / 6.0, work)
+        np.add(work, sigma_rad, work)
+        np.multiply(normals, work, normals)
+        return
+    np.multiply(normals, 0.5 * sigma_rad, work)
+    np.sin(work, work)
+    np.square(work, versine)
+    np.multiply(versine, 2.0, versine)
+    np.multiply(normals, sigma_rad, normals)
+    np.sin(normals, normals)
+
+
+def refine(versine: Array, work: Array) -> None:
+    """Add the next term to 1 - cos δ by the series: δ²/2 - δ⁴/24."""
+    np.square(versine, work)
+    np.multiply(work, 1.0 / 6.0, work)
+    np.subtract(versine, work, versine)
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """What each joint does to the flange at P positions of the arm."""
+
+    axes: Array  # (P, n, 3) unit vectors of the joint axes, in the base frame
+    jacobian: Array  # (P, 3, n) velocity of the flange by each joint [m/rad], in the base frame
+
+
+def joint_motion(chain: Chain, q_rad: Array) -> JointMotion:
+    """Return axes and Jacobian at joint positions (P, n) of an arm whose joints all turn."""
+    screws = chain.forward_with_screws(q_rad).screws[:, :, chain.joint_columns]
+    return JointMotion(axes=screws[:, 3:].transpose(0, 2, 1), jacobian=screws[:, :3])
+
+
+@dataclass(frozen=True)
+class Product:
+    """One component of a displacement, times sine and versine of the next joint inwards."""
+
+    # (P, rows) matrix of the component; None where it is one row as it stands
+    component: Array | None
+    rows: slice  # the rows it is made of, or that row
+    joint: int  # the joint whose sine and versine multiply it
+    into: tuple[int, int]  # the rows that hold the two products
+
+
+Groups = tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True)
+class DisplacementPlan:
+    """Everything constant in the displacement of the flange at P positions.
+
+    The rows are: sines of all n joints, versines of those up to the last that moves something,
+    products.
+    """
+
+    sigma_rad: float  # standard deviation of the error of a joint
+    joints: int  # n, all of which are drawn
+    moving: int  # how many of them, from the base outwards, may move the flange
+    # for the two chains that meet at the link from which the displacement is seen, to the tip and
+    # to the base: groups of joints with parallel axes that follow each other, from that link
+    # outwards. Joints that move nothing are omitted.
+    chains: tuple[Groups, Groups]
+    products: tuple[Product, ...]  # in the order they are computed
+    matrix: Array  # (P, 3, rows) from rows to displacements [m]
+
+    @property
+    def added(self) -> list[tuple[int, int]]:
+        """Pairs of joints: the error of the first is added to that of the second, in this order."""
+        return [
+            pair for chain in self.chains for group in chain for pair in itertools.pairwise(group)
+        ]
+
+    @property
+    def passes(self) -> int:
+        """How often, roughly, memory is passed over beyond what every plan does."""
+        components = sum(product.component is not None for product in self.products)
+        return 3 * components + 6 * len(self.products) + 4 * len(self.added)
+
+
+def plan_displacement(motion: JointMotion, sigma_rad: float) -> DisplacementPlan:
+    """Lay out the displacement for joint errors of `sigma_rad` at the given positions."""
+    links = range(motion.axes.shape[1] + 1)
+    return min((_seen_from(motion, link, sigma_rad) for link in links), key=lambda p: p.passes)
+
+
+def _seen_from(motion: JointMotion, link: int, sigma_rad: float) -> DisplacementPlan:
+    """Lay out the displacement as it is seen from a link, before which so many joints lie."""
+    n = motion.axes.shape[1]
+    chains = (
+        _groups(motion, list(range(link, n))),
+        _groups(motion, list(range(link))[::-1]),
+    )
+    moving = 1 + max((joint for chain in chains for group in chain for joint in group), default=-1)
+    products: list[Product] = []
+    # Seen from the link, the joints before it turn the other way.
+    tip = _displacement(motion, chains[0], 1.0, moving, products)
+    base = _displacement(motion, chains[1], -1.0, moving, products)
+    used = n + moving + 2 * len(products)
+    matrix = np.ascontiguousarray((tip - base)[:, :, :used])
+    return DisplacementPlan(sigma_rad, n, moving, chains, tuple(products), matrix)
+
+
+def _displacement(
+    motion: JointMotion, chain: Groups, sign: float, moving: int, products: list[Product]
+) -> Array:
+    """Return (P, 3, rows): the point moved by the groups of a chain, in the base frame.
+
+    Products that this takes are appended to those there are.
+    """
+    positions, n = motion.axes.shape[:2]
+    u = np.zeros((positions, 3, n + moving + 4 * n * n))
+    for group in reversed(chain):
+        axis = sign * motion.axes[:, group[0]]
+        for turned, component, rows in _across(u, axis):
+            first = n + moving + 2 * len(products)
+            u[:, :, first], u[:, :, first + 1] = turned, np.cross(axis, turned)
+            products.append(Product(component, rows, group[-1], (first, first + 1)))
+        velocity = sign * motion.jacobian[:, :, group]
+        links = velocity.copy()
+        links[:, :, :-1] -= velocity[:, :, 1:]
+        u[:, :, group] += links
+        u[:, :, [n + joint for joint in group]] += np.cross(axis[:, :, None], links, axis=1)
+    return u
+
+
+def _across(u: Array, axis: Array) -> list[tuple[Array, Array | None, slice]]:
+    """Return the components of a displacement across an axis (P, 3).
+
+    Returns:
+        Of each: ẑ× its direction (P, 3), its matrix (P, rows) or None for one row, and the rows.
+    """
+    turned = np.cross(axis[:, :, None], u, axis=1)
+    found = np.flatnonzero(np.abs(turned).max(axis=(0, 1)) > _PARALLEL)
+    if not len(found):
+        return []
+    step = int(found[1] - found[0]) if len(found) == 2 else 1
+    rows = slice(int(found[0]), int(found[-1]) + 1, step)
+    directions, sizes, components = np.linalg.svd(turned[:, :, rows], full_matrices=False)
+    count = int((sizes > _PARALLEL).sum(axis=1).max())
+    if len(found) <= count:
+        return [(turned[:, :, row], None, slice(row, row + 1)) for row in found.tolist()]
+    components = sizes[:, :, None] * components
+    return [
+        (directions[:, :, k], np.ascontiguousarray(components[:, k]), rows) for k in range(count)
+    ]
+
+
+def _groups(motion: JointMotion, joints: list[int]) -> Groups:
+    """Split joints, given from a link outwards, where neighbouring axes are not parallel."""
+    moves = np.linalg.norm(motion.jacobian, axis=1).max(axis=0) > _STILL_M
+    while joints and not moves[joints[-1]]:
+        joints = joints[:-1]
+    groups: list[tuple[int, ...]] = []
+    for joint in joints:
+        if groups and _parallel(motion.axes[:, groups[-1][-1]], motion.axes[:, joint]):
+            groups[-1] = (*groups[-1], joint)
+        else:
+            groups.append((joint,))
+    return tuple(groups)
+
+
+def _parallel(one: Array, other: Array) -> bool:
+    """Return whether two axes (P, 3) point the same way at every position."""
+    apart = np.linalg.norm(np.cross(one, other), axis=1)
+    return bool((apart < _PARALLEL).all() and (np.sum(one * other, axis=1) > 0).all())
+
+
+class DisplacementBlock:
+    """One block of cycles: from drawn normals to lengths of displacements, without allocating.
+
+    Attributes:
+        normals: (n, cycles), one row a joint: to be filled with standard normals before every
+            `displace`, which uses it up.
+        error_m: (cycles,) lengths of the displacements, after `displace`.
+    """
+
+    def __init__(self, plan: DisplacementPlan, cycles: int) -> None:
+        n, moving, used = plan.joints, plan.moving, plan.matrix.shape[2]
+        # A block fills the processor's cache: products and displacement are written over work.
+        rows = np.zeros((max(used + 4, n + 2 * moving), cycles))
+        self._plan, self._rows = plan, rows
+        self.normals = rows[:n]
+        self._versines, self._work = rows[n : n + moving], rows[-4]
+        self._turned = rows[:moving], self._versines, rows[len(rows) - moving :]
+        self._used, self._displacement, self.error_m = rows[:used], rows[-3:], rows[-3]
+        most = max((len(group) for chain in plan.chains for group in chain), default=1)
+        self._series = series_is_exact(plan.sigma_rad, most)
+
+    def displace(self, position: int) -> None:
+        """Turn the drawn normals into displacements at one position of the plan."""
+        plan, rows = self._plan, self._rows
+        for inner, outer in plan.added:
+            np.add(rows[outer], rows[inner], rows[outer])
+        turns(*self._turned, plan.sigma_rad, series=self._series)
+        if self._series:
+            for _, outer in plan.added:
+                refine(self._versines[outer], self._work)
+        for product in plan.products:
+            factor = rows[product.rows.start]
+            if product.component is not None:
+                factor = self._work
+                np.matmul(product.component[position], rows[product.rows], factor)
+            for turn, into in zip(
+                (product.joint, plan.joints + product.joint), product.into, strict=True
+            ):
+                np.multiply(rows[turn], factor, rows[into])
+        squares = self._displacement
+        for matrix, out in zip(plan.matrix[position], squares, strict=True):
+            matrix.dot(self._used, out)  # faster than all three at once
+        np.square(squares, squares)
+        np.add(squares[0], squares[1], self.error_m)
+        np.add(self.error_m, squares[2], self.error_m)
+        np.sqrt(self.error_m, self.error_m)
+
 
 # Drawing joint errors, and the length of the flange's displacement for each draw.
 #
@@ -77,34 +342,26 @@ def sample_errors(
     """
     cycles = int(counts[-1])
     starts = np.arange(0, cycles, BLOCK_CYCLES)
-    cuts = np.unique(np.concatenate([starts, counts[:-1]]))
-    sums = np.empty((2, len(streams), len(cuts)))
-    blocks = {
-        length: DisplacementBlock(plan, length)
-        for length in {min(BLOCK_CYCLES, cycles - int(start)) for start in starts}
-    }
-    ones = np.ones(BLOCK_CYCLES)
+    cuts = np.unique(np.concatenate([starts, counts]))
+    sums = np.empty((2, len(streams), len(cuts) - 1))
+    lengths = [min(BLOCK_CYCLES, cycles - start) for start in starts.tolist()]
+    blocks = {length: DisplacementBlock(plan, length) for length in set(lengths)}
     work = []
-    for start in starts:
-        block = blocks[min(BLOCK_CYCLES, cycles - int(start))]
-        inside = cuts[(cuts >= start) & (cuts < start + BLOCK_CYCLES)]
-        bounds = [*(inside - start), len(block.error_m)]
-        parts = [
-            (block.error_m[first:last], ones[: last - first])
-            for first, last in itertools.pairwise(bounds)
-        ]
-        work.append((block, parts))
+    for start, length in zip(starts, lengths, strict=True):
+        inside = cuts[(cuts >= start) & (cuts <= start + length)] - start
+        work.append((blocks[length], list(itertools.pairwise(inside.tolist()))))
     progress(0, len(streams))
     for position, source in enumerate(streams):
         drawn = []
         for block, parts in work:
             source.standard_normal(out=block.normals)
             block.displace(position)
-            drawn += [(error_m.dot(one), error_m.dot(error_m)) for error_m, one in parts]
+            for first, last in parts:
+                error_m = block.error_m[first:last]
+                drawn.append((error_m.sum(), error_m @ error_m))
         sums[:, position] = np.transpose(drawn)
         progress(position + 1, len(streams))
-    ends = np.searchsorted(np.append(cuts[1:], cycles), counts)
-    error_m, squared_m2 = np.cumsum(sums, axis=2)[:, :, ends]
+    error_m, squared_m2 = np.cumsum(sums, axis=2)[:, :, np.searchsorted(cuts[1:], counts)]
     return ErrorSums(cycles=counts, error_m=error_m, squared_m2=squared_m2)
 
 
@@ -144,7 +401,8 @@ def drawn_keys(sums: ErrorSums) -> dict[str, Any]:
     """
     means, variances = moments(sums)
     mean, variance = means[:, -1], variances[:, -1]
-    half_widths = _half_width(variances, sums.cycles)
+    # Half the 95 % interval of the mean of all places.
+    half_widths = _NORMAL_95 * np.sqrt((variances / sums.cycles).sum(axis=0)) / len(mean)
     total = np.mean(sums.squared_m2[:, -1]) / sums.cycles[-1] - np.mean(mean) ** 2
     between = float(np.std(mean, ddof=1))
     return {
@@ -166,12 +424,6 @@ def moments(sums: ErrorSums) -> tuple[Array, Array]:
     """Return mean and unbiased variance (P, C) of the first cycles at each place."""
     mean = sums.error_m / sums.cycles
     return mean, np.maximum(sums.squared_m2 - sums.error_m * mean, 0.0) / (sums.cycles - 1)
-
-
-def _half_width(variance: Array, cycles: NDArray[np.int64]) -> Array:
-    """Return half the 95 % interval (C,) of the mean of all places."""
-    variance_of_sum: Array = (variance / cycles).sum(axis=0)
-    return _NORMAL_95 * np.sqrt(variance_of_sum) / len(variance)
 
 
 def expected_error(jacobian: Array, sigma_rad: float) -> ExpectedError:
@@ -211,15 +463,21 @@ def study_plane(
         arm: the nominal arm.
         plane_mm: height of the flange above the base.
         settings: what to draw.
-        campaign: whose result it is.
-        robot: name of the arm.
+        campaign, robot: names in the result.
         progress: called before the first and after every position.
 
     Raises:
         SettingsError: when the plane cannot be reached or the map is too fine.
         ArmError: when a joint slides.
     """
-    _refuse_sliding_joints(arm)
+    if arm.prismatic.any():
+        raise ArmError(
+            "resolver uncertainty is an angle, but a joint is prismatic",
+            where=arm.name,
+            value=f"joint {int(np.argmax(arm.prismatic)) + 1}",
+            allowed="arms with revolute joints only",
+            remedy="do not run the Monte Carlo for this robot",
+        )
     chain, sigma_rad = Chain.of(arm), math.radians(settings.sigma_deg)
     reference = reference_in_plane(chain, 1e-3 * plane_mm, settings.reach_m)
     on_map = grid_places(chain, reference, settings.reach_m, 1e-3 * settings.map_spacing_mm)
@@ -274,14 +532,3 @@ def _mm(value_m: Any) -> float:
 def _mm_each(value_m: Any) -> Array:
     """Return metres as millimetres, rounded far below the resolution of the draws."""
     return np.round(1e3 * np.asarray(value_m), 9)
-
-
-def _refuse_sliding_joints(arm: Arm) -> None:
-    if arm.prismatic.any():
-        raise ArmError(
-            "resolver uncertainty is an angle, but a joint is prismatic",
-            where=arm.name,
-            value=f"joint {int(np.argmax(arm.prismatic)) + 1}",
-            allowed="arms with revolute joints only",
-            remedy="do not run the Monte Carlo for this robot",
-        )

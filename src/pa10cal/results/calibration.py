@@ -326,18 +326,6 @@ class CalibrationRecord(Fit, MeasuredRecord):
         )
 
 
-class OneLevel(Part):
-    """The same model fitted on one level."""
-
-    largest_difference: float = Field(
-        description="of parameters in scaled units, with all poses on the inner level"
-    )
-    mean_mm: float = Field(description="mean position error of the one-level fit [mm]")
-    shift_over_std: Mapping[ParameterKey, float] = Field(
-        description="one-level minus two-level value, in standard uncertainties"
-    )
-
-
 class SeedDifference(Part):
     """How far the base frame ended from its seed."""
 
@@ -351,7 +339,6 @@ class PaperCalibrationRecord(CalibrationRecord):
     model: Literal["paper"] = Field("paper", description="the paper's model")
     errors: Mapping[LoadKey, PaperErrors] = Field(description="errors at each load")
     inner_poses: tuple[str, ...] = Field(description="poses that the inner level is fitted to")
-    one_level: OneLevel = Field(description="the same model fitted on one level")
     seed_difference: SeedDifference = Field(description="base frame found, against its seed")
     linear: LinearFit = Field(description="the fit with linear springs")
 

@@ -21,8 +21,9 @@ class InputFinding(Part):
     where: str = Field(description="column, joint, parameter, pose or file")
     remedy: str = Field(description="what to do about it")
     would_leave_mm: float | None = Field(
+        None,
         description="root mean square position error that would remain if it were put right [mm]; "
-        "null where that was not tried"
+        "null where that was not tried",
     )
     kind: str = Field(description="its kind in a word, such as `joint_sign`")
 

@@ -59,7 +59,7 @@ def calibrate(
     """
     from pa10cal.calibration.campaign import calibration_record, refuse_prior
     from pa10cal.calibration.general.case import as_load
-    from pa10cal.calibration.general.prior import refuse_unsound
+    from pa10cal.calibration.general.other_campaign import refuse_unsound
     from pa10cal.calibration.input_checks import check_input, explained
     from pa10cal.calibration.load_case import LoadCase, load_cases
     from pa10cal.calibration.options import takes_general_model

@@ -30,11 +30,8 @@ _LARGEST_SHARE = 0.95
 def stiffness_by_solved(names: Sequence[str], x: Array) -> Array:
     """Return the derivative (k, k) of the parameters, springs as stiffness, by the solved ones.
 
-    Up to the reference torques, which correlations do not show.
-
-    Args:
-        names: of the k solved parameters.
-        x: (k,) their values.
+    Up to the reference torques, which correlations do not show. Names and values (k,) are those of
+    the solved ones.
     """
     derivative = np.eye(len(names))
     for row, name in enumerate(names):
@@ -67,17 +64,14 @@ class JointSpring:
 
     @property
     def of(self) -> str:
-        """Return the joint."""
         return f"joint {self.joint}"
 
     @property
     def formula(self) -> str:
-        """Return the form in words a reader can type."""
         return f"theta_{self.joint} -= delta, tau_{self.joint} = K_lin delta + K_cub delta^3"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return windup and, for a cubic spring, the cubic share."""
         windup = Parameter(
             f"windup_{self.joint}",
             "rad",
@@ -93,11 +87,9 @@ class JointSpring:
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Return the joint's angle."""
         return (f"theta_{self.joint}",)
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        """Return minus the deflection, (P, 1)."""
         shift: Array = -x[0] * self._unit(states, x).x[:, None]
         return shift
 
@@ -108,14 +100,12 @@ class JointSpring:
         return np.stack(slopes[: len(x)], axis=-1)[:, None, :]
 
     def by_torque(self, states: PoseStates, x: Array) -> Array:
-        """Return the derivative of `shift` by the joint's torque, (P,)."""
         unit = self._unit(states, x)
         share = float(x[1]) if self.cubic else 0.0
         slope: Array = -x[0] / self.tau_ref_Nm / ((1.0 - share) + 3.0 * share * unit.x**2)
         return slope
 
     def report(self, x: Array) -> Report:
-        """Return K_lin and K_cub."""
         windup, share = x[0], x[1] if self.cubic else 0.0
         tau = self.tau_ref_Nm
         names = (

@@ -68,7 +68,6 @@ class WeightStated(TorqueOnly, LogFault):
         """Return what the joints hold beyond what is stated, a unit of each parameter (P, n, k)."""
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return its derivative by the parameters, (P, n, k)."""
         held = self.per_unit(states)
         return -held if self.of_calculated else held
 
@@ -83,7 +82,6 @@ class LoadStated(WeightStated):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return every load, where there are several."""
         if context.torques == "none" or len(context.loads_N) < 2:
             return ()
         calculated = context.torques == "masses"
@@ -95,12 +93,10 @@ class LoadStated(WeightStated):
     )
 
     def per_unit(self, states: PoseStates) -> Array:
-        """Return what the load makes the joints hold, (P, n, 1)."""
         load_N = np.where(states.load_N == self.load_N, self.load_N, 0.0)
         return (load_N[:, None] * static_loads_in(states, self).by_load)[..., None]
 
     def told(self, x: Array, std: Array) -> FaultText:
-        """Say which load it is, and what it seems to be."""
         true_N, std_N = self.load_N * (1.0 + x[0]), self.load_N * std[0]
         return FaultText(
             f"load_N = {self.load_N:g}",
@@ -120,7 +116,6 @@ class ToolStated(WeightStated):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return the tool, where torques were logged and its mass is known."""
         if context.torques != "logged" or context.tool_kg == 0.0:
             return ()
         return (cls("tool", False, context.arm.n, context.tool_kg),)
@@ -135,12 +130,10 @@ class ToolStated(WeightStated):
         return (mass, *(Parameter(f"moment_{k}", "kg m", 1e-3, plausible=size) for k in "xyz"))
 
     def per_unit(self, states: PoseStates) -> Array:
-        """Return what mass and moments make the joints hold, (P, n, 4)."""
         last = 4 * self.n
         return static_loads_in(states, self).by_weights[..., [last, last - 3, last - 2, last - 1]]
 
     def told(self, x: Array, std: Array) -> FaultText:
-        """Say what mass and centre seem to be."""
         true_kg = self.tool_kg + x[0]
         off_mm = 1e3 * x[1:] / max(true_kg, 0.1 * self.tool_kg)
         axis = int(np.argmax(np.abs(off_mm)))

@@ -16,7 +16,6 @@ from pa10cal.terms.term import (
     Parameter,
     Report,
     Term,
-    TorqueTerm,
     Yielding,
     identity,
     shows_torque,
@@ -132,7 +131,8 @@ class Model:
                 by_parameter = term.derivative(carried, point)
             else:
                 by_parameter = self.kept.derivative(term, carried, point)
-            if len(by_parameter) == 1 and _is_identity(by_parameter[0]):
+            unit = identity(by_parameter.shape[2])
+            if len(by_parameter) == 1 and np.array_equal(by_parameter[0], unit):
                 found = screws
             else:
                 found = screws @ by_parameter
@@ -153,7 +153,11 @@ class Model:
 
     def carried(self, states: PoseStates, x: Array) -> PoseStates:
         """Return the states with the torques that the joints carry, in place of those logged."""
-        false_Nm = [term.torque_Nm(states, x[columns]) for term, columns in self._falsifying]
+        false_Nm = [
+            term.torque_Nm(states, x[columns])
+            for term, columns in self._slices
+            if shows_torque(term) and not term.carried  # it shows in the log and not in the joints
+        ]
         return replace(states, tau_Nm=states.tau_Nm - sum(false_Nm)) if false_Nm else states
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
@@ -208,15 +212,6 @@ class Model:
         return [(term, columns) for term, columns in self._slices if yields(term)]
 
     @cached_property
-    def _falsifying(self) -> list[tuple[TorqueTerm, slice]]:
-        """Return the terms that show in the log and not in the joints."""
-        return [
-            (term, columns)
-            for term, columns in self._slices
-            if shows_torque(term) and not term.carried
-        ]
-
-    @cached_property
     def _slices(self) -> list[tuple[Term, slice]]:
         slices, start = [], 0
         for term in self.terms:
@@ -224,10 +219,6 @@ class Model:
             slices.append((term, slice(start, stop)))
             start = stop
         return slices
-
-
-def _is_identity(matrix: Array) -> bool:
-    return matrix.shape[0] == matrix.shape[1] and np.array_equal(matrix, identity(len(matrix)))
 
 
 # Derivatives of terms proportional to their parameters, kept while the states stay the same.
@@ -255,49 +246,34 @@ class _Watched(PoseStates):
         return super().__getattribute__(name)
 
 
-@dataclass(frozen=True)
-class _Known:
-    """A derivative, and what was read of the states for it."""
-
-    derivative: Array
-    read: dict[str, Any]
-
-    def holds_at(self, states: PoseStates) -> bool:
-        """Return whether states hold the very same arrays."""
-        return all(getattr(states, name) is value for name, value in self.read.items())
-
-
 class Kept:
     """What terms made of the states that they were last asked about."""
 
     def __init__(self) -> None:
         """Know nothing yet."""
-        self._known: dict[Term, _Known | None] = {}
+        #: Derivatives, each with what was read of the states for it.
+        self._known: dict[Term, tuple[Array, dict[str, Any]]] = {}
 
     def derivative(self, term: Term, states: PoseStates, x: Array) -> Array:
         """Return `term.derivative(states, x)`, from what is known where that is the same."""
-        if not hasattr(type(term), "linear"):
-            return term.derivative(states, x)
-        if term not in self._known and not _proportional(term):
-            self._known[term] = None
-        known = self._known.get(term)
-        if known is None and term in self._known:
-            return term.derivative(states, x)
-        if known is None or not known.holds_at(states):
+        if not self._holds(term, states):
+            if getattr(term, "linear", None) != len(term.parameters):  # not proportional to all
+                return term.derivative(states, x)
             watched = _Watched.of(states)
             found = term.derivative(watched, x)
             read = {name: getattr(states, name) for name in vars(watched)["read"]}
-            known = self._known[term] = _Known(found, read)
-        return known.derivative
+            self._known[term] = found, read
+        return self._known[term][0]
 
     def shift(self, term: Term, states: PoseStates, x: Array) -> Array:
         """Return `term.shift(states, x)`, from its derivative where that is known."""
-        known = self._known.get(term) if hasattr(type(term), "linear") else None
-        if known is None or not known.holds_at(states):
+        if not self._holds(term, states):
             return term.shift(states, x)
-        shift: Array = known.derivative @ x
+        shift: Array = self._known[term][0] @ x
         return shift
 
-
-def _proportional(term: Term) -> bool:
-    return getattr(term, "linear", None) == len(term.parameters)
+    def _holds(self, term: Term, states: PoseStates) -> bool:
+        """Return whether something is known, of states that hold the very same arrays."""
+        if not hasattr(type(term), "linear") or term not in self._known:
+            return False
+        return all(getattr(states, name) is of for name, of in self._known[term][1].items())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -38,34 +38,27 @@ class _InSomePoses(ABC):
 
     @property
     def of(self) -> str:
-        """Return the place of the term, and the name of the poses."""
         return f"{self.term.of}{OF}{self.name}"
 
     @property
     def formula(self) -> str:
-        """Return the form of the term."""
         return f"in the poses of {self.name}: {self.term.formula}"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return the parameters of the term, each with the name of the poses."""
         return self._named(self.term.parameters)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Return the chain coordinates it adds to."""
         return self.term.coordinates
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        """Return what the term adds, nothing in other poses, (P, m) or (1, m)."""
         return np.asarray(self._here(states)[:, None] * self.term.shift(states, x))
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the derivative of `shift` by x, (P, m, k) or (1, m, k)."""
         return np.asarray(self._here(states)[:, None, None] * self.term.derivative(states, x))
 
     def report(self, x: Array) -> Report:
-        """Return the parameters as the term does, each with the name of the poses."""
         found = self.term.report(x)
         return replace(found, parameters=self._named(found.parameters))
 
@@ -85,6 +78,13 @@ class OfCampaign(_InSomePoses):
     campaign: int  # number of the campaign in the group, from 0
     name: str  # its name, which the parameters bear
     id: ClassVar[str] = "of_campaign"
+
+    def only(self, names: Collection[str]) -> OfCampaign:
+        """Return the parameters of a constant term that are named, see `Offsets.only`."""
+        assert isinstance(self.term, Offsets)
+        own = (parameter.name for parameter in self.term.parameters)
+        kept = {name for name in own if of_campaign(name, self.name) in names}
+        return replace(self, term=self.term.only(kept))
 
     def _here(self, states: PoseStates) -> NDArray[np.bool_]:
         """Return which poses are of the campaign, (P,); (1,) where no campaign is meant."""

@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol, TypeGuard
 
 import numpy as np
 
-from pa10cal.arm.chain import BASE
+from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
@@ -191,15 +191,12 @@ class Offsets:
         )
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        """Return the parameters themselves, (1, k)."""
         return x[None, :]
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the identity, (1, k, k)."""
         return identity(len(x))[None]
 
     def report(self, x: Array) -> Report:
-        """Return the parameters as they are."""
         return report_as_solved(self.parameters, x)
 
 
@@ -239,10 +236,19 @@ def link_departures(arm: Arm, tolerances: Tolerances) -> Offsets:
 
 def base_frame() -> Offsets:
     """Build the six small motions of the base away from where the chain is put."""
-    parameters = tuple(
-        Parameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3) for name in BASE
+    return _small_motions(BASE, "base")
+
+
+def tool_frame() -> Offsets:
+    """Build the six small motions of the tool at the end of the chain."""
+    return _small_motions(TOOL, "tool")
+
+
+def _small_motions(names: tuple[str, ...], of: str) -> Offsets:
+    parameters = (
+        Parameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3) for name in names
     )
-    return Offsets(parameters, BASE, of="base")
+    return Offsets(tuple(parameters), names, of=of)
 
 
 # A term whose parameters are settled.
@@ -263,29 +269,23 @@ class Fixed:
 
     @property
     def of(self) -> str:
-        """Return the place of the term."""
         return self.term.of
 
     @property
     def formula(self) -> str:
-        """Return the form of the term."""
         return self.term.formula
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Return the chain coordinates it adds to."""
         return self.term.coordinates
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        """Return what the term adds, (P, m) or (1, m)."""
         return self.term.shift(states, self.x_term)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return no column, (1, m, 0)."""
         return np.zeros((1, len(self.coordinates), 0))
 
     def report(self, x: Array) -> Report:
-        """Return nothing."""
         return Report((), x, np.zeros((0, 0)))
 
 
@@ -297,15 +297,12 @@ class FixedTorque(Fixed):
 
     @property
     def carried(self) -> bool:
-        """Return whether the joint carries that torque; else only the log shows it."""
         return self.term.carried
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        """Return what the term adds to the torques, (P, n)."""
         return self.term.torque_Nm(states, self.x_term)
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return no column, (P, n, 0)."""
         return np.zeros((*states.tau_Nm.shape, 0))
 
 

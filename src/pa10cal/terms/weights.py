@@ -70,7 +70,6 @@ class Weights(TorqueOnly):
 
     @property
     def formula(self) -> str:
-        """Return the form in words a reader can type."""
         formula = "tau_j = calculated tau_j + derivative of tau_j by masses, moments and level"
         if self.held is None:
             return formula
@@ -110,7 +109,6 @@ class Weights(TorqueOnly):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return what each weight differs by."""
         return tuple(
             Parameter(
                 *self._name(column),
@@ -142,7 +140,6 @@ class Weights(TorqueOnly):
         return -by_weights
 
     def report(self, x: Array) -> Report:
-        """Return what each weight differs by."""
         return report_as_solved(self.parameters, x)
 
     def _name(self, column: int) -> tuple[str, str]:

@@ -8,7 +8,7 @@ import pytest
 from changed_arm import Change, draw_changed
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.calibration.general.prior import calibrate_from, prior_of
+from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.studies.simulated import (

@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 from changed_arm import Change, draw_changed
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.calibration.general.prior import calibrate_from, prior_of, refuse_unsound
+from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of, refuse_unsound
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import MeasurementSetup
@@ -26,7 +26,7 @@ from pa10cal.studies.simulated import (
     payload_of_individual,
 )
 from pa10cal.terms.effects.in_time import BaseDrift
-from pa10cal.terms.effects.joint_angle import ArrivalError
+from pa10cal.terms.effects.joint import ArrivalError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.model import Model
 

@@ -9,9 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.general.apart import apart, contradictions
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
-from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.case import apart, contradictions, fitted
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import load_model

@@ -8,7 +8,7 @@ import pytest
 from made_up_survey import ATTITUDE_RAD, POSITION_M, Hidden, observe
 from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.terms.effects.joint_angle import ArrivalError
+from pa10cal.terms.effects.joint import ArrivalError
 
 #: By what each joint stops beyond its command [rad]; those of the wrist move the target little.
 SHORT_RAD = -np.array([1.2, 1.1, 1.8, 0.0, 0.0, 0.0]) * POSITION_M

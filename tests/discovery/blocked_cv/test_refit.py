@@ -7,9 +7,8 @@ from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.blocked_cv.refit import refit
 from pa10cal.discovery.linear import at_unknowns, moved_base, residual
 from pa10cal.discovery.noise import unweighted
-from pa10cal.terms.effects.joint_angle import EncoderEccentricity
+from pa10cal.terms.effects.joint import EncoderEccentricity, JointCompliance, SoftWindup
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
-from pa10cal.terms.effects.joint_torque import JointCompliance, SoftWindup
 
 FINE = JointErrorMap("joint 3", 24, Fading(1e-4, 6.0))
 DISK = EncoderEccentricity("joint 2", 1.0)

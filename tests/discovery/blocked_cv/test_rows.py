@@ -27,13 +27,13 @@ from pa10cal.discovery.noise import unweighted
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.studies.blind_trials import draw
+from pa10cal.terms.effects.joint import TorqueGain
 from pa10cal.terms.effects.joint_error_map import (
     Fading,
     JointErrorMap,
     b_splines_by_knots,
     harmonics_at_knots,
 )
-from pa10cal.terms.effects.joint_torque import TorqueGain
 
 
 @pytest.fixture(scope="module")

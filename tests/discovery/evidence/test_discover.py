@@ -10,7 +10,7 @@ from made_up_arm import Missing, harmonic, measure
 from pa10cal.discovery.next_poses import unresolved
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.terms.effects import effect
-from pa10cal.terms.effects.joint_angle import JointHarmonic
+from pa10cal.terms.effects.joint import JointHarmonic
 
 
 def name(effect):

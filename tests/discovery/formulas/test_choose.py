@@ -9,7 +9,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.formulas import with_proposals
 from pa10cal.discovery.records import summary, verdict_keys
 from pa10cal.discovery.short_forms import Arena, Contest, choose
-from pa10cal.terms.forms.of_joints import AngleForm
+from pa10cal.terms.forms.form import AngleForm
 
 
 def test_blocks_are_predicted_from_the_others():

@@ -9,7 +9,7 @@ from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.forms.catalogue import ReadingForm, forms_at, further
-from pa10cal.terms.forms.of_joints import AngleForm
+from pa10cal.terms.forms.form import AngleForm
 
 POSES = 40
 

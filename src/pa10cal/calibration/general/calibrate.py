@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import Chain
+from pa10cal.arm.chain import BASE, Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
@@ -30,7 +30,7 @@ from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import BaseFrameRecord, CalibratedParameter, PriorPart
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Offsets, Term
+from pa10cal.terms.term import Term
 from pa10cal.terms.weights import WEIGHT, Weights
 
 #: Part of the largest torque that a joint's torque must vary by for its spring to be there, whether
@@ -114,9 +114,11 @@ def calibrate_general(
     by_masses = bool(springs) and source == "masses"
     if settled:
         kept = np.array([parameter.name not in settled for parameter in problem.parameters])
-        problem, x_start = _without(problem, set(settled)), found.x[kept]
-        found = found.without_rows()
-        unknowns = replace(unknowns, links=_links_of(problem))
+        of_links = {each.name for each in unknowns.links.parameters}
+        unknowns = replace(unknowns, links=unknowns.links.only(of_links - settled.keys()))
+        terms = (unknowns.links, *problem.model.terms[1:])
+        problem = replace(problem, model=Model(problem.model.chain, terms))
+        x_start, found = found.x[kept], found.without_rows()
         if by_masses:
             problem = _weighed(problem, x_start, unweighed, payload)
         fewer = fitted(problem, x_start)
@@ -141,8 +143,7 @@ def at_rest(
     """Fit again, from where a fit ended, until the torques of weights move nothing any more.
 
     Args:
-        problem: what was solved.
-        found: where that ended.
+        problem, found: what was solved, and where that ended.
         unweighed: states without those torques.
         payload: what the arm carries.
         fitted: fits a problem from a point, with a scatter to set out with; see `fit`.
@@ -166,20 +167,6 @@ def _weighed(problem: Problem, x: Array, unweighed: PoseStates, payload: Payload
     return weighed if np.abs(moved).max() > _MOVES_NOTHING_M else problem
 
 
-def _without(problem: Problem, names: set[str]) -> Problem:
-    """Return the problem with some departures of links left at zero."""
-    links = _links_of(problem)
-    fewer = links.only({parameter.name for parameter in links.parameters} - names)
-    return replace(problem, model=Model(problem.model.chain, (fewer, *problem.model.terms[1:])))
-
-
-def _links_of(problem: Problem) -> Offsets:
-    """Return the departures of links, the first term of the model."""
-    links = problem.model.terms[0]
-    assert isinstance(links, Offsets)
-    return links
-
-
 def _not_shown(
     problem: Problem,
     found: Fit,
@@ -191,24 +178,27 @@ def _not_shown(
     """Return the joints whose springs readings do not show: all, or the one that they show least.
 
     Args:
-        problem: what was solved.
-        found: where that ended.
+        problem, found: what was solved, and where that ended.
         springs: joints with a spring.
         sure: those of which it is there, whatever readings show.
         one_by_one: whether weights are unknown too, so that springs stand in for each other.
     """
-    if not one_by_one:
-        return {
-            joint for joint in springs if joint not in sure and not _shown(problem, found, joint)
-        }
-    if not springs:
-        return set()
-    left = {joint: _left_without(problem, found, joint) for joint in springs}
-    least = min(left, key=lambda joint: left[joint])
-    return {least} if left[least] < np.log(problem.readings) else set()
+    enough = np.log(problem.readings)  # by Schwarz's criterion
+    if one_by_one:
+        gains = {joint: _gain_of_spring(problem, found, joint) for joint in springs}
+        least = min(springs, key=lambda joint: gains[joint], default=0)
+        return {least} if springs and gains[least] < enough else set()
+    at = [parameter.name for parameter in problem.parameters].index
+    windup = {joint: at(f"windup_{joint}") for joint in springs if joint not in sure}
+    variance = np.diag(found.covariance)
+    return {
+        joint
+        for joint, k in windup.items()
+        if not (variance[k] > 0.0 and found.x[k] ** 2 > enough * variance[k])
+    }
 
 
-def _left_without(problem: Problem, found: Fit, joint: int) -> float:
+def _gain_of_spring(problem: Problem, found: Fit, joint: int) -> float:
     """Return by how much the weighted squares grow with a joint rigid, all else fitted anew.
 
     To first order, about the fit: the weights act through the joint no more, and their own columns
@@ -235,14 +225,6 @@ def _left_without(problem: Problem, found: Fit, joint: int) -> float:
     rigid = found.x.copy()
     rigid[at] = _RIGID_RAD
     return squares(rigid, free) - with_it
-
-
-def _shown(problem: Problem, found: Fit, joint: int) -> bool:
-    """Return whether readings show the spring of a joint that weights hardly load (Schwarz)."""
-    at = [parameter.name for parameter in problem.parameters].index(f"windup_{joint}")
-    variance = float(found.covariance[at, at])
-    gain = float(found.x[at]) ** 2 / variance if variance > 0.0 else 0.0
-    return bool(gain > np.log(problem.readings))
 
 
 def _rigid_at(problem: Problem, joints: set[int]) -> tuple[Problem, NDArray[np.bool_]]:
@@ -292,7 +274,7 @@ def tilts_not_shown(problem: Problem, fit: Fit) -> dict[str, CalibratedParameter
     }
 
 
-# Frames and targets from which a fit starts, by the nominal arm.
+# Frames and targets from which a fit starts, by the nominal arm, and where the base moves to.
 
 
 def find_start(arm: Arm, observations: Observations) -> Start:
@@ -306,11 +288,7 @@ def find_start(arm: Arm, observations: Observations) -> Start:
 
 
 def start_of(seed: BaseFrameRecord, measured: Instrument) -> Start:
-    """Return where frames and targets are, from `seed/base_frame.json`.
-
-    Args:
-        seed: what it holds.
-        measured: by which instrument.
+    """Return where frames and targets are, from what `seed/base_frame.json` holds.
 
     Raises:
         RecordError: when it lacks a target.
@@ -329,3 +307,9 @@ def start_of(seed: BaseFrameRecord, measured: Instrument) -> Start:
     targets_m = np.concatenate([np.zeros(0), *(stated[name] for name in target_names)])
     tools_m = {name: T[:3, 3] for name, T in (seed.T_ee_target_of or {}).items()}
     return Start(seed.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m, tools_m)
+
+
+def base_motion(model: Model, x_base: Array) -> Array:
+    """Return the six small motions (6,) of the base, zero for those that are no unknowns."""
+    values = dict(zip(model.terms[-1].coordinates, x_base, strict=True))
+    return np.array([values.get(name, 0.0) for name in BASE])

@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array
-from pa10cal.calibration.determined import FitSummary
-from pa10cal.calibration.general.apart import apart, contradictions
-from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
-from pa10cal.calibration.general.fit import Fit
-from pa10cal.calibration.general.prior import calibrate_from, prior_of
-from pa10cal.calibration.health import Errors, health, held_out_errors
-from pa10cal.calibration.levels import report_base
-from pa10cal.calibration.load_case import LoadCase, case_keys, fit_keys
+from pa10cal.calibration.general.calibrate import GeneralCalibration, base_motion, calibrate_general
+from pa10cal.calibration.general.fit import Fit, reach_of
+from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of
+from pa10cal.calibration.health import Evidence, FitSummary, health, names_of
+from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
     calibrated_parameters,
+    held_out_errors,
     scatter_of_repeats,
     summarise,
     summarise_by_load,
     summarise_trusted,
-    suspected_held_out,
 )
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
@@ -40,18 +40,22 @@ from pa10cal.observe.quantities import Start
 from pa10cal.results import calibration as results
 from pa10cal.results.calibration import (
     CalibratedParameter,
+    CampaignAlone,
+    Difference,
     GeneralCalibrationRecord,
     GeneralErrors,
     GeneralFit,
+    GroupOfCampaigns,
+    SharedParameter,
     Solved,
     Spring,
     SuspectedOutlier,
 )
-from pa10cal.results.health import Health
+from pa10cal.results.health import Health, InputFinding
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
-from pa10cal.terms.term import Report
+from pa10cal.terms.of_campaign import OF, about_moved_base, motion_of_base
+from pa10cal.terms.term import Parameter, Report
 from pa10cal.terms.weights import Weights
 
 # Poses that a fit doubts, each with why; they stay in it, with less weight.
@@ -109,10 +113,6 @@ def general_case(
 ) -> tuple[GeneralCalibrationRecord, GeneralCalibration]:
     """Compute a load case with every parameter that arm and instrument can identify.
 
-    Args:
-        case: the load case.
-        start: about where frames and targets are.
-
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
             does not fit the readings at all, or the prior is of another arm.
@@ -147,14 +147,8 @@ def general_case(
     if len(held_out):
         held_out = weighed(held_out)
         elsewhere = replace(full.problem, observations=held_out.turned(start.R_ee_target))
-        off = held_out_errors(
-            calibrated.deviations(held_out),
-            used,
-            held_out,
-            _position(elsewhere, elsewhere.rows(full.fit.x).jacobian),
-            full.fit.covariance,
-            suspected_held_out(every, calibrated),
-        )
+        position = _position(elsewhere, elsewhere.rows(full.fit.x).jacobian)
+        off = held_out_errors(calibrated, every, used, held_out, position, full.fit.covariance)
     doubts, known = suspected_outliers(full.problem, full.fit), weights_known(arm)
     flagged = np.zeros(len(grid), dtype=bool)
     flagged[np.flatnonzero(rows)[[doubt.row for doubt in doubts]]] = True
@@ -163,7 +157,8 @@ def general_case(
     findings = case.findings if group is None else (*case.findings, *contradictions(group))
     rigid_left = fitted(geometry).deviations(grid)
     readings = single.take(case.rows(single.states.load_N))
-    errors = Errors(
+    evidence = Evidence(
+        ended=_fit_summary(full),
         train_rms_mm=summarise(found.take(trusted)).rms_mm,
         held_out=off,
         noise_mm=_noise_mm(full),
@@ -176,15 +171,14 @@ def general_case(
         weights=known.origin if known.assumed and full.springs else "",
         wanted_mm=options.wanted_uncertainty_mm,
     )
-    ended = _fit_summary(full)
-    judged = health(ended, errors)
+    judged = health(evidence)
     about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign)
     of_nominal = fitted(nominal).deviations(grid)
     before = summarise_by_load(of_nominal, load_N)
     less = summarise_trusted(of_nominal, found, load_N, flagged)
     of_geometry = summarise_by_load(rigid_left, load_N)
     record = GeneralCalibrationRecord(
-        **case_keys(case, ended, judged, replace(calibrated, fitted_to=about), grid),
+        **case_keys(case, evidence.ended, judged, replace(calibrated, fitted_to=about), grid),
         **_general_fit_keys(full, about),
         starts=1,
         starts_agreeing=1,
@@ -262,40 +256,33 @@ def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str,
 
 def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, CalibratedParameter]:
     problem, found, count = general.problem, general.fit, len(model.x)
+    assert model.covariance is not None
     openly = not_identifiable(found.identifiability, problem.parameters)
     is_open = np.array([parameter.name in openly for parameter in problem.parameters])
     report = model.model.report(model.x)
     sources = np.abs(report.jacobian) > 0
-    names = np.array([parameter.name for parameter in report.parameters])
-    of_model = calibrated_parameters(
-        report,
-        found.covariance[:count, :count],
-        names[(sources & is_open[:count]).any(axis=1)],
-        names[(sources & found.at_bound[:count]).any(axis=1)],
+    held, at_bound = (
+        names_of(report.parameters, np.asarray((sources & of_solved[:count]).any(axis=1)))
+        for of_solved in (is_open, found.at_bound)
     )
+    of_model = calibrated_parameters(report, found.covariance[:count, :count], held, at_bound)
     first = len(found.x) - len(problem.places)
     places = Report(problem.parameters[first:], found.x[first:], np.eye(len(problem.places)))
     linear = {name: each for name, each in of_model.items() if not name.startswith("K_cub")}
+    # Of a distance only the fixed point's place is known, not the orientation of the base.
+    whole = len(general.unknowns.base.parameters) == len(BASE)
+    base = base_parameters(
+        model.T_instr_base,
+        model.covariance[-6:, -6:],
+        problem.T_instr_base[:3, :3],
+        () if whole else ("gamma_x", "gamma_y", "gamma_z"),
+    )
     return {
         **linear,  # as springs are here
-        **_base_parameters(general, model),
+        **base,
         **calibrated_parameters(places, found.covariance[first:, first:], openly),
         **general.settled,
     }
-
-
-def _base_parameters(
-    general: GeneralCalibration, model: FittedModel
-) -> dict[str, CalibratedParameter]:
-    """Return the base frame's parameters; of a distance only the fixed point's place."""
-    assert model.covariance is not None
-    base = report_base(model.T_instr_base)
-    # The motions are along axes of the base as it was put; those of the report the instrument's.
-    along = np.eye(6)
-    along[:3, :3] = general.problem.T_instr_base[:3, :3]
-    whole = len(general.unknowns.base.parameters) == len(BASE)
-    held = [each.name for each in base.parameters if not whole and each.unit != "m"]
-    return calibrated_parameters(base, along @ model.covariance[-6:, -6:] @ along.T, held)
 
 
 def _refuse_another_arm(general: GeneralCalibration, left_mm: float, spread_mm: float) -> None:
@@ -318,6 +305,10 @@ def fitted(general: GeneralCalibration) -> FittedModel:
     of_model = problem.of_model(x)
     count = len(model.parameters)
     small = base_motion(problem.model, of_model[count:])
+    of_base = [count + BASE.index(name) for name in general.unknowns.base.coordinates]
+    rows = np.array([*range(count), *of_base], dtype=np.intp)
+    covariance = np.zeros((count + len(BASE),) * 2)
+    covariance[np.ix_(rows, rows)] = general.fit.covariance[: len(rows), : len(rows)]
     return FittedModel(
         model=model,
         x=about_moved_base(model.terms, of_model[:count], small),
@@ -326,75 +317,48 @@ def fitted(general: GeneralCalibration) -> FittedModel:
         R_first_target_of=problem.measured.R_first_target_of,
         targets_m=problem.places_at(x),
         target_names=problem.measured.target_names,
-        covariance=_covariance(general, count),
+        covariance=covariance,
         payload=general.payload,
         seen=angles_seen(problem.observations.states.q_rad),
     )
 
 
-def _covariance(general: GeneralCalibration, count: int) -> Array:
-    """Return the covariance (k + 6, k + 6) of a model's k parameters and the base's motions."""
-    base = general.unknowns.base.coordinates
-    of_base = count + np.array([BASE.index(name) for name in base], dtype=np.intp)
-    rows = np.concatenate([np.arange(count), of_base])
-    covariance = np.zeros((count + 6, count + 6))
-    used = len(rows)
-    covariance[np.ix_(rows, rows)] = general.fit.covariance[:used, :used]
-    return covariance
-
-
-def base_motion(model: Model, x_base: Array) -> Array:
-    """Return the six small motions (6,) of the base, zero for those that are no unknowns."""
-    values = dict(zip(model.terms[-1].coordinates, x_base, strict=True))
-    return np.array([values.get(name, 0.0) for name in BASE])
-
-
 def _fit_summary(general: GeneralCalibration) -> FitSummary:
     fit, parameters = general.fit, general.problem.parameters
-    names = {parameter.name for parameter in parameters}
+    sags, weights = _of_assumed_weights(general)
     root = np.sqrt(fit.weights)[:, None, None]
     return FitSummary(
         converged=fit.converged,
         reason=fit.reason,
         iterations=fit.iterations,
-        at_bound=tuple(
-            parameter.name for parameter, held in zip(parameters, fit.at_bound, strict=True) if held
-        ),
+        at_bound=names_of(parameters, fit.at_bound),
         pose=general.problem.observations.pose,
         parameters=parameters,
         covariance=fit.covariance,
         identifiability=fit.identifiability,
         white=(root * fit.whitener) @ fit.jacobian,
         position=_position(general.problem, fit.jacobian),
-        not_identifiable=not_identifiable(fit.identifiability, parameters) & names - _sags(general),
+        not_identifiable=not_identifiable(fit.identifiability, parameters) - sags,
         x=fit.x,
-        hidden=_assumed_weights(general),
+        hidden=weights,
     )
 
 
-def _sags(general: GeneralCalibration) -> frozenset[str]:
-    """Return the springs under weights that nobody stated whose sag poses show all the same.
+def _of_assumed_weights(general: GeneralCalibration) -> tuple[frozenset[str], frozenset[str]]:
+    """Return springs and weights, under weights that nobody stated; else none.
 
-    What poses leave open of those weights goes with the springs by a little, and these with them.
+    What poses leave open of those weights is no lack of poses. It goes with the springs by a
+    little, and these with it: those are meant whose sag poses show all the same.
     """
     if not weights_known(general.arm).assumed:
-        return frozenset()
+        return frozenset(), frozenset()
     std = np.sqrt(np.maximum(np.diag(general.fit.covariance), 0.0))
-    return frozenset(
-        parameter.name
-        for parameter, value, sigma in zip(
-            general.problem.parameters, general.fit.x, std, strict=True
-        )
-        if parameter.name.startswith("windup") and sigma < _SHOWN * value
-    )
-
-
-def _assumed_weights(general: GeneralCalibration) -> frozenset[str]:
-    """Return the weights that nobody stated: what poses leave open of them is no lack of poses."""
-    if not weights_known(general.arm).assumed:
-        return frozenset()
+    shown = names_of(general.problem.parameters, np.less(std, _SHOWN * general.fit.x))
     weights = (term for term in general.problem.model.terms if isinstance(term, Weights))
-    return frozenset(parameter.name for term in weights for parameter in term.parameters)
+    return (
+        frozenset(name for name in shown if name.startswith("windup")),
+        frozenset(parameter.name for term in weights for parameter in term.parameters),
+    )
 
 
 def _position(problem: Problem, jacobian: Array) -> Array:
@@ -418,3 +382,162 @@ def _targets_seen(problem: Problem) -> Array:
     columns = problem.measured.position_columns
     targets: Array = np.maximum(1.0, problem.components_seen[:, columns].sum(axis=1) // 3)
     return targets
+
+
+# What each campaign of a group says alone of the parameters that all share.
+#
+# Linear about the fit of the group: the rows of one campaign, with its own frames free, give the
+# parameters that it would give alone, in the unknowns of the group. Directions that it does not
+# determine stay where the group has them, within the reach of the unknowns, and count for nothing.
+
+#: A parameter is determined by a campaign that knows it to this part of what it may well be.
+_DETERMINED = 0.1
+#: Campaigns contradict each other where chance makes such a difference more rarely than this, and
+#: parameters of its own take away that part of one's squared error. A model that lacks an effect
+#: differs from campaign to campaign by more than chance, and is not better for that.
+_BY_CHANCE = 1e-3
+_MATTERS = 0.1
+_JOINT_ZERO = "delta_theta_"
+_SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
+
+
+def contradictions(group: GroupOfCampaigns) -> tuple[InputFinding, ...]:
+    """Return which campaign contradicts the others, in which parameter and by how much.
+
+    Of several the one from which most of the error comes: a changed arm changes one campaign
+    against all others, and every other against those.
+    """
+    found = {name: each for name, each in group.campaigns.items() if each.contradicts}
+    if not found:
+        return ()
+    first = max(found, key=lambda name: found[name].chi_square)
+    alone, worst = found[first], found[first].worst
+    unit, scale = _SHOWN_UNITS.get(worst.unit, (worst.unit, 1.0))
+    others = " and ".join(name for name in group.campaigns if name != first)
+    return (
+        InputFinding(
+            what=f"{first} and {others} contradict each other: it differs by "
+            f"{scale * abs(worst.value):.3g} {unit} with a standard uncertainty of "
+            f"{scale * worst.std:.2g} {unit} (chi-square {alone.chi_square:.0f} for "
+            f"{alone.dof:.0f} degrees of freedom, {worst.chi_square:.0f} of it by this "
+            "parameter alone): the arm was changed between them",
+            where=worst.name,
+            remedy="calibrate the campaigns before and after the change apart, and compare them",
+            kind="joint_zero" if worst.name.startswith(_JOINT_ZERO) else "campaigns",
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Normal equations of some poses, free unknowns in reaches, with what is expected of them."""
+
+    normal: Array
+    gradient: Array
+
+    @property
+    def inverse(self) -> Array:
+        return np.asarray(np.linalg.inv(self.normal + np.eye(len(self.normal))), dtype=float)
+
+    def step(self) -> Array:
+        return -self.inverse @ self.gradient
+
+    def sampling(self) -> Array:
+        """Return the covariance of `step`, by the noise of the rows alone."""
+        inverse = self.inverse
+        return np.asarray(inverse @ self.normal @ inverse)
+
+
+def apart(problem: Problem, fit: Fit) -> GroupOfCampaigns | None:
+    """Compare the campaigns of a group; None for a single campaign, or where nothing is shared."""
+    campaign = problem.observations.states.campaign
+    names = [parameter.name for parameter in problem.parameters]
+    free = np.flatnonzero(~fit.at_bound)
+    last = {parameter.name for parameter in problem.model.terms[-1].parameters}
+    shared = [j for j, k in enumerate(free) if OF not in names[k] and names[k] not in last]
+    if campaign is None or not shared:
+        return None
+    reach = reach_of(problem)[free]
+    root = np.sqrt(fit.weights)[:, None, None] * fit.whitener
+    each = []
+    for number in range(len(problem.measured.campaigns)):
+        at = np.flatnonzero(campaign == number)
+        white = (root[at] @ fit.jacobian[at][:, :, free] * reach).reshape(-1, len(free))
+        left = np.einsum("pij,pj->pi", root[at], fit.residual[at]).ravel()
+        each.append(_Part(white.T @ white, white.T @ left))
+    positions = problem.measured.position_columns
+    parameters = [problem.parameters[k] for k in free[shared]]
+    campaigns, alone = {}, {}
+    for number, (name, _) in enumerate(problem.measured.campaigns):
+        own, at = each[number], np.flatnonzero(campaign == number)
+        rest = [part for part in each if part is not own]
+        others = _Part(
+            np.sum([part.normal for part in rest], axis=0),
+            np.sum([part.gradient for part in rest], axis=0),
+        )
+        after = fit.residual[at] + fit.jacobian[at][:, :, free] @ (reach * own.step())
+        rms_mm, alone_rms_mm = (
+            1e3 * float(np.sqrt(np.average(squares, weights=fit.weights[at])))
+            for left in (fit.residual[at], after)
+            for squares in (np.sum(left[:, positions] ** 2, axis=1),)
+        )
+        chi_square, dof, worst = _difference(own, others, np.array(shared), reach, parameters)
+        p_value = float(chdtrc(dof, chi_square)) if dof > 0.0 else 1.0
+        gain = 1.0 - (alone_rms_mm / rms_mm) ** 2 if rms_mm > 0.0 else 0.0
+        campaigns[name] = CampaignAlone(
+            poses=len(at),
+            rms_mm=rms_mm,
+            alone_rms_mm=alone_rms_mm,
+            chi_square=chi_square,
+            dof=dof,
+            p_value=p_value,
+            contradicts=p_value < _BY_CHANCE and gain > _MATTERS,
+            worst=worst,
+        )
+        alone[name] = np.sqrt(np.diag(own.inverse)[shared])
+    std = np.sqrt(np.diag(fit.covariance)[free[shared]])
+    return GroupOfCampaigns(
+        campaigns=campaigns,
+        parameters={
+            parameter.name: SharedParameter(
+                unit=parameter.unit,
+                std=float(std[k]),
+                std_alone={name: float(reach[at] * own[k]) for name, own in alone.items()},
+                determined_by=tuple(name for name, own in alone.items() if own[k] < _DETERMINED),
+            )
+            for k, (at, parameter) in enumerate(zip(shared, parameters, strict=True))
+        },
+    )
+
+
+def _difference(
+    own: _Part,
+    others: _Part,
+    shared: NDArray[np.intp],
+    reach: Array,
+    parameters: Sequence[Parameter],
+) -> tuple[float, float, Difference]:
+    """Compare the shared parameters of one campaign with those of all others.
+
+    Returns:
+        Chi-square, its degrees of freedom, and the parameter that explains most of it.
+    """
+    here = np.ix_(shared, shared)
+    off = (own.step() - others.step())[shared]
+    sampled = (own.sampling() + others.sampling())[here]
+    precision = np.linalg.inv((own.inverse + others.inverse)[here])
+    pull = precision @ off
+    each = pull**2 / np.diag(precision)
+    worst = int(np.argmax(each))
+    size, exact = reach[shared[worst]], precision[worst, worst]
+    return (
+        float(off @ pull),
+        float(np.trace(precision @ sampled)),
+        Difference(
+            name=parameters[worst].name,
+            unit=parameters[worst].unit,
+            value=float(size * pull[worst] / exact),
+            std=float(size / np.sqrt(exact)),
+            chi_square=float(each[worst]),
+        ),
+    )

@@ -19,7 +19,7 @@ from scipy.linalg.lapack import dtrtri
 from pa10cal.arrays import Array
 from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, identify
 from pa10cal.fit.problem import Expected, Problem, Rows
-from pa10cal.fit.robust_weights import WeightedRows, first_scatter, refreshed, weighted_rows
+from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.terms.weights import Weights
 
@@ -144,10 +144,8 @@ def reach_of(problem: Problem) -> Array:
     bounds = Bounds.of(problem.parameters)
     width = bounds.upper - bounds.lower
     reach = np.where(np.isfinite(width), width, _REACH * problem.scale)
-    expected = [parameter.plausible for parameter in problem.parameters]
-    return np.array(
-        [far if size is None else size for far, size in zip(reach, expected, strict=True)]
-    )
+    expected = np.array([each.plausible for each in problem.parameters], dtype=float)
+    return np.where(np.isnan(expected), reach, expected)
 
 
 @dataclass(frozen=True)
@@ -178,14 +176,9 @@ class _Span:
             precision[: self.known, : self.known] = self.expected.precision
         return precision
 
-    def off(self, x: Array) -> Array:
-        """Return how far the unknowns have gone, in reaches."""
-        off: Array = (x - self.start) / self.reach
-        return off
-
     def pull(self, x: Array) -> tuple[float, Array]:
         """Return the squares of what takes unknowns back, and half their gradient (k,)."""
-        off = self.off(x)
+        off = (x - self.start) / self.reach
         if self.expected is None:
             return float(np.sum(off**2)), off / self.reach
         k, away = self.known, x[: self.known] - self.expected.mean
@@ -223,8 +216,13 @@ class _WeightedProblem:
         return self._last[1]
 
     def equations(self, x: Array) -> Equations:
-        """Return the problem where the weights were renewed last."""
-        return _equations(x, self.weighted, self._span)
+        """Return the problem where the weights were renewed last, with what unknowns expect."""
+        weighted, (squares, pull) = self.weighted, self._span.pull(x)
+        return Equations(
+            cost=float(np.sum(weighted.residual**2) + squares),
+            gradient=weighted.rows.reshape(-1, len(x)).T @ weighted.residual.ravel() + pull,
+            normal=weighted.normal + self._span.precision,
+        )
 
     def cost(self, x: Array) -> float:
         """Return the sum of squares at a point, with the weights as they are."""
@@ -262,16 +260,6 @@ def _length(at: Equations, held: NDArray[np.bool_]) -> float:
     gradient = at.gradient[~held]
     step = solve_normal(at.normal[np.ix_(~held, ~held)], gradient)
     return float(np.sqrt(max(0.0, float(gradient @ step)) / max(1, len(gradient))))
-
-
-def _equations(x: Array, weighted: WeightedRows, span: _Span) -> Equations:
-    """Return the weighted problem at a point, each unknown within a reach of its start."""
-    squares, pull = span.pull(x)
-    return Equations(
-        cost=float(np.sum(weighted.residual**2) + squares),
-        gradient=weighted.rows.reshape(-1, len(x)).T @ weighted.residual.ravel() + pull,
-        normal=weighted.normal + span.precision,
-    )
 
 
 def _inverse_root(normal: Array, reach: Array) -> Array:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import TOOL, Chain
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
@@ -26,7 +25,7 @@ from pa10cal.results.calibration import Redundant
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, OfCampaign
-from pa10cal.terms.term import Offsets, Parameter, base_frame, link_departures
+from pa10cal.terms.term import Offsets, Parameter, base_frame, link_departures, tool_frame
 from pa10cal.terms.weights import Weights
 
 # Which parameters arm and instrument can identify: complete, since every one with an effect is
@@ -71,14 +70,6 @@ class Unknowns:
         return tuple(parameter.name for frame in self.frames for parameter in frame.parameters)
 
 
-def tool_frame() -> Offsets:
-    """Build the six small motions of the tool at the end of the chain."""
-    parameters = tuple(
-        Parameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3) for name in TOOL
-    )
-    return Offsets(parameters, TOOL, of="tool")
-
-
 def choose_unknowns(
     arm: Arm, tolerances: Tolerances, measured: Instrument, T_instr_base: Array, targets_m: Array
 ) -> Unknowns:
@@ -97,14 +88,17 @@ def choose_unknowns(
     model = Model(Chain.of(arm), (*frames, links))
     states = _random_states(arm)
     if measured.campaigns:
-        number = np.repeat(np.arange(len(measured.campaigns)), len(states))
-        states = states.take(np.tile(np.arange(len(states)), len(measured.campaigns)))
+        # Of a group the same states in every campaign, in its rows, whose readings are idle.
+        count, sizes = len(states), np.array([len(part) for _, part in measured.campaigns])
+        number = np.repeat(np.arange(len(sizes)), count)
+        states = states.take(np.tile(np.arange(count), len(sizes)))
         states = replace(states, campaign=number)
-        measured = measured.take(_some_rows(measured, len(number)))
+        measured = measured.take(np.repeat(np.cumsum(sizes) - sizes, count))
     predicted = model.predict_with_jacobian(states, np.zeros(len(model.parameters)))
-    T_instr_ee = T_instr_base @ predicted.T_base_ee
+    T_instr_ee, R = T_instr_base @ predicted.T_base_ee, T_instr_base[:3, :3]
     found = measured.ideal(T_instr_ee, targets_m).compare(T_instr_ee, targets_m)
-    by_model = found.by_end @ _along_instrument(predicted.jacobian, T_instr_base)
+    by_end = (R @ predicted.jacobian[:, :3], R @ predicted.jacobian[:, 3:])
+    by_model = found.by_end @ np.concatenate(by_end, axis=1)
     at = sum(len(frame.parameters) for frame in frames)
     parameters = (*model.parameters[:at], *measured.target_parameters, *model.parameters[at:])
     columns = np.concatenate([by_model[..., :at], found.by_targets, by_model[..., at:]], axis=2)
@@ -115,11 +109,10 @@ def choose_unknowns(
     kept, parts = _well_said(columns, _independent(columns), base_first)
     redundant = _redundant(parts, kept, parameters)
     names = {parameters[k].name for k in kept}
-    first_place = at
-    places = [k - first_place for k in kept if first_place <= k < first_place + len(targets_m)]
+    places = [k - at for k in kept if at <= k < at + len(targets_m)]
     return Unknowns(
         links=links.only(names),
-        frames=tuple(kept for kept in (_only(frame, names) for frame in own) if kept.parameters),
+        frames=tuple(kept for kept in (frame.only(names) for frame in own) if kept.parameters),
         base=base.only(names),
         places=np.array(places, dtype=np.intp),
         redundant=redundant,
@@ -142,32 +135,6 @@ def _own_frames(measured: Instrument) -> tuple[Offsets | OfCampaign, ...]:
             if not part.target_parameters
         ),
     )
-
-
-def _only(frame: Offsets | OfCampaign, names: Collection[str]) -> Offsets | OfCampaign:
-    if isinstance(frame, Offsets):
-        return frame.only(names)
-    assert isinstance(frame.term, Offsets)
-    kept = {
-        own.name
-        for own, named in zip(frame.term.parameters, frame.parameters, strict=True)
-        if named.name in names
-    }
-    return replace(frame, term=frame.term.only(kept))
-
-
-def _some_rows(measured: Instrument, count: int) -> NDArray[np.intp]:
-    """Return rows of a group, as many of each campaign, in their order; their readings are idle."""
-    sizes = np.array([len(part) for _, part in measured.campaigns])
-    first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    return np.repeat(first, count // len(sizes))
-
-
-def _along_instrument(jacobian: Array, T_instr_base: Array) -> Array:
-    """Turn velocities (P, 6, k) along base axes to the instrument's."""
-    R = T_instr_base[:3, :3]
-    turned: Array = np.concatenate([R @ jacobian[:, :3], R @ jacobian[:, 3:]], axis=1)
-    return turned
 
 
 def _independent(columns: Array) -> list[int]:
@@ -381,10 +348,7 @@ def _model_start(model: Model, start: Start) -> Array:
             soft = term.tau_ref_Nm / _USUAL_SAG_RAD if known.assumed else _USUAL_STIFFNESS
             parts.append(term.solved(soft, 0.0))
         else:
-            values = np.zeros(len(term.parameters))
-            for k, parameter in enumerate(term.parameters):
-                values[k] = start_of_tool(parameter.name, start)
-            parts.append(values)
+            parts.append(np.array([start_of_tool(each.name, start) for each in term.parameters]))
     return np.concatenate(parts)
 
 

@@ -37,7 +37,7 @@ from pa10cal.discovery.noise import AS_FOUND, noise_of_near_poses, with_torque_n
 from pa10cal.results.discovery import Tried
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_angle import ArrivalError, Backlash
+from pa10cal.terms.effects.joint import ArrivalError, Backlash
 from pa10cal.terms.effects.unnamed import DirectionMap
 
 

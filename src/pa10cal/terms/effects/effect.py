@@ -5,8 +5,8 @@ from __future__ import annotations
 import inspect
 import pkgutil
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from importlib import import_module
 from types import ModuleType
@@ -68,6 +68,14 @@ class CandidateContext:
         """Return the lowest and highest angle of a joint, from 1; None where it was not moved."""
         low, high = self.q_span_rad[joint - 1].tolist()
         return (low, high) if high - low > _LEAST_SPAN_RAD else None
+
+
+#: What an effect at a joint takes of it, by the name of its field; nothing where it has none.
+_OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
+    "rated_Nm": CandidateContext.rated_at,  # rated torque
+    "span_Nm": CandidateContext.carried_at,  # largest torque that the joint carried
+    "span_rad": CandidateContext.span_at,  # lowest and highest measured angle
+}
 
 
 @dataclass(frozen=True)
@@ -158,7 +166,6 @@ class NamedEffect(Effect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return those readers know, named after effect and place."""
         place = self.of.removeprefix("joint ")
         return tuple(
             replace(parameter, name=f"{self.id}_{place}_{parameter.name}")
@@ -166,7 +173,6 @@ class NamedEffect(Effect):
         )
 
     def report(self, x: Array) -> Report:
-        """Return the parameters under the names readers know."""
         return report_as_solved(self.reported, x)
 
 
@@ -176,14 +182,18 @@ class AtJoint(Effect):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint where it may sit."""
         found = [(joint, cls.fields_at(context, joint)) for joint in turning_joints(context)]
         return tuple(cls(f"joint {joint}", *rest) for joint, rest in found if rest is not None)
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return its fields, but for the place, at a joint that turns; None where it cannot sit."""
-        return ()
+        """Return its fields, but for the place, at a joint that turns; None where it cannot sit.
+
+        Those of a name in `_OF_JOINT` are taken by it, and it sits where the joint has all of them.
+        """
+        names = [each.name for each in fields(cls) if each.name in _OF_JOINT]
+        taken = tuple(_OF_JOINT[name](context, joint) for name in names)
+        return taken if all(taken) else None
 
     @property
     def joint(self) -> int:
@@ -192,7 +202,6 @@ class AtJoint(Effect):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Return the joint's angle."""
         return (f"theta_{self.joint}",)
 
 

@@ -37,7 +37,6 @@ class BaseDrift(NamedEffect):
 
     @property
     def formula(self) -> str:
-        """Return the form in words a reader can type."""
         rate = f"base.x, base.y, base.z += rate (time_s - {self.start_s:g}) / 3600"
         if self.end_s is None:
             return rate
@@ -48,12 +47,10 @@ class BaseDrift(NamedEffect):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at the base."""
         return (cls("base", context.time_span_s[0]),)
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return the rate along each axis, then the amplitudes of each wave."""
         rates = [Parameter(f"rate_{axis}", "m/h", 1e-6, plausible=3e-5) for axis in "xyz"]
         waves = [
             Parameter(f"wave_{k}_{axis}", "m", 1e-6, plausible=_WAVE_M / k)
@@ -89,7 +86,6 @@ class ThermalGrowth(NamedEffect):
 
     @property
     def formula(self) -> str:
-        """Return the form in words a reader can type."""
         return (
             f"{', '.join(self.lengths)} += alpha (temperature_C - "
             f"{self.reference_temperature_C:g}) times its nominal length"
@@ -97,7 +93,6 @@ class ThermalGrowth(NamedEffect):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it for the arm as a whole."""
         chain = Chain.of(context.arm)
         ends = [0, *(int(column) for column in chain.joint_columns)]
         pedestal = range(ends[0], ends[2] if len(ends) > 2 else len(chain.motions))
@@ -119,11 +114,9 @@ class ThermalGrowth(NamedEffect):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Return the lengths that grow."""
         return self.lengths
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return warming times length, (P, m, 1)."""
         warming_K = states.temperature_C - self.reference_temperature_C
         return np.outer(warming_K, self.lengths_m)[:, :, None]
 
@@ -142,7 +135,6 @@ class FalseReading(NamedEffect):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at the instrument."""
         return (cls("instrument"),)
 
     @abstractmethod
@@ -150,7 +142,6 @@ class FalseReading(NamedEffect):
         """Return e(p) a unit of each parameter, (P, B, 3, k), at places p (P, B, 3)."""
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return what the field makes of the measured pose, (P, 6, k)."""
         seen = seen_in(states, self)
         count, targets, _ = seen.p_instr_targets_m.shape
         field = self.field(seen.p_instr_targets_m).reshape(count, 3 * targets, len(x))
@@ -169,7 +160,6 @@ class CmmScale(FalseReading):
     )
 
     def field(self, p_instr_m: Array) -> Array:
-        """Return each coordinate along its own axis, (P, B, 3, 3)."""
         return p_instr_m[..., None] * np.eye(3)
 
 
@@ -182,6 +172,5 @@ class CmmSquareness(FalseReading):
     reported: ClassVar[tuple[Parameter, ...]] = (Parameter("xy", "rad", 3e-6, plausible=1e-4),)
 
     def field(self, p_instr_m: Array) -> Array:
-        """Return the y coordinate along x, (P, B, 3, 1)."""
         field: Array = p_instr_m[..., 1:2] * np.array([1.0, 0.0, 0.0])
         return field[..., None]

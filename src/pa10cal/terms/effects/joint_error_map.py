@@ -103,7 +103,6 @@ class JointErrorMap(JointEffect):
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return the error at each knot."""
         width = max(2, len(str(self.knots - 1)))
         plausible = _PLAUSIBLE_RAD
         if self.spectrum is not None:
@@ -112,14 +111,12 @@ class JointErrorMap(JointEffect):
         return tuple(replace(parameter, name=f"knot_{k:0{width}d}") for k in range(self.knots))
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        """Return the spline through the knots at q_j, (P, 1)."""
         q_rad = states.q_rad[:, self.joint - 1]
         alone = _spline_of_knots(self.knots)  # the spline is proportional to its knots
         spline = PPoly.construct_fast(alone.c @ x, alone.x, extrapolate="periodic")
         return np.asarray(spline(q_rad), dtype=np.float64)[:, None]
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return what each knot contributes at q_j, (P, 1, K)."""
         contributions = _spline_of_knots(self.knots)(states.q_rad[:, self.joint - 1])
         return np.asarray(contributions, dtype=np.float64)[:, None, :]
 

@@ -63,12 +63,10 @@ class LinkEffect(NamedEffect):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Return the small motion of the link's end."""
         return bend_coordinates(self.row)
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return the compliance."""
         return (_compliance("c", *self.scale_and_size, self.moment_of_arm_Nm),)
 
     @property
@@ -98,7 +96,6 @@ class LinkBending(LinkEffect):
     positive: ClassVar[bool] = True
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return shift over turn of the link's end a unit of c, (P, 6, 1)."""
         moment_Nm, axis = self.moment_Nm(states), self.axis
         across_Nm = moment_Nm - np.outer(moment_Nm @ axis, axis)
         shift = 2.0 / 3.0 * np.cross(across_Nm, np.array(self.span_m))
@@ -119,11 +116,9 @@ class LinkTorsion(LinkEffect):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Return the small rotation of the link's end."""
         return super().coordinates[3:]
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the twist of the link's end a unit of c, (P, 3, 1)."""
         axis = self.axis
         return np.outer(self.moment_Nm(states) @ axis, axis)[:, :, None]
 
@@ -145,12 +140,10 @@ class BaseCompliance(NamedEffect):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at the base."""
         return (cls("base", _moment_of_arm_Nm(context.arm)),)
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return both compliances."""
         of_arm_Nm = self.moment_of_arm_Nm
         return tuple(_compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("cx", "cy"))
 
@@ -173,9 +166,7 @@ class ToolSag(NamedEffect):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at the tool."""
         return (cls("tool"),)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the direction of gravity across the tool's axis, (P, 2, 1)."""
         return static_loads_in(states, self).down_ee[:, :2, None]

@@ -44,7 +44,6 @@ class PlaceMap(FalseReading):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at the instrument."""
         x, y, z = context.p_instr_middle_m.tolist()
         return (cls("instrument", (x, y, z)),)
 
@@ -63,7 +62,6 @@ class PlaceMap(FalseReading):
         )
 
     def field(self, p_instr_m: Array) -> Array:
-        """Return the monomials along each axis, (P, B, 3, 57)."""
         place = (p_instr_m - np.array(self.middle_instr_m)) / self.unit_m
         values = np.stack([place[..., list(factors)].prod(-1) for factors in _monomials()], -1)
         field: Array = np.eye(3)[:, :, None] * values[..., None, None, :]
@@ -91,15 +89,8 @@ class TorqueMap(JointTorqueOnly, JointEffect):
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 4
 
-    @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return the span of the angle and the rated torque of a joint that was moved."""
-        span_rad = context.span_at(joint)
-        return (span_rad, context.rated_at(joint)) if span_rad else None
-
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return the torque of each degree."""
         rated_Nm = self.rated_Nm
         return tuple(
             Parameter(f"degree_{k}", "N m", 1e-3 * rated_Nm, plausible=0.02 * rated_Nm / k)
@@ -107,7 +98,6 @@ class TorqueMap(JointTorqueOnly, JointEffect):
         )
 
     def per_unit(self, states: PoseStates) -> Array:
-        """Return the polynomials at q_j, (P, 4)."""
         return _degrees(states.q_rad[:, self.joint - 1], self.span_rad, self.degrees)
 
 
@@ -126,27 +116,18 @@ class WindupMap(JointEffect):
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 5
 
-    @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return the largest torque of a joint that carried any."""
-        carried_Nm = context.carried_at(joint)
-        return (carried_Nm,) if carried_Nm else None
-
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return the deflection of each degree."""
         return tuple(
             Parameter(f"degree_{k}", "rad", 1e-5, plausible=2e-4 / k)
             for k in range(1, self.degrees + 1)
         )
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return minus the polynomials at tau_j, (P, 1, 5)."""
         tau_Nm = states.tau_Nm[:, self.joint - 1]
         return -_degrees(tau_Nm, (-self.span_Nm, self.span_Nm), self.degrees)[:, None, :]
 
     def by_torque(self, states: PoseStates, x: Array) -> Array:
-        """Return the derivative of `shift` by the joint's torque, (P,) [rad/(N m)]."""
         slopes = legder(np.concatenate([[0.0], x]))
         slope = legval(states.tau_Nm[:, self.joint - 1] / self.span_Nm, slopes)
         return np.asarray(-slope / self.span_Nm, dtype=np.float64)
@@ -170,7 +151,6 @@ class DirectionMap(JointEffect):
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return the largest torque carried and the span of the angle of a joint that turned."""
         span_rad = context.span_at(joint)
         return (context.carried_at(joint), span_rad) if span_rad else None
 
@@ -186,7 +166,6 @@ class DirectionMap(JointEffect):
         return tuple(Parameter(name, "rad", 1e-5, plausible=2e-4) for name in names)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return s_j times the polynomials, (P, 1, k)."""
         q_rad = states.q_rad[:, self.joint - 1]
         parts = [np.ones((len(q_rad), 1)), _degrees(q_rad, self.span_rad, 2)]
         if self.span_Nm:
@@ -196,7 +175,6 @@ class DirectionMap(JointEffect):
         return columns[:, None, :]
 
     def by_torque(self, states: PoseStates, x: Array) -> Array:
-        """Return the derivative of `shift` by the joint's torque, (P,) [rad/(N m)]."""
         if not self.span_Nm:
             return np.zeros(len(states))
         tau_Nm = states.tau_Nm[:, self.joint - 1]
@@ -245,7 +223,6 @@ class DriftMap(NamedEffect):
         )
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the polynomials of time, each motion for itself, (P, 6, 18)."""
         values = _degrees(time_in(states, self), self.span_s, self.degrees)
         each = np.eye(len(BASE))[:, :, None] * values[:, None, None, :]
         return each.reshape(len(states), len(BASE), len(x))

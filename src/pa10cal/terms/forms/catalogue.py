@@ -23,8 +23,7 @@ from pa10cal.terms.effects.effect import (
     turning_joints,
 )
 from pa10cal.terms.effects.in_time import FalseReading
-from pa10cal.terms.forms.form import Form, Numbers, Shape, beyond, sines, sized
-from pa10cal.terms.forms.of_joints import AngleForm, PullForm
+from pa10cal.terms.forms.form import AngleForm, Form, Numbers, PullForm, Shape, beyond, sines, sized
 from pa10cal.terms.term import Parameter, Report
 
 #: Cycles a turn that are tried: as many as there are positions, within these.
@@ -44,13 +43,7 @@ _WAVES = (0.25, 0.35, 0.5, 0.7, 1.0)
 
 
 def forms_at(place: str, context: CandidateContext, states: PoseStates) -> tuple[Form, ...]:
-    """Return the short forms that are tried at a place.
-
-    Args:
-        place: `joint 2`, `base`, `instrument`; elsewhere there is none.
-        context: where effects may sit.
-        states: of the poses.
-    """
+    """Return the forms tried at a place: `joint 2`, `base`, `instrument`; elsewhere none."""
     if place.startswith("joint "):
         joint = joint_of(place)
         if joint in turning_joints(context):
@@ -103,11 +96,7 @@ def further(forms: Sequence[Form], states: PoseStates) -> list[Form]:
 
     Teeth as many as the cycles of an order that helps, which is most of their error; and two
     orders, the best with each of the next, of a joint that was seen all around: over part of a
-    turn two orders follow any smooth error.
-
-    Args:
-        forms: what was tried, the best first.
-        states: of the poses.
+    turn two orders follow any smooth error. Of the forms tried the best one comes first.
     """
     found: list[Form] = []
     single = [form for form in forms if form.form == "harmonic"]
@@ -204,7 +193,6 @@ class TiltForm(Form):
             lambda at: tuple(beyond(M, at.numbers[0]) for M in at.moments),
             sized("cx cy", "rad/(N m)", _TILT_RAD / _MOMENT_NM),
             ("threshold",),
-            between=0,
         ),
         "sign_of_moment": Shape(
             "base.rx += cx sgn(M_x), base.ry += cy sgn(M_y), M the overturning moment",
@@ -230,7 +218,6 @@ class ShiftForm(Form):
             lambda at: (np.exp(-(at.states.time_s - at.numbers[1]) / at.numbers[0]),) * 3,
             sized("dx dy dz", "m", _SHIFT_M),
             ("time",),
-            between=0,
         ),
         "wave_in_time": Shape(
             "base.x, y, z += (dx, dy, dz) sin(2 pi t / {0:.4g}) "
@@ -240,12 +227,10 @@ class ShiftForm(Form):
             ),
             sized("dx dy dz ex ey ez", "m", _SHIFT_M),
             ("period",),
-            between=0,
         ),
     }
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return each column along its own shift, (P, 3, k)."""
         axes = np.tile(np.eye(3), len(x) // 3)
         return np.asarray(self.values(states)[:, None, :] * axes)
 
@@ -296,14 +281,11 @@ class ReadingForm(Form, FalseReading):
             lambda at: sines(2.0 * np.pi * at.u / at.numbers[2]),
             sized("s c", "m", _READING_M),
             ("axis", "along", "period"),
-            "turning",
-            between=2,
         ),
     }
 
     @property
     def formula(self) -> str:
-        """Return the form in words a reader can type."""
         axes = [int(number) for number in self.numbers[1:3]]
         middle = [self.middle_instr_m[k % 3] for k in axes]
         names = {key: "xyz"[k % 3] for key, k in zip("bc", axes, strict=False)}
@@ -324,14 +306,12 @@ class ReadingForm(Form, FalseReading):
         return np.stack(self.shape.columns(at), axis=-1)
 
     def field(self, p_instr_m: Array) -> Array:
-        """Return the error of readings a unit of each parameter, (P, B, 3, k)."""
         columns = self.of_place(p_instr_m)
         field = np.zeros((*p_instr_m.shape, columns.shape[-1]))
         field[:, :, int(self.numbers[0])] = columns
         return field
 
     def report(self, x: Array) -> Report:
-        """Return the parameters in the form of the formula."""
         if self.form != "quadratic":
             return super().report(x)
         c = x[0] if x[0] != 0.0 else np.finfo(float).tiny

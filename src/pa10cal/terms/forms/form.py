@@ -1,23 +1,28 @@
-"""What a short form is: a few parameters, a shape that numbers fix, and the formula in words."""
+"""What a short form is: a few parameters, a shape that numbers fix, and the formula in words.
+
+And those at a joint: its angle is off, or it carries a torque beyond the weights.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, joint_of
-from pa10cal.terms.effects.joint_angle import amplitude_and_phase
-from pa10cal.terms.term import Parameter, Report, report_as_solved
+from pa10cal.terms.effects.joint import amplitude_and_phase
+from pa10cal.terms.term import JointTorqueOnly, Parameter, Report, report_as_solved
 
 Numbers = tuple[float, ...]
 
 #: Size in which forms are fitted, in the plausible one.
 _ANY_SIZE = 10.0
+#: Names of numbers that need not be whole.
+_ANY_VALUE = ("threshold", "start", "time", "period")
 
 
 class At(NamedTuple):
@@ -67,10 +72,11 @@ class Shape:
     columns: Callable[[Any], tuple[Array, ...]]
     solved: tuple[Parameter, ...]  # the parameters it is solved in
     numbers: tuple[str, ...] = ()  # names of the numbers that fix it and a reader has to be given
-    # `as solved`; `turning` where a sine and a cosine part are an amplitude A and a phase phi;
-    # `offset` where a slope and a constant are a slope and the place of its zero
-    reported: Literal["as solved", "turning", "offset"] = "as solved"
-    between: int | None = None  # which number, from 0, may have any value; None where all are whole
+
+    @property
+    def between(self) -> int | None:
+        """Return which number, from 0, may have any value; None where all are whole."""
+        return next((k for k, name in enumerate(self.numbers) if name in _ANY_VALUE), None)
 
 
 @dataclass(frozen=True)
@@ -119,7 +125,6 @@ class Form(NamedEffect):
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return the parameters it is solved in."""
         return self.shape.solved
 
     @property
@@ -129,7 +134,6 @@ class Form(NamedEffect):
 
     @property
     def formula(self) -> str:
-        """Return the form in words a reader can type."""
         words = self.shape.words.format(*self.numbers, j=self.joint)
         return words.replace("(1 q_", "(q_")
 
@@ -144,20 +148,16 @@ class Form(NamedEffect):
         return np.stack(self.shape.columns(At(states, self.joint, self.numbers)), axis=1)
 
     def report(self, x: Array) -> Report:
-        """Return the parameters in the form of the formula."""
-        if self.shape.reported == "turning":
-            return amplitude_and_phase(x, self.shape.solved[0].unit)
-        if self.shape.reported == "offset":
-            return _slope_and_zero(x, self.shape.solved)
-        return report_as_solved(self.reported, x)
-
-
-def _slope_and_zero(x: Array, solved: tuple[Parameter, ...]) -> Report:
-    """Report x_0 v + x_1 as x_0 (v - v_0)."""
-    slope = x[0] if x[0] != 0.0 else np.finfo(float).tiny
-    zero = -x[1] / slope
-    jacobian = np.array([[1.0, 0.0], [-zero / slope, -1.0 / slope]])
-    return Report(solved, np.array([x[0], zero]), jacobian)
+        solved = self.shape.solved
+        names = [parameter.name for parameter in solved]
+        if names == ["s", "c"]:  # a sine and a cosine part
+            return amplitude_and_phase(x, solved[0].unit)
+        if names == ["k", "q0"]:  # a slope and a constant: as a slope and the place of its zero
+            slope = x[0] if x[0] != 0.0 else np.finfo(float).tiny
+            zero = -x[1] / slope
+            jacobian = np.array([[1.0, 0.0], [-zero / slope, -1.0 / slope]])
+            return Report(solved, np.array([x[0], zero]), jacobian)
+        return report_as_solved(solved, x)
 
 
 def sines(angle: Array, times: Array | float = 1.0) -> tuple[Array, Array]:
@@ -174,3 +174,186 @@ def sized(names: str, unit: str, plausible: float) -> tuple[Parameter, ...]:
     """Return parameters, their names with blanks between them, by their plausible size."""
     scale = 0.03 * plausible
     return tuple(Parameter(name, unit, scale, plausible=plausible) for name in names.split())
+
+
+# Short forms at a joint.
+
+#: Errors of angles to be expected [rad], and torques that go with an angle [N m].
+_ANGLE_RAD = 3e-4
+_TORQUE_NM = 10.0
+#: Torque of which a joint's error is expected to be about `_ANGLE_RAD` [N m].
+_LOAD_NM = 30.0
+
+
+def _saw(at: At) -> Array:
+    teeth, start = at.numbers
+    turns = teeth * at.q / (2.0 * np.pi) - start
+    return np.asarray(2.0 * (turns - np.floor(turns)) - 1.0)
+
+
+def _product_of_sines(at: At) -> tuple[Array, ...]:
+    of_own, of_other = sines(at.q), sines(at.q_of(at.numbers[0]))
+    return tuple(own * other for own in of_own for other in of_other)
+
+
+_A = sized("A", "rad", _ANGLE_RAD)
+_SINES = sized("s c", "rad", _ANGLE_RAD)
+_A_NM = _ANGLE_RAD / _LOAD_NM
+_PER_NM2, _PER_NM3 = _ANGLE_RAD / _LOAD_NM**2, _ANGLE_RAD / _LOAD_NM**3
+_PULL = sized("k", "N m/rad", _TORQUE_NM)
+
+
+@dataclass(frozen=True)
+class AngleForm(Form):
+    """The joint's angle is off by a short form."""
+
+    shapes: ClassVar[Mapping[str, Shape]] = {
+        "harmonic": Shape(
+            "theta_{j} += A sin({0:g} q_{j} + phi)",
+            lambda at: sines(at.numbers[0] * at.q),
+            _SINES,
+            ("order",),
+        ),
+        "two_harmonics": Shape(
+            "theta_{j} += s1 sin({0:g} q_{j}) + c1 cos({0:g} q_{j}) + s2 sin({1:g} q_{j}) "
+            "+ c2 cos({1:g} q_{j})",
+            lambda at: (*sines(at.numbers[0] * at.q), *sines(at.numbers[1] * at.q)),
+            sized("s1 c1 s2 c2", "rad", _ANGLE_RAD),
+            ("order", "order"),
+        ),
+        "sawtooth": Shape(
+            "theta_{j} += A (2 frac({0:g} q_{j} / (2 pi) - {1:.4g}) - 1)",
+            lambda at: (_saw(at),),
+            _A,
+            ("teeth", "start"),
+        ),
+        "square": Shape(
+            "theta_{j} += A sgn sin({0:g} q_{j} - 2 pi {1:.4g})",
+            lambda at: (np.sign(-_saw(at)),),
+            _A,
+            ("teeth", "start"),
+        ),
+        "step": Shape(
+            "theta_{j} += A where q_{j} > {0:.4g}",
+            lambda at: ((at.q > at.numbers[0]).astype(float),),
+            _A,
+            ("threshold",),
+        ),
+        "torque_squared": Shape(
+            "theta_{j} -= c tau_{j}^2",
+            lambda at: (-(at.tau**2),),
+            sized("c", "rad/(N m)²", _PER_NM2),
+        ),
+        "torque_abs_torque": Shape(
+            "theta_{j} -= c tau_{j} |tau_{j}|",
+            lambda at: (-at.tau * np.abs(at.tau),),
+            sized("c", "rad/(N m)²", _PER_NM2),
+        ),
+        "torque_cubed": Shape(
+            "theta_{j} -= c tau_{j}^3",
+            lambda at: (-(at.tau**3),),
+            sized("c", "rad/(N m)³", _PER_NM3),
+        ),
+        "sign_of_torque": Shape("theta_{j} -= A sgn(tau_{j})", lambda at: (-np.sign(at.tau),), _A),
+        "torque_beyond": Shape(
+            "theta_{j} -= c sgn(tau_{j}) max(|tau_{j}| - {0:.4g}, 0)",
+            lambda at: (-beyond(at.tau, at.numbers[0]),),
+            sized("c", "rad/(N m)", _A_NM),
+            ("threshold",),
+        ),
+        "torque_by_angle": Shape(
+            "theta_{j} -= tau_{j} A sin({0:g} q_{j} + phi)",
+            lambda at: sines(at.numbers[0] * at.q, -at.tau),
+            sized("s c", "rad/(N m)", _A_NM),
+            ("order",),
+        ),
+        "arrival_by_torque": Shape(
+            "theta_{j} += h s_{j} |tau_{j}|",
+            lambda at: (at.arrival * np.abs(at.tau),),
+            sized("h", "rad/(N m)", _A_NM),
+        ),
+        "arrival_by_torque_squared": Shape(
+            "theta_{j} += h s_{j} tau_{j}^2",
+            lambda at: (at.arrival * at.tau**2,),
+            sized("h", "rad/(N m)²", _PER_NM2),
+        ),
+        "arrival_by_angle": Shape(
+            "theta_{j} += s_{j} A sin({0:g} q_{j} + phi)",
+            lambda at: sines(at.numbers[0] * at.q, at.arrival),
+            _SINES,
+            ("order",),
+        ),
+        "other_angle": Shape(
+            "theta_{j} += A sin({1:g} q_{0:g} + phi)",
+            lambda at: sines(at.numbers[1] * at.q_of(at.numbers[0])),
+            _SINES,
+            ("joint", "order"),
+        ),
+        "product_of_angles": Shape(
+            "theta_{j} += c q_{j} q_{0:g}",
+            lambda at: (at.q * at.q_of(at.numbers[0]),),
+            sized("c", "1/rad", _ANGLE_RAD),
+            ("joint",),
+        ),
+        "product_of_sines": Shape(
+            "theta_{j} += a sin q_{j} sin q_{0:g} + b sin q_{j} cos q_{0:g} "
+            "+ c cos q_{j} sin q_{0:g} + d cos q_{j} cos q_{0:g}",
+            _product_of_sines,
+            sized("a b c d", "rad", _ANGLE_RAD),
+            ("joint",),
+        ),
+        "other_torque": Shape(
+            "theta_{j} += c tau_{0:g}",
+            lambda at: (at.tau_of(at.numbers[0]),),
+            sized("c", "rad/(N m)", _A_NM),
+            ("joint",),
+        ),
+        "settling": Shape(
+            "theta_{j} += A exp(-(t - {1:.6g}) / {0:.4g}), t in s",
+            lambda at: (np.exp(-(at.states.time_s - at.numbers[1]) / at.numbers[0]),),
+            _A,
+            ("time",),
+        ),
+    }
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return (f"theta_{self.joint}",)
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        return self.values(states)[:, None, :]
+
+
+@dataclass(frozen=True)
+class PullForm(JointTorqueOnly, Form):
+    """The joint carries, beyond the weights, a torque of a short form."""
+
+    carried: ClassVar[bool] = True
+    shapes: ClassVar[Mapping[str, Shape]] = {
+        "pull": Shape(
+            "tau_{j} += k (q_{j} - q0)",
+            lambda at: (at.q, np.ones(len(at.states))),
+            (*_PULL, *sized("q0", "rad", _TORQUE_NM)),
+        ),
+        "pull_beyond": Shape(
+            "tau_{j} += k max(q_{j} - {0:.4g}, 0)",
+            lambda at: (np.maximum(at.q - at.numbers[0], 0.0),),
+            _PULL,
+            ("threshold",),
+        ),
+        "pull_below": Shape(
+            "tau_{j} += k min(q_{j} - {0:.4g}, 0)",
+            lambda at: (np.minimum(at.q - at.numbers[0], 0.0),),
+            _PULL,
+            ("threshold",),
+        ),
+        "pull_harmonic": Shape(
+            "tau_{j} += A sin({0:g} q_{j} + phi)",
+            lambda at: sines(at.numbers[0] * at.q),
+            sized("s c", "N m", _TORQUE_NM),
+            ("order",),
+        ),
+    }
+
+    def per_unit(self, states: PoseStates) -> Array:
+        return self.values(states)
