@@ -21,7 +21,13 @@ from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array
 from pa10cal.discovery.finding import Finding, GivesWay
 from pa10cal.discovery.gap import trusted
-from pa10cal.discovery.linear import by_terms, error_mm, possible_sizes, residual_and_jacobian
+from pa10cal.discovery.linear import (
+    by_terms,
+    error_mm,
+    of_weights,
+    possible_sizes,
+    residual_and_jacobian,
+)
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import sought, why_unknown
 from pa10cal.discovery.verdict import Verdict, is_named
@@ -177,11 +183,8 @@ class _Rows:
     @cached_property
     def of_weights(self) -> NDArray[np.bool_]:
         """Return which unknowns are weights: these are expected about what is assumed."""
-        chosen = np.zeros(len(self.sizes), dtype=bool)
-        for term in self.at.model.terms:
-            if isinstance(term, Weights):
-                chosen[self.at.model.columns_of(term)] = True
-        return chosen
+        targets = np.zeros(len(self.at.targets_m), dtype=bool)
+        return np.concatenate([of_weights(self.at.model), targets])
 
     def without(self, springs: tuple[JointSpring, ...]) -> FittedModel:
         """Return the model with some joints rigid."""
@@ -203,12 +206,7 @@ class _Rows:
         )
 
     def rivals(self, spring: JointSpring, needed: float) -> tuple[Effect, ...]:
-        """Return effects beside which a spring is not needed any more, the best first.
-
-        Args:
-            spring: the spring.
-            needed: log evidence that it needs.
-        """
+        """Return effects beside which a spring is not needed any more, the best first."""
         rigid, alike = self.without((spring,)), self.alike(spring)
         without, with_it = self._system(rigid, (spring,)), self._as_it_is
         instead: dict[Effect, float] = {}
@@ -224,12 +222,7 @@ class _Rows:
         return tuple(best)
 
     def instead_of(self, springs: tuple[JointSpring, ...], needed: float) -> tuple[Effect, ...]:
-        """Return effects each of which alone explains the poses as well as some springs together.
-
-        Args:
-            springs: the springs.
-            needed: log evidence that a name needs.
-        """
+        """Return effects that explain the poses, each alone, as well as some springs together."""
         if len(springs) < 2:
             return ()
         rigid = self.without(springs)
@@ -245,12 +238,7 @@ class _Rows:
         return tuple(sorted(instead, key=lambda effect: instead[effect]))
 
     def _by_moments(self, at: FittedModel, shape: tuple[int, ...]) -> Array:
-        """Return what uncertain weights move by way of links and base that were found to bend.
-
-        Args:
-            at: the model about which it is linear.
-            shape: of the derivative (P, b, k).
-        """
+        """Return what uncertain weights move, (P, b, k), through links and base found to bend."""
         added = np.zeros(shape)
         bending = [t for t in at.model.terms if isinstance(t, LinkEffect | BaseCompliance)]
         if not bending:
@@ -279,9 +267,6 @@ class _Rows:
         """Yield every candidate at each of its shapes, with its whitened columns (N, l).
 
         What bends under moments does so under those of the weights, which are not known either.
-
-        Args:
-            at: the model about which it is linear.
         """
         asked = [(effect, start) for effect in self.candidates for start in effect.starts]
         effects, starts = [effect for effect, _ in asked], [start for _, start in asked]

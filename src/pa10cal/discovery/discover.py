@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from typing_extensions import override
@@ -14,7 +14,7 @@ from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.formulas import with_lines_named, with_proposals
-from pa10cal.discovery.gap import Named, gap, in_order
+from pa10cal.discovery.gap import gap
 from pa10cal.discovery.gates import gated
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import (
@@ -26,7 +26,6 @@ from pa10cal.discovery.linear import (
 from pa10cal.discovery.noise import (
     LEAST_DIFFERENCES,
     LEAST_REPEATED,
-    Noise,
     mean_covariance,
     noise_of_near_poses,
     repeated,
@@ -34,7 +33,7 @@ from pa10cal.discovery.noise import (
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.row_faults import carries, of_wrong_row
 from pa10cal.discovery.torque_check import stated_wrongly
-from pa10cal.discovery.verdict import Plan, Searched, Verdict, Word, is_named, label_of, no_name
+from pa10cal.discovery.verdict import Searched, Verdict, is_named, label_of, no_name
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
@@ -64,27 +63,8 @@ class TooLittle:
 class NotSought(Verdict[object]):
     """A campaign in which effects cannot be sought: its calibrated model stays as it is."""
 
-    reason: TooLittle  # what the campaign lacks
     calibrated: FittedModel  # the calibrated model
-    cov: Array  # (P, b, b) covariance of their components by noise
-    noise: Noise  # of single readings: of nearly equal poses, or as stated
-
-    method: ClassVar[None] = None
-
-    @property
-    @override
-    def verdict(self) -> Word:
-        return "not_sought"
-
-    @property
-    @override
-    def why(self) -> str:
-        return self.reason.why
-
-    @property
-    @override
-    def remedy(self) -> str:
-        return self.reason.remedy
+    cov: Array  # (P, b, b) covariance of the components of the poses fitted, by noise
 
     @property
     @override
@@ -93,46 +73,21 @@ class NotSought(Verdict[object]):
         count = len(self.extended.at.x)
         return np.full((count, count), np.nan) if known is None else known
 
-    @property
-    @override
-    def noise_floor_from(self) -> str:
-        return self.noise.origin
-
     @cached_property
     @override
     def model(self) -> FittedModel:
         return self.calibrated
 
     @override
-    def next_poses(self, count: int, random_seed: int = 0) -> Plan:
-        return Plan(())
-
-    @override
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
         found = lack_of_fit(CellResiduals.about(self.baseline, self.train.poses, self.cov))
         return found, found
-
-    @override
-    def errors_by_name(self) -> tuple[Named, ...]:
-        return in_order(self.train, self.holdout, (), lambda _: self.calibrated)
-
-    @property
-    @override
-    def _shown(self) -> tuple[str, ...]:
-        return self.why, self.remedy
 
 
 def not_sought(
     campaign: Prepared, calibrated: FittedModel, reason: TooLittle, error_rate: float
 ) -> NotSought:
-    """Return the verdict on a campaign in which effects cannot be sought.
-
-    Args:
-        campaign: made ready.
-        calibrated: the calibrated model, as it was given.
-        reason: what the campaign lacks.
-        error_rate: probability allowed of naming anything where nothing is missing.
-    """
+    """Return the verdict on a campaign in which effects cannot be sought."""
     # Weights other than described are unknowns of a search; here the model stays as it was given.
     campaign = replace(campaign, baseline=calibrated.with_bends())
     baseline, setup = campaign.baseline, campaign.setup
@@ -149,21 +104,17 @@ def not_sought(
         prepared=campaign,
         context=context_of(poses, baseline, setup),
         error_rate=error_rate,
-        candidates=0,
-        findings=(),
-        unexplained=(),
-        not_testable=(),
         extended=ModelWithEffects((), replace(baseline, model=with_base_term(baseline), x=x), True),
         noise_floor_mm=floor_mm,
+        noise_floor_from=noise.origin,
         train=gap(poses, baseline, baseline, floor_mm),
         holdout=None
         if held_out is None
         else gap(complete(held_out, baseline, setup), baseline, baseline, floor_mm),
-        steps=(),
-        reason=reason,
+        why=reason.why,
+        remedy=reason.remedy,
         calibrated=calibrated,
         cov=cov,
-        noise=noise,
     )
 
 
@@ -259,12 +210,7 @@ def _judged(campaign: Prepared, model: FittedModel, error_rate: float) -> Verdic
 
 
 def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | None:
-    """Return that orientations are others than the arm's, as in another convention; None if not.
-
-    Args:
-        readings: single readings of the poses fitted.
-        baseline: the calibrated model.
-    """
+    """Return that orientations are others than the arm's, as in another convention; None if not."""
     for kind, at in readings.measured.component_kinds:
         if not kind.startswith("attitude"):
             continue
@@ -282,11 +228,7 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | 
 
 
 def judged_by_blocks(readings: Observations) -> bool:
-    """Return whether effects are judged by blocks of poses held out, and not by repeats.
-
-    Args:
-        readings: single readings of the poses fitted.
-    """
+    """Return whether effects are judged by blocks of poses held out, and not by repeats."""
     repeats = repeated(readings)
     return enough(len(readings)) and repeats < max(
         LEAST_DIFFERENCES, LEAST_REPEATED * len(readings)
@@ -294,12 +236,7 @@ def judged_by_blocks(readings: Observations) -> bool:
 
 
 def too_little(readings: Observations, baseline: FittedModel) -> TooLittle | None:
-    """Return what a campaign lacks for a search that is judged by repeats; None for nothing.
-
-    Args:
-        readings: single readings of the poses fitted, without gross errors.
-        baseline: the calibrated model.
-    """
+    """Return what a campaign lacks for a search that is judged by repeats; None for nothing."""
     repeats = repeated(readings)
     if repeats < LEAST_DIFFERENCES:
         return TooLittle(

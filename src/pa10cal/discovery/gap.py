@@ -87,8 +87,7 @@ class Gap:
     def record(self, suspected: Rows | None = None) -> SetGap:
         """Return the gap as it is written: over all loads, by load, and by what the fit saw.
 
-        Args:
-            suspected: (P,) configurations that have a suspected reading.
+        Configurations that have a suspected reading (P,) are counted apart as well.
         """
         less, still = trusted(self, suspected), self.without_motion
         load_N = self.poses.states.load_N
@@ -250,12 +249,7 @@ def in_order(
     """Return the errors of the calibrated model, and as effects join it, the largest first.
 
     They join in the order of what the model with all of them loses without each: alone, an effect
-    may be masked by another.
-
-    Args:
-        train, holdout: the gap before and with all effects.
-        effects: all of them.
-        fitted_with: fits the model with some of them.
+    may be masked by another. The last is the gap that is given.
     """
 
     def with_only(some: tuple[Effect, ...]) -> Named:

@@ -178,12 +178,7 @@ def _alternative(found: V, finding: Finding[object]) -> V | None:
 
 
 def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
-    """Return why an effect cannot be named.
-
-    Args:
-        finding: what was found.
-        model: the calibrated model with the effects found.
-    """
+    """Return why an effect cannot be named, by the calibrated model with the effects found."""
     effect = finding.effect
     linear = slice(0, effect.linear)
     x, columns = model.values_of(effect)[linear], model.model.columns_of(effect)
@@ -341,12 +336,7 @@ def _without_contradicted(found: V, visited: AnglesSeen) -> V:
 
 
 def _suspects(findings: Sequence[Finding[object]], left: Rows) -> list[Finding[object]]:
-    """Return the names of joints that left what was visited; all names where none did.
-
-    Args:
-        findings: what was found.
-        left: (n,) whether each joint did.
-    """
+    """Return the names of joints that left (n,) what was visited; all names where none did."""
     names = [each for each in findings if is_named(each.effect)]
     of_joints = [
         each

@@ -279,13 +279,7 @@ E = TypeVar("E", bound=LoadErrors)
 
 
 def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
-    """Return the record of a calibration whose last fit is that with effects.
-
-    Args:
-        record: of the same load case without them.
-        found: the calibration with them.
-        campaign: whose it is.
-    """
+    """Return the record of a calibration whose last fit is that with effects."""
     about = FittedTo.of(found.poses, record.load, found.health, campaign)
     model = replace(found.model, fitted_to=about)
     load_N = found.poses.states.load_N

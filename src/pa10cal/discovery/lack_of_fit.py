@@ -219,10 +219,8 @@ def lack_of_fit(
 ) -> LackOfFit:
     """Compute where a model and the data disagree.
 
-    Args:
-        left: what the model leaves.
-        tests: of poses and of torques against pure error; None without repeats.
-        torques: what it leaves of the torques; None where that is not known.
+    With the tests of poses and of torques against pure error, None without repeats, and with what
+    is left of the torques, None where that is not known.
     """
     cells, n = left.cells, left.cells.states.n
     squares = error_mm(cells.measured, left.components) ** 2

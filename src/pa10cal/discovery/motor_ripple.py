@@ -488,10 +488,8 @@ def joint_series(
 def _scores(screws: Array, left: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Return score and weight of each joint in each pose, (P, n): their ratio is its residual.
 
-    Args:
-        screws: (P, b, n) how whitened components follow the joints.
-        left: (P, b) whitened components measured less predicted.
-        seen: (P, b) which components were seen.
+    By how whitened components follow the joints (P, b, n), what is left of them, measured less
+    predicted (P, b), and which were seen (P, b).
     """
     count = max(int(seen.sum()), 1)
     joint, reading = np.full(screws.shape[2], _JOINT_RAD**2), 1.0
@@ -525,9 +523,6 @@ def agreement(series: Sequence[JointSeries]) -> Agreement | None:
     The error of a pose is what the model has of it and what it leaves. Means of each pair of
     campaigns or turns are compared less their own mean: a constant is a zero, and not an error that
     depends on the angle.
-
-    Args:
-        series: the joint in each campaign.
     """
     parts = [part for each in series for part in _by_turn(each)]
     products, count = np.zeros(3), 0

@@ -80,11 +80,6 @@ def draw_near(measured: Problem | Survey, count: int, random_seed: int) -> Array
 
     Whether links, rods and instrument collide otherwise is not looked at.
 
-    Args:
-        measured: gives arm, tool and measured places.
-        count: N, how many are wanted.
-        random_seed: draws them.
-
     Returns:
         (N, n) joint positions [rad, or m of a prismatic joint].
 
@@ -390,10 +385,7 @@ def _scaled(channel: NoiseModel, variance: float, rows: Array) -> Array:
 def predicted(problem: Problem, found: Fit, states: PoseStates) -> Problem:
     """Return the problem as it would be of other poses, read as often as the campaign's were.
 
-    Args:
-        problem: the campaign.
-        found: a fit to it, which predicts them.
-        states: of N poses, torques nan.
+    A fit to the campaign predicts them; their states have torques nan.
 
     Raises:
         DiscoveryError: when torques were logged but the weights that make them are not known.
@@ -485,11 +477,6 @@ def without_repeats(survey: Survey, found: ModelWithEffects, noise: Noise) -> tu
 
     What scatters beyond the noise of readings is the error that every pose may have. Of very many
     poses some stand for all.
-
-    Args:
-        survey: the campaign.
-        found: the model with what was found, fitted.
-        noise: of single readings.
     """
     count = len(survey.poses)
     rows = np.linspace(0, count - 1, min(count, _MOST_MEASURED)).round().astype(np.intp)
@@ -533,16 +520,8 @@ def poses_at_unseen_angles(
     """Choose poses that take joints to angles not seen, the most of them first.
 
     Out of a pool drawn at random, within limits and near the measured places. An angle once chosen
-    counts as seen, so that each pose after the first goes elsewhere.
-
-    Args:
-        measured: the campaign.
-        seen: angles that its poses have seen.
-        count: poses wanted at most.
-        random_seed: draws the pool.
-
-    Returns:
-        The poses; none where all angles within reach were seen, or none is admissible.
+    counts as seen, so that each pose after the first goes elsewhere. None where all angles within
+    reach were seen, or no pose is admissible.
     """
     if not count or all(_everywhere(seen, joint) for joint in range(len(seen.turns))):
         return ()

@@ -161,12 +161,9 @@ def _torque_noise_Nm(difference_Nm: Array, torque_Nm: Array) -> Array:
 def noise_of_near_poses(poses: Observations, residual: Array) -> Noise:
     """Find the noise of readings from poses that are nearly the same; else as stated.
 
-    What two nearly equal poses differ by, less what a model says of the difference, is noise; a
-    wrong model says nearly the same of both. Each pose is in one pair at most; the median decides.
-
-    Args:
-        poses: P poses.
-        residual: (P, b) what a model leaves of them.
+    What two nearly equal poses differ by, less what a model's residual (P, b) differs by, is noise;
+    a wrong model says nearly the same of both. Each pose is in one pair at most; the median
+    decides.
     """
     first, second = nearly_same(poses)
     measured = poses.measured
@@ -499,13 +496,7 @@ class Scatter:
 
 
 def scatter_of(at: FittedModel, poses: Observations, left: Array) -> Scatter:
-    """Return what poses scatter by about a model.
-
-    Args:
-        at: the model.
-        poses: P complete poses of its fit.
-        left: (P, b) what it leaves of their components.
-    """
+    """Return what complete poses of its fit scatter by about a model that leaves (P, b) of them."""
     every = max(1, len(poses) // _ENOUGH_POSES)
     poses, left = poses.take(np.arange(0, len(poses), every)), left[::every]
     turned = by_joints(at, poses, range(1, at.arm.n + 1))
@@ -552,11 +543,7 @@ def share_inside(
 ) -> float:
     """Return how many coordinates of measured positions lie in their 95 % intervals.
 
-    Args:
-        fitted: a model with its covariance.
-        scatter: of single poses.
-        poses: P complete poses.
-        left: (P, b) predicted less measured; None to predict them.
+    By a model with its covariance, the scatter of single poses, and predicted less measured (P, b).
     """
     left = fitted.compared(poses).residual if left is None else left
     of_poses = scatter.covariance(fitted, poses)

@@ -58,11 +58,8 @@ def effects_in(family: Iterable[Effect]) -> int:
 def why_unknown(effect: Effect, states: PoseStates, *, logged: bool, weights: bool) -> str | None:
     """Return why an effect cannot be predicted from what was logged; None where it can.
 
-    Args:
-        effect: which, and where.
-        states: of complete poses.
-        logged: whether torques were logged.
-        weights: whether the torques of the weights are known.
+    By the states of complete poses, whether torques were logged, and whether those of the weights
+    are known.
     """
     calculated = getattr(effect, "of_calculated", False)
     if shows_torque(effect) and not (logged or calculated):

@@ -56,13 +56,9 @@ class RowFaults:
 def row_faults(
     readings: Observations, model: FittedModel, payload: Payload | None, torques: TorqueSource
 ) -> RowFaults:
-    """Find faults of single readings of the poses fitted.
+    """Find faults of single readings of the poses fitted, with what the model needs.
 
-    Args:
-        readings: P single readings, with what the model needs.
-        model: the calibrated model.
-        payload: what the arm carries; None where it is not known.
-        torques: where the torques of the readings come from.
+    A payload of None is one that is not known.
     """
     exchanged = loads_exchanged(readings, model, payload, torques)
     other = exchanged.load_N != readings.states.load_N
@@ -86,10 +82,7 @@ def row_faults(
 def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observations) -> RowFaults:
     """Find readings held out that are far from their prediction; none is left out for that.
 
-    Args:
-        held_out: P single readings held out, with what the model needs.
-        model: the calibrated model.
-        fitted: single readings that it was fitted to, likewise.
+    Both they and those fitted are single readings with what the model needs.
     """
     found = off_prediction(held_out, model, fitted)
     faults = _of_readings(held_out, model, found, "held out, ")
@@ -226,12 +219,7 @@ class GrossErrors:
 
 
 def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
-    """Return which single readings have a gross error.
-
-    Args:
-        readings: P single readings, with what the model needs.
-        model: the calibrated model.
-    """
+    """Return which of P single readings, with what the model needs, have a gross error."""
     left = residual(model, readings)
     by_repeats = _off_repeats(readings, model, left)
     return _off_model(readings, model, left, by_repeats)
@@ -240,10 +228,7 @@ def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
 def off_prediction(poses: Observations, model: FittedModel, fitted: Observations) -> GrossErrors:
     """Return which readings held out of a fit are far from where it predicts them.
 
-    Args:
-        poses: P single readings held out, with what the model needs.
-        model: the calibrated model.
-        fitted: single readings that it was fitted to, likewise: they show what is usual.
+    Those fitted show what is usual.
     """
     far, white = far_from_prediction(poses, model, fitted)
     components = np.sqrt(np.maximum(poses.measured.components_seen.sum(axis=1), 1))
@@ -339,9 +324,7 @@ def _off_model(
 def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[float, float]]:
     """Return poses of which all readings are far from the model, and no other pose is like them.
 
-    Args:
-        readings: P single readings without gross errors, with what the model needs.
-        model: the calibrated model.
+    Single readings are without gross errors.
 
     Returns:
         How far off each is [mm], and how many times as far as is usual.
@@ -462,14 +445,7 @@ class Exchanged:
 def loads_exchanged(
     readings: Observations, model: FittedModel, payload: Payload | None, torques: TorqueSource
 ) -> Exchanged:
-    """Find readings whose load is that of another configuration.
-
-    Args:
-        readings: P single readings, with what the model needs.
-        model: the calibrated model.
-        payload: what the arm carries; None where it is not known.
-        torques: where the torques of the readings come from.
-    """
+    """Find single readings whose load is that of another configuration."""
     stated_N = readings.states.load_N
     nothing = Exchanged(stated_N, np.zeros(len(readings)))
     loads_N = np.unique(stated_N)

@@ -41,14 +41,7 @@ def stated_wrongly(
     setup: MeasurementSetup,
     context: CandidateContext,
 ) -> tuple[Fault, ...]:
-    """Return loads and tool that are stated wrongly, by logged torques.
-
-    Args:
-        poses: P readings with what they carry, and torques that were logged.
-        baseline: the calibrated model.
-        setup: what is known besides the poses.
-        context: where faults may sit.
-    """
+    """Return loads and tool that are stated wrongly, by logged torques."""
     faults = [each for each in fault_candidates(context) if isinstance(each, WeightStated)]
     if not faults or setup.payload is None or context.torques != "logged":
         return ()

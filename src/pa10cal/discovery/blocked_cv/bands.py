@@ -85,12 +85,7 @@ def _left_out(squares: Array) -> results.LeftOut:
 def in_bands(rows: Rows, fine: Level) -> InBands | None:
     """Give maps the bands that the data have, where left-out poses are predicted better so.
 
-    Args:
-        rows: of the search.
-        fine: what it found, maps as fine as helps.
-
-    Returns:
-        None where no map is that fine, or the bands predict no better.
+    None where no map of what the search found is as fine as helps, or the bands predict no better.
     """
     maps = maps_among(fine.members)
     if not maps or max(each.knots for each in maps) < FINER_KNOTS[0]:
@@ -236,12 +231,9 @@ class _Waves:
 
 
 def _left(total: Products, out: Products, judged: Products, sizes: Array) -> float:
-    """Return the squared error of rows that are judged, predicted from all but some.
+    """Return the squared error of rows that are judged, predicted from all rows but those out.
 
-    Args:
-        total, out: products of all, and of those left out.
-        judged: products of those judged.
-        sizes: (N,) of the columns.
+    Columns are of the sizes given (N,).
     """
     gram = (total.gram - out.gram) * (sizes[:, None] * sizes)
     projection = (total.projection - out.projection) * sizes

@@ -162,11 +162,6 @@ class VerdictByBlocks(Searched[Prediction]):
 
     @property
     @override
-    def noise_floor_from(self) -> str:
-        return self.noise.origin
-
-    @property
-    @override
     def without_name(self) -> tuple[Effect, ...]:
         return (*super().without_name, *(self.nameless if self.over_noise else ()))
 
@@ -240,10 +235,6 @@ class VerdictByBlocks(Searched[Prediction]):
 def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks:
     """Search a campaign of many different poses for missing effects.
 
-    Args:
-        campaign: made ready.
-        error_rate: probability allowed of naming anything where nothing is missing.
-
     Raises:
         DiscoveryError: when there are too few poses.
     """
@@ -292,6 +283,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         below_detection_limit=searched.below_detection_limit,
         extended=extended,
         noise_floor_mm=floor_mm,
+        noise_floor_from=noise.origin,
         train=compare(judged, extended, poses, floor_mm),
         holdout=None if held_out is None else compare(judged, extended, held_out, floor_mm),
         steps=tuple(
@@ -456,14 +448,10 @@ def _renamed(
 def arena_by_blocks(
     verdict: VerdictByBlocks, held: Sequence[Effect], most_poses: int | None = None
 ) -> Arena:
-    """Return what forms are held against in place of some effects.
+    """Return what forms are held against in place of effects or smooth unknown functions.
 
-    Maps that are not among these stay as they were fitted; all else is fitted with the forms.
-
-    Args:
-        verdict: on the campaign.
-        held: effects of the model, and smooth unknown functions that it has not.
-        most_poses: so many poses are enough, drawn from all; None for all.
+    Maps that are not among these stay as they were fitted; all else is fitted with the forms. Of
+    more than `most_poses` some are drawn.
     """
     extended, survey = verdict.extended, verdict.survey
     at, poses = extended.at, survey.poses

@@ -414,10 +414,7 @@ def _nearly_always(left: Array) -> float:
     """Return the gain that an effect of plausible size reaches in all but one of 20 directions.
 
     Poses may show one parameter well and another hardly, such as a tilt along the line of sight of
-    a distance.
-
-    Args:
-        left: (k, k) products of its columns in their sizes.
+    a distance. Products of its columns (k, k) are in their sizes.
     """
     values = np.maximum(np.linalg.eigvalsh(left), 0.0)
     drawn = np.random.default_rng(0).standard_normal((_DIRECTIONS, len(values))) ** 2

@@ -87,12 +87,7 @@ def finest(rows: Rows, members: tuple[Candidate, ...]) -> tuple[Level, tuple[Ste
 
 
 def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
-    """Solve members with every block held out.
-
-    Args:
-        rows: with the members' effects, in their order, maps aside.
-        members: the members.
-    """
+    """Solve members with every block held out; rows hold their effects, in their order."""
     inside = products_of(rows, members)
     found = level_of(inside.summed(), rows, members, np.empty(BLOCKS))
     every = np.arange(len(found.prior))
@@ -104,14 +99,7 @@ def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
 
 
 def level_of(total: Products, rows: Rows, members: tuple[Candidate, ...], squares: Array) -> Level:
-    """Return members with their products.
-
-    Args:
-        total: products of all blocks.
-        rows: of the members.
-        members: the members.
-        squares: (B,) squared errors of the held-out blocks.
-    """
+    """Return members with their products, by the squared errors (B,) of held-out blocks."""
     maps = maps_among(members)
     dense = len(total.projection) - sum(each.knots for each in maps)
     factors = [b_splines_by_knots(each.knots) @ each.prior_factor for each in maps]

@@ -147,13 +147,7 @@ _MOST_LOST = 0.1
 
 
 def arrivals(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[Judged, ...]:
-    """Return the arrival errors beside the effects found that help together.
-
-    Args:
-        survey: the campaign.
-        held: its poses, predicted by the model found.
-        there: the effects found.
-    """
+    """Return the arrival errors beside the effects found that help together."""
     taken = {effect.of for effect in there if by_arrival(effect)}
     chosen = [each for each in ArrivalError.everywhere(survey.context) if each.of not in taken]
     if not chosen:

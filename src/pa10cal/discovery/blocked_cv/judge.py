@@ -14,7 +14,7 @@ from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS, Se
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Rows, Survey
 from pa10cal.discovery.finding import CARRIED, MayHaveCarrier
 from pa10cal.discovery.in_time.channel import like_a_scan
-from pa10cal.discovery.linear import by_terms, error_mm, possible_sizes
+from pa10cal.discovery.linear import by_effects, by_own_terms, error_mm
 from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
@@ -46,11 +46,8 @@ def prediction(
 ) -> Prediction:
     """Return how well held-out blocks are predicted without an effect and with it.
 
-    Args:
-        gain: (B,) what the weighed sum of squares of every block comes down by.
-        whole: sum of squares without the effect.
-        rms_mm: root mean square position errors without it and with it.
-        carrier: the one pose that carries it.
+    The weighed sum of squares of every block, `whole` in all without the effect, comes down by its
+    gain (B,); root mean square errors are those without it and with it.
     """
     part, std = float(gain.sum()) / whole, standard_error(gain) / whole
     return Prediction(
@@ -66,16 +63,7 @@ def prediction(
 
 
 def judged_members(rows: Rows, search: Search, chosen: Chosen) -> tuple[tuple[Judged, ...], Array]:
-    """Return the evidence of each member, and the remaining error of every block.
-
-    Args:
-        rows: of the campaign.
-        search: the search.
-        chosen: what it holds.
-
-    Returns:
-        One entry a member; position errors (P,) [mm] of the held-out blocks.
-    """
+    """Return the evidence of each member, and the position errors (P,) [mm] of held-out blocks."""
     state = chosen.state
     solutions = np.stack(
         [state.solution, *(state.solution_without(k + 1) for k in range(len(chosen.members)))]
@@ -192,12 +180,7 @@ def without_rivals(chosen: Chosen) -> Chosen:
 
 
 def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexplained, ...]:
-    """Return what remains without a name; nothing where noise explains it.
-
-    Args:
-        remaining: position error of the held-out blocks.
-        nameless: smooth unknown functions that the search held.
-    """
+    """Return what remains without a name; nothing where noise explains it."""
     if not remaining.over_floor:
         return ()
     left_mm, others = remaining.mean_mm, remaining.tried
@@ -275,22 +258,12 @@ class HeldPoses:
         at, poses = found.at, survey.poses
         self._left = -survey.left_by(at)
         own = [term for term in at.model.terms if not isinstance(term, JointErrorMap | BaseDrift)]
-        points = [at.x[at.model.columns_of(term)] for term in own]
-        sizes = possible_sizes(at.model)
-        self._own = np.concatenate(
-            [
-                columns * sizes[at.model.columns_of(term)]
-                for term, columns in zip(own, by_terms(at, poses, own, points), strict=True)
-            ],
-            axis=2,
-        )
+        self._own = np.concatenate(by_own_terms(at, poses, own), axis=2)
 
     def squares(self, effects: Sequence[Effect] = (), *, lag: bool = True) -> Squares:
         """Return what is left of held-out poses with effects beside the model.
 
-        Args:
-            effects: the effects.
-            lag: whether orientations may lag behind the motion, where the survey has them so.
+        Orientations may lag behind the motion, where the survey has them so, unless told otherwise.
         """
         left = self._predicted(effects, lag)
         white = (self._whiteners @ left[:, :, None])[:, :, 0] ** 2
@@ -329,8 +302,7 @@ class HeldPoses:
             elif of_lag.amounts is not None:
                 left += of_lag.shift(self._survey.baseline, poses)
         starts = [effect.starts[0] for effect in effects]
-        found = by_terms(self._at, self._survey.poses, effects, starts)
-        added = [own @ each.prior_factor for own, each in zip(found, effects, strict=True)]
+        added = by_effects(self._at, self._survey.poses, effects, starts)
         columns = np.concatenate([*own, *added], axis=2)
         white = self._whiteners @ columns
         data = self._whiteners @ left[:, :, None]
@@ -364,13 +336,7 @@ _OWN_TIMES = 0.95
 
 
 def slow_drift(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[Judged, ...]:
-    """Return a slow drift beside the effects found, where it helps.
-
-    Args:
-        survey: the campaign.
-        held: its poses, predicted by the model found.
-        there: the effects found.
-    """
+    """Return a slow drift beside the effects found, where it helps."""
     poses = survey.poses
     time_s = poses.states.time_s
     known = len(np.unique(time_s)) > _OWN_TIMES * len(poses)

@@ -69,16 +69,11 @@ _NONE = 1e-9
 
 
 def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> Rows:
-    """Return rows of effects and maps, weighed.
+    """Return rows of effects and of maps of so many knots, weighed.
 
     By the scatter that all named effects and maps of all joints leave together: then no pose weighs
     less because of an effect that is still to be found. Where poses are few for that, as of an
     instrument that gives one number a pose, maps are not fitted, or no effects either.
-
-    Args:
-        survey: the campaign.
-        shaped: effects.
-        knots: of the maps.
     """
     measured = survey.poses.measured
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
@@ -200,15 +195,9 @@ def refit(
 
 
 def one_step(survey: Survey, found: Refit, rows: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Return what some poses alone say of all unknowns, by one step from a fit to all.
+    """Return what some poses alone say of all unknowns (k,), by one step from a fit to all.
 
-    Args:
-        survey: the campaign.
-        found: the fit to all of its poses.
-        rows: poses.
-
-    Returns:
-        The unknowns (k,), and their covariance (k, k).
+    With them comes their covariance (k, k).
     """
     fewer = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
     counts = PoseWeights(found.weights.whitener[rows], found.weights.weight[rows])
@@ -325,14 +314,7 @@ _STEPS = 3
 
 
 def compare(campaign: Survey, extended: Refit, poses: Observations, noise_floor_mm: float) -> Gap:
-    """Return the gap of calibrated and extended model on some poses.
-
-    Args:
-        campaign: whose model it is.
-        extended: the model with effects.
-        poses: measured poses, orientations and torques as the model has them.
-        noise_floor_mm: mean error that noise alone would leave.
-    """
+    """Return the gap of calibrated and extended model on measured poses."""
     after, seen = extended.fitted(), seen_by_maps(campaign, extended.effects)
     poses, wander = complete_about(poses, campaign.baseline, after, campaign.setup), campaign.wander
     T_moved = None if wander is None else moved_frames(wander.motions(poses.states.time_s))

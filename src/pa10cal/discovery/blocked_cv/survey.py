@@ -14,9 +14,11 @@ from scipy.sparse import csr_array
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.in_time.wander import Wander
 from pa10cal.discovery.linear import (
+    by_effects,
     by_joints,
+    by_own_terms,
     by_targets,
-    by_terms,
+    of_weights,
     possible_sizes,
     residual,
     unknowns,
@@ -33,7 +35,6 @@ from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import CandidateContext, Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots, harmonics_at_knots
 from pa10cal.terms.model import Model
-from pa10cal.terms.weights import Weights
 
 #: Blocks of poses, each held out in turn.
 BLOCKS = 10
@@ -429,9 +430,7 @@ class Rows:
     @property
     def of_weights(self) -> Index:
         """Return the columns of weights that are uncertain, among the model's own."""
-        model = self.place.model
-        places = [model.columns_of(each) for each in model.terms if isinstance(each, Weights)]
-        return np.concatenate([np.zeros(0, np.intp), *(self.own[at] for at in places)])
+        return np.flatnonzero(of_weights(self.place.model))
 
     @property
     def own_sizes(self) -> Array:
@@ -490,7 +489,9 @@ class Rows:
         """Return the rows of one block."""
         here = np.flatnonzero(self.survey.block == b)
         poses, whiten = self.survey.poses.take(here), self.weights.whiteners(here)
-        dense = whiten @ np.concatenate([self._own(poses), *self._effects(poses)], axis=2)
+        effects, starts = [s.effect for s in self.shaped], [s.start for s in self.shaped]
+        found = by_effects(self.place, poses, effects, starts)
+        dense = whiten @ np.concatenate([self._own(poses), *found], axis=2)
         screws = whiten @ by_joints(self.place, poses, self.joints)
         q_rad = poses.states.q_rad[:, [joint - 1 for joint in self.joints]]
         data = -whiten @ residual(self.place, poses)[:, :, None]
@@ -514,22 +515,11 @@ class Rows:
         return found
 
     def _own(self, poses: Observations) -> Array:
-        model, x = self.place.model, self.place.x
-        stops = np.cumsum([0, *(len(term.parameters) for term in model.terms)])
-        points = [x[first:last] for first, last in pairwise(stops)]
-        columns = by_terms(self.place, poses, model.terms, points)
-        columns.append(by_targets(self.place, poses))
-        found: Array = np.concatenate(columns, axis=2) * possible_sizes(model, poses.measured)
-        beside = [each.columns(self.place, poses) for each in self.survey.nuisances]
-        return np.concatenate([found, *beside], axis=2)
-
-    def _effects(self, poses: Observations) -> Sequence[Array]:
-        effects = [each.effect for each in self.shaped]
-        found = by_terms(self.place, poses, effects, [each.start for each in self.shaped])
-        return [
-            columns[:, :, : effect.linear] @ effect.prior_factor
-            for effect, columns in zip(effects, found, strict=True)
-        ]
+        at = self.place
+        sizes = possible_sizes(at.model, poses.measured)[len(at.x) :]
+        own = by_own_terms(at, poses, at.model.terms)
+        beside = [each.columns(at, poses) for each in self.survey.nuisances]
+        return np.concatenate([*own, by_targets(at, poses) * sizes, *beside], axis=2)
 
     def kinds(self, count: int) -> tuple[Index, Index]:
         """Return which of so many rows are of positions, and which of orientations."""

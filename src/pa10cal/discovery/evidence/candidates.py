@@ -16,11 +16,10 @@ from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import Block
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.finding import NotTestable
-from pa10cal.discovery.linear import by_end, possible_sizes
+from pa10cal.discovery.linear import by_end, of_weights, possible_sizes
 from pa10cal.discovery.preparation import computable, why_hidden
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
-from pa10cal.terms.weights import Weights
 
 #: Effects whose directions are closer than this look the same.
 INDISTINGUISHABLE = 0.999
@@ -41,10 +40,7 @@ class Linearised:
 def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> Linearised:
     """Linearise the model about a fit, by its own parameters and by candidates.
 
-    Args:
-        problem: the campaign.
-        found: the fit; those of its effects that are among the candidates are put back.
-        candidates: effects.
+    Those of the fit's effects that are among the candidates are put back.
     """
     pose = problem.pose.rows(pose_rows(problem, found.at))
     own_columns = found.own_columns()
@@ -62,10 +58,9 @@ def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> L
         blocks[effect] = Block(
             by_x[:, first:last], torque_by_x[:, first:last], _factor(effect, found.of(effect))
         )
-    for term in found.model.terms:
-        if isinstance(term, Weights):  # expected about what is described, not about the fit
-            at = found.model.columns_of(term)
-            pose_data = pose_data + by_x[:, at] @ found.x[at]
+    # Weights are expected about what is described, not about the fit.
+    weights = np.flatnonzero(of_weights(found.model))
+    pose_data = pose_data + by_x[:, weights] @ found.x[weights]
     others = tuple(effect for effect in candidates if effect not in blocks)
     if others:
         blocks |= zip(others, _blocks(problem, found, others), strict=True)
@@ -132,7 +127,7 @@ def testable(
     own, _ = np.linalg.qr(np.concatenate([pose(lin.own), np.eye(lin.own.shape[1])]))
     own = own[: len(lin.own)]
     torque = None if problem.torque is None else problem.torque.whitening(0.0)
-    uncertain = any(isinstance(term, Weights) for term in found.model.terms)
+    uncertain = of_weights(found.model).any()
     shown = []
     for effect, block in zip(known, lin.blocks, strict=True):
         rows = pose(block.pose @ block.factor)

@@ -203,10 +203,6 @@ class VerdictByRepeats(Searched[Confirmation]):
 def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepeats:
     """Search a campaign for missing effects.
 
-    Args:
-        campaign: made ready.
-        error_rate: probability allowed of naming anything where nothing is missing.
-
     Raises:
         DiscoveryError: when too little is repeated.
         CalibrationError: when a joint with a spring has no torque.
@@ -299,11 +295,7 @@ def compare(
 ) -> Gap:
     """Return the gap of baseline and extended model on averaged poses.
 
-    Args:
-        problem: the campaign.
-        extended: the model with the effects found.
-        poses: the averaged poses.
-        searched: the model at the end of the search, which may hold what has no name, too.
+    The model at the end of the search may hold what has no name, too.
     """
     poses = complete_about(poses, problem.baseline, extended.at, problem.setup)
     floor = floor_mm(problem, poses.readings)
@@ -371,10 +363,6 @@ def evidence_lack_of_fit(problem: Problem, found: Fit) -> LackOfFit:
     Two channels: poses, measured against predicted, and torques, logged against the weights. Errors
     common to all poses take their part first: places of targets on the apparatus, masses, loads,
     zeros.
-
-    Args:
-        problem: the campaign.
-        found: the fit, with or without effects.
     """
     cells, at = problem.cells, found.at
     pose, torque = channel_tests(problem, found)
@@ -425,13 +413,9 @@ def _channel_test(channel: NoiseModel, squares: Array, dof: Array, pure: int) ->
 def _left_over(model: NoiseModel, rows: Array, test: Channel) -> Array:
     """Return measured less predicted, less the errors common to all poses, (C, b).
 
-    These errors have unit variance each, by which they are held back; the error that poses share
-    keeps them from taking what the model lacks.
-
-    Args:
-        model: the noise of the channel.
-        rows: (C, b, 1 + k) predicted less measured, and its derivative.
-        test: says what error the poses share.
+    Rows (C, b, 1 + k) are predicted less measured, and its derivative. Common errors have unit
+    variance each, by which they are held back; the error that poses share by the test of the
+    channel keeps them from taking what the model lacks.
     """
     left = -model.rows(rows[:, :, :1])
     weight = 1.0 / (1.0 + test.shared_variance_of_a_reading * model.shared_size)[:, None]
@@ -452,10 +436,6 @@ def arena_by_repeats(verdict: VerdictByRepeats, held: Sequence[Effect]) -> Arena
     """Return what forms are held against in place of some effects that the search ended with.
 
     Where there are none, rows are weighed by the noise of repeats alone: that is to be reached.
-
-    Args:
-        verdict: on the campaign.
-        held: maps and smooth unknown functions.
     """
     found = verdict.judgement.found
     # Its model does not keep what each of many forms makes.
@@ -494,10 +474,6 @@ def fit_given(problem: Problem, effects: tuple[Effect, ...]) -> tuple[Problem, F
 
     Sizes expected and errors of unknown cause are those of the greatest evidence; noise and weights
     are computed about the fit, until nothing changes.
-
-    Args:
-        problem: the campaign, made ready about the baseline.
-        effects: what to add.
 
     Returns:
         The campaign made ready about the fit, and the fit.

@@ -43,13 +43,8 @@ def gather(
 ) -> tuple[Observations, Array]:
     """Average readings into cells, ordered by pose, load, direction and time.
 
-    Args:
-        readings: P single readings.
-        cov: (P, b, b) covariances of their components.
-        most: readings a cell.
-
     Returns:
-        The C cells, and the covariances (C, b, b) of their means.
+        The C cells, and the covariances (C, b, b) of their means, from those (P, b, b) of readings.
     """
     circumstances = same_circumstances(readings)
     order = np.lexsort((readings.states.time_s, circumstances))
@@ -80,11 +75,7 @@ class SharedError:
 
 
 def shared_error(cells: Observations) -> SharedError:
-    """Lay out the errors that cells of a pose share.
-
-    Args:
-        cells: C cells, whose rows are whitened by the covariance of their own mean.
-    """
+    """Lay out the errors that C cells share, their rows whitened by each one's own noise."""
     count = len(cells)
     turn, size = np.zeros((count, count)), np.zeros(count)
     for pose in np.unique(cells.pose):
@@ -137,13 +128,7 @@ class NoiseModel:
 
     @classmethod
     def of(cls, whitener: Array, shared: SharedError, common: Array) -> NoiseModel:
-        """Lay out a channel.
-
-        Args:
-            whitener: (C, b, b).
-            shared: errors that cells of a pose share.
-            common: (C, b, c) errors common to all poses, at their standard uncertainty.
-        """
+        """Lay out a channel: whitener (C, b, b), common errors (C, b, c) at their uncertainty."""
         bare = cls(whitener, shared, np.zeros((whitener.shape[0] * whitener.shape[1], 0)))
         return cls(whitener, shared, bare.rows(common))
 

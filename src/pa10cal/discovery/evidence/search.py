@@ -57,14 +57,7 @@ def evidence_about(problem: Problem, found: Fit, family: tuple[Effect, ...]) -> 
 def search(
     problem: Problem, family: tuple[Effect, ...], error_rate: float, start: Fit
 ) -> EndOfSearch:
-    """Find the set of effects that the data support.
-
-    Args:
-        problem: the campaign.
-        family: all candidates.
-        error_rate: probability allowed of naming anything where nothing is missing.
-        start: the model without effects, fitted.
-    """
+    """Find the set of effects of a family that the data support, from the model without effects."""
     needed = threshold(effects_in(family), error_rate)
     same = indistinguishable(problem, start, family)
     current = start

@@ -21,7 +21,7 @@ from pa10cal.discovery.in_time.wander import (
     motions_along,
     sizes_of_six,
 )
-from pa10cal.discovery.linear import by_joints, by_targets, by_terms, error_mm, possible_sizes
+from pa10cal.discovery.linear import by_effects, by_joints, by_own_terms, by_targets, error_mm
 from pa10cal.discovery.preparation import why_unknown
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -90,23 +90,19 @@ def in_time_of(
         and why_unknown(effect, poses.states, logged=logged, weights=weights) is None
     ]
     own = [term for term in at.model.terms if not isinstance(term, JointErrorMap)]
-    points = [at.x[at.model.columns_of(term)] for term in own]
-    possible = possible_sizes(at.model)
-    held = [
-        columns * possible[at.model.columns_of(term)]
-        for term, columns in zip(own, by_terms(at, poses, own, points), strict=True)
-    ]
+    load_N = poses.states.load_N
+    by_load = motions_along(by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
+    held = [*by_own_terms(at, poses, own), by_targets(at, poses) * _TARGET_M, _BY_LOAD * by_load]
     static: list[Array] = []
     in_time: list[Array] = []
     asked = [(effect, start) for effect in known for start in effect.starts]
-    found = by_terms(at, poses, [effect for effect, _ in asked], [start for _, start in asked])
-    for (effect, _), columns in zip(asked, found, strict=True):
-        scaled = columns[:, :, : effect.linear] @ effect.prior_factor
+    effects = [effect for effect, _ in asked]
+    found = by_effects(at, poses, effects, [start for _, start in asked])
+    for effect, columns in zip(effects, found, strict=True):
         if effect.goes_with_time:
-            in_time.append(_SIZES * scaled)
+            in_time.append(_SIZES * columns)
         else:
-            static.append(scaled)
-    held += [by_targets(at, poses) * _TARGET_M, _by_load(at, poses)]
+            static.append(columns)
     if once:
         static.append(_waves(at, poses, slow))
     none = np.zeros((*whitener.shape[:2], 0))
@@ -234,14 +230,6 @@ def wandering(wander: Wander, floor_mm: float) -> tuple[Unexplained, ...]:
         f"{hours:.2g} h, neither steadily nor at once"
     )
     return (Unexplained(of="base", form=None, shared_error_mm=walk_mm, why=why),)
-
-
-def _by_load(at: FittedModel, poses: Observations) -> Array:
-    """Return motions of the base from load to load, (P, b, 6 (loads - 1))."""
-    load_N = poses.states.load_N
-    under = load_N[:, None] == np.unique(load_N)[1:]
-    columns = under[:, None, :, None] * by_base(at, poses)[:, :, None, :]
-    return np.asarray(_BY_LOAD * columns.reshape(*columns.shape[:2], -1))
 
 
 def like_a_scan(poses: Observations) -> bool:
