@@ -115,7 +115,7 @@ class Measured:
 
     def discovered(self, **changes) -> VerdictByRepeats:
         given = Prepared(self.readings, self.held_out, self.baseline, self.setup, "logged", False)
-        return discover_by_repeats(replace(given, **changes), ERROR_RATE)
+        return discover_by_repeats(replace(given, **changes))
 
     def effect(self, id_, of) -> Effect:
         (found,) = (effect for effect in self.every if (effect.id, effect.of) == (id_, of))

@@ -27,6 +27,7 @@ from pa10cal.discovery.linear import (
     of_weights,
     possible_sizes,
     residual_and_jacobian,
+    rms,
 )
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import sought, why_unknown
@@ -122,12 +123,12 @@ class _Left:
     @property
     def train_mm(self) -> float:
         """Return the root mean square error of the poses fitted."""
-        return _rms(self.fitted_each_mm)
+        return rms(self.fitted_each_mm)
 
     @property
     def held_out_mm(self) -> float | None:
         """Return that of the poses held out; None without any."""
-        return None if self.held_out_each_mm is None else _rms(self.held_out_each_mm)
+        return None if self.held_out_each_mm is None else rms(self.held_out_each_mm)
 
     @property
     def each_mm(self) -> Array:
@@ -391,10 +392,6 @@ class _Rows:
         """
         left, jacobian = residual_and_jacobian(at, poses)
         return error_mm(poses.measured, left + jacobian @ step)
-
-
-def _rms(errors_mm: Array) -> float:
-    return float(np.sqrt(np.mean(errors_mm**2)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,9 +84,7 @@ class NotSought(Verdict[object]):
         return found, found
 
 
-def not_sought(
-    campaign: Prepared, calibrated: FittedModel, reason: TooLittle, error_rate: float
-) -> NotSought:
+def not_sought(campaign: Prepared, calibrated: FittedModel, reason: TooLittle) -> NotSought:
     """Return the verdict on a campaign in which effects cannot be sought."""
     # Weights other than described are unknowns of a search; here the model stays as it was given.
     campaign = replace(campaign, baseline=calibrated.with_bends())
@@ -103,7 +101,6 @@ def not_sought(
     return NotSought(
         prepared=campaign,
         context=context_of(poses, baseline, setup),
-        error_rate=error_rate,
         extended=ModelWithEffects((), replace(baseline, model=with_base_term(baseline), x=x), True),
         noise_floor_mm=floor_mm,
         noise_floor_from=noise.origin,
@@ -153,8 +150,7 @@ def discover(
         CalibrationError: when a joint with a spring has no torque.
     """
     campaign = prepared(every, model, setup, tuple(map(of_wrong_row, wrong)))
-    error_rate = setup.options.error_rate
-    found = _judged(campaign, model, error_rate)
+    found = _judged(campaign, model)
     for _ in range(_MOST_CARRIERS):
         # A map is no name: it may well show at one pose.
         carried = [each for each in found.effects if each.carrier and is_named(each.effect)]
@@ -163,7 +159,7 @@ def discover(
         # One pose is no evidence of what acts in all of them: it is wrong, and the rest decides.
         fault = carries(str(carried[0].carrier), label_of(carried[0].effect, None), carried[0].gain)
         campaign = campaign.without_pose(str(carried[0].carrier), fault)
-        without = _judged(campaign, model, error_rate)
+        without = _judged(campaign, model)
         if without.unexplained:
             # The rest does not fit either: nothing says that this pose is worse than the others.
             found = without_names(found, carried)
@@ -183,30 +179,30 @@ def without_names(found: Searched[object], carried: Sequence[Finding[object]]) -
     return replace(fewer, unexplained=(*fewer.unexplained, *unknown))
 
 
-def _judged(campaign: Prepared, model: FittedModel, error_rate: float) -> Verdict[object]:
+def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:
     """Return the verdict on a campaign made ready, before its gates."""
     if wrong_attitudes := attitudes_off(campaign.trusted, campaign.baseline):
-        return not_sought(campaign, model, wrong_attitudes, error_rate)
+        return not_sought(campaign, model, wrong_attitudes)
     if any(isinstance(term, JointErrorMap) for term in model.model.terms):
-        return not_sought(campaign, model, _HAS_MAPS, error_rate)
+        return not_sought(campaign, model, _HAS_MAPS)
     if judged_by_blocks(campaign.trusted):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 
-        by_blocks = discover_by_blocks(campaign, error_rate)
+        by_blocks = discover_by_blocks(campaign)
         poses, context = by_blocks.survey.poses, by_blocks.context
         wrong = stated_wrongly(poses, campaign.baseline, campaign.setup, context)
         faults = (*by_blocks.faults_of_rows, *wrong)
         return replace(by_blocks, faults_of_rows=faults)
     check_torques(campaign.baseline.model, campaign.readings)
     if lacking := too_little(campaign.trusted, campaign.baseline):
-        return not_sought(campaign, model, lacking, error_rate)
+        return not_sought(campaign, model, lacking)
     from pa10cal.discovery.evidence.discover import discover_by_repeats
 
     try:
-        return discover_by_repeats(campaign, error_rate)
+        return discover_by_repeats(campaign)
     except DiscoveryError as error:  # repeats show no noise, as where readings were copied
         lacking = TooLittle(f"{error.what} ({error.value})", error.remedy or "measure them again")
-        return not_sought(campaign, model, lacking, error_rate)
+        return not_sought(campaign, model, lacking)
 
 
 def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | None:

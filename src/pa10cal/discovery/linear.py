@@ -146,6 +146,16 @@ def error_mm(measured: Instrument, residual: Array) -> Array:
     return np.asarray(1e3 * np.sqrt(np.sum(residual[:, at] ** 2, axis=1) / times))
 
 
+def rms(values: Array) -> float:
+    """Return the root mean square of values."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def standard_error(gain: Array) -> float:
+    """Return the standard error of a sum over blocks, from how it scatters between them."""
+    return float(np.sqrt(len(gain)) * gain.std(ddof=1))
+
+
 def position_m(
     at: FittedModel, poses: Observations, components: Array, cov: Array
 ) -> tuple[Array, Array]:

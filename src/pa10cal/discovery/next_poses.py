@@ -33,7 +33,7 @@ from pa10cal.discovery.evidence.problem import NoiseModel, Problem, noise_models
 from pa10cal.discovery.finding import Finding, NotTestable
 from pa10cal.discovery.in_time.wander import InTime
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
-from pa10cal.discovery.noise import Noise, same_circumstances
+from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.preparation import complete, targets_m
 from pa10cal.discovery.verdict import Plan, label_of
 from pa10cal.errors import DiscoveryError
@@ -484,7 +484,7 @@ def without_repeats(survey: Survey, found: ModelWithEffects, noise: Noise) -> tu
     poses = survey.poses
     joint_rad = noise.joint_rad if len(noise.joint_rad) else np.zeros(poses.states.n)
     noise = replace(noise, cov=noise.cov[rows], joint_rad=joint_rad)
-    white = np.linalg.inv(np.linalg.cholesky(noise.cov)) @ survey.left_by(found.at)[:, :, None]
+    white = whitener_of(noise.cov) @ survey.left_by(found.at)[:, :, None]
     scatter = float(np.sum(white**2) / poses.measured.components_seen.sum())
     in_time = InTime(survey.wander, drifts=False)
     cov = noise.cov * len(rows) / count

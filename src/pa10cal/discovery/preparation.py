@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import Payload, PoseStates, Statics
+from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
@@ -254,7 +254,7 @@ def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup
             rigid = Model(baseline.model.chain, ())
             nominal = statics_of(rigid, np.zeros(0), states, setup.payload)
             states = replace(states, static_loads=states.static_loads or nominal.static_loads)
-        loads = static_loads(states, baseline, setup.payload)
+        loads = statics_of(baseline.model, baseline.x, states, setup.payload)
         states = replace(states, static_loads=loads.static_loads)
     T_instr_ee = baseline.T_instr_base @ baseline.model.predict(states, baseline.x)
     states = replace(states, seen=poses.measured.readout(T_instr_ee, targets_m(baseline, setup)))
@@ -270,11 +270,6 @@ def complete_about(
     """Add what poses carry by a better model, whose effects may need what the baseline says."""
     poses = complete(poses, baseline, setup)
     return poses if about is baseline else complete(poses, about, setup)
-
-
-def static_loads(states: PoseStates, model: FittedModel, payload: Payload) -> Statics:
-    """Return torques and moments that weights put on the arm, the base standing as it is."""
-    return statics_of(model.model, model.x, states, payload)
 
 
 def targets_m(model: FittedModel, setup: MeasurementSetup) -> Array:

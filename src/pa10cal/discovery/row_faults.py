@@ -18,7 +18,13 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.finding import Fault
 from pa10cal.discovery.in_time.wander import moved_between_repeats
 from pa10cal.discovery.linear import by_every_joint, residual
-from pa10cal.discovery.noise import MEDIAN_TO_SIGMA, compared, noise_of_repeats, pose_weights
+from pa10cal.discovery.noise import (
+    MEDIAN_TO_SIGMA,
+    compared,
+    noise_of_repeats,
+    pose_weights,
+    whitener_of,
+)
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
@@ -285,13 +291,12 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
         return GrossErrors(out, out & beyond, times, nothing)
 
     stated = readings.measured.stated_covariance
-    found = judged(np.linalg.inv(np.linalg.cholesky(stated)), nobody, LEAST_STATED)
+    found = judged(whitener_of(stated), nobody, LEAST_STATED)
     try:
         apart, _ = _less_others(left, group, seen, found.excluded)
         plain = np.where(found.excluded[:, None], left - apart, left)
         noise = noise_of_repeats(readings, -plain, by_every_joint(model, readings))
-        cov = noise.cov + LEAST_STATED**2 * stated
-        whitener = np.linalg.inv(np.linalg.cholesky(cov))
+        whitener = whitener_of(noise.cov + LEAST_STATED**2 * stated)
     except (DiscoveryError, np.linalg.LinAlgError):
         pass
     else:

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.finding import Fault, fault_of
-from pa10cal.discovery.preparation import MeasurementSetup, static_loads
+from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext
@@ -117,7 +118,7 @@ def _rows(
     """Weigh the rows: logged torques less those of the weights, by the scatter that is left."""
     assert setup.payload is not None
     states, arm = poses.states, baseline.arm
-    weights = static_loads(states, baseline, setup.payload)
+    weights = statics_of(baseline.model, baseline.x, states, setup.payload)
     left_Nm = states.tau_Nm - weights.torque_Nm
     rated_Nm, each = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0)), np.eye(arm.n)
     known = np.concatenate(

@@ -83,7 +83,6 @@ class Verdict(ABC, Generic[P_co]):
 
     prepared: Prepared  # the campaign
     context: CandidateContext  # where effects may sit in it
-    error_rate: float  # probability allowed of naming anything where nothing is missing
     candidates: int = 0  # how many effects were tried
     # what was found and is in the extended model, in the order found: effects of the vocabulary,
     # and faults of the whole log
@@ -142,6 +141,11 @@ class Verdict(ABC, Generic[P_co]):
             if isinstance(each.effect, LogFault)
         )
         return (*self.prepared.faults, *self.faults_of_rows, *of_all)
+
+    @property
+    def error_rate(self) -> float:
+        """Return the probability allowed of naming anything where nothing is missing."""
+        return self.prepared.setup.options.error_rate
 
     @property
     def baseline(self) -> FittedModel:

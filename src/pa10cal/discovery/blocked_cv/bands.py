@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag, lapack
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.family import Candidate, solve, standard_error
+from pa10cal.discovery.blocked_cv.family import Candidate, solve
 from pa10cal.discovery.blocked_cv.finest import (
     FINER_KNOTS,
     Level,
@@ -25,6 +25,7 @@ from pa10cal.discovery.blocked_cv.finest import (
     with_form,
 )
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Products, Rows, in_terms_of
+from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
 from pa10cal.results import maps as results
 from pa10cal.terms.effects.joint_error_map import (

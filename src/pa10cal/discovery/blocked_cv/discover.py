@@ -55,7 +55,7 @@ from pa10cal.discovery.noise import (
     with_torque_noise,
 )
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
-from pa10cal.discovery.short_forms import Arena, Contest
+from pa10cal.discovery.short_forms import Arena
 from pa10cal.discovery.verdict import Plan, Searched
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AnglesSeen
@@ -232,7 +232,7 @@ class VerdictByBlocks(Searched[Prediction]):
         return before, after
 
 
-def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks:
+def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     """Search a campaign of many different poses for missing effects.
 
     Raises:
@@ -245,11 +245,11 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         torques_logged=campaign.torques == "logged",
     )
     shaped, unknown = computable_shapes(judged)
-    found = found_in(judged, shaped, error_rate)
+    found = found_in(judged, shaped)
     in_time = _in_time(found.rows.survey, found.extended)
     wander = in_time.wander
     if wander is not None:
-        found = found_in(judged.moving(wander), shaped, error_rate)
+        found = found_in(judged.moving(wander), shaped)
     found = with_more(found, slow_drift(found.survey, found.held_poses, found.extended.effects))
     judged, rows, searched = found.survey, found.rows, found.searched
     extended = found.extended
@@ -270,7 +270,6 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
     found_by_blocks = VerdictByBlocks(
         prepared=campaign,
         context=judged.context,
-        error_rate=error_rate,
         candidates=searched.candidates,
         findings=findings,
         unexplained=(
@@ -509,9 +508,11 @@ def arena_by_blocks(
 
     components = whiteners.shape[1]
     return Arena(
-        Contest(data, own_columns, np.repeat(survey.block[rows], components)[seen]),
-        np.concatenate(of_held, axis=1) if of_held else None,
-        columns_of,
-        chosen.states,
-        noise,
+        data=data,
+        own=own_columns,
+        block=np.repeat(survey.block[rows], components)[seen],
+        held=np.concatenate(of_held, axis=1) if of_held else None,
+        columns_of=columns_of,
+        states=chosen.states,
+        noise=noise,
     )

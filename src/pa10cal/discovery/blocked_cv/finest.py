@@ -16,7 +16,6 @@ from pa10cal.discovery.blocked_cv.family import (
     Candidate,
     predicted_squares,
     solve,
-    standard_error,
 )
 from pa10cal.discovery.blocked_cv.search import Step
 from pa10cal.discovery.blocked_cv.survey import (
@@ -28,6 +27,7 @@ from pa10cal.discovery.blocked_cv.survey import (
     map_columns,
     products,
 )
+from pa10cal.discovery.linear import standard_error
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, Spectrum, b_splines_by_knots
 
 #: Spacings beyond those of the search, tried once it is known which joints have a map.
@@ -168,4 +168,4 @@ def with_form(member: Candidate, knots: int, spectrum: Spectrum | None = None) -
     if not isinstance(effect, JointErrorMap):
         return member
     effect = replace(effect, knots=knots, spectrum=spectrum or effect.spectrum)
-    return Candidate(ShapedEffect(effect), member.columns)
+    return replace(member, shaped=ShapedEffect(effect))

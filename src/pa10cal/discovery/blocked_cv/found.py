@@ -13,10 +13,8 @@ from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
 from pa10cal.discovery.blocked_cv.family import (
     SPACINGS,
     Candidate,
-    Columns,
     below_detection_limit,
     family,
-    standard_error,
     surely_worse,
 )
 from pa10cal.discovery.blocked_cv.finest import Level, finest, level
@@ -33,6 +31,7 @@ from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weig
 from pa10cal.discovery.blocked_cv.search import Search, Step
 from pa10cal.discovery.blocked_cv.survey import Rows, ShapedEffect, Survey
 from pa10cal.discovery.finding import NotTestable
+from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import AS_FOUND, noise_of_near_poses, with_torque_noise
 from pa10cal.results.discovery import Tried
 from pa10cal.results.record import EffectName
@@ -66,10 +65,10 @@ class Found:
         return HeldPoses(self.survey, self.extended, self.searched.least_gain)
 
 
-def found_in(judged: Survey, shaped: tuple[ShapedEffect, ...], error_rate: float) -> Found:
+def found_in(judged: Survey, shaped: tuple[ShapedEffect, ...]) -> Found:
     """Search a survey."""
     rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
-    searched, members = searched_rows(rows, error_rate)
+    searched, members = searched_rows(rows)
     found = _settled(Found(judged, rows, searched, *finest(rows, members)))
     if judged.context.commanded:
         found = with_more(found, arrivals(judged, found.held_poses, found.extended.effects))
@@ -107,10 +106,10 @@ def with_more(found: Found, more: Sequence[Judged]) -> Found:
     searched, names = found.searched, {(each.effect.id, each.effect.of) for each in more}
     stays = [k for k, each in enumerate(found.fine.members) if each.name not in names]
     places = {each.effect.of for each in more if by_arrival(each.effect)}
-    none = Columns(np.zeros(0, np.intp), np.zeros(0))
+    none = np.zeros(0, np.intp), np.zeros(0)
     members = (
         *(found.fine.members[k] for k in stays),
-        *(Candidate(ShapedEffect(each.effect), none) for each in more),
+        *(Candidate(*none, ShapedEffect(each.effect)) for each in more),
     )
     shaped = tuple(each.shaped for each in members if not each.is_map)
     fine = level(replace(found.rows, shaped=shaped), members)
@@ -213,7 +212,7 @@ class Searched:
     least_gain: float
 
 
-def searched_rows(rows: Rows, error_rate: float) -> tuple[Searched, tuple[Candidate, ...]]:
+def searched_rows(rows: Rows) -> tuple[Searched, tuple[Candidate, ...]]:
     """Search, and judge what was found: return it, and the members of the search."""
     products = rows.products()
     known = family(rows, products)
@@ -223,6 +222,7 @@ def searched_rows(rows: Rows, error_rate: float) -> tuple[Searched, tuple[Candid
         payload = rows.survey.setup.payload
         of_readings = with_torque_noise(of_readings, rows.place, poses, payload)
     noise = noise_squares(rows, of_readings)
+    error_rate = rows.survey.setup.options.error_rate
     search = Search(products, rows.own, known.shown, noise, error_rate, rows.own_sizes)
     chosen = search.run()
     others = tried(search, chosen)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.family import Chosen, both_kinds_agree, solve, standard_error
+from pa10cal.discovery.blocked_cv.family import EffectSet, both_kinds_agree, solve
 from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS, Search
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Rows, Survey
 from pa10cal.discovery.finding import CARRIED, MayHaveCarrier
 from pa10cal.discovery.in_time.channel import like_a_scan
-from pa10cal.discovery.linear import by_effects, by_own_terms, error_mm
+from pa10cal.discovery.linear import by_effects, by_own_terms, error_mm, rms, standard_error
 from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
@@ -62,17 +62,18 @@ def prediction(
     )
 
 
-def judged_members(rows: Rows, search: Search, chosen: Chosen) -> tuple[tuple[Judged, ...], Array]:
+def judged_members(
+    rows: Rows, search: Search, chosen: EffectSet
+) -> tuple[tuple[Judged, ...], Array]:
     """Return the evidence of each member, and the position errors (P,) [mm] of held-out blocks."""
-    state = chosen.state
     solutions = np.stack(
-        [state.solution, *(state.solution_without(k + 1) for k in range(len(chosen.members)))]
+        [chosen.solution, *(chosen.solution_without(k) for k in range(len(chosen.members)))]
     )
     count = rows.survey.block.size
     errors_mm, squares = np.empty((2, count, len(solutions)))
     for b in range(BLOCKS):
-        x = np.zeros((len(state.total.projection), len(solutions)))
-        x[state.at] = solutions[:, b].T
+        x = np.zeros((len(chosen.total.projection), len(solutions)))
+        x[chosen.at] = solutions[:, b].T
         here = rows.survey.block == b
         measured, left = rows.survey.poses.measured.take(here), rows.left_of(b, x)
         errors_mm[here] = np.stack([error_mm(measured, each) for each in left.T.swapaxes(1, 2)], 1)
@@ -80,7 +81,7 @@ def judged_members(rows: Rows, search: Search, chosen: Chosen) -> tuple[tuple[Ju
         squares[here] = np.sum((whiteners @ left) ** 2, axis=1)
     rms = np.sqrt(np.mean(errors_mm**2, axis=0))
     found = []
-    for k, without in enumerate(state.without_each()):
+    for k, without in enumerate(chosen.without_each()):
         gain = without - chosen.squares
         by_pose = squares[:, k + 1] - squares[:, 0]
         carrier = _carrier(rows, by_pose, float(gain.sum()), search.least_gain)
@@ -112,14 +113,14 @@ def remaining_error(
     return Remaining(
         mean_mm=mean_mm,
         std_mm=std_mm,
-        rms_mm=float(np.sqrt(np.mean(errors_mm**2))),
+        rms_mm=rms(errors_mm),
         floor_mm=floor_mm,
         over_floor=mean_mm > _OVER_FLOOR * floor_mm and mean_mm - floor_mm > _SURELY * std_mm,
         tried=others,
     )
 
 
-def alternatives(search: Search, chosen: Chosen, member: int) -> tuple[Effect, ...]:
+def alternatives(search: Search, chosen: EffectSet, member: int) -> tuple[Effect, ...]:
     """Return the effects that predict as well in one's place, within a standard error.
 
     One that leaves it needed all the same is no alternative. The map of a joint can always do what
@@ -135,8 +136,7 @@ def alternatives(search: Search, chosen: Chosen, member: int) -> tuple[Effect, .
     ]
     if not others:
         return ()
-    columns = [other.columns for other in others]
-    instead, beside = less.state.with_each(columns), chosen.state.with_each(columns)
+    instead, beside = less.with_each(others), chosen.with_each(others)
     close: dict[tuple[str, str], Effect] = {}
     for other, alone, both in zip(others, instead, beside, strict=True):
         lost = alone - chosen.squares
@@ -145,12 +145,12 @@ def alternatives(search: Search, chosen: Chosen, member: int) -> tuple[Effect, .
     return tuple(close.values())
 
 
-def tried(search: Search, chosen: Chosen) -> tuple[Tried, ...]:
+def tried(search: Search, chosen: EffectSet) -> tuple[Tried, ...]:
     """Return what each candidate not chosen would still gain."""
     others = search.others(chosen)
     if not others:
         return ()
-    found = chosen.state.with_each([other.columns for other in others])
+    found = chosen.with_each(others)
     best: dict[tuple[str, str], Tried] = {}
     whole = float(chosen.squares.sum())
     for other, squares in zip(others, found, strict=True):
@@ -171,7 +171,7 @@ def tried(search: Search, chosen: Chosen) -> tuple[Tried, ...]:
     return tuple(sorted(best.values(), key=lambda entry: -entry.gain))
 
 
-def without_rivals(chosen: Chosen) -> Chosen:
+def without_rivals(chosen: EffectSet) -> EffectSet:
     """Return the set without what has no name."""
     for k in reversed(range(len(chosen.members))):
         if chosen.members[k].effect.generic:
@@ -275,7 +275,7 @@ class HeldPoses:
         return Squares(
             total=summed(white),
             positions=summed(white[:, measured.position_columns]),
-            rms_mm=float(np.sqrt(np.mean(error_mm(measured, left) ** 2))),
+            rms_mm=rms(error_mm(measured, left)),
         )
 
     def helps(self, before: Squares, after: Squares) -> bool:

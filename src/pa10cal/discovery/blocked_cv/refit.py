@@ -33,6 +33,7 @@ from pa10cal.discovery.linear import (
     by_terms,
     possible_sizes,
     residual,
+    rms,
 )
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.discovery.preparation import complete_about
@@ -492,9 +493,9 @@ def pair_of(first: tuple[str, Curve], second: tuple[str, Curve]) -> CampaignsAgr
         correlation95=(float(np.tanh(z_low)), float(np.tanh(z_high))),
         slope=slope,
         slope95=(low, high),
-        first_rms_mrad=1e3 * _rms(x),
-        second_rms_mrad=1e3 * _rms(y),
-        difference_rms_mrad=1e3 * _rms(x - y),
+        first_rms_mrad=1e3 * rms(x),
+        second_rms_mrad=1e3 * rms(y),
+        difference_rms_mrad=1e3 * rms(x - y),
         share_of_turn=float(both.mean()),
     )
 
@@ -515,7 +516,3 @@ def _slope(x: Array, y: Array) -> float:
     """Return the slope of y by x where both are uncertain alike (Deming)."""
     (xx, xy), (_, yy) = np.cov(x, y)
     return float((yy - xx + np.hypot(yy - xx, 2.0 * xy)) / (2.0 * xy)) if xy else np.nan
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(x**2)))

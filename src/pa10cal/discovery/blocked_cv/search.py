@@ -16,15 +16,15 @@ import numpy as np
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.family import (
     Candidate,
-    Chosen,
     Columns,
+    EffectSet,
     both_kinds_agree,
-    standard_error,
     start,
     within_bounds,
 )
 from pa10cal.discovery.blocked_cv.survey import Products, ShapedEffect
 from pa10cal.discovery.evidence.search import threshold
+from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.preparation import is_fault
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
@@ -78,9 +78,9 @@ class Search:
         self.least_gain = 2.0 * threshold(max(self.effects, 1), error_rate)
         self.steps: list[Step] = []
         own_sizes = np.ones(len(own)) if own_sizes is None else own_sizes
-        self._nothing = Chosen((), start(products, [Columns(own, own_sizes)]))
+        self._nothing = start(products, Columns(own, own_sizes))
 
-    def run(self) -> Chosen:
+    def run(self) -> EffectSet:
         """Search until the set stays."""
         chosen = self._noted(self._nothing)
         settled: list[ShapedEffect] | None = None
@@ -110,15 +110,15 @@ class Search:
         least = max(self.least_gain, STANDARD_ERRORS * scatter)
         return bool(gain - _NEARLY_ALWAYS * scatter >= least)
 
-    def others(self, chosen: Chosen) -> list[Candidate]:
+    def others(self, chosen: EffectSet) -> list[Candidate]:
         """Return the candidates of which no form is in the set."""
         there = {candidate.name for candidate in chosen.members}
         return [candidate for candidate in self.family if candidate.name not in there]
 
-    def _forward(self, chosen: Chosen) -> Chosen:
+    def _forward(self, chosen: EffectSet) -> EffectSet:
         """Add what helps most, while anything helps enough."""
         while others := self.others(chosen):
-            found = chosen.state.with_each([candidate.columns for candidate in others])
+            found = chosen.with_each(others)
             for k in np.argsort(found.sum(axis=1)):
                 if not self.helps(chosen.squares, found[k]):
                     continue
@@ -130,22 +130,22 @@ class Search:
             chosen = self._noted(ahead)
         return chosen
 
-    def _smoothed(self, chosen: Chosen) -> Chosen:
+    def _smoothed(self, chosen: EffectSet) -> EffectSet:
         """Choose spacing and smoothness of each map anew, the others being there."""
         for name in [candidate.name for candidate in chosen.members if candidate.is_map]:
             place = [candidate.name for candidate in chosen.members].index(name)
             forms = [candidate for candidate in self.family if candidate.name == name]
             less = chosen.reduced(place)
-            found = less.state.with_each([form.columns for form in forms]).sum(axis=1)
+            found = less.with_each(forms).sum(axis=1)
             best = forms[int(np.argmin(found))]
             if best.shaped != chosen.members[place].shaped:
                 chosen = self._noted(less.extended(best))
         return chosen
 
-    def _backward(self, chosen: Chosen) -> Chosen:
+    def _backward(self, chosen: EffectSet) -> EffectSet:
         """Take out what is not missed, the least needed first."""
         while chosen.members:
-            found = chosen.state.without_each()
+            found = chosen.without_each()
             idle = [k for k, each in enumerate(found) if not self.helps(each, chosen.squares)]
             if not idle:
                 return chosen
@@ -153,7 +153,7 @@ class Search:
             chosen = self._noted(chosen.reduced(least))
         return chosen
 
-    def _prefer_named(self, chosen: Chosen) -> Chosen:
+    def _prefer_named(self, chosen: EffectSet) -> EffectSet:
         """Put named forms of the same place where they do as well as a map or a rival."""
         for candidate in chosen.members:
             if candidate.is_named:
@@ -163,7 +163,7 @@ class Search:
                 chosen = self._noted(named)
         return chosen
 
-    def _named_instead(self, chosen: Chosen, place: int) -> Chosen | None:
+    def _named_instead(self, chosen: EffectSet, place: int) -> EffectSet | None:
         """Return the set with names in one's place that do as well, None without.
 
         All names of the place together show first whether they can do its work at all.
@@ -173,21 +173,21 @@ class Search:
         every = self._names_at(tried, candidate.effect)
         if not every:
             return None
-        lost = tried.state.with_each([_together(every)])[0] - chosen.squares
+        lost = tried.with_each([_together(every)])[0] - chosen.squares
         if lost.sum() > _HOPELESS * standard_error(lost):
             return None
         for _ in range(_MOST_NAMES):
             names = self._names_at(tried, candidate.effect)
             if not names:
                 return None
-            found = tried.state.with_each([name.columns for name in names])
+            found = tried.with_each(names)
             tried = tried.extended(names[int(np.argmin(found.sum(axis=1)))])
             if self._as_good(tried, chosen, candidate):
                 sound = within_bounds(tried) and both_kinds_agree(chosen.reduced(place), tried)
                 return tried if sound and self._all_help(tried, there) else None
         return None
 
-    def _as_good(self, named: Chosen, chosen: Chosen, candidate: Candidate) -> bool:
+    def _as_good(self, named: EffectSet, chosen: EffectSet, candidate: Candidate) -> bool:
         """Return whether names do as well: as a map, within a standard error of what they lose.
 
         As a rival without a name, where it does not help enough over them to be found at all.
@@ -197,12 +197,12 @@ class Search:
             return bool(lost.sum() <= standard_error(lost))
         return not self.helps(named.squares, chosen.squares)
 
-    def _all_help(self, chosen: Chosen, first: int) -> bool:
+    def _all_help(self, chosen: EffectSet, first: int) -> bool:
         """Return whether members from some number on are all needed."""
-        found = chosen.state.without_each()[first:]
+        found = chosen.without_each()[first:]
         return all(self.helps(each, chosen.squares) for each in found)
 
-    def _names_at(self, chosen: Chosen, effect: Effect) -> list[Candidate]:
+    def _names_at(self, chosen: EffectSet, effect: Effect) -> list[Candidate]:
         """Return the named candidates that may do the work of a map or a rival."""
         return [
             other
@@ -210,7 +210,7 @@ class Search:
             if other.is_named and _same_place(other.effect, effect)
         ]
 
-    def _noted(self, chosen: Chosen) -> Chosen:
+    def _noted(self, chosen: EffectSet) -> EffectSet:
         self.steps.append(Step(chosen.members, chosen.squares))
         return chosen
 
@@ -218,8 +218,8 @@ class Search:
 def _together(candidates: Sequence[Candidate]) -> Columns:
     """Return the columns of candidates as if they were one."""
     return Columns(
-        np.concatenate([candidate.columns.at for candidate in candidates]),
-        np.concatenate([candidate.columns.sizes for candidate in candidates]),
+        np.concatenate([candidate.at for candidate in candidates]),
+        np.concatenate([candidate.sizes for candidate in candidates]),
     )
 
 

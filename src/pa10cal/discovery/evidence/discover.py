@@ -60,7 +60,7 @@ from pa10cal.discovery.preparation import (
     is_fault,
     sought,
 )
-from pa10cal.discovery.short_forms import Arena, Contest
+from pa10cal.discovery.short_forms import Arena
 from pa10cal.discovery.verdict import Plan, Searched
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
@@ -82,7 +82,6 @@ class VerdictByRepeats(Searched[Confirmation]):
 
     problem: Problem  # the campaign as it was weighed
     start: Fit  # the baseline, fitted as everything else is
-    family: tuple[Effect, ...]  # candidates that these data can show
     judgement: Judgement  # what the verdict rests on
     extended: Fit  # the model with the effects found
 
@@ -200,14 +199,14 @@ class VerdictByRepeats(Searched[Confirmation]):
         return model_with(self.problem, self.extended, effects)
 
 
-def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepeats:
+def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
     """Search a campaign for missing effects.
 
     Raises:
         DiscoveryError: when too little is repeated.
         CalibrationError: when a joint with a spring has no torque.
     """
-    baseline = campaign.baseline
+    baseline, error_rate = campaign.baseline, campaign.setup.options.error_rate
     check_torques(baseline.model, campaign.readings)
     readings = campaign.trusted
     problem, start = _with_time(readings, campaign)
@@ -221,7 +220,6 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
     return VerdictByRepeats(
         prepared=campaign,
         context=problem.context,
-        error_rate=error_rate,
         candidates=effects_in(family),
         findings=judgement.findings,
         unexplained=(
@@ -241,7 +239,6 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
         else steps_in_time(wander, extended.at, problem.readings),
         problem=problem,
         start=start,
-        family=family,
         judgement=judgement,
     )
 
@@ -263,10 +260,12 @@ def _with_time(readings: Observations, campaign: Prepared) -> tuple[Problem, Fit
     start = fit(problem, (), (), (0.0, 0.0))
     every, found = sought(problem.context, baseline.model.terms), STILL
     for _ in range(_ROUNDS_OF_TIME):
+        # A jump in few repeats may leave directions without noise: a little of what is stated.
+        stated = problem.readings.measured.stated_covariance
         found = in_time_of(
             start.at,
             problem.readings,
-            _whitener(problem),
+            whitener_of(problem.noise.cov + _OF_STATED**2 * stated),
             every,
             logged=problem.torques_logged,
             weights=problem.torque is not None,
@@ -278,16 +277,6 @@ def _with_time(readings: Observations, campaign: Prepared) -> tuple[Problem, Fit
         if found.wander is None:
             break
     return problem, start
-
-
-def _whitener(problem: Problem) -> Array:
-    """Return what whitens single readings, (P, b, b).
-
-    A little of what is stated is added: a jump in few repeats may leave directions without noise.
-    """
-    stated = problem.readings.measured.stated_covariance
-    cov = problem.noise.cov + _OF_STATED**2 * stated
-    return whitener_of(cov)
 
 
 def compare(
@@ -454,11 +443,12 @@ def arena_by_repeats(verdict: VerdictByRepeats, held: Sequence[Effect]) -> Arena
         return list(weighed_rows(problem, found, tuple(forms)).family)
 
     return Arena(
-        Contest(rows.data, np.delete(rows.own, of_held, axis=1), (pose % _FOLDS)[rows.cell]),
-        rows.own[:, of_held] if held else None,
-        columns_of,
-        problem.cells.states,
-        None,
+        data=rows.data,
+        own=np.delete(rows.own, of_held, axis=1),
+        block=(pose % _FOLDS)[rows.cell],
+        held=rows.own[:, of_held] if held else None,
+        columns_of=columns_of,
+        states=problem.cells.states,
     )
 
 

@@ -20,8 +20,9 @@ from pa10cal.discovery.noise import (
     same_circumstances,
     whitener_of,
 )
-from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of, static_loads
+from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import unknown_tool
 from pa10cal.observe.observations import Observations, average_groups
 from pa10cal.options import DiscoveryOptions
@@ -304,7 +305,7 @@ def noise_models(
     pose = NoiseModel.of(whitener_of(cell_cov), shared, common)
     if setup.payload is None or torque_u_Nm is None:
         return pose, None, np.zeros_like(cells.states.q_rad)
-    weights = static_loads(cells.states, about, setup.payload)
+    weights = statics_of(about.model, about.x, cells.states, setup.payload)
     scale = np.sqrt(cells.readings)[:, None] / torque_u_Nm
     common = _common_torques(
         cells, weights, about, setup.payload, setup.options, np.unique(load_N[load_N > 0])
@@ -333,7 +334,7 @@ def _common_torques(
     ).ravel()
     load_N = cells.states.load_N[:, None] * (cells.states.load_N[:, None] == loads_N)
     by_payload = [
-        static_loads(cells.states, baseline, moved).torque_Nm - weights.torque_Nm
+        statics_of(baseline.model, baseline.x, cells.states, moved).torque_Nm - weights.torque_Nm
         for moved in _misplaced(payload, options)
     ]
     rated_Nm = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0))

@@ -12,7 +12,7 @@ from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.likelihood import SIZES, Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.finding import name_of
-from pa10cal.discovery.linear import error_mm, residual
+from pa10cal.discovery.linear import error_mm, residual, rms
 from pa10cal.discovery.preparation import effects_in
 from pa10cal.results.analysis import SearchStep
 from pa10cal.terms.effects.effect import Effect
@@ -84,7 +84,7 @@ def search(
             SearchStep(
                 effects=tuple(name_of(family[k]) for k in members),
                 gain_nats=score.log_evidence - nothing.log_evidence,
-                rms_mm=_rms_mm(problem, current),
+                rms_mm=rms(error_mm(problem.cells.measured, residual(current.at, problem.cells))),
             )
         )
     return ended_at(problem, current, family, same, tuple(steps))
@@ -244,9 +244,3 @@ def resized(
 def less(values: tuple[int, ...], k: int) -> tuple[int, ...]:
     """Return the values without the k-th."""
     return values[:k] + values[k + 1 :]
-
-
-def _rms_mm(problem: Problem, found: Fit) -> float:
-    cells = problem.cells
-    errors_mm = error_mm(cells.measured, residual(found.at, cells))
-    return float(np.sqrt(np.mean(errors_mm**2)))
