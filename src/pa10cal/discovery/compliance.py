@@ -95,13 +95,13 @@ def with_compliance(found: V) -> V:
             needed_nats=needed,
             sag_mrad=1e3 * sag_rad,
             sag_u_mrad=1e3 * sag_std,
-            rigid_mm=without.train_mm,
-            gives_way_mm=every.train_mm,
-            held_out_rigid_mm=without.held_out_mm,
-            held_out_gives_way_mm=every.held_out_mm,
-            all_rigid_mm=rigid.train_mm if rigid.held_out_mm is None else rigid.held_out_mm,
-            without_each_mm=without.each_mm,
-            all_rigid_each_mm=rigid.each_mm,
+            rigid_mm=rms(without.fitted_mm),
+            gives_way_mm=rms(every.fitted_mm),
+            held_out_rigid_mm=None if without.held_out_mm is None else rms(without.held_out_mm),
+            held_out_gives_way_mm=None if every.held_out_mm is None else rms(every.held_out_mm),
+            all_rigid_mm=rms(rigid.judging_mm),
+            without_each_mm=without.judging_mm,
+            all_rigid_each_mm=rigid.judging_mm,
             weights="logged" if found.prepared.torques == "logged" else known.origin,
         )
         others = (*instead, *(e for e in rows.rivals(spring, needed) if e not in instead))
@@ -117,24 +117,13 @@ class _Left:
     """What is left of the poses with all else fitted anew."""
 
     squares: float
-    fitted_each_mm: Array
-    held_out_each_mm: Array | None
+    fitted_mm: Array  # (P,) errors of the poses fitted
+    held_out_mm: Array | None  # (H,) those of the poses held out; None without any
 
     @property
-    def train_mm(self) -> float:
-        """Return the root mean square error of the poses fitted."""
-        return rms(self.fitted_each_mm)
-
-    @property
-    def held_out_mm(self) -> float | None:
-        """Return that of the poses held out; None without any."""
-        return None if self.held_out_each_mm is None else rms(self.held_out_each_mm)
-
-    @property
-    def each_mm(self) -> Array:
+    def judging_mm(self) -> Array:
         """Return the errors of the poses held out, or else of those fitted."""
-        held_out = self.held_out_each_mm
-        return self.fitted_each_mm if held_out is None else held_out
+        return self.fitted_mm if self.held_out_mm is None else self.held_out_mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,17 +199,14 @@ class _Rows:
         """Return effects beside which a spring is not needed any more, the best first."""
         rigid, alike = self.without((spring,)), self.alike(spring)
         without, with_it = self._system(rigid, (spring,)), self._as_it_is
-        instead: dict[Effect, float] = {}
+        tried = []
         for (effect, at_rigid), (_, columns) in zip(
             self._columns(rigid), self._columns(self.at), strict=True
         ):
             left = without.squares_with(at_rigid)
             gain = (left - with_it.squares_with(columns)) / alike
-            nats = 0.5 * (gain - np.log(self.readings))
-            if nats < needed:
-                instead[effect] = min(left, instead.get(effect, np.inf))
-        best = sorted(instead, key=lambda effect: instead[effect])
-        return tuple(best)
+            tried.append((effect, left, 0.5 * (gain - np.log(self.readings))))
+        return _best_of(tried, needed)
 
     def instead_of(self, springs: tuple[JointSpring, ...], needed: float) -> tuple[Effect, ...]:
         """Return effects that explain the poses, each alone, as well as some springs together."""
@@ -229,14 +215,13 @@ class _Rows:
         rigid = self.without(springs)
         without, (_, squares) = self._system(rigid, springs), self._as_it_is.solved()
         a_parameter = np.log(self.readings)
-        instead: dict[Effect, float] = {}
+        tried = []
         for effect, columns in self._columns(rigid):
             left = without.squares_with(columns)
             # The shape of moments costs what it costs the springs.
             fewer = (len(springs) - effect.linear) * a_parameter
-            if 0.5 * (left - squares - fewer) < needed:
-                instead[effect] = min(left, instead.get(effect, np.inf))
-        return tuple(sorted(instead, key=lambda effect: instead[effect]))
+            tried.append((effect, left, 0.5 * (left - squares - fewer)))
+        return _best_of(tried, needed)
 
     def _by_moments(self, at: FittedModel, shape: tuple[int, ...]) -> Array:
         """Return what uncertain weights move, (P, b, k), through links and base found to bend."""
@@ -392,6 +377,18 @@ class _Rows:
         """
         left, jacobian = residual_and_jacobian(at, poses)
         return error_mm(poses.measured, left + jacobian @ step)
+
+
+def _best_of(tried: list[tuple[Effect, float, float]], needed: float) -> tuple[Effect, ...]:
+    """Return effects beside which less log evidence than needed speaks for springs, best first.
+
+    Each is given at each of its shapes, with the squares it leaves and that evidence.
+    """
+    left: dict[Effect, float] = {}
+    for effect, squares, nats in tried:
+        if nats < needed:
+            left[effect] = min(squares, left.get(effect, np.inf))
+    return tuple(sorted(left, key=lambda effect: left[effect]))
 
 
 @dataclass(frozen=True, eq=False)

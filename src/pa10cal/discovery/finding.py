@@ -95,11 +95,15 @@ class Finding(Generic[P_co]):
 
     def record(self, witness: JointWitness | None = None) -> results.FoundEffect:
         """Return it as it is written, with what says whose error an error by angle is."""
-        proof = self.proof
+        proof, form = self.proof, None
+        if isinstance(self.effect, JointErrorMap) and self.effect.spectrum is not None:
+            kind = "band" if isinstance(self.effect.spectrum, Band) else "fading"
+            keys = {"knots": self.effect.knots, kind: asdict(self.effect.spectrum)}
+            form = MapForm.model_validate(keys)
         return results.FoundEffect(
             id=self.id,
             of=self.of,
-            form=_form(self.effect) if isinstance(self.effect, JointErrorMap) else None,
+            form=form,
             parameters=self.parameters,
             alternatives=tuple(map(name_of, self.alternatives)),
             evidence=results.EvidenceByBlocks(cross_validation_over_blocks=proof)
@@ -108,14 +112,6 @@ class Finding(Generic[P_co]):
             witness=witness,
             weights=proof.weights if isinstance(proof, GivesWay) else None,
         )
-
-
-def _form(effect: JointErrorMap) -> MapForm | None:
-    """Return spacing and spectrum of a map that has its own."""
-    if effect.spectrum is None:
-        return None
-    kind = "band" if isinstance(effect.spectrum, Band) else "fading"
-    return MapForm.model_validate({"knots": effect.knots, kind: asdict(effect.spectrum)})
 
 
 def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, EffectParameter]:

@@ -129,21 +129,18 @@ class Agreement(maps.Agreement):
         return self.arcs >= LEAST_ARCS and self.correlation >= LEAST_CORRELATION
 
 
-@dataclass(frozen=True)
-class JointCause:
+class JointCause(maps.JointWitness):
     """Whose error a joint's error by its angle is, and what says so."""
 
-    joint: int  # which, from 1
-    witness: Witness | None  # the motor's ripple; None where it shows none
-    # of campaigns or turns; None where no angle was seen in two of them
+    ripple: Witness | None
     agreement: Agreement | None
 
     @property
     def cause(self) -> Cause | None:
         """Return whose error it is; None where it cannot be said."""
-        if self.witness is None or self.agreement is None or not self.agreement.holds:
+        if self.ripple is None or self.agreement is None or not self.agreement.holds:
             return None
-        return self.witness.cause
+        return self.ripple.cause
 
 
 @dataclass(frozen=True, eq=False)

@@ -310,7 +310,7 @@ def _separations(
     own, *each = map(
         np.concatenate, zip(now, _by_parameters(ahead, found, effects)[1], strict=True)
     )
-    sizes = {effect: SIZES[size] for effect, size in zip(found.effects, found.sizes, strict=True)}
+    sizes = {effect: SIZES[size] for effect, size in found.size_of.items()}
     by_effect = dict(zip(effects, each, strict=True))
     rows = _Rows(
         found=found,

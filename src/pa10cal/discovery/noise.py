@@ -522,7 +522,10 @@ def scatter_of(at: FittedModel, poses: Observations, left: Array) -> Scatter:
         by_size = np.array([np.sum(slope * part) for part in parts])
         return float(value) / len(left), sizes * by_size / len(left)
 
-    of_kinds = _by_kind(poses.measured, left)
+    of_kinds = [  # half the mean square of each
+        max(0.5 * float(np.mean(left[:, kind][seen[:, kind]] ** 2)), _LEAST)
+        for _, kind in poses.measured.component_kinds
+    ]
     start = np.log(np.concatenate([np.full(turned.shape[2], 1e-9), of_kinds]))
     found = minimize(
         cost,
@@ -555,14 +558,3 @@ def share_inside(
     seen = np.isfinite(off_m) & (total > 0.0)
     inside = np.abs(off_m[seen]) <= INSIDE95 * np.sqrt(total[seen])
     return float(inside.mean())
-
-
-def _by_kind(measured: Instrument, left: Array) -> Array:
-    """Return half the mean square of every kind of component."""
-    seen = measured.components_seen
-    return np.array(
-        [
-            max(0.5 * float(np.mean(left[:, kind][seen[:, kind]] ** 2)), _LEAST)
-            for _, kind in measured.component_kinds
-        ]
-    )

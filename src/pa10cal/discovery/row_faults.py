@@ -119,12 +119,6 @@ def carries(pose: str, name: str, gain: float | None) -> Fault:
     )
 
 
-def place_of(readings: Observations, row: int) -> str:
-    """Return which reading a row is, in words."""
-    load_N, repeat = readings.states.load_N[row], readings.repeat[row]
-    return f"pose {readings.pose[row]}, {load_N:g} N, repeat {repeat}"
-
-
 def _of_loads(readings: Observations, told_N: Array, gain: Array) -> Iterator[Fault]:
     """Tell the readings of each pose whose load is another's."""
     stated_N = readings.states.load_N
@@ -166,7 +160,8 @@ def _of_readings(
             remedy = "correct the labels of this configuration"
         yield Fault(
             kind=kind,
-            where=f"{which}{place_of(readings, row)}",
+            where=f"{which}pose {readings.pose[row]}, {readings.states.load_N[row]:g} N, "
+            f"repeat {readings.repeat[row]}",
             what=what,
             remedy=remedy,
             gain=float(gross.times[row] ** 2 / whole),
@@ -237,9 +232,9 @@ def off_prediction(poses: Observations, model: FittedModel, fitted: Observations
     Those fitted show what is usual.
     """
     far, white = far_from_prediction(poses, model, fitted)
-    components = np.sqrt(np.maximum(poses.measured.components_seen.sum(axis=1), 1))
-    times = np.linalg.norm(white, axis=1) / components
-    return GrossErrors(far, far, times, _position_mm(poses, residual(model, poses)))
+    return GrossErrors(
+        far, far, _times_usual(white, poses), _position_mm(poses, residual(model, poses))
+    )
 
 
 def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> GrossErrors:
@@ -285,7 +280,7 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
             worst = np.unique(group[far[order[::-1]]], return_index=True)[1]
             out[far[order[::-1]][worst]] = True
         apart = from_others(out)
-        times = np.linalg.norm(apart, axis=1) / np.sqrt(components)
+        times = _times_usual(apart, readings)
         out &= ~_in_time(out, readings.states.time_s)
         beyond = _beyond_tails(apart, readings, ~(alone | out), ~alone)
         return GrossErrors(out, out & beyond, times, nothing)
@@ -302,14 +297,14 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
     else:
         found = judged(whitener, found.excluded, _LEAST_NOISE)
     apart, _ = _less_others(left, group, seen, found.excluded)
-    return GrossErrors(found.excluded, found.accused, found.times, _position_mm(readings, apart))
+    return replace(found, off_mm=_position_mm(readings, apart))
 
 
 def _off_model(
     readings: Observations, model: FittedModel, left: Array, found: GrossErrors
 ) -> GrossErrors:
     """Judge readings without a repeat of the same circumstances by the model."""
-    group, seen = compared(readings), readings.measured.components_seen
+    group = compared(readings)
     alone = np.bincount(group)[group] < 2
     if not alone.any():
         return found
@@ -317,11 +312,10 @@ def _off_model(
     far = alone & _beyond_tails(white, readings, np.ones(len(readings), dtype=bool))
     far &= ~confirmed(readings, left, np.flatnonzero(far))
     far &= ~_in_time(far, readings.states.time_s)
-    components = np.sqrt(np.maximum(seen.sum(axis=1), 1))
     return GrossErrors(
         found.excluded | far,
         found.accused | far,
-        np.where(far, np.linalg.norm(white, axis=1) / components, found.times),
+        np.where(far, _times_usual(white, readings), found.times),
         np.where(far, _position_mm(readings, left), found.off_mm),
     )
 
@@ -345,8 +339,7 @@ def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[flo
         tails = Tails.of(white[:, at][components_seen(averages, at)], _OF_POSES_SURELY)
         far |= np.any(np.abs(white[:, at]) > tails.largest(_OF_POSES_RATE), axis=1)
     far &= ~_in_time(far, averages.states.time_s)
-    components = np.sqrt(np.maximum(averages.measured.components_seen.sum(axis=1), 1))
-    times = np.linalg.norm(white, axis=1) / components
+    times = _times_usual(white, averages)
     off_mm = _position_mm(averages, left)
     return {str(labels[k]): (float(off_mm[k]), float(times[k])) for k in np.flatnonzero(far)}
 
@@ -411,6 +404,12 @@ def _in_time(off: Mask, time_s: Array) -> Mask:
     together = np.zeros(len(off), dtype=bool)
     together[order] = np.convolve(most & off[order], window, mode="same") > 0.5
     return together & off
+
+
+def _times_usual(white: Array, readings: Observations) -> Array:
+    """Return how many times as far off as is usual readings are, (P,), by (P, b) of unit size."""
+    components = np.maximum(readings.measured.components_seen.sum(axis=1), 1)
+    return np.asarray(np.linalg.norm(white, axis=1) / np.sqrt(components))
 
 
 def _position_mm(readings: Observations, apart: Array) -> Array:

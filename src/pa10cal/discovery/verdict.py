@@ -88,6 +88,9 @@ class Verdict(ABC, Generic[P_co]):
     # and faults of the whole log
     findings: tuple[Finding[P_co], ...] = ()
     unexplained: tuple[Unexplained, ...] = ()  # what remains without a name
+    # smooth unknown functions of the search that stand for a part of that
+    nameless: tuple[Effect, ...] = ()
+    over_noise: bool = False  # whether the search left more than noise, wherever it sits
     not_testable: tuple[NotTestable, ...] = ()  # effects that these data cannot show
     # effects sought that would be missed too often at their plausible size; settled before
     # residuals are looked at. None known where judged by repeats.
@@ -160,18 +163,14 @@ class Verdict(ABC, Generic[P_co]):
     @property
     def without_name(self) -> tuple[Effect, ...]:
         """Return the maps found, whatever made them, and the rivals that the search held."""
-        return tuple(e.effect for e in self.effects if isinstance(e.effect, JointErrorMap))
+        maps = (e.effect for e in self.effects if isinstance(e.effect, JointErrorMap))
+        return (*maps, *self.nameless)
 
     @property
     def everything(self) -> tuple[Effect, ...]:
         """Return what has no name, and the names found beside it."""
         names = (each.effect for each in self.effects)
         return (*self.without_name, *(each for each in names if each not in self.without_name))
-
-    @property
-    def over_noise(self) -> bool:
-        """Return whether the search left more than noise, wherever it sits."""
-        return False
 
     @property
     @abstractmethod

@@ -16,7 +16,7 @@ from scipy.linalg import block_diag, lapack
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.family import Candidate, solve
-from pa10cal.discovery.blocked_cv.finest import (
+from pa10cal.discovery.blocked_cv.search import (
     FINER_KNOTS,
     Level,
     level_of,

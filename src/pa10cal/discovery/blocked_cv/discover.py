@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -81,12 +81,12 @@ class VerdictByBlocks(Searched[Prediction]):
     """What became of a campaign of many different poses."""
 
     survey: Survey  # the campaign as it was judged
-    nameless: tuple[Effect, ...]  # smooth unknown functions that the search held
     remaining: Remaining  # position error of the held-out blocks, and what else was tried on it
     least_gain: float  # sum of squares by which one must help at least
     extended: Refit  # the model with the effects found
     noise: Noise  # of single readings
-    causes: tuple[JointCause, ...] = ()  # what is known of the cause of each map, joint by joint
+    # what is known of the cause of each map, by joint
+    causes: Mapping[int, JointCause] = field(default_factory=dict)
     bands: InBands | None = None  # of maps that have one; None where none has
 
     method: ClassVar[str] = "cross-validation over blocks"
@@ -154,21 +154,8 @@ class VerdictByBlocks(Searched[Prediction]):
 
     @override
     def witness(self, effect: Effect) -> JointWitness | None:
-        if isinstance(effect, JointErrorMap):
-            for each in self.causes:
-                if each.joint == effect.joint and (each.witness or each.agreement):
-                    return JointWitness(ripple=each.witness, agreement=each.agreement)
-        return None
-
-    @property
-    @override
-    def without_name(self) -> tuple[Effect, ...]:
-        return (*super().without_name, *(self.nameless if self.over_noise else ()))
-
-    @property
-    @override
-    def over_noise(self) -> bool:
-        return self.remaining.over_floor
+        cause = self.causes.get(effect.joint) if isinstance(effect, JointErrorMap) else None
+        return cause if cause is not None and (cause.ripple or cause.agreement) else None
 
     @override
     def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
@@ -296,22 +283,23 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         if judged.wander is None
         else steps_in_time(judged.wander, extended.at, poses),
         survey=judged,
-        nameless=searched.nameless,
+        nameless=searched.nameless if remaining.over_floor else (),
+        over_noise=remaining.over_floor,
         remaining=remaining,
         least_gain=searched.least_gain,
         noise=noise,
         bands=found.bands,
     )
-    return with_causes(_motion_aside(_with_rivals(found_by_blocks)))
+    return with_causes(_motion_aside(_with_rivals(found_by_blocks, searched.nameless)))
 
 
-def _with_rivals(found: VerdictByBlocks) -> VerdictByBlocks:
+def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> VerdictByBlocks:
     """Return the verdict with what a model leaves that holds what has no name, too."""
-    if not found.nameless:
+    if not nameless:
         return found
     extended = found.extended
-    effects = (*extended.effects, *found.nameless)
-    starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in found.nameless))
+    effects = (*extended.effects, *nameless)
+    starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in nameless))
     model = refit(found.survey, effects, starts, extended.weights).fitted()
 
     def told(gap: Gap) -> Gap:
@@ -379,7 +367,7 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
         if not isinstance(effect, JointErrorMap):
             continue
         cause = causes[effect.joint]
-        heard = None if cause.witness is None else cause.witness.likely
+        heard = None if cause.ripple is None else cause.ripple.likely
         agreed = cause.agreement is not None and cause.agreement.holds
         own = agreed and effect.knots >= _FINE_KNOTS
         if cause.cause is None and not (heard or own) and effect.id == JointErrorMap.id:
@@ -389,7 +377,7 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
         names[effect] = _NAMES[likely](*form)
         others = [kind(*form) for name, kind in _NAMES.items() if name != likely]
         alternatives[effect] = () if cause.cause else tuple(others)
-    return _renamed(replace(found, causes=tuple(causes.values())), names, alternatives)
+    return _renamed(replace(found, causes=causes), names, alternatives)
 
 
 def _causes(found: VerdictByBlocks) -> dict[int, JointCause]:
@@ -406,7 +394,10 @@ def _causes(found: VerdictByBlocks) -> dict[int, JointCause]:
         joints,
     )
     said = witnesses(series, at.arm.gear_ratio)
-    return {j: JointCause(j, said[j - 1], agreement(series[j - 1])) for j in sorted(joints)}
+    return {
+        joint: JointCause(ripple=said[joint - 1], agreement=agreement(series[joint - 1]))
+        for joint in sorted(joints)
+    }
 
 
 def _renamed(

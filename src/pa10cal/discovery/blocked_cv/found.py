@@ -17,7 +17,6 @@ from pa10cal.discovery.blocked_cv.family import (
     family,
     surely_worse,
 )
-from pa10cal.discovery.blocked_cv.finest import Level, finest, level
 from pa10cal.discovery.blocked_cv.judge import (
     HeldPoses,
     Judged,
@@ -28,7 +27,7 @@ from pa10cal.discovery.blocked_cv.judge import (
     without_rivals,
 )
 from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
-from pa10cal.discovery.blocked_cv.search import Search, Step
+from pa10cal.discovery.blocked_cv.search import Level, Search, Step, finest, level
 from pa10cal.discovery.blocked_cv.survey import Rows, ShapedEffect, Survey
 from pa10cal.discovery.finding import NotTestable
 from pa10cal.discovery.linear import standard_error

@@ -149,25 +149,9 @@ class VerdictByRepeats(Searched[Confirmation]):
 
     @property
     @override
-    def without_name(self) -> tuple[Effect, ...]:
-        maps = super().without_name
-        places = {(each.form, each.of) for each in self.judgement.unexplained}
-        return tuple(
-            effect
-            for effect in self.judgement.found.fit.effects
-            if effect in maps or (effect.generic and (effect.id, effect.of) in places)
-        )
-
-    @property
-    @override
     def everything(self) -> tuple[Effect, ...]:
         searched = self.judgement.found.fit.effects
         return tuple(effect for effect in super().everything if effect in searched)
-
-    @property
-    @override
-    def over_noise(self) -> bool:
-        return any(each.form is None for each in self.judgement.unexplained)
 
     @override
     def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
@@ -175,15 +159,13 @@ class VerdictByRepeats(Searched[Confirmation]):
 
     @override
     def _refitted(self, effects: tuple[Effect, ...]) -> VerdictByRepeats:
-        size = dict(zip(self.extended.effects, self.extended.sizes, strict=True))
+        size, found = self.extended.size_of, self.judgement.found
         for finding in self.findings:
             for other in finding.alternatives:
                 size.setdefault(other, size[finding.effect])
-        found = self.judgement.found
         sizes = tuple(size[effect] for effect in effects)
-        return replace(
-            self, extended=fit(self.problem, effects, sizes, found.score.variances, found.fit)
-        )
+        extended = fit(self.problem, effects, sizes, found.score.variances, found.fit)
+        return replace(self, extended=extended)
 
     @property
     @override
@@ -213,10 +195,14 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
     family, refused = testable(problem, start, sought(problem.context, baseline.model.terms))
     needed = threshold(effects_in(family), error_rate)
     judgement = judge(search(problem, family, error_rate, start), needed)
-    problem = judgement.found.problem
-    extended = _extended(problem, judgement)
+    problem, extended = judgement.found.problem, judgement.found.fit
+    named = tuple(finding.effect for finding in judgement.findings)
+    if named != extended.effects:
+        sizes = tuple(extended.size_of[each] for each in named)
+        extended = fit(problem, named, sizes, judgement.found.score.variances, extended)
     gap_on = partial(compare, problem, extended, searched=judgement.found.fit)
     held_out, wander, floor = campaign.held_out, problem.in_time.wander, floor_mm(problem)
+    places = {(each.form, each.of) for each in judgement.unexplained}
     return VerdictByRepeats(
         prepared=campaign,
         context=problem.context,
@@ -227,6 +213,12 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
             *(() if wander is None else wandering(wander, floor)),
             *told_with_rivals(problem.in_time, floor),
         ),
+        nameless=tuple(
+            effect
+            for effect in judgement.found.fit.effects
+            if effect.generic and (effect.id, effect.of) in places
+        ),
+        over_noise=any(each.form is None for each in judgement.unexplained),
         not_testable=tuple(each for each in refused if not is_fault(each.effect)),
         indistinguishable=_groups(judgement.found),
         extended=extended,
@@ -315,21 +307,8 @@ def _moved(problem: Problem, poses: Observations) -> Array | None:
 
 def model_with(problem: Problem, extended: Fit, effects: tuple[Effect, ...]) -> FittedModel:
     """Return an extended model with some of its effects, all fitted again."""
-    size = dict(zip(extended.effects, extended.sizes, strict=True))
-    sizes = tuple(size[each] for each in effects)
+    sizes = tuple(extended.size_of[each] for each in effects)
     return _exported(problem, fit(problem, effects, sizes, extended.variances, extended))
-
-
-def _extended(problem: Problem, judgement: Judgement) -> Fit:
-    """Return the model with the named effects alone, recalibrated where that changes it."""
-    found = judgement.found
-    named = tuple(finding.effect for finding in judgement.findings)
-    if named == found.fit.effects:
-        return found.fit
-    sizes = dict(zip(found.fit.effects, found.fit.sizes, strict=True))
-    return fit(
-        problem, named, tuple(sizes[each] for each in named), found.score.variances, found.fit
-    )
 
 
 def _groups(found: EndOfSearch) -> tuple[tuple[Effect, ...], ...]:

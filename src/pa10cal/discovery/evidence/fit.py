@@ -42,6 +42,11 @@ class Fit(ModelWithEffects):
     torque_variance: float
 
     @property
+    def size_of(self) -> dict[Effect, int]:
+        """Return the index of the size expected of each effect."""
+        return dict(zip(self.effects, self.sizes, strict=True))
+
+    @property
     def variances(self) -> tuple[float, float]:
         """Return both variances."""
         return self.pose_variance, self.torque_variance

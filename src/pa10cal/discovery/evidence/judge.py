@@ -97,7 +97,6 @@ def weighed_rows(
     lin = linearise(problem, found.fit, (*family, *others))
     blocks = dict(zip((*family, *others), lin.blocks, strict=True))
     score = found.score
-    size = dict(zip(found.fit.effects, found.fit.sizes, strict=True))
 
     def rows_of(channel: NoiseModel, variance: float, rows: Array) -> Array:
         if turned:
@@ -125,7 +124,10 @@ def weighed_rows(
     uncertain = np.isin(found.fit.own_columns(), np.flatnonzero(of_weights(found.fit.model)))
     known = Whitening.of(np.ones(len(own)), own[:, uncertain])
     own = known(own[:, ~uncertain])
-    of_members = [known(block(blocks[effect], SIZES[size[effect]])) for effect in found.fit.effects]
+    of_members = [
+        known(block(blocks[effect], SIZES[found.fit.size_of[effect]]))
+        for effect in found.fit.effects
+    ]
     stops = np.cumsum([own.shape[1], *(part.shape[1] for part in of_members)]).tolist()
     cells = [np.repeat(np.arange(len(problem.cells)), problem.pose.whitener.shape[1])]
     if problem.torque is not None:
