@@ -11,7 +11,7 @@ from typing_extensions import override
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
-from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
+from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.formulas import with_lines_named, with_proposals
 from pa10cal.discovery.gap import gap
@@ -226,9 +226,8 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | 
 def judged_by_blocks(readings: Observations) -> bool:
     """Return whether effects are judged by blocks of poses held out, and not by repeats."""
     repeats = repeated(readings)
-    return enough(len(readings)) and repeats < max(
-        LEAST_DIFFERENCES, LEAST_REPEATED * len(readings)
-    )
+    least = max(LEAST_DIFFERENCES, LEAST_REPEATED * len(readings))
+    return len(readings) >= LEAST_FOR_BLOCKS and repeats < least
 
 
 def too_little(readings: Observations, baseline: FittedModel) -> TooLittle | None:

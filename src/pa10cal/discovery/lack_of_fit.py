@@ -137,22 +137,13 @@ def periodogram(
     share = weight / weight.sum()
     centred = error_rad - share @ error_rad
     variance = float(share @ centred**2)
-    if variance == 0.0:
-        return _periodogram(orders, marked, np.zeros(len(orders) + len(marked)))
-    from scipy.signal import lombscargle  # late: blind trials draw no periodogram
+    every = np.concatenate([orders, marked])
+    explained_rad = np.zeros(len(every))
+    if variance != 0.0:
+        from scipy.signal import lombscargle  # late: blind trials draw no periodogram
 
-    part = lombscargle(
-        q_rad,
-        centred,
-        np.concatenate([orders, marked]),
-        weights=share,
-        normalize=True,
-        floating_mean=True,
-    )
-    return _periodogram(orders, marked, np.sqrt(variance * np.clip(part, 0.0, 1.0)))
-
-
-def _periodogram(orders: Array, marked: tuple[float, ...], explained_rad: Array) -> Periodogram:
+        part = lombscargle(q_rad, centred, every, weights=share, normalize=True, floating_mean=True)
+        explained_rad = np.sqrt(variance * np.clip(part, 0.0, 1.0))
     return Periodogram(
         orders=rounded(orders),
         explained_rad=rounded(explained_rad[: len(orders)]),

@@ -26,10 +26,10 @@ from pa10cal.arm.room import (
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.fit import Fit
 from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import NoiseModel, Problem, noise_models
+from pa10cal.discovery.evidence.search import linearise
 from pa10cal.discovery.finding import Finding, NotTestable
 from pa10cal.discovery.in_time.wander import InTime
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint

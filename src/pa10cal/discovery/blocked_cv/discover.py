@@ -14,12 +14,13 @@ from typing_extensions import override
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.bands import InBands
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
-from pa10cal.discovery.blocked_cv.found import found_in, with_more
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
+    found_in,
     remaining_error,
     slow_drift,
     unexplained,
+    with_more,
 )
 from pa10cal.discovery.blocked_cv.refit import (
     Refit,
@@ -478,13 +479,8 @@ def arena_by_blocks(
             data = data + columns @ values[term]
     sizes = possible_sizes(at.model, chosen.measured)
     of_own = [sizes[at.model.columns_of(term)] for term in fitted]
-    own_columns = np.concatenate(
-        [
-            *(columns * size for columns, size in zip(own, of_own, strict=True)),
-            targets.reshape(every_row, targets.shape[2])[seen] * sizes[len(at.x) :],
-        ],
-        axis=1,
-    )
+    own.append(targets.reshape(every_row, targets.shape[2])[seen])
+    own_columns = np.concatenate(own, axis=1) * np.concatenate([*of_own, sizes[len(at.x) :]])
     points = [values.get(effect, effect.starts[0]) for effect in held]
     of_held = []
     for effect, x, columns in zip(held, points, weighed(held, points), strict=True):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ from pa10cal.discovery.linear import (
     possible_sizes,
     residual,
     rms,
+    with_base_term,
 )
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.discovery.preparation import complete_about
@@ -214,23 +215,18 @@ class _Fit:
 
     def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
         self._survey = survey
-        self._model = survey.model(effects)
+        self._model = with_base_term(survey.baseline, effects)
         self._maps = [each for each in effects if isinstance(each, JointErrorMap)]
-        stops = np.cumsum([0, *(len(term.parameters) for term in self._model.terms)])
-        places = [np.arange(*ends) for ends in pairwise(stops)]
-        is_map = [isinstance(term, JointErrorMap) for term in self._model.terms]
-        self._dense: list[Term] = []
-        self._dense_at, map_at = [], []
-        for term, place, sparse in zip(self._model.terms, places, is_map, strict=True):
-            if sparse:
-                map_at.append(place)
-            else:
-                self._dense.append(term)
-                self._dense_at.append(place)
         own, measured = survey.baseline, survey.poses.measured
-        targets = np.arange(stops[-1], stops[-1] + len(own.targets_m))
-        self._order = np.concatenate([*self._dense_at, targets, *map_at])
         sizes = possible_sizes(self._model, measured)
+        columns, first = np.arange(len(sizes)), len(self._model.parameters)
+        self._dense: list[Term] = [
+            term for term in self._model.terms if not isinstance(term, JointErrorMap)
+        ]
+        self._dense_at = [columns[self._model.columns_of(term)] for term in self._dense]
+        map_at = [columns[self._model.columns_of(each)] for each in self._maps]
+        targets = columns[first : first + len(own.targets_m)]
+        self._order = np.concatenate([*self._dense_at, targets, *map_at])
         tail = len(targets) + 6
         prior = [np.diag(sizes[: len(own.x)] ** -2.0)]
         for effect in effects:
@@ -345,7 +341,7 @@ def model_with(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> F
         for first in [extended.columns_of(each).start]
     ]
     baseline, measured = campaign.baseline, poses.measured
-    expected = np.diag(possible_sizes(campaign.model(), measured))
+    expected = np.diag(possible_sizes(with_base_term(campaign.baseline), measured))
     middle = np.zeros(len(own) + sum(map(len, places)))
     middle[: len(baseline.x)] = baseline.x
     middle[len(own) - len(baseline.targets_m) : len(own)] = baseline.targets_m

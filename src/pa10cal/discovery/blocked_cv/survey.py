@@ -34,7 +34,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import CandidateContext, Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots, harmonics_at_knots
-from pa10cal.terms.model import Model
 
 #: Blocks of poses, each held out in turn.
 BLOCKS = 10
@@ -110,10 +109,6 @@ class Survey:
         lag = next((each for each in own if isinstance(each, AttitudeLag)), None)
         return replace(self, wander=wander, lag=lag)
 
-    def model(self, effects: tuple[Effect, ...] = ()) -> Model:
-        """Return the calibrated model with effects, and small motions of the base last."""
-        return with_base_term(self.baseline, effects)
-
 
 def survey(
     readings: Observations,
@@ -133,7 +128,7 @@ def survey(
     Raises:
         DiscoveryError: when there are too few poses for blocks.
     """
-    if not enough(len(readings)):
+    if len(readings) < LEAST_FOR_BLOCKS:
         raise DiscoveryError(
             "too few poses to judge effects by blocked cross-validation",
             where="grid poses",
@@ -182,11 +177,6 @@ def _as_springs_take_them(poses: Observations) -> Observations:
         return poses
     loads = replace(loads, joint_Nm=poses.states.tau_Nm)
     return replace(poses, states=replace(poses.states, static_loads=loads))
-
-
-def enough(poses: int) -> bool:
-    """Return whether there are so many poses that blocks of them can be held out."""
-    return poses >= LEAST_FOR_BLOCKS
 
 
 # Orientations that go with the way a joint came, where positions do not.
@@ -408,7 +398,7 @@ class Rows:
         """Return the calibrated model."""
         baseline = self.survey.baseline
         x = np.concatenate([baseline.x, np.zeros(6)])
-        return replace(baseline, model=self.survey.model(), x=x)
+        return replace(baseline, model=with_base_term(baseline), x=x)
 
     @cached_property
     def joints(self) -> tuple[int, ...]:

@@ -14,7 +14,6 @@ from typing_extensions import override
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
-from pa10cal.discovery.evidence.candidates import testable
 from pa10cal.discovery.evidence.fit import (
     Fit,
     apparatus_m,
@@ -38,6 +37,7 @@ from pa10cal.discovery.evidence.search import (
     refit,
     resized,
     search,
+    testable,
     threshold,
 )
 from pa10cal.discovery.gap import Gap, gap, left_by

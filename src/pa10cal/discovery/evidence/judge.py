@@ -16,11 +16,17 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.fit import Fit, covariance_of, fit
 from pa10cal.discovery.evidence.likelihood import SIZES, Block, Score
 from pa10cal.discovery.evidence.problem import NoiseModel, Problem, Whitening
-from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, evidence_about, less, threshold
+from pa10cal.discovery.evidence.search import (
+    EndOfSearch,
+    ended_at,
+    evidence_about,
+    less,
+    linearise,
+    threshold,
+)
 from pa10cal.discovery.finding import CARRIED, Finding, MayHaveCarrier
 from pa10cal.discovery.linear import mean_length, of_weights, position_noise
 from pa10cal.discovery.preparation import effects_in, is_fault
