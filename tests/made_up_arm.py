@@ -139,7 +139,6 @@ def forced(measured, effects, sizes, problem=None, family=None) -> EndOfSearch:
         family=family,
         same=np.eye(len(family), dtype=bool),
         nothing=evidence.score((), ()),
-        steps=(),
     )
 
 

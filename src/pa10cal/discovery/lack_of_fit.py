@@ -230,7 +230,6 @@ def lack_of_fit(
         rms_mm=_root_mean(squares),
         floor_mm=_root_mean(noise),
         by_load=_parts([f"{load:g} N" for load in cells.states.load_N], squares, noise),
-        by_pose=() if tests[0] is None else _parts(cells.pose.tolist(), squares, noise),
         by_axis=tuple(
             ErrorPart(
                 of=axis,

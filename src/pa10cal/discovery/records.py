@@ -89,7 +89,6 @@ def discovery_records(
             provenance=provenance,
             before=before,
             after=after,
-            steps=found.steps,
             naming=tuple(
                 NamingStep(
                     effects=tuple(map(name_of, step.effects)),

@@ -31,7 +31,7 @@ from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.results.analysis import LackOfFit, PureErrorTest, SearchStep
+from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import (
     Separation,
@@ -104,7 +104,6 @@ class Verdict(ABC, Generic[P_co]):
     # train and holdout: the gap before and after; None without held-out poses
     train: Gap
     holdout: Gap | None
-    steps: tuple[SearchStep, ...] = ()  # of the search
     # faults of single rows or poses that were found after the search
     faults_of_rows: tuple[Fault, ...] = ()
     # where the effects do not hold; None where nothing speaks against them

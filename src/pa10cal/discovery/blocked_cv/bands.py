@@ -126,7 +126,7 @@ def in_bands(rows: Rows, fine: Level) -> InBands | None:
         with_form(member, FINE, next(bands)) if member.is_map else member for member in members
     )
     return InBands(
-        level_of(_weighed(splines, share), rows, members, of_time[:, 1]),
+        level_of(_weighed(splines, share), rows, members),
         found,
         of_time,
         of_angles,

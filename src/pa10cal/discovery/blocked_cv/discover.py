@@ -32,7 +32,7 @@ from pa10cal.discovery.blocked_cv.refit import (
 )
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey, survey
-from pa10cal.discovery.finding import Finding, name_of
+from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import Gap, left_by
 from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
@@ -62,7 +62,7 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.results.analysis import LackOfFit, SearchStep
+from pa10cal.results.analysis import LackOfFit
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks
 from pa10cal.results.maps import JointWitness, PoseScatter
@@ -254,7 +254,6 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         for effect, each in zip(extended.effects, searched.judged, strict=True)
     )
     held_out = campaign.held_out
-    components = poses.measured.components_seen.size
     found_by_blocks = VerdictByBlocks(
         prepared=campaign,
         context=judged.context,
@@ -273,13 +272,6 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         noise_floor_from=noise.origin,
         train=compare(judged, extended, poses, floor_mm),
         holdout=None if held_out is None else compare(judged, extended, held_out, floor_mm),
-        steps=tuple(
-            SearchStep(
-                effects=tuple(name_of(member.effect) for member in step.members),
-                squared_error_of_a_row=float(step.squares.sum()) / components,
-            )
-            for step in (*searched.steps, *found.finer_steps)
-        ),
         faults_of_rows=()
         if judged.wander is None
         else steps_in_time(judged.wander, extended.at, poses),

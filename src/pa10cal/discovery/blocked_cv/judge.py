@@ -26,7 +26,6 @@ from pa10cal.discovery.blocked_cv.search import (
     STANDARD_ERRORS,
     Level,
     Search,
-    Step,
     finest,
     level,
 )
@@ -402,7 +401,6 @@ class Found:
     rows: Rows  # by which it was searched
     searched: Searched  # what the search found
     fine: Level  # the effects, by linear least squares
-    finer_steps: tuple[Step, ...]  # steps to finer maps
     bands: InBands | None = None  # of maps that have one; None where none has
 
     @cached_property
@@ -423,25 +421,17 @@ def found_in(judged: Survey, shaped: tuple[ShapedEffect, ...]) -> Found:
     """Search a survey."""
     rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
     searched, members = searched_rows(rows)
-    found = _settled(Found(judged, rows, searched, *finest(rows, members)))
+    found = _settled(Found(judged, rows, searched, finest(rows, members)))
     if judged.context.commanded:
         found = with_more(found, arrivals(judged, found.held_poses, found.extended.effects))
-    found = _settled(_with_bands(found))
+    bands = in_bands(found.rows, found.fine)
+    if bands is not None:
+        found = replace(found, fine=bands.level, bands=bands)
+    found = _settled(found)
     held = found.held_poses if judged.lag is not None else None
     if held is not None and not held.helps(held.squares(lag=False), held.squares()):
         found = replace(found, survey=replace(found.survey, lag=None))
     return found
-
-
-def _with_bands(found: Found) -> Found:
-    """Return what was found with maps in the bands that the data have, where they have some."""
-    bands = in_bands(found.rows, found.fine)
-    if bands is None:
-        return found
-    before, after = bands.of_time.T
-    step = Step(bands.level.members, found.fine.squares * after / before)
-    steps = (*found.finer_steps, step)
-    return replace(found, fine=bands.level, finer_steps=steps, bands=bands)
 
 
 def _settled(found: Found) -> Found:
@@ -466,7 +456,6 @@ def with_more(found: Found, more: Sequence[Judged]) -> Found:
         *(Candidate(*none, ShapedEffect(each.effect)) for each in more),
     )
     shaped = tuple(each.shaped for each in members if not each.is_map)
-    fine = level(replace(found.rows, shaped=shaped), members)
     in_time = any(each.effect.goes_with_time for each in more)
     return replace(
         found,
@@ -484,8 +473,7 @@ def with_more(found: Found, more: Sequence[Judged]) -> Found:
                 if (each.id, each.of) not in names and not (by_arrival(each) and each.of in places)
             ),
         ),
-        fine=fine,
-        finer_steps=(*found.finer_steps, Step(members, fine.squares)),
+        fine=level(replace(found.rows, shaped=shaped), members),
     )
 
 
@@ -561,7 +549,6 @@ class Searched:
     errors_mm: Array
     hidden: tuple[NotTestable, ...]
     below_detection_limit: tuple[NotTestable, ...]
-    steps: tuple[Step, ...]
     candidates: int
     least_gain: float
 
@@ -590,7 +577,6 @@ def searched_rows(rows: Rows) -> tuple[Searched, tuple[Candidate, ...]]:
         errors_mm=errors_mm,
         hidden=known.hidden,
         below_detection_limit=below_detection_limit(known, search.is_surely_found),
-        steps=tuple(search.steps),
         candidates=search.effects,
         least_gain=search.least_gain,
     )

@@ -55,14 +55,6 @@ _MOST_NAMES = 4
 _HOPELESS = 3.0
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One step of the search."""
-
-    members: tuple[Candidate, ...]  # what is in the model after it
-    squares: Array  # (B,) what is then left of each block
-
-
 class Search:
     """Looks for the set of effects that predicts left-out blocks best."""
 
@@ -90,13 +82,12 @@ class Search:
         names = {candidate.name for candidate in family if not is_fault(candidate.effect)}
         self.effects = len(names)
         self.least_gain = 2.0 * threshold(max(self.effects, 1), error_rate)
-        self.steps: list[Step] = []
         own_sizes = np.ones(len(own)) if own_sizes is None else own_sizes
         self._nothing = start(products, Columns(own, own_sizes))
 
     def run(self) -> EffectSet:
         """Search until the set stays."""
-        chosen = self._noted(self._nothing)
+        chosen = self._nothing
         settled: list[ShapedEffect] | None = None
         for _ in range(_MOST_ROUNDS):
             chosen = self._backward(self._forward(chosen))
@@ -141,7 +132,7 @@ class Search:
                     break
             else:
                 return chosen
-            chosen = self._noted(ahead)
+            chosen = ahead
         return chosen
 
     def _smoothed(self, chosen: EffectSet) -> EffectSet:
@@ -153,7 +144,7 @@ class Search:
             found = less.with_each(forms).sum(axis=1)
             best = forms[int(np.argmin(found))]
             if best.shaped != chosen.members[place].shaped:
-                chosen = self._noted(less.extended(best))
+                chosen = less.extended(best)
         return chosen
 
     def _backward(self, chosen: EffectSet) -> EffectSet:
@@ -164,7 +155,7 @@ class Search:
             if not idle:
                 return chosen
             least = min(idle, key=lambda k: float(found[k].sum()))
-            chosen = self._noted(chosen.reduced(least))
+            chosen = chosen.reduced(least)
         return chosen
 
     def _prefer_named(self, chosen: EffectSet) -> EffectSet:
@@ -174,7 +165,7 @@ class Search:
                 continue
             named = self._named_instead(chosen, chosen.members.index(candidate))
             if named is not None:
-                chosen = self._noted(named)
+                chosen = named
         return chosen
 
     def _named_instead(self, chosen: EffectSet, place: int) -> EffectSet | None:
@@ -224,10 +215,6 @@ class Search:
             if other.is_named and _same_place(other.effect, effect)
         ]
 
-    def _noted(self, chosen: EffectSet) -> EffectSet:
-        self.steps.append(Step(chosen.members, chosen.squares))
-        return chosen
-
 
 def _together(candidates: Sequence[Candidate]) -> Columns:
     """Return the columns of candidates as if they were one."""
@@ -255,7 +242,6 @@ class Level:
     """Members with maps of one spacing each, by linear least squares about the calibrated one."""
 
     members: tuple[Candidate, ...]
-    squares: Array  # (B,) squared errors of the held-out blocks
     # products over all blocks: own parameters, effects, B-splines of one map after the other
     total: Products
     prior: Array  # (N, N) precision expected of these columns
@@ -279,43 +265,42 @@ class Level:
         )
 
 
-def finest(rows: Rows, members: tuple[Candidate, ...]) -> tuple[Level, tuple[Step, ...]]:
-    """Make maps of the search's finest spacing finer, all at once, while held-out blocks gain.
-
-    Returns:
-        The finest level that helps, and what each left of the held-out blocks.
-    """
+def finest(rows: Rows, members: tuple[Candidate, ...]) -> Level:
+    """Make maps of the search's finest spacing finer, all at once, while held-out blocks gain."""
     rows = replace(rows, shaped=tuple(member.shaped for member in members if not member.is_map))
-    best = level(rows, members)
-    steps: list[Step] = []
+    best, left = _held_out(rows, members)
     for knots in FINER_KNOTS:
         if not any(_has_finest(member) for member in members):
             break
-        ahead = level(
+        ahead, after = _held_out(
             rows, tuple(with_form(each, knots) if _has_finest(each) else each for each in members)
         )
-        gain = best.squares - ahead.squares
+        gain = left - after
         if gain.sum() <= standard_error(gain):
             break
-        best = ahead
-        steps.append(Step(best.members, best.squares))
-    return best, tuple(steps)
+        best, left = ahead, after
+    return best
 
 
 def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
-    """Solve members with every block held out; rows hold their effects, in their order."""
+    """Return members with their products; rows hold their effects, in their order."""
+    return level_of(products_of(rows, members).summed(), rows, members)
+
+
+def _held_out(rows: Rows, members: tuple[Candidate, ...]) -> tuple[Level, Array]:
+    """Return the level of members, and the squared error of each block held out, (B,)."""
     inside = products_of(rows, members)
-    found = level_of(inside.summed(), rows, members, np.empty(BLOCKS))
-    every = np.arange(len(found.prior))
+    found = level_of(inside.summed(), rows, members)
+    squares, every = np.empty(BLOCKS), np.arange(len(found.prior))
     for b in range(BLOCKS):
         gram, projection = inside.gram[b], inside.projection[b]
         x = solve(found.total.gram - gram, found.total.projection - projection, found.prior)
-        found.squares[b] = predicted_squares(inside, b, every, x)
-    return found
+        squares[b] = predicted_squares(inside, b, every, x)
+    return found, squares
 
 
-def level_of(total: Products, rows: Rows, members: tuple[Candidate, ...], squares: Array) -> Level:
-    """Return members with their products, by the squared errors (B,) of held-out blocks."""
+def level_of(total: Products, rows: Rows, members: tuple[Candidate, ...]) -> Level:
+    """Return members with the products of all blocks."""
     maps = maps_among(members)
     dense = len(total.projection) - sum(each.knots for each in maps)
     factors = [b_splines_by_knots(each.knots) @ each.prior_factor for each in maps]
@@ -326,7 +311,7 @@ def level_of(total: Products, rows: Rows, members: tuple[Candidate, ...], square
     at = tuple(
         np.arange(*next(of_maps)) if member.is_map else next(of_effects) for member in members
     )
-    return Level(members, squares, total, prior, at)
+    return Level(members, total, prior, at)
 
 
 def products_of(rows: Rows, members: tuple[Candidate, ...]) -> Products:

@@ -225,7 +225,6 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
         noise_floor_mm=floor,
         train=gap_on(average_repeats(readings)),
         holdout=None if held_out is None else gap_on(held_out),
-        steps=judgement.found.steps,
         faults_of_rows=()
         if wander is None
         else steps_in_time(wander, extended.at, problem.readings),

@@ -287,9 +287,7 @@ def _prefer_named(found: EndOfSearch) -> EndOfSearch:
         if is_named(effect) or is_fault(effect):
             continue
         for rival, _ in _refitted(found, effect, tuple(filter(is_named, found.family))):
-            return _prefer_named(
-                ended_at(found.problem, rival, found.family, found.same, found.steps)
-            )
+            return _prefer_named(ended_at(found.problem, rival, found.family, found.same))
     return found
 
 

@@ -16,10 +16,9 @@ from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.fit import Fit, fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import SIZES, Block, Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.discovery.finding import NotTestable, name_of
-from pa10cal.discovery.linear import by_end, error_mm, of_weights, possible_sizes, residual, rms
+from pa10cal.discovery.finding import NotTestable
+from pa10cal.discovery.linear import by_end, of_weights, possible_sizes
 from pa10cal.discovery.preparation import computable, effects_in, why_hidden
-from pa10cal.results.analysis import SearchStep
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
 
@@ -221,9 +220,6 @@ class EndOfSearch:
     family: tuple[Effect, ...]  # the candidates, in the order of the evidence's blocks
     same: NDArray[np.bool_]  # (m, m) which of them look the same in these poses
     nothing: Score  # evidence of the empty set about that fit
-    steps: tuple[
-        SearchStep, ...
-    ]  # sets after every refit, with their evidence gain over the empty set
 
 
 def threshold(family: int, error_rate: float) -> float:
@@ -249,12 +245,10 @@ def search(
     members: tuple[int, ...] = ()
     sizes: tuple[int, ...] = ()
     seen: set[frozenset[int]] = set()
-    steps: list[SearchStep] = []
     for _ in range(_MOST_ROUNDS):
         evidence = evidence_about(problem, current, family)
         members, sizes = _improve(evidence, same, members, sizes, needed)
         score = evidence.score(members, sizes)
-        nothing = evidence.score((), ())
         if frozenset(members) in seen:
             break
         seen.add(frozenset(members))
@@ -265,14 +259,7 @@ def search(
             score.variances,
             current,
         )
-        steps.append(
-            SearchStep(
-                effects=tuple(name_of(family[k]) for k in members),
-                gain_nats=score.log_evidence - nothing.log_evidence,
-                rms_mm=rms(error_mm(problem.cells.measured, residual(current.at, problem.cells))),
-            )
-        )
-    return ended_at(problem, current, family, same, tuple(steps))
+    return ended_at(problem, current, family, same)
 
 
 def ended_at(
@@ -280,7 +267,6 @@ def ended_at(
     current: Fit,
     family: tuple[Effect, ...],
     same: NDArray[np.bool_],
-    steps: tuple[SearchStep, ...],
 ) -> EndOfSearch:
     """Return what the search has found where it ends at a fit, with the evidence about it."""
     evidence = evidence_about(problem, current, family)
@@ -296,7 +282,6 @@ def ended_at(
         family=family,
         same=same,
         nothing=evidence.score((), ()),
-        steps=steps,
     )
 
 
