@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -253,20 +252,16 @@ class ModelWithEffects:
 
     def effect_columns(self) -> list[tuple[int, int]]:
         """Return first column and the one past the last of each effect."""
-        widths = [len(effect.parameters) for effect in self.effects]
-        stops = len(self.at.x) - 6 - np.cumsum([0, *widths[::-1]])[::-1]
-        return list(pairwise(stops.tolist()))
+        return [(at.start, at.stop) for at in map(self.columns_of, self.effects)]
 
     def columns_of(self, effect: Effect) -> slice:
         """Return where the parameters of one of its effects stand."""
-        return slice(*self.effect_columns()[self.effects.index(effect)])
+        return self.model.columns_of(effect)
 
     def own_columns(self) -> NDArray[np.intp]:
         """Return the columns of the unknowns that belong to no effect."""
-        effects = np.concatenate(
-            [np.zeros(0, int), *(np.arange(*ends) for ends in self.effect_columns())]
-        )
-        return np.setdiff1d(np.arange(len(self.x)), effects)
+        of_effects = [np.arange(*ends) for ends in self.effect_columns()]
+        return np.setdiff1d(np.arange(len(self.x)), np.concatenate([np.zeros(0, int), *of_effects]))
 
     def of(self, effect: Effect) -> Array:
         """Return the parameters of one of its effects."""

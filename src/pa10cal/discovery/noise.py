@@ -204,14 +204,8 @@ def nearly_same(poses: Observations) -> tuple[Index, Index]:
 
 def same_circumstances(readings: Observations) -> Index:
     """Return (P,) a number for every pose, load and direction of arrival, from 0."""
-    states = readings.states
-    keys = np.column_stack(
-        [
-            np.unique(readings.pose, return_inverse=True)[1],
-            np.unique(states.load_N, return_inverse=True)[1],
-            np.unique(states.arrival, axis=0, return_inverse=True)[1].ravel(),
-        ]
-    )
+    _, pose = np.unique(readings.pose, return_inverse=True)
+    keys = np.column_stack([pose, readings.states.load_N, readings.states.arrival])
     return np.unique(keys, axis=0, return_inverse=True)[1].ravel()
 
 

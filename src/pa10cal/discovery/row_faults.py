@@ -90,9 +90,10 @@ def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observat
 
     Both they and those fitted are single readings with what the model needs.
     """
-    found = off_prediction(held_out, model, fitted)
-    faults = _of_readings(held_out, model, found, "held out, ")
-    return RowFaults(found.excluded, tuple(faults))
+    far, white = far_from_prediction(held_out, model, fitted)
+    off_mm = _position_mm(held_out, residual(model, held_out))
+    gross = GrossErrors(far, far, _times_usual(white, held_out), off_mm)
+    return RowFaults(far, tuple(_of_readings(held_out, model, gross, "held out, ")))
 
 
 def of_wrong_row(finding: InputFinding) -> Fault:
@@ -224,17 +225,6 @@ def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
     left = residual(model, readings)
     by_repeats = _off_repeats(readings, model, left)
     return _off_model(readings, model, left, by_repeats)
-
-
-def off_prediction(poses: Observations, model: FittedModel, fitted: Observations) -> GrossErrors:
-    """Return which readings held out of a fit are far from where it predicts them.
-
-    Those fitted show what is usual.
-    """
-    far, white = far_from_prediction(poses, model, fitted)
-    return GrossErrors(
-        far, far, _times_usual(white, poses), _position_mm(poses, residual(model, poses))
-    )
 
 
 def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> GrossErrors:
