@@ -66,13 +66,6 @@ class NotSought(Verdict[object]):
     calibrated: FittedModel  # the calibrated model
     cov: Array  # (P, b, b) covariance of the components of the poses fitted, by noise
 
-    @property
-    @override
-    def covariance(self) -> Array:
-        known = self.calibrated.covariance
-        count = len(self.extended.at.x)
-        return np.full((count, count), np.nan) if known is None else known
-
     @cached_property
     @override
     def model(self) -> FittedModel:
@@ -97,11 +90,12 @@ def not_sought(campaign: Prepared, calibrated: FittedModel, reason: TooLittle) -
     floor_mm = mean_error_of_noise_mm(poses.measured, cov)
 
     held_out = campaign.held_out
-    x = np.concatenate([baseline.x, np.zeros(6)])
+    x, covariance = np.concatenate([baseline.x, np.zeros(6)]), calibrated.covariance
     return NotSought(
         prepared=campaign,
         context=context_of(poses, baseline, setup),
         extended=ModelWithEffects((), replace(baseline, model=with_base_term(baseline), x=x), True),
+        covariance=np.full((len(x), len(x)), np.nan) if covariance is None else covariance,
         noise_floor_mm=floor_mm,
         noise_floor_from=noise.origin,
         train=gap(poses, baseline, baseline, floor_mm),

@@ -99,6 +99,7 @@ class Verdict(ABC, Generic[P_co]):
     indistinguishable: tuple[tuple[Effect, ...], ...] = ()
     # the calibrated model with the effects found, and nothing generic in it
     extended: ModelWithEffects
+    covariance: Array  # (k, k) of all its unknowns
     noise_floor_mm: float  # mean position error that noise alone would leave
     noise_floor_from: str | None = None  # what it was found from, where not from repeats
     # train and holdout: the gap before and after; None without held-out poses
@@ -170,11 +171,6 @@ class Verdict(ABC, Generic[P_co]):
         """Return what has no name, and the names found beside it."""
         names = (each.effect for each in self.effects)
         return (*self.without_name, *(each for each in names if each not in self.without_name))
-
-    @property
-    @abstractmethod
-    def covariance(self) -> Array:
-        """Return the covariance (k, k) of all unknowns of the extended model."""
 
     @property
     def seen(self) -> AnglesSeen | None:

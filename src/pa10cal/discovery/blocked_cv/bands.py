@@ -109,7 +109,10 @@ def in_bands(rows: Rows, fine: Level) -> InBands | None:
     positions = int(seen[measured.position_columns].sum())
     # Rows that weigh less count as fewer rows.
     counted = positions + share**2 * (int(seen.sum()) - positions)
-    found = most_likely(waves.in_all(total, round(counted)))
+    squares, count = float(total.squares), round(counted)
+    found = most_likely(
+        Waves(total.gram, total.projection, squares, count, waves.known, waves.orders)
+    )
     spectra: list[list[Spectrum | None]] = [[each.spectrum for each in maps], [*found.bands]]
     sizes = [waves.sizes(each, maps, found.scatter) for each in spectra]
     of_time = np.array([[_left(total, out, out, each) for each in sizes] for out in blocks])
@@ -190,12 +193,12 @@ class _Waves:
         self._free = np.ones(dense + 2 * _HIGHEST * len(maps), dtype=bool)
         self._free[: len(rows.own)] = ~rows.pressing
         self._dense = dense
-        self._orders = harmonic_orders(2 * _HIGHEST + 1)[1:]
+        self.orders = harmonic_orders(2 * _HIGHEST + 1)[1:]
         waves = harmonics_at_knots(FINE)[:, 1 : 1 + 2 * _HIGHEST]
         self._bases = [b_splines_by_knots(FINE) @ waves] * len(maps)
 
     @property
-    def _known(self) -> int:
+    def known(self) -> int:
         """Return how many columns stand before the waves."""
         return int(self._free[: self._dense].sum())
 
@@ -205,11 +208,6 @@ class _Waves:
         gram, projection = found
         free = self._free
         return Products(gram[np.ix_(free, free)], projection[free], splines.squares)
-
-    def in_all(self, total: Products, rows: int) -> Waves:
-        """Return the products of so many rows for their likelihood."""
-        squares = float(total.squares)
-        return Waves(total.gram, total.projection, squares, rows, self._known, self._orders)
 
     def sizes(
         self, spectra: Sequence[Spectrum | None], before: Sequence[JointErrorMap], scatter: float
@@ -221,12 +219,12 @@ class _Waves:
             before: maps whose own spectrum goes no further than their knots.
             scatter: of the rows.
         """
-        found = [np.ones(self._known)]
+        found = [np.ones(self.known)]
         for k, spectrum in enumerate(spectra):
             assert spectrum is not None
-            sizes = spectrum.sizes_rad(self._orders) / scatter
+            sizes = spectrum.sizes_rad(self.orders) / scatter
             if before and spectrum == before[k].spectrum:
-                sizes[2.0 * self._orders > before[k].knots] = _NONE_RAD
+                sizes[2.0 * self.orders > before[k].knots] = _NONE_RAD
             found.append(sizes)
         return np.concatenate(found)
 

@@ -36,7 +36,6 @@ from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import Gap, left_by
 from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
-from pa10cal.discovery.in_time.wander import InTime
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import by_targets, by_terms, mean_error_of_noise_mm, possible_sizes
 from pa10cal.discovery.motor_ripple import JointCause, agreement, joint_series, witnesses
@@ -91,11 +90,6 @@ class VerdictByBlocks(Searched[Prediction]):
     bands: InBands | None = None  # of maps that have one; None where none has
 
     method: ClassVar[str] = "cross-validation over blocks"
-
-    @property
-    @override
-    def covariance(self) -> Array:
-        return self.extended.covariance
 
     @cached_property
     @override
@@ -160,7 +154,70 @@ class VerdictByBlocks(Searched[Prediction]):
 
     @override
     def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
-        return arena_by_blocks(self, held, most_poses)
+        # Maps that are not held stay as they were fitted; all else is fitted with the forms.
+        extended, survey = self.extended, self.survey
+        at, poses = extended.at, survey.poses
+        count = len(poses)
+        rows = np.arange(count)
+        if (
+            most_poses is not None and count > most_poses
+        ):  # some of every block, whatever their order
+            rows = np.sort(np.random.default_rng(0).permutation(count)[:most_poses])
+        whiteners = extended.weights.whiteners(rows)
+        chosen: Observations = poses.take(rows)
+        every_row = whiteners.shape[0] * whiteners.shape[1]
+
+        seen: slice | NDArray[np.intp] = slice(None)
+        if chosen.measured.campaigns:  # each pose has the components of its own campaign alone
+            seen = np.flatnonzero(chosen.measured.components_seen)
+
+        def weighed(terms: Sequence[Term], points: Sequence[Array]) -> list[Array]:
+            return [
+                (whiteners @ each).reshape(every_row, each.shape[2])[seen]
+                for each in by_terms(at, chosen, terms, points)
+            ]
+
+        values = {term: at.x[at.model.columns_of(term)] for term in at.model.terms}
+        gone = set(held)
+        fitted = [
+            term
+            for term in at.model.terms
+            if not isinstance(term, JointErrorMap) and term not in gone
+        ]
+        own = weighed(fitted, [values[term] for term in fitted])
+        targets = whiteners @ by_targets(at, chosen)
+        data = -(whiteners @ survey.left_by(at)[rows][:, :, None]).ravel()[seen]
+        remaining = self.remaining
+        noise = float(data @ data) * min(1.0, (remaining.floor_mm / remaining.mean_mm) ** 2)
+        for term, columns in zip(fitted, own, strict=True):
+            if isinstance(term, Weights):  # expected about what is described, not about the fit
+                data = data + columns @ values[term]
+        sizes = possible_sizes(at.model, chosen.measured)
+        of_own = [sizes[at.model.columns_of(term)] for term in fitted]
+        own.append(targets.reshape(every_row, targets.shape[2])[seen])
+        own_columns = np.concatenate(own, axis=1) * np.concatenate([*of_own, sizes[len(at.x) :]])
+        points = [values.get(effect, effect.starts[0]) for effect in held]
+        of_held = []
+        for effect, x, columns in zip(held, points, weighed(held, points), strict=True):
+            linear = columns[:, : effect.linear]
+            data = data + linear @ x[: effect.linear]
+            of_held.append(linear @ effect.prior_factor)
+
+        def columns_of(forms: Sequence[Form]) -> list[Array]:
+            starts = [form.starts[0] for form in forms]
+            found = weighed(forms, starts)
+            return [columns @ form.prior_factor for columns, form in zip(found, forms, strict=True)]
+
+        components = whiteners.shape[1]
+        return Arena(
+            data=data,
+            own=own_columns,
+            block=np.repeat(survey.block[rows], components)[seen],
+            held=np.concatenate(of_held, axis=1) if of_held else None,
+            columns_of=columns_of,
+            states=chosen.states,
+            noise=noise,
+        )
 
     @override
     def with_findings(self, findings: Sequence[Finding[Prediction]]) -> VerdictByBlocks:
@@ -173,7 +230,8 @@ class VerdictByBlocks(Searched[Prediction]):
             known.of(effect) if effect in known.effects else effect.starts[0] for effect in effects
         )
         widening = AS_FOUND if self.bands is None else self.bands.widening
-        return replace(self, extended=refit(self.survey, effects, starts, known.weights, widening))
+        extended = refit(self.survey, effects, starts, known.weights, widening)
+        return replace(self, extended=extended, covariance=extended.covariance)
 
     @property
     @override
@@ -234,17 +292,25 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     )
     shaped, unknown = computable_shapes(judged)
     found = found_in(judged, shaped)
-    in_time = _in_time(found.rows.survey, found.extended)
+    fitted, about = found.extended, found.rows.survey
+    in_time = in_time_of(
+        fitted.at,
+        about.poses,
+        fitted.weights.whiteners(),
+        sought(about.context, about.baseline.model.terms),
+        logged=about.torques_logged,
+        weights=True,
+    )
     wander = in_time.wander
     if wander is not None:
         found = found_in(judged.moving(wander), shaped)
     found = with_more(found, slow_drift(found.survey, found.held_poses, found.extended.effects))
     judged, rows, searched = found.survey, found.rows, found.searched
-    extended = found.extended
-    fitted, poses = extended.fitted(), judged.poses
-    noise = noise_of_near_poses(poses, judged.left_by(fitted))
+    extended, poses = found.extended, judged.poses
+    model = extended.fitted()
+    noise = noise_of_near_poses(poses, judged.left_by(model))
     if judged.torques_logged:
-        noise = with_torque_noise(noise, fitted, poses, judged.setup.payload)
+        noise = with_torque_noise(noise, model, poses, judged.setup.payload)
     floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
     remaining = remaining_error(rows, searched.errors_mm, floor_mm, searched.tried)
     findings = tuple(
@@ -261,20 +327,19 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         findings=findings,
         unexplained=(
             *unexplained(remaining, searched.nameless),
-            *(() if judged.wander is None else wandering(judged.wander, floor_mm)),
+            *wandering(judged.wander, floor_mm),
             *told_with_rivals(in_time, floor_mm),
             *(() if judged.lag is None else (judged.lag.unexplained(remaining.mean_mm),)),
         ),
         not_testable=(*unknown, *searched.hidden),
         below_detection_limit=searched.below_detection_limit,
         extended=extended,
+        covariance=extended.covariance,
         noise_floor_mm=floor_mm,
         noise_floor_from=noise.origin,
         train=compare(judged, extended, poses, floor_mm),
         holdout=None if held_out is None else compare(judged, extended, held_out, floor_mm),
-        faults_of_rows=()
-        if judged.wander is None
-        else steps_in_time(judged.wander, extended.at, poses),
+        faults_of_rows=steps_in_time(judged.wander, extended.at, poses),
         survey=judged,
         nameless=searched.nameless if remaining.over_floor else (),
         over_noise=remaining.over_floor,
@@ -323,18 +388,6 @@ def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
     if still.train.after.rms_mm > least_mm:
         return found
     return still.beside(found)
-
-
-def _in_time(judged: Survey, found: Refit) -> InTime:
-    """Return what the poses show of time about a model."""
-    return in_time_of(
-        found.at,
-        judged.poses,
-        found.weights.whiteners(),
-        sought(judged.context, judged.baseline.model.terms),
-        logged=judged.torques_logged,
-        weights=True,
-    )
 
 
 # Maps whose cause the motor's ripple says, under the name of that cause.
@@ -422,76 +475,4 @@ def _renamed(
             effects=tuple(map(name_of, extended.effects)),
             at=replace(extended.at, model=Model(extended.model.chain, terms)),
         ),
-    )
-
-
-# What short forms are held against, where blocks of poses judged: rows about the last fit.
-
-
-def arena_by_blocks(
-    verdict: VerdictByBlocks, held: Sequence[Effect], most_poses: int | None = None
-) -> Arena:
-    """Return what forms are held against in place of effects or smooth unknown functions.
-
-    Maps that are not among these stay as they were fitted; all else is fitted with the forms. Of
-    more than `most_poses` some are drawn.
-    """
-    extended, survey = verdict.extended, verdict.survey
-    at, poses = extended.at, survey.poses
-    count = len(poses)
-    rows = np.arange(count)
-    if most_poses is not None and count > most_poses:  # some of every block, whatever their order
-        rows = np.sort(np.random.default_rng(0).permutation(count)[:most_poses])
-    whiteners = extended.weights.whiteners(rows)
-    chosen: Observations = poses.take(rows)
-    every_row = whiteners.shape[0] * whiteners.shape[1]
-
-    seen: slice | NDArray[np.intp] = slice(None)
-    if chosen.measured.campaigns:  # each pose has the components of its own campaign alone
-        seen = np.flatnonzero(chosen.measured.components_seen)
-
-    def weighed(terms: Sequence[Term], points: Sequence[Array]) -> list[Array]:
-        return [
-            (whiteners @ each).reshape(every_row, each.shape[2])[seen]
-            for each in by_terms(at, chosen, terms, points)
-        ]
-
-    values = {term: at.x[at.model.columns_of(term)] for term in at.model.terms}
-    gone = set(held)
-    fitted = [
-        term for term in at.model.terms if not isinstance(term, JointErrorMap) and term not in gone
-    ]
-    own = weighed(fitted, [values[term] for term in fitted])
-    targets = whiteners @ by_targets(at, chosen)
-    data = -(whiteners @ survey.left_by(at)[rows][:, :, None]).ravel()[seen]
-    remaining = verdict.remaining
-    noise = float(data @ data) * min(1.0, (remaining.floor_mm / remaining.mean_mm) ** 2)
-    for term, columns in zip(fitted, own, strict=True):
-        if isinstance(term, Weights):  # expected about what is described, not about the fit
-            data = data + columns @ values[term]
-    sizes = possible_sizes(at.model, chosen.measured)
-    of_own = [sizes[at.model.columns_of(term)] for term in fitted]
-    own.append(targets.reshape(every_row, targets.shape[2])[seen])
-    own_columns = np.concatenate(own, axis=1) * np.concatenate([*of_own, sizes[len(at.x) :]])
-    points = [values.get(effect, effect.starts[0]) for effect in held]
-    of_held = []
-    for effect, x, columns in zip(held, points, weighed(held, points), strict=True):
-        linear = columns[:, : effect.linear]
-        data = data + linear @ x[: effect.linear]
-        of_held.append(linear @ effect.prior_factor)
-
-    def columns_of(forms: Sequence[Form]) -> list[Array]:
-        starts = [form.starts[0] for form in forms]
-        found = weighed(forms, starts)
-        return [columns @ form.prior_factor for columns, form in zip(found, forms, strict=True)]
-
-    components = whiteners.shape[1]
-    return Arena(
-        data=data,
-        own=own_columns,
-        block=np.repeat(survey.block[rows], components)[seen],
-        held=np.concatenate(of_held, axis=1) if of_held else None,
-        columns_of=columns_of,
-        states=chosen.states,
-        noise=noise,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -72,6 +72,8 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
 
 _ROUNDS_OF_TIME = 2
+#: Blocks of poses that are left out in turn, where short forms compete.
+_FOLDS = 9
 #: Standard uncertainty that readings have at least, in what is stated, where they are compared.
 _OF_STATED = 0.1
 
@@ -86,11 +88,6 @@ class VerdictByRepeats(Searched[Confirmation]):
     extended: Fit  # the model with the effects found
 
     method: ClassVar[str] = "evidence of repeats"
-
-    @cached_property
-    @override
-    def covariance(self) -> Array:
-        return covariance_of(self.problem, self.extended)
 
     @property
     @override
@@ -155,7 +152,31 @@ class VerdictByRepeats(Searched[Confirmation]):
 
     @override
     def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
-        return arena_by_repeats(self, held)
+        # Without effects rows are weighed by the noise of repeats alone: that is to be reached.
+        found = self.judgement.found
+        # Its model does not keep what each of many forms makes.
+        model = replace(found.fit.model, kept=None)
+        found = replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
+        if not held:
+            found = replace(found, score=replace(found.score, pose_variance=0.0))
+        problem = found.problem
+        rows = weighed_rows(problem, found, ())
+        numbers = [found.fit.effects.index(effect) for effect in held]
+        columns = np.arange(rows.own.shape[1])
+        of_held = np.concatenate([columns[:0], *(columns[rows.members[k]] for k in numbers)])
+        _, pose = np.unique(problem.cells.pose, return_inverse=True)
+
+        def columns_of(forms: Sequence[Form]) -> list[Array]:
+            return list(weighed_rows(problem, found, tuple(forms)).family)
+
+        return Arena(
+            data=rows.data,
+            own=np.delete(rows.own, of_held, axis=1),
+            block=(pose % _FOLDS)[rows.cell],
+            held=rows.own[:, of_held] if held else None,
+            columns_of=columns_of,
+            states=problem.cells.states,
+        )
 
     @override
     def _refitted(self, effects: tuple[Effect, ...]) -> VerdictByRepeats:
@@ -165,7 +186,7 @@ class VerdictByRepeats(Searched[Confirmation]):
                 size.setdefault(other, size[finding.effect])
         sizes = tuple(size[effect] for effect in effects)
         extended = fit(self.problem, effects, sizes, found.score.variances, found.fit)
-        return replace(self, extended=extended)
+        return replace(self, extended=extended, covariance=covariance_of(self.problem, extended))
 
     @property
     @override
@@ -210,7 +231,7 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
         findings=judgement.findings,
         unexplained=(
             *judgement.unexplained,
-            *(() if wander is None else wandering(wander, floor)),
+            *wandering(wander, floor),
             *told_with_rivals(problem.in_time, floor),
         ),
         nameless=tuple(
@@ -222,12 +243,11 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
         not_testable=tuple(each for each in refused if not is_fault(each.effect)),
         indistinguishable=_groups(judgement.found),
         extended=extended,
+        covariance=covariance_of(problem, extended),
         noise_floor_mm=floor,
         train=gap_on(average_repeats(readings)),
         holdout=None if held_out is None else gap_on(held_out),
-        faults_of_rows=()
-        if wander is None
-        else steps_in_time(wander, extended.at, problem.readings),
+        faults_of_rows=steps_in_time(wander, extended.at, problem.readings),
         problem=problem,
         start=start,
         judgement=judgement,
@@ -391,43 +411,6 @@ def _left_over(model: NoiseModel, rows: Array, test: Channel) -> Array:
     left = left - model.common @ common
     white = model.shared.turn.T @ left.reshape(len(rows), -1)
     return np.asarray(np.linalg.solve(model.whitener, white[..., None])[:, :, 0])
-
-
-# What short forms are held against, where repeats judged: rows about the end of the search.
-
-#: Blocks of poses that are left out in turn.
-_FOLDS = 9
-
-
-def arena_by_repeats(verdict: VerdictByRepeats, held: Sequence[Effect]) -> Arena:
-    """Return what forms are held against in place of some effects that the search ended with.
-
-    Where there are none, rows are weighed by the noise of repeats alone: that is to be reached.
-    """
-    found = verdict.judgement.found
-    # Its model does not keep what each of many forms makes.
-    model = replace(found.fit.model, kept=None)
-    found = replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
-    if not held:
-        found = replace(found, score=replace(found.score, pose_variance=0.0))
-    problem = found.problem
-    rows = weighed_rows(problem, found, ())
-    numbers = [found.fit.effects.index(effect) for effect in held]
-    columns = np.arange(rows.own.shape[1])
-    of_held = np.concatenate([columns[:0], *(columns[rows.members[k]] for k in numbers)])
-    _, pose = np.unique(problem.cells.pose, return_inverse=True)
-
-    def columns_of(forms: Sequence[Form]) -> list[Array]:
-        return list(weighed_rows(problem, found, tuple(forms)).family)
-
-    return Arena(
-        data=rows.data,
-        own=np.delete(rows.own, of_held, axis=1),
-        block=(pose % _FOLDS)[rows.cell],
-        held=rows.own[:, of_held] if held else None,
-        columns_of=columns_of,
-        states=problem.cells.states,
-    )
 
 
 # The model fitted with effects that are given, weighed as the evidence weighs them.

@@ -136,8 +136,12 @@ def in_time_of(
     return replace(shows, rivals=said, rivals_mm=first_mm)
 
 
-def steps_in_time(wander: Wander, at: FittedModel, readings: Observations) -> tuple[Fault, ...]:
+def steps_in_time(
+    wander: Wander | None, at: FittedModel, readings: Observations
+) -> tuple[Fault, ...]:
     """Return the jumps as faults of the log."""
+    if wander is None:
+        return ()
     order = np.argsort(readings.states.time_s, kind="stable")
     time_s, pose = readings.states.time_s[order], readings.pose[order]
     found = []
@@ -219,11 +223,11 @@ def told_with_rivals(found: InTime, floor_mm: float) -> tuple[Unexplained, ...]:
     return (Unexplained(of=None, form=None, shared_error_mm=found.rivals_mm, why=why),)
 
 
-def wandering(wander: Wander, floor_mm: float) -> tuple[Unexplained, ...]:
+def wandering(wander: Wander | None, floor_mm: float) -> tuple[Unexplained, ...]:
     """Return the walk where it exceeds what the repeatability leaves."""
-    walk_mm = wander.rms_mm[1]
-    if not wander.walk_m or walk_mm <= floor_mm:
+    if wander is None or not wander.walk_m or wander.rms_mm[1] <= floor_mm:
         return ()
+    walk_mm = wander.rms_mm[1]
     hours = float(np.ptp(wander.times_s)) / _SECONDS_AN_HOUR
     why = (
         f"the instrument or the base wandered by {walk_mm:.3g} mm (root mean square) in "
