@@ -54,7 +54,7 @@ from pa10cal.results.calibration import (
     GeneralCalibrationRecord,
     LoadErrors,
 )
-from pa10cal.results.evaluation import Accuracy, BeforeAfter, ResidualRows
+from pa10cal.results.evaluation import BeforeAfter, ResidualRows
 from pa10cal.results.health import Health
 from pa10cal.results.record import Campaign
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
@@ -275,7 +275,6 @@ def _summary(
 # The record of a calibration with effects: that without them, its fit replaced.
 
 R = TypeVar("R", bound=CalibrationRecord)
-E = TypeVar("E", bound=LoadErrors)
 
 
 def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
@@ -302,7 +301,11 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
             "condition": ended.identifiability.condition,
             "singular_values": ended.identifiability.singular_values,
             "errors": {
-                load: _with_after(errors, after[load], less.get(load)) if load in after else errors
+                load: errors
+                if load not in after
+                else errors.model_copy(
+                    update={"after": after[load], "trusted": _trusted(errors, less.get(load))}
+                )
                 for load, errors in record.errors.items()
             },
             "residuals": ResidualRows(
@@ -318,11 +321,10 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
     )
 
 
-def _with_after(errors: E, after: Accuracy, less: BeforeAfter | None) -> E:
-    """Return errors at one load with those after replaced, flagged poses apart."""
+def _trusted(errors: LoadErrors, less: BeforeAfter | None) -> BeforeAfter | None:
+    """Return errors at one load without flagged poses."""
     before = (errors.trusted or errors).before
-    trusted = None if less is None else BeforeAfter(before=before, after=less.after)
-    return errors.model_copy(update={"after": after, "trusted": trusted})
+    return None if less is None else BeforeAfter(before=before, after=less.after)
 
 
 _BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")

@@ -34,15 +34,16 @@ def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
 
     Of the k parameters of a model's terms, then of the t coordinates of an instrument's targets.
     """
+
+    def possible(parameter: Parameter) -> float:
+        name, scale = parameter.name, parameter.scale
+        if name.startswith(WEIGHT):
+            return scale
+        sizes = (size for start, size in _POSSIBLE_UNITS.items() if name.startswith(start))
+        return next(sizes, _POSSIBLE_SCALES * scale)
+
     targets = () if measured is None else measured.target_parameters
-    return np.array([_possible_size(each) for each in (*model.parameters, *targets)])
-
-
-def _possible_size(parameter: Parameter) -> float:
-    if parameter.name.startswith(WEIGHT):
-        return parameter.scale
-    sizes = (size for start, size in _POSSIBLE_UNITS.items() if parameter.name.startswith(start))
-    return next(sizes, _POSSIBLE_SCALES * parameter.scale)
+    return np.array([possible(each) for each in (*model.parameters, *targets)])
 
 
 def residual(at: FittedModel, poses: Observations) -> Array:

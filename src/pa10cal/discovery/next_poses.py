@@ -523,7 +523,11 @@ def poses_at_unseen_angles(
     counts as seen, so that each pose after the first goes elsewhere. None where all angles within
     reach were seen, or no pose is admissible.
     """
-    if not count or all(_everywhere(seen, joint) for joint in range(len(seen.turns))):
+    whole = (  # its turn was seen; prismatic joints do not count
+        not turns or (len(stretches) == 1 and np.ptp(stretches[0]) >= _TURN)
+        for turns, stretches in zip(seen.turns, seen.intervals, strict=True)
+    )
+    if not count or all(whole):
         return ()
     try:
         q_rad = draw_near(measured, _DRAWN, random_seed)
@@ -541,11 +545,3 @@ def poses_at_unseen_angles(
         chosen.append(SuggestedPose(q_deg=q_deg, q_rad=q_rad[best], load_N=load_N, for_=purposes))
         new[:, joints] &= place[:, joints] != place[best, joints]
     return tuple(chosen)
-
-
-def _everywhere(seen: AnglesSeen, joint: int) -> bool:
-    """Return whether a revolute joint has seen its whole turn; prismatic ones do not count."""
-    if not seen.turns[joint]:
-        return True
-    stretches = seen.intervals[joint]
-    return len(stretches) == 1 and bool(np.ptp(stretches[0]) >= _TURN)

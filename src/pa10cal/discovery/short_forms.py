@@ -239,7 +239,10 @@ def choose(
         if not any(judge.passes(each, _FEW) for each in tried):
             return None
         judge = _Judge.of(whole(), judge.needed)
-        tried = judge.all_of([each.form for each in _shortlist(tried)])
+        ranked = _ranked(tried)  # the best, and the best of every kind
+        kinds = {each.form.form: each for each in reversed(ranked)}
+        best_of_kind = [each for each in kinds.values() if each not in ranked[:_KEPT]]
+        tried = judge.all_of([each.form for each in (*ranked[:_KEPT], *best_of_kind)])
     good = [
         each
         for each in _ranked(tried)
@@ -290,13 +293,6 @@ def no_worse(squares: Array, than: Array, errors: float = 1.0) -> bool:
     """Return whether squared errors of blocks are no larger, to so many standard errors."""
     lost = squares - than
     return bool(lost.sum() <= errors * np.hypot(standard_error(lost), _CHANCE))
-
-
-def _shortlist(tried: Sequence[_Tried]) -> list[_Tried]:
-    """Return the best forms, and the best of every kind."""
-    ranked = _ranked(tried)
-    kinds = {each.form.form: each for each in reversed(ranked)}
-    return [*ranked[:_KEPT], *(each for each in kinds.values() if each not in ranked[:_KEPT])]
 
 
 def _one_is_enough(two: _Tried, tried: Sequence[_Tried], needed: float) -> bool:

@@ -399,19 +399,14 @@ class _Cost:
         slopes = block_diag(*(_slopes(each, waves.orders) for each in logs)) @ self._by_point
         off = np.append((at[:_NUMBERS] - self._typical) / _ANYWHERE, at[_NUMBERS:-1])
         expected = np.append(1.0 / _ANYWHERE, np.ones(len(at) - 1 - _NUMBERS))
+        by_numbers = slopes.T @ curvature @ slopes + np.diag(2.0 * expected**2)
         return _Point(
             at,
             value + float(off @ off),
             np.append(slopes.T @ by_sizes + 2.0 * expected * off, by_scatter),
-            self._curvature(slopes.T @ curvature @ slopes + np.diag(2.0 * expected**2)),
+            block_diag(by_numbers, 4.0 * waves.rows),  # the scatter's stands last
             logs,
         )
-
-    def _curvature(self, of_numbers: Array) -> Array:
-        """Return the curvature by the numbers, then by the logarithm of the scatter."""
-        found = np.diag(np.full(len(of_numbers) + 1, 4.0 * self._waves.rows))
-        found[:-1, :-1] = of_numbers
-        return found
 
 
 def _climb(cost: _Cost, start: Array) -> _Point:

@@ -189,7 +189,9 @@ class Search:
             tried = tried.extended(names[int(np.argmin(found.sum(axis=1)))])
             if self._as_good(tried, chosen, candidate):
                 sound = within_bounds(tried) and both_kinds_agree(chosen.reduced(place), tried)
-                return tried if sound and self._all_help(tried, there) else None
+                needed = tried.without_each()[there:]
+                all_help = all(self.helps(each, tried.squares) for each in needed)
+                return tried if sound and all_help else None
         return None
 
     def _as_good(self, named: EffectSet, chosen: EffectSet, candidate: Candidate) -> bool:
@@ -201,11 +203,6 @@ class Search:
         if candidate.is_map:
             return bool(lost.sum() <= standard_error(lost))
         return not self.helps(named.squares, chosen.squares)
-
-    def _all_help(self, chosen: EffectSet, first: int) -> bool:
-        """Return whether members from some number on are all needed."""
-        found = chosen.without_each()[first:]
-        return all(self.helps(each, chosen.squares) for each in found)
 
     def _names_at(self, chosen: EffectSet, effect: Effect) -> list[Candidate]:
         """Return the named candidates that may do the work of a map or a rival."""

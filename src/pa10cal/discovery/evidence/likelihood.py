@@ -156,7 +156,8 @@ class Evidence:
         torques = self._given(columns, scale, at_g0, every, showing) if showing else None
         gains = np.empty((len(SIZES), len(candidates)))
         for own, at in self._by_width(candidates):
-            of_pose, of_torque = self._grams(own)
+            inner = (slice(None), own[:, :, None], own[:, None, :])
+            of_pose, of_torque = self._pose.gram[inner], self._torque.gram[inner]
             gains[:, at] = poses.gains(own, of_pose + of_torque[at_h0])
             shows = self._shows_in_torque[np.array(candidates)[at]]
             if torques and shows.any():  # their shared error is then chosen anew as well
@@ -171,11 +172,6 @@ class Evidence:
         width = np.array([len(self._columns[k]) for k in candidates], dtype=np.intp)
         places = [np.flatnonzero(width == k) for k in np.unique(width)]
         return [(np.stack([self._columns[candidates[k]] for k in at]), at) for at in places]
-
-    def _grams(self, own: Columns) -> tuple[Array, Array]:
-        """Return products (G, c, k, k), (H, c, k, k) of columns (c, k) in poses and torques."""
-        inner = (slice(None), own[:, :, None], own[:, None, :])
-        return self._pose.gram[inner], self._torque.gram[inner]
 
     def _given(
         self, columns: Columns, scale: Array, g: slice, h: slice, candidates: list[int]

@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.arrays import Array
 from pa10cal.discovery.in_time.wander import STILL, InTime
@@ -238,7 +237,10 @@ def prepare(
     if moved is not None:
         left = left + moved
     noise = noise_of_repeats(readings, left, by_every_joint(about, readings))
-    cells, cell_cov = gather(readings, noise.cov, _readings_a_cell(readings, in_time))
+    # Readings stay alone in their cells where time shows between them.
+    few = np.bincount(same_circumstances(readings)).max() <= READINGS_A_CELL
+    alone = in_time.wander is not None or (in_time.drifts and few)
+    cells, cell_cov = gather(readings, noise.cov, 1 if alone else READINGS_A_CELL)
     cells = complete_about(cells, baseline, about, setup)
     # A log that never scatters was calculated, and tells nothing of the joints.
     scatters = bool(np.any(noise.torque_Nm > 0.0))
@@ -266,13 +268,6 @@ def prepare(
         logged,
         in_time,
     )
-
-
-def _readings_a_cell(readings: Observations, in_time: InTime) -> int:
-    """Return how many readings a cell may average: one alone, where time shows between them."""
-    few = np.bincount(same_circumstances(readings)).max() <= READINGS_A_CELL
-    alone = in_time.wander is not None or (in_time.drifts and few)
-    return 1 if alone else READINGS_A_CELL
 
 
 def noise_models(
@@ -337,6 +332,10 @@ def _common_torques(
         statics_of(baseline.model, baseline.x, cells.states, moved).torque_Nm - weights.torque_Nm
         for moved in _misplaced(payload, options)
     ]
+    of_tool = np.zeros((*weights.torque_Nm.shape, 0))
+    if not payload.known:
+        tool = unknown_tool(arm, payload)
+        of_tool = weights.static_loads.by_weights[:, :, list(tool.columns)] * tool.sizes
     rated_Nm = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0))
     zero = np.tile(np.diag(options.torque_zero_uncertainty * rated_Nm), (len(cells), 1, 1))
     return np.concatenate(
@@ -344,19 +343,11 @@ def _common_torques(
             weights.torque_by_mass * by_link,
             options.load_uncertainty * weights.torque_by_load[:, :, None] * load_N[:, None, :],
             np.stack(by_payload, axis=2),
-            _unknown_tool(arm, payload, weights),
+            of_tool,
             zero,
         ],
         axis=2,
     )
-
-
-def _unknown_tool(arm: Arm, payload: Payload, weights: Statics) -> Array:
-    """Return what a tool of unknown mass does to the torques, (C, n, 4); none of one known."""
-    if payload.known:
-        return np.zeros((*weights.torque_Nm.shape, 0))
-    tool = unknown_tool(arm, payload)
-    return weights.static_loads.by_weights[:, :, list(tool.columns)] * tool.sizes
 
 
 def _misplaced(payload: Payload, options: DiscoveryOptions) -> list[Payload]:
