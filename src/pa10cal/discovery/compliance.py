@@ -14,11 +14,10 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.finding import Finding, GivesWay
 from pa10cal.discovery.gap import trusted
 from pa10cal.discovery.linear import (
@@ -171,7 +170,7 @@ class _Rows:
         return possible_sizes(self.at.model, self.poses.measured)
 
     @cached_property
-    def of_weights(self) -> NDArray[np.bool_]:
+    def of_weights(self) -> Mask:
         """Return which unknowns are weights: these are expected about what is assumed."""
         targets = np.zeros(len(self.at.targets_m), dtype=bool)
         return np.concatenate([of_weights(self.at.model), targets])
@@ -308,7 +307,7 @@ class _Rows:
         return max(1.0, by_stretches / independent) if independent > 0.0 else 1.0
 
     @cached_property
-    def _stretch(self) -> NDArray[np.intp]:
+    def _stretch(self) -> Index:
         """Return the stretch of time of each row (N,)."""
         count = len(self.poses)
         order = np.argsort(np.argsort(self.poses.states.time_s, kind="stable"))
@@ -398,7 +397,7 @@ class _System:
     columns: Array  # (N, k) of the unknowns that are free
     data: Array  # (N,) what is left
     off: Array  # (k,) how far they are from what is expected of them
-    free: NDArray[np.bool_]  # which of all unknowns these are
+    free: Mask  # which of all unknowns these are
     sizes: Array  # of all unknowns
 
     @cached_property
@@ -421,7 +420,7 @@ class _System:
         """Return the covariance of all unknowns, zero for those that are not free."""
         return self._of_all(self.inverse)
 
-    def by_stretches(self, stretch: NDArray[np.intp]) -> Array:
+    def by_stretches(self, stretch: Index) -> Array:
         """Return the covariance of all unknowns from how stretches of rows (N,) differ."""
         left = self.data - self.columns @ (self.inverse @ self.gradient)
         count = int(stretch.max()) + 1

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.finding import Finding, name_of
 from pa10cal.discovery.gap import Named
 from pa10cal.discovery.verdict import Verdict
@@ -142,7 +141,7 @@ def _joining(
     return Joining(tuple(here), finding.of, before_mm, after_mm, elsewhere, weights)
 
 
-def _errors(found: Named, rows: NDArray[np.bool_]) -> Array:
+def _errors(found: Named, rows: Mask) -> Array:
     """Return position errors of some poses, held out where there are such."""
     left = found.on_train if found.on_holdout is None else found.on_holdout
     return left.distance_mm[rows]

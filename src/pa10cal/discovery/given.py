@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.determined import FitSummary
 from pa10cal.calibration.health import Errors, HeldOut, health
 from pa10cal.calibration.levels import report_base
@@ -67,7 +66,7 @@ class CalibratedWith:
     model: FittedModel
     poses: Observations  # averaged poses that were fitted, with what the model needs
     found: Deviations  # its deviations there
-    flagged: NDArray[np.bool_]  # (P,) poses with a gross error, or suspected
+    flagged: Mask  # (P,) poses with a gross error, or suspected
     ended: FitSummary  # how the fit ended
     health: Health  # whether it is good
 

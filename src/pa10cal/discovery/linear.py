@@ -10,10 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import end_pose_with_screws
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
@@ -100,7 +99,7 @@ def by_effects(
     ]
 
 
-def of_weights(model: Model) -> NDArray[np.bool_]:
+def of_weights(model: Model) -> Mask:
     """Return which parameters (k,) of a model are weights that are uncertain."""
     chosen = np.zeros(len(model.parameters), dtype=bool)
     for term in model.terms:
@@ -218,7 +217,7 @@ def _along_base(by_end: Array, at: FittedModel) -> Array:
     return np.concatenate([by_end[..., :3] @ R, by_end[..., 3:] @ R], axis=2)
 
 
-def _positions(measured: Instrument) -> tuple[NDArray[np.intp], Array]:
+def _positions(measured: Instrument) -> tuple[Index, Array]:
     """Return which components are of positions, and over how many targets each pose has them."""
     at = measured.position_columns
     return at, np.maximum(measured.components_seen[:, at].sum(axis=1) / 3.0, 1.0)
@@ -259,7 +258,7 @@ class ModelWithEffects:
         """Return where the parameters of one of its effects stand."""
         return self.model.columns_of(effect)
 
-    def own_columns(self) -> NDArray[np.intp]:
+    def own_columns(self) -> Index:
         """Return the columns of the unknowns that belong to no effect."""
         of_effects = [np.arange(*ends) for ends in self.effect_columns()]
         return np.setdiff1d(np.arange(len(self.x)), np.concatenate([np.zeros(0, int), *of_effects]))

@@ -20,10 +20,9 @@ from math import factorial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import bdtrc
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.linear import by_every_joint
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -152,12 +151,12 @@ class JointSeries:
     weight: Array  # (P,) inverse variance of that [1/rad²]
     error_rad: Array  # (P,) error of its angle by the model, true less commanded
     torque_Nm: Array  # (P,) its torque; nan where not known
-    moved: NDArray[np.bool_]  # (P,) whether it moved since the configuration before
+    moved: Mask  # (P,) whether it moved since the configuration before
 
     def __len__(self) -> int:
         return len(self.q_rad)
 
-    def where(self, rows: NDArray[np.bool_]) -> JointSeries:
+    def where(self, rows: Mask) -> JointSeries:
         """Return some of its configurations."""
         return JointSeries(*(getattr(self, field.name)[rows] for field in fields(self)))
 
@@ -482,7 +481,7 @@ def joint_series(
     return found
 
 
-def _scores(screws: Array, left: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _scores(screws: Array, left: Array, seen: Mask) -> tuple[Array, Array]:
     """Return score and weight of each joint in each pose, (P, n): their ratio is its residual.
 
     By how whitened components follow the joints (P, b, n), what is left of them, measured less

@@ -15,13 +15,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize, nnls
 from scipy.spatial import cKDTree
 from scipy.special import chdtri, ndtri
 
 from pa10cal.arm.statics import Payload, PoseStates, StaticLoads
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.linear import by_every_joint, by_joints, position_m
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted import TOOL_FRAME
@@ -236,7 +235,7 @@ def _pairs(readings: Observations) -> tuple[Index, Index]:
     return order[pairs], order[pairs + 1]
 
 
-def _along(difference: Array, columns: Array, sizes: Array, seen: NDArray[np.bool_]) -> Array:
+def _along(difference: Array, columns: Array, sizes: Array, seen: Mask) -> Array:
     """Return what columns (D, b, n), each times a number, explain of differences (D, b)."""
     weight = np.where(seen, 1.0 / np.where(sizes > 0.0, sizes, 1.0), 0.0)
     white = (columns * weight[..., None]).reshape(-1, columns.shape[2])
@@ -250,7 +249,7 @@ def whitener_of(cov: Array) -> Array:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)), dtype=np.float64)
 
 
-def mean_covariance(cov: Array, seen: NDArray[np.bool_], code: Index) -> Array:
+def mean_covariance(cov: Array, seen: Mask, code: Index) -> Array:
     """Return the covariance (G, b, b) of the means of independent readings of each group.
 
     Args:
@@ -272,13 +271,13 @@ def mean_covariance(cov: Array, seen: NDArray[np.bool_], code: Index) -> Array:
     return _whole(total, times > 0.0)
 
 
-def _whole(cov: Array, seen: NDArray[np.bool_]) -> Array:
+def _whole(cov: Array, seen: Mask) -> Array:
     """Return covariances (P, b, b) with one where nothing was seen: such rows are all zero."""
     here = np.where(seen[:, :, None] & seen[:, None, :], cov, 0.0)
     return here + np.eye(seen.shape[1]) * ~seen[:, :, None]
 
 
-def _one_kind(seen: NDArray[np.bool_], at: slice) -> Array:
+def _one_kind(seen: Mask, at: slice) -> Array:
     """Return (P, 1, b, b) the same independent error of all components of a kind."""
     count, components = seen.shape
     one = np.zeros((count, 1, components, components))
@@ -287,7 +286,7 @@ def _one_kind(seen: NDArray[np.bool_], at: slice) -> Array:
     return one
 
 
-def _variance_components(difference: Array, sources: Array, seen: NDArray[np.bool_]) -> Array:
+def _variance_components(difference: Array, sources: Array, seen: Mask) -> Array:
     """Fit non-negative variances of sources (D, s, b, b) to the squares of differences (D, b).
 
     Whitened by the covariance found before, all products of components weigh about the same.

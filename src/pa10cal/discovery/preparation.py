@@ -6,11 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.finding import Fault, NotTestable, faults_of_input
@@ -158,12 +157,12 @@ class Prepared:
     arrivals_from_order: bool  # whether directions of arrival are those of the order of poses
     faults: tuple[Fault, ...] = ()  # faults of single rows or poses
     # (P,) readings that are not to be averaged; None for none
-    excluded: NDArray[np.bool_] | None = None
+    excluded: Mask | None = None
     # (H,) held-out poses with a suspected reading; None for none
-    suspected: NDArray[np.bool_] | None = None
+    suspected: Mask | None = None
 
     @property
-    def gross(self) -> NDArray[np.bool_]:
+    def gross(self) -> Mask:
         """Return which readings have a gross error, or a fault of their own, (P,)."""
         return np.zeros(len(self.readings), bool) if self.excluded is None else self.excluded
 

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.finding import Fault, fault_of
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.fit.fitted_model import FittedModel
@@ -70,7 +69,7 @@ class _Rows:
     with_data: Array  # (2, k) of the columns with the data
     squares: Array  # (2,) of the data
     known: int  # how many columns any log may need; those of the faults follow
-    of_faults: tuple[NDArray[np.intp], ...]  # columns of each fault
+    of_faults: tuple[Index, ...]  # columns of each fault
 
     def gains(self, chosen: Sequence[int], fault: int) -> tuple[float, float]:
         """Return the squares that a further fault takes away, of all and of the lesser half."""
@@ -96,9 +95,7 @@ class _Rows:
         gain = (without - self._left(chosen, [0, 1])) / without
         return x[own], covariance[np.ix_(own, own)], gain
 
-    def _solved(
-        self, chosen: Sequence[int], halves: list[int]
-    ) -> tuple[NDArray[np.intp], Array, Array]:
+    def _solved(self, chosen: Sequence[int], halves: list[int]) -> tuple[Index, Array, Array]:
         at = np.concatenate([np.arange(self.known), *(self.of_faults[k] for k in chosen)])
         normal = self.normal[halves].sum(axis=0)[np.ix_(at, at)] + np.eye(len(at))
         covariance = np.linalg.inv(normal)

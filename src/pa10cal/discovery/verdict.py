@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
@@ -186,6 +186,11 @@ class Verdict(ABC, Generic[P_co]):
     def targets_off_m(self) -> Array:
         """Return by how much the stated targets of an apparatus are off their places, (a,)."""
         return np.zeros(self.prepared.readings.measured.by_stated_targets.shape[2])
+
+    def with_gaps(self, changed: Callable[[Gap], Gap]) -> Self:
+        """Return the verdict with both its gaps changed."""
+        held_out = None if self.holdout is None else changed(self.holdout)
+        return replace(self, train=changed(self.train), holdout=held_out)
 
     @property
     def gap(self) -> Mapping[str, Gap | None]:

@@ -101,7 +101,7 @@ def test_what_cannot_be_told_at_all_is_listed_with_the_reason(null):
     found = null.discovery
     refused = {name(entry.effect): entry for entry in found.not_testable}
     assert refused["thermal_growth", "arm"].why == "what it depends on was not logged"
-    assert not refused.keys() & set(map(name, found.family))
+    assert not refused.keys() & set(map(name, found.judgement.found.family))
     asked = unresolved(found.effects, found.not_testable)
     assert all(rival is None for _, rival in asked)
     # Other poses do not log a temperature.
@@ -152,7 +152,7 @@ class TestANewEffect:
         known = (*effect.every_effect(), ThirdHarmonic)
         monkeypatch.setattr(effect, "every_effect", lambda: known)
         found = campaign.discovered()
-        assert sum(effect.id == "third_harmonic" for effect in found.family) == 6
+        assert sum(effect.id == "third_harmonic" for effect in found.judgement.found.family) == 6
         assert found.verdict == "named"
         (finding,) = found.effects
         assert name(finding.effect) == ("third_harmonic", "joint 1")

@@ -404,7 +404,7 @@ class _Cost:
             at,
             value + float(off @ off),
             np.append(slopes.T @ by_sizes + 2.0 * expected * off, by_scatter),
-            block_diag(by_numbers, 4.0 * waves.rows),  # the scatter's stands last
+            block_diag(by_numbers, np.full((1, 1), 4.0 * waves.rows)),  # the scatter's is last
             logs,
         )
 

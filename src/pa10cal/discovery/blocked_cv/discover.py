@@ -8,10 +8,9 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.bands import InBands
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
 from pa10cal.discovery.blocked_cv.judge import (
@@ -167,7 +166,7 @@ class VerdictByBlocks(Searched[Prediction]):
         chosen: Observations = poses.take(rows)
         every_row = whiteners.shape[0] * whiteners.shape[1]
 
-        seen: slice | NDArray[np.intp] = slice(None)
+        seen: slice | Index = slice(None)
         if chosen.measured.campaigns:  # each pose has the components of its own campaign alone
             seen = np.flatnonzero(chosen.measured.components_seen)
 
@@ -364,10 +363,7 @@ def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> Verdic
         poses = complete_about(gap.poses, found.baseline, model, found.survey.setup)
         return replace(gap, with_rivals=left_by(model, poses))
 
-    held_out = found.holdout
-    return replace(
-        found, train=told(found.train), holdout=None if held_out is None else told(held_out)
-    )
+    return found.with_gaps(told)
 
 
 def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, block_diag, cho_factor
 from scipy.linalg.lapack import dpotri
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
@@ -196,7 +195,7 @@ def refit(
     return Refit(effects, fit.place(found.at), found.converged, covariance, counts)
 
 
-def one_step(survey: Survey, found: Refit, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
     """Return what some poses alone say of all unknowns (k,), by one step from a fit to all.
 
     With them comes their covariance (k, k).
@@ -283,7 +282,7 @@ class _Fit:
         return float(np.sum(white**2) + off @ self.prior @ off)
 
 
-def _inverse(information: Array, prior: Array, free: NDArray[np.bool_]) -> Array:
+def _inverse(information: Array, prior: Array, free: Mask) -> Array:
     """Return the inverse of the normal equations of free parameters, zero for the others.
 
     The shape of an effect of no amount moves nothing: it counts as one of the others.
@@ -386,14 +385,6 @@ _MOST = 1.0 - 1e-9
 _HALF_WIDTH_95 = 1.96
 
 
-@dataclass(frozen=True)
-class Curve:
-    """The error of a joint by its angle, as one campaign has it."""
-
-    error_rad: Array  # (A,) at `ANGLES_RAD`
-    visited: NDArray[np.bool_]  # (A,) whether the campaign has poses there
-
-
 def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
     """Return every effect as each campaign of a group alone has it; none of a single campaign."""
     campaign = survey.poses.states.campaign
@@ -409,11 +400,13 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
     each = []
     for effect in shared:
         at = found.columns_of(effect)
-        curves = {}
+        curves: dict[str, JointErrorAlone] = {}
         if isinstance(effect, JointErrorMap):
             for name, (x, _) in alone.items():
                 q_rad = survey.poses.states.q_rad[campaign == names.index(name), effect.joint - 1]
-                curves[name] = Curve(_error_rad(effect, x[at]), visited(q_rad))
+                curves[name] = JointErrorAlone(
+                    error_mrad=1e3 * _error_rad(effect, x[at]), visited=visited(q_rad)
+                )
         each.append(
             EffectByCampaign(
                 id=effect.id,
@@ -424,11 +417,7 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
                     name: _parameters(effect.report(x[at]), covariance[at, at])
                     for name, (x, covariance) in alone.items()
                 },
-                errors={
-                    name: JointErrorAlone(error_mrad=1e3 * curve.error_rad, visited=curve.visited)
-                    for name, curve in curves.items()
-                }
-                or None,
+                errors=curves or None,
                 agreement=tuple(
                     pair_of((first, curves[first]), (second, curves[second]))
                     for first, second in combinations(curves, 2)
@@ -446,7 +435,7 @@ def _parameters(report: Report, covariance: Array) -> dict[str, ParameterAlone]:
     }
 
 
-def visited(q_rad: Array) -> NDArray[np.bool_]:
+def visited(q_rad: Array) -> Mask:
     """Return at which of `ANGLES_RAD` there are enough joint angles (P,), by the turn."""
     turn = 2.0 * np.pi
     sorted_rad = np.sort(np.mod(q_rad, turn))
@@ -456,14 +445,16 @@ def visited(q_rad: Array) -> NDArray[np.bool_]:
     return np.asarray(last - first >= _LEAST_POSES)
 
 
-def pair_of(first: tuple[str, Curve], second: tuple[str, Curve]) -> CampaignsAgree:
+def pair_of(
+    first: tuple[str, JointErrorAlone], second: tuple[str, JointErrorAlone]
+) -> CampaignsAgree:
     """Compare the curves of two campaigns, each given with its name.
 
     Slopes are of the second by the first, both uncertain alike.
     """
     (one, a), (two, b) = first, second
     both = a.visited & b.visited
-    x, y = a.error_rad[both], b.error_rad[both]
+    x, y = a.error_mrad[both], b.error_mrad[both]
     arc = (ANGLES_RAD[both] // _ARC_RAD).astype(int)
     arcs = np.unique(arc)
     if len(arcs) < _LEAST_ARCS or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
@@ -489,9 +480,9 @@ def pair_of(first: tuple[str, Curve], second: tuple[str, Curve]) -> CampaignsAgr
         correlation95=(float(np.tanh(z_low)), float(np.tanh(z_high))),
         slope=slope,
         slope95=(low, high),
-        first_rms_mrad=1e3 * rms(x),
-        second_rms_mrad=1e3 * rms(y),
-        difference_rms_mrad=1e3 * rms(x - y),
+        first_rms_mrad=rms(x),
+        second_rms_mrad=rms(y),
+        difference_rms_mrad=rms(x - y),
         share_of_turn=float(both.mean()),
     )
 

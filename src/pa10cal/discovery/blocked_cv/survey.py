@@ -8,10 +8,9 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.in_time.wander import Wander
 from pa10cal.discovery.linear import (
     by_effects,
@@ -430,7 +429,7 @@ class Rows:
         return sizes
 
     @property
-    def pressing(self) -> NDArray[np.bool_]:
+    def pressing(self) -> Mask:
         """Return which of the model's own parameters the calibration left at a bound."""
         model, x = self.place.model, self.place.x
         bounds = Bounds.of(model.parameters)

@@ -10,9 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.evidence.fit import Fit, fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import SIZES, Block, Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem, prepare
@@ -173,9 +172,7 @@ def _why_silent(problem: Problem) -> str:
     return "the poses do not exercise it"
 
 
-def indistinguishable(
-    problem: Problem, found: Fit, effects: tuple[Effect, ...]
-) -> NDArray[np.bool_]:
+def indistinguishable(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> Mask:
     """Return which effects look the same in these poses, whatever is measured, (m, m).
 
     Two do when every canonical cosine of what the model's own parameters leave of them is close to
@@ -218,7 +215,7 @@ class EndOfSearch:
     without: tuple[Score, ...]  # evidence of the set less each of its effects
     evidence: Evidence  # about that fit, over the whole family
     family: tuple[Effect, ...]  # the candidates, in the order of the evidence's blocks
-    same: NDArray[np.bool_]  # (m, m) which of them look the same in these poses
+    same: Mask  # (m, m) which of them look the same in these poses
     nothing: Score  # evidence of the empty set about that fit
 
 
@@ -266,7 +263,7 @@ def ended_at(
     problem: Problem,
     current: Fit,
     family: tuple[Effect, ...],
-    same: NDArray[np.bool_],
+    same: Mask,
 ) -> EndOfSearch:
     """Return what the search has found where it ends at a fit, with the evidence about it."""
     evidence = evidence_about(problem, current, family)
@@ -311,7 +308,7 @@ def refit(
 
 def _improve(
     evidence: Evidence,
-    same: NDArray[np.bool_],
+    same: Mask,
     members: tuple[int, ...],
     sizes: tuple[int, ...],
     needed: float,
@@ -330,7 +327,7 @@ def _improve(
 
 def _forward(
     evidence: Evidence,
-    same: NDArray[np.bool_],
+    same: Mask,
     members: tuple[int, ...],
     sizes: tuple[int, ...],
     forbidden: set[int],
@@ -359,7 +356,7 @@ def _forward(
         _, members, sizes = best
 
 
-def _open(same: NDArray[np.bool_], members: tuple[int, ...], forbidden: set[int]) -> list[int]:
+def _open(same: Mask, members: tuple[int, ...], forbidden: set[int]) -> list[int]:
     """Return what may join: nothing forbidden, nothing that looks the same as a member."""
     return [k for k in range(len(same)) if k not in forbidden and not same[k, list(members)].any()]
 

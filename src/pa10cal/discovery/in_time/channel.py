@@ -6,11 +6,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.finding import Fault
 from pa10cal.discovery.in_time.wander import (
     STILL,
@@ -173,7 +172,7 @@ def steps_in_time(
 Rivals = tuple[Parting | Driver, ...]
 
 
-def rivals_of(found: InTime, states: PoseStates, prismatic: NDArray[np.bool_]) -> Rivals:
+def rivals_of(found: InTime, states: PoseStates, prismatic: Mask) -> Rivals:
     """Return the errors by joints and the load that explain as well what was found of time."""
     if found.wander is None:
         return ()
@@ -241,7 +240,7 @@ def like_a_scan(poses: Observations) -> bool:
     return float(slow_joints(poses.states).mean()) > 0.5
 
 
-def _waves(at: FittedModel, poses: Observations, slow: NDArray[np.bool_]) -> Array:
+def _waves(at: FittedModel, poses: Observations, slow: Mask) -> Array:
     """Return waves of the error of every turning joint by its angle, (P, b, w)."""
     arm = at.model.chain.arm
     joints = [joint for joint, slides in enumerate(arm.prismatic, start=1) if not slides]
