@@ -48,10 +48,8 @@ from pa10cal.discovery.noise import (
     AS_FOUND,
     Noise,
     Scatter,
-    noise_of_near_poses,
     scatter_of,
     share_inside,
-    with_torque_noise,
 )
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
 from pa10cal.discovery.short_forms import Arena
@@ -306,10 +304,7 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     found = with_more(found, slow_drift(found.survey, found.held_poses, found.extended.effects))
     judged, rows, searched = found.survey, found.rows, found.searched
     extended, poses = found.extended, judged.poses
-    model = extended.fitted()
-    noise = noise_of_near_poses(poses, judged.left_by(model))
-    if judged.torques_logged:
-        noise = with_torque_noise(noise, model, poses, judged.setup.payload)
+    noise = judged.noise_about(extended.fitted())
     floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
     remaining = remaining_error(rows, searched.errors_mm, floor_mm, searched.tried)
     findings = tuple(

@@ -33,7 +33,7 @@ from pa10cal.discovery.blocked_cv.survey import BLOCKS, Rows, ShapedEffect, Surv
 from pa10cal.discovery.finding import CARRIED, MayHaveCarrier, NotTestable
 from pa10cal.discovery.in_time.channel import like_a_scan
 from pa10cal.discovery.linear import by_effects, by_own_terms, error_mm, rms, standard_error
-from pa10cal.discovery.noise import AS_FOUND, noise_of_near_poses, with_torque_noise
+from pa10cal.discovery.noise import AS_FOUND
 from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
@@ -557,12 +557,7 @@ def searched_rows(rows: Rows) -> tuple[Searched, tuple[Candidate, ...]]:
     """Search, and judge what was found: return it, and the members of the search."""
     products = rows.products()
     known = family(rows, products)
-    poses = rows.survey.poses
-    of_readings = noise_of_near_poses(poses, rows.survey.left_by(rows.place))
-    if rows.survey.torques_logged:
-        payload = rows.survey.setup.payload
-        of_readings = with_torque_noise(of_readings, rows.place, poses, payload)
-    noise = noise_squares(rows, of_readings)
+    noise = noise_squares(rows, rows.survey.noise_about(rows.place))
     error_rate = rows.survey.setup.options.error_rate
     search = Search(products, rows.own, known.shown, noise, error_rate, rows.own_sizes)
     chosen = search.run()

@@ -23,7 +23,12 @@ from pa10cal.discovery.linear import (
     unknowns,
     with_base_term,
 )
-from pa10cal.discovery.noise import PoseWeights
+from pa10cal.discovery.noise import (
+    Noise,
+    PoseWeights,
+    noise_of_near_poses,
+    with_torque_noise,
+)
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
@@ -91,6 +96,13 @@ class Survey:
             if own.amounts is not None:
                 left = left + own.shift(self.baseline, poses)
         return left
+
+    def noise_about(self, at: FittedModel) -> Noise:
+        """Return the noise of single readings by nearly equal poses, else as stated, of a model."""
+        noise = noise_of_near_poses(self.poses, self.left_by(at))
+        if not self.torques_logged:
+            return noise
+        return with_torque_noise(noise, at, self.poses, self.setup.payload)
 
     @property
     def nuisances(self) -> tuple[Wander | AttitudeLag, ...]:
