@@ -394,12 +394,12 @@ def _effects_of_time(survey: Survey, there: Sequence[Effect]) -> list[Effect]:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class SearchOutcome:
     """What a survey comes to."""
 
     survey: Survey  # the campaign, with the motion of its base as these effects leave it
     rows: Rows  # by which it was searched
-    searched: Searched  # what the search found
+    searched: SearchReport  # what the search found
     fine: Level  # the effects, by linear least squares
     bands: InBands | None = None  # of maps that have one; None where none has
 
@@ -417,11 +417,11 @@ class Found:
         return HeldPoses(self.survey, self.extended, self.searched.least_gain)
 
 
-def found_in(judged: Survey, shaped: tuple[ShapedEffect, ...]) -> Found:
+def found_in(judged: Survey, shaped: tuple[ShapedEffect, ...]) -> SearchOutcome:
     """Search a survey."""
     rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
     searched, members = searched_rows(rows)
-    found = _settled(Found(judged, rows, searched, finest(rows, members)))
+    found = _settled(SearchOutcome(judged, rows, searched, finest(rows, members)))
     if judged.context.commanded:
         found = with_more(found, arrivals(judged, found.held_poses, found.extended.effects))
     bands = in_bands(found.rows, found.fine)
@@ -434,7 +434,7 @@ def found_in(judged: Survey, shaped: tuple[ShapedEffect, ...]) -> Found:
     return found
 
 
-def _settled(found: Found) -> Found:
+def _settled(found: SearchOutcome) -> SearchOutcome:
     """Return what was found, what its survey has beside the model as these effects leave it."""
     beside = sum(len(each.sizes) for each in found.survey.nuisances)
     if not beside:
@@ -443,7 +443,7 @@ def _settled(found: Found) -> Found:
     return replace(found, survey=found.survey.with_amounts(own[len(own) - beside :]))
 
 
-def with_more(found: Found, more: Sequence[Judged]) -> Found:
+def with_more(found: SearchOutcome, more: Sequence[Judged]) -> SearchOutcome:
     """Return what was found with effects beside it; a slow drift takes the place of a constant."""
     if not more:
         return found
@@ -540,7 +540,7 @@ def _instead(
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
+class SearchReport:
     """What the search found, without its products, which are large."""
 
     judged: tuple[Judged, ...]
@@ -553,7 +553,7 @@ class Searched:
     least_gain: float
 
 
-def searched_rows(rows: Rows) -> tuple[Searched, tuple[Candidate, ...]]:
+def searched_rows(rows: Rows) -> tuple[SearchReport, tuple[Candidate, ...]]:
     """Search, and judge what was found: return it, and the members of the search."""
     products = rows.products()
     known = family(rows, products)
@@ -565,7 +565,7 @@ def searched_rows(rows: Rows) -> tuple[Searched, tuple[Candidate, ...]]:
     nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
     chosen = without_rivals(chosen)
     judged, errors_mm = judged_members(rows, search, chosen)
-    found = Searched(
+    found = SearchReport(
         judged=judged,
         nameless=nameless,
         tried=others,

@@ -117,7 +117,8 @@ def in_time_of(
     if measured_again(poses):
         return shows
     rivals: Rivals = ()
-    first_mm, prismatic = shows.rms_mm, at.model.chain.arm.prismatic
+    first_mm = 0.0 if shows.wander is None else shows.wander.rms_mm[0]
+    prismatic = at.model.chain.arm.prismatic
     for _ in range(_MOST_RIVALS):
         more = rivals_of(shows, poses.states, prismatic)
         if not more:

@@ -94,11 +94,6 @@ class InTime:
     rivals: tuple[str, ...] = ()
     rivals_mm: float = 0.0  # root mean square of all that was seen before they were held against it
 
-    @property
-    def rms_mm(self) -> float:
-        """Return the root mean square of jumps and walk at the readings."""
-        return 0.0 if self.wander is None else self.wander.rms_mm[0]
-
 
 STILL = InTime(None, drifts=False)
 
