@@ -20,6 +20,7 @@ from math import factorial
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 from scipy.special import bdtrc
 
 from pa10cal.arrays import Array, Mask
@@ -131,8 +132,8 @@ class Agreement(maps.Agreement):
 class JointCause(maps.JointWitness):
     """Whose error a joint's error by its angle is, and what says so."""
 
-    ripple: Witness | None
-    agreement: Agreement | None
+    ripple: Witness | None = Field(description="of its motor; None where it shows none")
+    agreement: Agreement | None = Field(description="of campaigns or turns; None likewise")
 
     @property
     def cause(self) -> Cause | None:

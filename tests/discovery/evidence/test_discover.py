@@ -21,7 +21,7 @@ def said(found):
     """Return the verdict in words and numbers."""
     judged = found.judgement
     return (
-        judged.verdict,
+        found.verdict,
         [name(finding.effect) for finding in judged.findings],
         [finding.x.tolist() for finding in judged.findings],
         [tuple(map(name, finding.alternatives)) for finding in judged.findings],
@@ -76,7 +76,7 @@ def test_friction_is_seen_in_torque_and_pose(rubbing):
 def test_a_bowed_axis_is_unexplained_at_the_instrument(bowed):
     found = bowed.discovery
     judged = found.judgement
-    assert judged.verdict == "unexplained"
+    assert found.verdict == "unexplained"
     assert judged.findings == ()
     assert [(place.of, place.form) for place in judged.unexplained] == [("instrument", "place_map")]
     # No name, no improvement: what only says where is not in the extended model.

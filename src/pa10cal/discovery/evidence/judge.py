@@ -30,7 +30,7 @@ from pa10cal.discovery.evidence.search import (
 from pa10cal.discovery.finding import CARRIED, Finding, MayHaveCarrier
 from pa10cal.discovery.linear import mean_length, of_weights, position_noise
 from pa10cal.discovery.preparation import effects_in, is_fault
-from pa10cal.discovery.verdict import MAP, Word, is_named, smooth_unknown, word_of
+from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
 from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import CrossValidation, EvidenceByRepeats, Unexplained
 from pa10cal.terms.effects.effect import Effect
@@ -258,7 +258,6 @@ _MOST_REFITS = 12
 class Judgement:
     """What the search comes to."""
 
-    verdict: Word  # in a word
     findings: tuple[Finding[Confirmation], ...]  # effects of the vocabulary, in the order found
     unexplained: tuple[Unexplained, ...]  # what remains without a name
     found: EndOfSearch  # the search, its fit holding every finding and every generic effect
@@ -278,7 +277,7 @@ def judge(found: EndOfSearch, needed: float = 0.0) -> Judgement:
         findings.append(Finding(effect, x, of_x, rivals[effect], confirmations[effect]))
     unexplained = _unexplained(found, confirmations)
     findings = [f for f in findings if not _bent(found, f.effect, unexplained)]
-    return Judgement(word_of(findings, unexplained), tuple(findings), unexplained, found)
+    return Judgement(tuple(findings), unexplained, found)
 
 
 def _prefer_named(found: EndOfSearch) -> EndOfSearch:
