@@ -10,11 +10,10 @@ from scipy.spatial.transform import Rotation
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload, PoseStates, statics
-from pa10cal.discovery.evidence.candidates import testable
 from pa10cal.discovery.evidence.discover import VerdictByRepeats, discover_by_repeats
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.discovery.evidence.search import EndOfSearch, evidence_about, less
+from pa10cal.discovery.evidence.search import EndOfSearch, evidence_about, less, testable
 from pa10cal.discovery.linear import moved_base
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
 from pa10cal.files.arms import load_arm
@@ -115,7 +114,7 @@ class Measured:
 
     def discovered(self, **changes) -> VerdictByRepeats:
         given = Prepared(self.readings, self.held_out, self.baseline, self.setup, "logged", False)
-        return discover_by_repeats(replace(given, **changes), ERROR_RATE)
+        return discover_by_repeats(replace(given, **changes))
 
     def effect(self, id_, of) -> Effect:
         (found,) = (effect for effect in self.every if (effect.id, effect.of) == (id_, of))
@@ -140,7 +139,6 @@ def forced(measured, effects, sizes, problem=None, family=None) -> EndOfSearch:
         family=family,
         same=np.eye(len(family), dtype=bool),
         nothing=evidence.score((), ()),
-        steps=(),
     )
 
 

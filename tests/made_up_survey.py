@@ -96,7 +96,7 @@ class Surveyed:
     def discovery(self) -> VerdictByBlocks:
         held_out = self.held_out if len(self.held_out) else None
         given = Prepared(self.readings, held_out, self.baseline, self.setup, "masses", False)
-        return discover_by_blocks(given, ERROR_RATE)
+        return discover_by_blocks(given)
 
 
 def measured(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT):

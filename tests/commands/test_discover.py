@@ -159,7 +159,7 @@ class TestVerdict:
     def test_the_analysis_ends_where_the_verdict_does(self, verdict, found):
         analysis = read(found / "analysis.json")
         assert (analysis["campaign"], analysis["schema"]) == (NAME, "pa10cal-analysis/1")
-        assert analysis["steps"][-1]["effects"] == [{"id": "transmission_error", "of": "joint 2"}]
+        assert analysis["naming"][-1]["effects"] == [{"id": "transmission_error", "of": "joint 2"}]
         rows = analysis["gap"]["holdout"]
         after = np.linalg.norm([row["after_mm"] for row in rows], axis=1)
         assert after.mean() == pytest.approx(verdict["gap"]["holdout"]["after"]["mean_mm"])

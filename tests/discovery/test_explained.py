@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.records import Joining, explained, explained_by
+from pa10cal.discovery.explained import Joining, explained, explained_by
 from pa10cal.results.explained import percent
 from pa10cal.results.record import EffectName
 

@@ -13,7 +13,7 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
-from pa10cal.discovery.evidence import candidates as family
+from pa10cal.discovery.evidence import search as repeats
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import Problem, prepare
@@ -88,7 +88,7 @@ def measure(tmp_path_factory):
         )
         problem = prepare(readings, calibrated(readings), setup)
         start = fit(problem, (), (), (0.0, 0.0))
-        shown, refused = family.testable(problem, start, candidates(problem.context))
+        shown, refused = repeats.testable(problem, start, candidates(problem.context))
         return Measured(problem, start, shown, tuple(entry.effect for entry in refused))
 
     return measured

@@ -111,7 +111,10 @@ class TestVerdict:
         # The covariance of the made-up baseline is not known; that of a calibrated one is.
         known = replace(found.calibrated, covariance=1e-12 * np.eye(len(found.calibrated.x) + 6))
         records = discovery_records(
-            replace(found, calibrated=known), found.next_poses(0), Campaign(), "combined"
+            replace(found, calibrated=known, covariance=known.covariance),
+            found.next_poses(0),
+            Campaign(),
+            "combined",
         )
         assert records.verdict.verdict == records.extended.verdict == "not_sought"
         (line,) = summary(records.verdict)

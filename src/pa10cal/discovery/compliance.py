@@ -14,14 +14,20 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.finding import Finding, GivesWay
 from pa10cal.discovery.gap import trusted
-from pa10cal.discovery.linear import by_terms, error_mm, possible_sizes, residual_and_jacobian
+from pa10cal.discovery.linear import (
+    by_terms,
+    error_mm,
+    of_weights,
+    possible_sizes,
+    residual_and_jacobian,
+    rms,
+)
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import sought, why_unknown
 from pa10cal.discovery.verdict import Verdict, is_named
@@ -88,13 +94,13 @@ def with_compliance(found: V) -> V:
             needed_nats=needed,
             sag_mrad=1e3 * sag_rad,
             sag_u_mrad=1e3 * sag_std,
-            rigid_mm=without.train_mm,
-            gives_way_mm=every.train_mm,
-            held_out_rigid_mm=without.held_out_mm,
-            held_out_gives_way_mm=every.held_out_mm,
-            all_rigid_mm=rigid.train_mm if rigid.held_out_mm is None else rigid.held_out_mm,
-            without_each_mm=without.each_mm,
-            all_rigid_each_mm=rigid.each_mm,
+            rigid_mm=rms(without.fitted_mm),
+            gives_way_mm=rms(every.fitted_mm),
+            held_out_rigid_mm=None if without.held_out_mm is None else rms(without.held_out_mm),
+            held_out_gives_way_mm=None if every.held_out_mm is None else rms(every.held_out_mm),
+            all_rigid_mm=rms(rigid.judging_mm),
+            without_each_mm=without.judging_mm,
+            all_rigid_each_mm=rigid.judging_mm,
             weights="logged" if found.prepared.torques == "logged" else known.origin,
         )
         others = (*instead, *(e for e in rows.rivals(spring, needed) if e not in instead))
@@ -110,24 +116,13 @@ class _Left:
     """What is left of the poses with all else fitted anew."""
 
     squares: float
-    fitted_each_mm: Array
-    held_out_each_mm: Array | None
+    fitted_mm: Array  # (P,) errors of the poses fitted
+    held_out_mm: Array | None  # (H,) those of the poses held out; None without any
 
     @property
-    def train_mm(self) -> float:
-        """Return the root mean square error of the poses fitted."""
-        return _rms(self.fitted_each_mm)
-
-    @property
-    def held_out_mm(self) -> float | None:
-        """Return that of the poses held out; None without any."""
-        return None if self.held_out_each_mm is None else _rms(self.held_out_each_mm)
-
-    @property
-    def each_mm(self) -> Array:
+    def judging_mm(self) -> Array:
         """Return the errors of the poses held out, or else of those fitted."""
-        held_out = self.held_out_each_mm
-        return self.fitted_each_mm if held_out is None else held_out
+        return self.fitted_mm if self.held_out_mm is None else self.held_out_mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,13 +170,10 @@ class _Rows:
         return possible_sizes(self.at.model, self.poses.measured)
 
     @cached_property
-    def of_weights(self) -> NDArray[np.bool_]:
+    def of_weights(self) -> Mask:
         """Return which unknowns are weights: these are expected about what is assumed."""
-        chosen = np.zeros(len(self.sizes), dtype=bool)
-        for term in self.at.model.terms:
-            if isinstance(term, Weights):
-                chosen[self.at.model.columns_of(term)] = True
-        return chosen
+        targets = np.zeros(len(self.at.targets_m), dtype=bool)
+        return np.concatenate([of_weights(self.at.model), targets])
 
     def without(self, springs: tuple[JointSpring, ...]) -> FittedModel:
         """Return the model with some joints rigid."""
@@ -203,54 +195,35 @@ class _Rows:
         )
 
     def rivals(self, spring: JointSpring, needed: float) -> tuple[Effect, ...]:
-        """Return effects beside which a spring is not needed any more, the best first.
-
-        Args:
-            spring: the spring.
-            needed: log evidence that it needs.
-        """
+        """Return effects beside which a spring is not needed any more, the best first."""
         rigid, alike = self.without((spring,)), self.alike(spring)
         without, with_it = self._system(rigid, (spring,)), self._as_it_is
-        instead: dict[Effect, float] = {}
+        tried = []
         for (effect, at_rigid), (_, columns) in zip(
             self._columns(rigid), self._columns(self.at), strict=True
         ):
             left = without.squares_with(at_rigid)
             gain = (left - with_it.squares_with(columns)) / alike
-            nats = 0.5 * (gain - np.log(self.readings))
-            if nats < needed:
-                instead[effect] = min(left, instead.get(effect, np.inf))
-        best = sorted(instead, key=lambda effect: instead[effect])
-        return tuple(best)
+            tried.append((effect, left, 0.5 * (gain - np.log(self.readings))))
+        return _best_of(tried, needed)
 
     def instead_of(self, springs: tuple[JointSpring, ...], needed: float) -> tuple[Effect, ...]:
-        """Return effects each of which alone explains the poses as well as some springs together.
-
-        Args:
-            springs: the springs.
-            needed: log evidence that a name needs.
-        """
+        """Return effects that explain the poses, each alone, as well as some springs together."""
         if len(springs) < 2:
             return ()
         rigid = self.without(springs)
         without, (_, squares) = self._system(rigid, springs), self._as_it_is.solved()
         a_parameter = np.log(self.readings)
-        instead: dict[Effect, float] = {}
+        tried = []
         for effect, columns in self._columns(rigid):
             left = without.squares_with(columns)
             # The shape of moments costs what it costs the springs.
             fewer = (len(springs) - effect.linear) * a_parameter
-            if 0.5 * (left - squares - fewer) < needed:
-                instead[effect] = min(left, instead.get(effect, np.inf))
-        return tuple(sorted(instead, key=lambda effect: instead[effect]))
+            tried.append((effect, left, 0.5 * (left - squares - fewer)))
+        return _best_of(tried, needed)
 
     def _by_moments(self, at: FittedModel, shape: tuple[int, ...]) -> Array:
-        """Return what uncertain weights move by way of links and base that were found to bend.
-
-        Args:
-            at: the model about which it is linear.
-            shape: of the derivative (P, b, k).
-        """
+        """Return what uncertain weights move, (P, b, k), through links and base found to bend."""
         added = np.zeros(shape)
         bending = [t for t in at.model.terms if isinstance(t, LinkEffect | BaseCompliance)]
         if not bending:
@@ -279,9 +252,6 @@ class _Rows:
         """Yield every candidate at each of its shapes, with its whitened columns (N, l).
 
         What bends under moments does so under those of the weights, which are not known either.
-
-        Args:
-            at: the model about which it is linear.
         """
         asked = [(effect, start) for effect in self.candidates for start in effect.starts]
         effects, starts = [effect for effect, _ in asked], [start for _, start in asked]
@@ -337,7 +307,7 @@ class _Rows:
         return max(1.0, by_stretches / independent) if independent > 0.0 else 1.0
 
     @cached_property
-    def _stretch(self) -> NDArray[np.intp]:
+    def _stretch(self) -> Index:
         """Return the stretch of time of each row (N,)."""
         count = len(self.poses)
         order = np.argsort(np.argsort(self.poses.states.time_s, kind="stable"))
@@ -408,8 +378,16 @@ class _Rows:
         return error_mm(poses.measured, left + jacobian @ step)
 
 
-def _rms(errors_mm: Array) -> float:
-    return float(np.sqrt(np.mean(errors_mm**2)))
+def _best_of(tried: list[tuple[Effect, float, float]], needed: float) -> tuple[Effect, ...]:
+    """Return effects beside which less log evidence than needed speaks for springs, best first.
+
+    Each is given at each of its shapes, with the squares it leaves and that evidence.
+    """
+    left: dict[Effect, float] = {}
+    for effect, squares, nats in tried:
+        if nats < needed:
+            left[effect] = min(squares, left.get(effect, np.inf))
+    return tuple(sorted(left, key=lambda effect: left[effect]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -419,7 +397,7 @@ class _System:
     columns: Array  # (N, k) of the unknowns that are free
     data: Array  # (N,) what is left
     off: Array  # (k,) how far they are from what is expected of them
-    free: NDArray[np.bool_]  # which of all unknowns these are
+    free: Mask  # which of all unknowns these are
     sizes: Array  # of all unknowns
 
     @cached_property
@@ -442,7 +420,7 @@ class _System:
         """Return the covariance of all unknowns, zero for those that are not free."""
         return self._of_all(self.inverse)
 
-    def by_stretches(self, stretch: NDArray[np.intp]) -> Array:
+    def by_stretches(self, stretch: Index) -> Array:
         """Return the covariance of all unknowns from how stretches of rows (N,) differ."""
         left = self.data - self.columns @ (self.inverse @ self.gradient)
         count = int(stretch.max()) + 1

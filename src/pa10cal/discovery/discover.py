@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from typing_extensions import override
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
-from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
+from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.formulas import with_lines_named, with_proposals
-from pa10cal.discovery.gap import Named, gap, in_order
+from pa10cal.discovery.gap import gap
 from pa10cal.discovery.gates import gated
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import (
@@ -26,7 +26,6 @@ from pa10cal.discovery.linear import (
 from pa10cal.discovery.noise import (
     LEAST_DIFFERENCES,
     LEAST_REPEATED,
-    Noise,
     mean_covariance,
     noise_of_near_poses,
     repeated,
@@ -34,7 +33,7 @@ from pa10cal.discovery.noise import (
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.row_faults import carries, of_wrong_row
 from pa10cal.discovery.torque_check import stated_wrongly
-from pa10cal.discovery.verdict import Plan, Searched, Verdict, Word, is_named, label_of, no_name
+from pa10cal.discovery.verdict import Searched, Verdict, is_named, label_of, no_name
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
@@ -64,39 +63,8 @@ class TooLittle:
 class NotSought(Verdict[object]):
     """A campaign in which effects cannot be sought: its calibrated model stays as it is."""
 
-    reason: TooLittle  # what the campaign lacks
     calibrated: FittedModel  # the calibrated model
-    cov: Array  # (P, b, b) covariance of their components by noise
-    noise: Noise  # of single readings: of nearly equal poses, or as stated
-
-    method: ClassVar[None] = None
-
-    @property
-    @override
-    def verdict(self) -> Word:
-        return "not_sought"
-
-    @property
-    @override
-    def why(self) -> str:
-        return self.reason.why
-
-    @property
-    @override
-    def remedy(self) -> str:
-        return self.reason.remedy
-
-    @property
-    @override
-    def covariance(self) -> Array:
-        known = self.calibrated.covariance
-        count = len(self.extended.at.x)
-        return np.full((count, count), np.nan) if known is None else known
-
-    @property
-    @override
-    def noise_floor_from(self) -> str:
-        return self.noise.origin
+    cov: Array  # (P, b, b) covariance of the components of the poses fitted, by noise
 
     @cached_property
     @override
@@ -104,35 +72,13 @@ class NotSought(Verdict[object]):
         return self.calibrated
 
     @override
-    def next_poses(self, count: int, random_seed: int = 0) -> Plan:
-        return Plan(())
-
-    @override
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
         found = lack_of_fit(CellResiduals.about(self.baseline, self.train.poses, self.cov))
         return found, found
 
-    @override
-    def errors_by_name(self) -> tuple[Named, ...]:
-        return in_order(self.train, self.holdout, (), lambda _: self.calibrated)
 
-    @property
-    @override
-    def _shown(self) -> tuple[str, ...]:
-        return self.why, self.remedy
-
-
-def not_sought(
-    campaign: Prepared, calibrated: FittedModel, reason: TooLittle, error_rate: float
-) -> NotSought:
-    """Return the verdict on a campaign in which effects cannot be sought.
-
-    Args:
-        campaign: made ready.
-        calibrated: the calibrated model, as it was given.
-        reason: what the campaign lacks.
-        error_rate: probability allowed of naming anything where nothing is missing.
-    """
+def not_sought(campaign: Prepared, calibrated: FittedModel, reason: TooLittle) -> NotSought:
+    """Return the verdict on a campaign in which effects cannot be sought."""
     # Weights other than described are unknowns of a search; here the model stays as it was given.
     campaign = replace(campaign, baseline=calibrated.with_bends())
     baseline, setup = campaign.baseline, campaign.setup
@@ -144,26 +90,22 @@ def not_sought(
     floor_mm = mean_error_of_noise_mm(poses.measured, cov)
 
     held_out = campaign.held_out
-    x = np.concatenate([baseline.x, np.zeros(6)])
+    x, covariance = np.concatenate([baseline.x, np.zeros(6)]), calibrated.covariance
     return NotSought(
         prepared=campaign,
         context=context_of(poses, baseline, setup),
-        error_rate=error_rate,
-        candidates=0,
-        findings=(),
-        unexplained=(),
-        not_testable=(),
         extended=ModelWithEffects((), replace(baseline, model=with_base_term(baseline), x=x), True),
+        covariance=np.full((len(x), len(x)), np.nan) if covariance is None else covariance,
         noise_floor_mm=floor_mm,
+        noise_floor_from=noise.origin,
         train=gap(poses, baseline, baseline, floor_mm),
         holdout=None
         if held_out is None
         else gap(complete(held_out, baseline, setup), baseline, baseline, floor_mm),
-        steps=(),
-        reason=reason,
+        why=reason.why,
+        remedy=reason.remedy,
         calibrated=calibrated,
         cov=cov,
-        noise=noise,
     )
 
 
@@ -202,8 +144,7 @@ def discover(
         CalibrationError: when a joint with a spring has no torque.
     """
     campaign = prepared(every, model, setup, tuple(map(of_wrong_row, wrong)))
-    error_rate = setup.options.error_rate
-    found = _judged(campaign, model, error_rate)
+    found = _judged(campaign, model)
     for _ in range(_MOST_CARRIERS):
         # A map is no name: it may well show at one pose.
         carried = [each for each in found.effects if each.carrier and is_named(each.effect)]
@@ -212,7 +153,7 @@ def discover(
         # One pose is no evidence of what acts in all of them: it is wrong, and the rest decides.
         fault = carries(str(carried[0].carrier), label_of(carried[0].effect, None), carried[0].gain)
         campaign = campaign.without_pose(str(carried[0].carrier), fault)
-        without = _judged(campaign, model, error_rate)
+        without = _judged(campaign, model)
         if without.unexplained:
             # The rest does not fit either: nothing says that this pose is worse than the others.
             found = without_names(found, carried)
@@ -232,39 +173,34 @@ def without_names(found: Searched[object], carried: Sequence[Finding[object]]) -
     return replace(fewer, unexplained=(*fewer.unexplained, *unknown))
 
 
-def _judged(campaign: Prepared, model: FittedModel, error_rate: float) -> Verdict[object]:
+def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:
     """Return the verdict on a campaign made ready, before its gates."""
     if wrong_attitudes := attitudes_off(campaign.trusted, campaign.baseline):
-        return not_sought(campaign, model, wrong_attitudes, error_rate)
+        return not_sought(campaign, model, wrong_attitudes)
     if any(isinstance(term, JointErrorMap) for term in model.model.terms):
-        return not_sought(campaign, model, _HAS_MAPS, error_rate)
+        return not_sought(campaign, model, _HAS_MAPS)
     if judged_by_blocks(campaign.trusted):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 
-        by_blocks = discover_by_blocks(campaign, error_rate)
+        by_blocks = discover_by_blocks(campaign)
         poses, context = by_blocks.survey.poses, by_blocks.context
         wrong = stated_wrongly(poses, campaign.baseline, campaign.setup, context)
         faults = (*by_blocks.faults_of_rows, *wrong)
         return replace(by_blocks, faults_of_rows=faults)
     check_torques(campaign.baseline.model, campaign.readings)
     if lacking := too_little(campaign.trusted, campaign.baseline):
-        return not_sought(campaign, model, lacking, error_rate)
+        return not_sought(campaign, model, lacking)
     from pa10cal.discovery.evidence.discover import discover_by_repeats
 
     try:
-        return discover_by_repeats(campaign, error_rate)
+        return discover_by_repeats(campaign)
     except DiscoveryError as error:  # repeats show no noise, as where readings were copied
         lacking = TooLittle(f"{error.what} ({error.value})", error.remedy or "measure them again")
-        return not_sought(campaign, model, lacking, error_rate)
+        return not_sought(campaign, model, lacking)
 
 
 def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | None:
-    """Return that orientations are others than the arm's, as in another convention; None if not.
-
-    Args:
-        readings: single readings of the poses fitted.
-        baseline: the calibrated model.
-    """
+    """Return that orientations are others than the arm's, as in another convention; None if not."""
     for kind, at in readings.measured.component_kinds:
         if not kind.startswith("attitude"):
             continue
@@ -282,24 +218,14 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | 
 
 
 def judged_by_blocks(readings: Observations) -> bool:
-    """Return whether effects are judged by blocks of poses held out, and not by repeats.
-
-    Args:
-        readings: single readings of the poses fitted.
-    """
+    """Return whether effects are judged by blocks of poses held out, and not by repeats."""
     repeats = repeated(readings)
-    return enough(len(readings)) and repeats < max(
-        LEAST_DIFFERENCES, LEAST_REPEATED * len(readings)
-    )
+    least = max(LEAST_DIFFERENCES, LEAST_REPEATED * len(readings))
+    return len(readings) >= LEAST_FOR_BLOCKS and repeats < least
 
 
 def too_little(readings: Observations, baseline: FittedModel) -> TooLittle | None:
-    """Return what a campaign lacks for a search that is judged by repeats; None for nothing.
-
-    Args:
-        readings: single readings of the poses fitted, without gross errors.
-        baseline: the calibrated model.
-    """
+    """Return what a campaign lacks for a search that is judged by repeats; None for nothing."""
     repeats = repeated(readings)
     if repeats < LEAST_DIFFERENCES:
         return TooLittle(

@@ -94,16 +94,16 @@ class Finding(Generic[P_co]):
         return effect_parameters(self.effect, self.x, self.covariance)
 
     def record(self, witness: JointWitness | None = None) -> results.FoundEffect:
-        """Return it as it is written.
-
-        Args:
-            witness: what says whose error a joint's error by its angle is.
-        """
-        proof = self.proof
+        """Return it as it is written, with what says whose error an error by angle is."""
+        proof, form = self.proof, None
+        if isinstance(self.effect, JointErrorMap) and self.effect.spectrum is not None:
+            kind = "band" if isinstance(self.effect.spectrum, Band) else "fading"
+            keys = {"knots": self.effect.knots, kind: asdict(self.effect.spectrum)}
+            form = MapForm.model_validate(keys)
         return results.FoundEffect(
             id=self.id,
             of=self.of,
-            form=_form(self.effect) if isinstance(self.effect, JointErrorMap) else None,
+            form=form,
             parameters=self.parameters,
             alternatives=tuple(map(name_of, self.alternatives)),
             evidence=results.EvidenceByBlocks(cross_validation_over_blocks=proof)
@@ -114,21 +114,8 @@ class Finding(Generic[P_co]):
         )
 
 
-def _form(effect: JointErrorMap) -> MapForm | None:
-    """Return spacing and spectrum of a map that has its own."""
-    if effect.spectrum is None:
-        return None
-    kind = "band" if isinstance(effect.spectrum, Band) else "fading"
-    return MapForm.model_validate({"knots": effect.knots, kind: asdict(effect.spectrum)})
-
-
 def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, EffectParameter]:
-    """Return the parameters of an effect or a form by name.
-
-    Args:
-        term: which.
-        x, covariance: its reported parameters, and their covariance.
-    """
+    """Return reported parameters of an effect or a form by name, with their covariance."""
     known = term.report(np.zeros(len(term.parameters))).parameters
     std = np.sqrt(np.diag(covariance)).tolist()
     return {
@@ -209,13 +196,7 @@ def steps_told(faults: Sequence[Fault]) -> tuple[float, ...]:
 
 
 def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) -> Fault:
-    """Return a fault that the search found as a term.
-
-    Args:
-        term: which.
-        x, covariance: its reported parameters, and their covariance.
-        gain: part of the squared error that it explains.
-    """
+    """Return a fault found as a term, which explains a part of the squared error."""
     told = term.told(x, np.sqrt(np.diag(covariance)))
     return Fault(kind=term.kind, where=told.where, what=told.what, remedy=told.remedy, gain=gain)
 
@@ -239,10 +220,5 @@ def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[Fault, ...]:
 
 
 def to_check(faults: Sequence[Fault], *, effects: bool) -> bool:
-    """Return whether a verdict is `check_the_log`.
-
-    Args:
-        faults: those found.
-        effects: whether effects stand.
-    """
+    """Return whether a verdict is `check_the_log`, by its faults and whether effects stand."""
     return any(fault.decides or not effects for fault in faults)

@@ -38,7 +38,8 @@ def _proposals(found: Searched[object]) -> Iterator[Proposal]:
     if not nameless and not found.over_noise:
         return
     places = sorted({effect.of for effect in nameless})
-    forms = {of: forms_at(of, found.context, found.states) for of in (*places, *_others(found))}
+    others = (*(f"joint {joint}" for joint in turning_joints(found.context)), "base", "instrument")
+    forms = {of: forms_at(of, found.context, found.states) for of in (*places, *others)}
     elsewhere = [of for of in forms if of not in places]
     everything = found.everything if found.unexplained else nameless
     joints = [of for of in elsewhere if of.startswith("joint")]
@@ -59,12 +60,6 @@ def _proposals(found: Searched[object]) -> Iterator[Proposal]:
         proposal = _chosen(found, held, list(forms[place]))
         if proposal is not None:
             yield proposal
-
-
-def _others(found: Searched[object]) -> tuple[str, ...]:
-    """Return every place of the arm and of the instrument at which a form may sit."""
-    joints = (f"joint {joint}" for joint in turning_joints(found.context))
-    return (*joints, "base", "instrument")
 
 
 def _chosen(

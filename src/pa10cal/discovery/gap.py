@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaln, stdtrit
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.uncertainty import summarise, summarise_by_load
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
@@ -19,8 +18,6 @@ from pa10cal.observe.quantities import Deviations
 from pa10cal.results.discovery import LoadGap, Reduction, SetGap
 from pa10cal.results.evaluation import Accuracy, BeforeAfter
 from pa10cal.terms.effects.effect import Effect
-
-Rows = NDArray[np.bool_]
 
 _LEVEL = 0.95
 
@@ -37,7 +34,7 @@ class Gap:
     noise_floor_mm: float  # mean error that their noise alone would leave
     # (P,) configurations that keep to the joint positions that the fit has seen; the others are
     # extrapolated. None where that is not needed
-    inside: Rows | None = None
+    inside: Mask | None = None
     # deviations before and after with the motion of the base that was found taken out of the
     # readings. It is in no model, and in none of the other numbers. None where no motion was
     # found.
@@ -61,7 +58,7 @@ class Gap:
         """Return the mean reduction of the error, paired over poses."""
         return self.reduction_of(slice(None))
 
-    def reduction_of(self, rows: Rows | slice) -> Reduction:
+    def reduction_of(self, rows: Mask | slice) -> Reduction:
         """Return the mean reduction over some configurations, paired over their poses.
 
         Its interval is the mean where there is one pose.
@@ -76,7 +73,7 @@ class Gap:
             half = float(stdtrit(count - 1, 0.5 + _LEVEL / 2.0)) * spread
         return Reduction(mean_mm=mean, interval95_mm=(mean - half, mean + half), poses=count)
 
-    def accuracies(self, rows: Rows | None) -> BeforeAfter | None:
+    def accuracies(self, rows: Mask | None) -> BeforeAfter | None:
         """Return the errors over some configurations; None where there is none."""
         if rows is None or not rows.any():
             return None
@@ -84,11 +81,10 @@ class Gap:
             before=summarise(self.found_before, rows), after=summarise(self.found_after, rows)
         )
 
-    def record(self, suspected: Rows | None = None) -> SetGap:
+    def record(self, suspected: Mask | None = None) -> SetGap:
         """Return the gap as it is written: over all loads, by load, and by what the fit saw.
 
-        Args:
-            suspected: (P,) configurations that have a suspected reading.
+        Configurations that have a suspected reading (P,) are counted apart as well.
         """
         less, still = trusted(self, suspected), self.without_motion
         load_N = self.poses.states.load_N
@@ -217,12 +213,12 @@ def beside_motion(found: Gap) -> Gap:
     return Gap(found.poses, before, after, found.noise_floor_mm, found.inside)
 
 
-def fallen_back(found: Gap, outside: Rows) -> Gap:
+def fallen_back(found: Gap, outside: Mask) -> Gap:
     """Return the gap where some configurations (P,) are left to the calibrated model."""
     return replace(found, found_after=found.found_after.with_others(outside, found.found_before))
 
 
-def trusted(found: Gap | None, suspected: Rows | None) -> Gap | None:
+def trusted(found: Gap | None, suspected: Mask | None) -> Gap | None:
     """Return the gap without configurations that are suspected; None where nothing is left."""
     if found is None or suspected is None or not suspected.any():
         return found
@@ -250,12 +246,7 @@ def in_order(
     """Return the errors of the calibrated model, and as effects join it, the largest first.
 
     They join in the order of what the model with all of them loses without each: alone, an effect
-    may be masked by another.
-
-    Args:
-        train, holdout: the gap before and with all effects.
-        effects: all of them.
-        fitted_with: fits the model with some of them.
+    may be masked by another. The last is the gap that is given.
     """
 
     def with_only(some: tuple[Effect, ...]) -> Named:

@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Mask
 from pa10cal.calibration.health import JOINT_RAD, most_stated
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.finding import Finding
@@ -178,12 +178,7 @@ def _alternative(found: V, finding: Finding[object]) -> V | None:
 
 
 def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
-    """Return why an effect cannot be named.
-
-    Args:
-        finding: what was found.
-        model: the calibrated model with the effects found.
-    """
+    """Return why an effect cannot be named, by the calibrated model with the effects found."""
     effect = finding.effect
     linear = slice(0, effect.linear)
     x, columns = model.values_of(effect)[linear], model.model.columns_of(effect)
@@ -255,8 +250,6 @@ def doubts(found: Searched[object]) -> Iterator[str]:
 # the joint positions that the fit has visited, or, where that does not do, everywhere. A name that
 # predicts them worse by far more than its own uncertainty allows is contradicted, and is no name.
 
-Rows = NDArray[np.bool_]
-
 #: Errors larger than before by this factor are worse, whatever chance may do.
 WORSE = 1.02
 #: By this factor they speak against a name.
@@ -300,12 +293,7 @@ def _falling_back(found: V, within: AnglesSeen, harm: BeforeAfter | None) -> V:
     def left_out(gap: Gap) -> Gap:
         return fallen_back(gap, ~within.inside(gap.poses.states.q_rad))
 
-    return replace(
-        found,
-        falls_back=FallsBack(within, why),
-        train=left_out(found.train),
-        holdout=None if found.holdout is None else left_out(found.holdout),
-    )
+    return replace(found.with_gaps(left_out), falls_back=FallsBack(within, why))
 
 
 def _without_contradicted(found: V, visited: AnglesSeen) -> V:
@@ -317,7 +305,7 @@ def _without_contradicted(found: V, visited: AnglesSeen) -> V:
     while (held_out := trusted(found.holdout, found.prepared.suspected)) is not None:
         held_out = beside_motion(held_out)
         q_rad = held_out.poses.states.q_rad
-        every: Rows = np.ones(len(q_rad), dtype=bool)
+        every: Mask = np.ones(len(q_rad), dtype=bool)
         for rows in (~visited.inside(q_rad), every):
             harm = _harm(held_out, rows)
             if harm is None or not _is_over(MUCH_WORSE, harm):
@@ -340,13 +328,8 @@ def _without_contradicted(found: V, visited: AnglesSeen) -> V:
     return replace(found, unexplained=(*found.unexplained, *unknown)) if unknown else found
 
 
-def _suspects(findings: Sequence[Finding[object]], left: Rows) -> list[Finding[object]]:
-    """Return the names of joints that left what was visited; all names where none did.
-
-    Args:
-        findings: what was found.
-        left: (n,) whether each joint did.
-    """
+def _suspects(findings: Sequence[Finding[object]], left: Mask) -> list[Finding[object]]:
+    """Return the names of joints that left (n,) what was visited; all names where none did."""
     names = [each for each in findings if is_named(each.effect)]
     of_joints = [
         each
@@ -356,7 +339,7 @@ def _suspects(findings: Sequence[Finding[object]], left: Rows) -> list[Finding[o
     return of_joints or names
 
 
-def _harm(gap: Gap, rows: Rows) -> BeforeAfter | None:
+def _harm(gap: Gap, rows: Mask) -> BeforeAfter | None:
     """Return the errors of configurations (P,) that are predicted worse; None where they are not.
 
     They are by more than chance, or by more than two parts in a hundred.
@@ -376,7 +359,7 @@ def _is_over(factor: float, harm: BeforeAfter) -> bool:
     return after.mean_mm > factor * before.mean_mm or after.rms_mm > factor * before.rms_mm
 
 
-def _beyond_uncertainty(found: Searched[object], gap: Gap, rows: Rows) -> bool:
+def _beyond_uncertainty(found: Searched[object], gap: Gap, rows: Mask) -> bool:
     """Return whether errors exceed what noise and the uncertainty of the model explain.
 
     Where single poses scatter by more than noise, as joints do that stop where friction lets them,

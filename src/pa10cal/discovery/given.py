@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.health import Evidence, FitSummary, health
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.load_case import COMBINED, rows_of_load
@@ -54,7 +53,7 @@ from pa10cal.results.calibration import (
     GeneralCalibrationRecord,
     LoadErrors,
 )
-from pa10cal.results.evaluation import Accuracy, BeforeAfter, ResidualRows
+from pa10cal.results.evaluation import BeforeAfter, ResidualRows
 from pa10cal.results.health import Health
 from pa10cal.results.record import Campaign
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
@@ -67,7 +66,7 @@ class CalibratedWith:
     model: FittedModel
     poses: Observations  # averaged poses that were fitted, with what the model needs
     found: Deviations  # its deviations there
-    flagged: NDArray[np.bool_]  # (P,) poses with a gross error, or suspected
+    flagged: Mask  # (P,) poses with a gross error, or suspected
     ended: FitSummary  # how the fit ended
     health: Health  # whether it is good
 
@@ -275,17 +274,10 @@ def _summary(
 # The record of a calibration with effects: that without them, its fit replaced.
 
 R = TypeVar("R", bound=CalibrationRecord)
-E = TypeVar("E", bound=LoadErrors)
 
 
 def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
-    """Return the record of a calibration whose last fit is that with effects.
-
-    Args:
-        record: of the same load case without them.
-        found: the calibration with them.
-        campaign: whose it is.
-    """
+    """Return the record of a calibration whose last fit is that with effects."""
     about = FittedTo.of(found.poses, record.load, found.health, campaign)
     model = replace(found.model, fitted_to=about)
     load_N = found.poses.states.load_N
@@ -308,7 +300,11 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
             "condition": ended.identifiability.condition,
             "singular_values": ended.identifiability.singular_values,
             "errors": {
-                load: _with_after(errors, after[load], less.get(load)) if load in after else errors
+                load: errors
+                if load not in after
+                else errors.model_copy(
+                    update={"after": after[load], "trusted": _trusted(errors, less.get(load))}
+                )
                 for load, errors in record.errors.items()
             },
             "residuals": ResidualRows(
@@ -324,11 +320,10 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
     )
 
 
-def _with_after(errors: E, after: Accuracy, less: BeforeAfter | None) -> E:
-    """Return errors at one load with those after replaced, flagged poses apart."""
+def _trusted(errors: LoadErrors, less: BeforeAfter | None) -> BeforeAfter | None:
+    """Return errors at one load without flagged poses."""
     before = (errors.trusted or errors).before
-    trusted = None if less is None else BeforeAfter(before=before, after=less.after)
-    return errors.model_copy(update={"after": after, "trusted": trusted})
+    return None if less is None else BeforeAfter(before=before, after=less.after)
 
 
 _BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")

@@ -137,22 +137,13 @@ def periodogram(
     share = weight / weight.sum()
     centred = error_rad - share @ error_rad
     variance = float(share @ centred**2)
-    if variance == 0.0:
-        return _periodogram(orders, marked, np.zeros(len(orders) + len(marked)))
-    from scipy.signal import lombscargle  # late: blind trials draw no periodogram
+    every = np.concatenate([orders, marked])
+    explained_rad = np.zeros(len(every))
+    if variance != 0.0:
+        from scipy.signal import lombscargle  # late: blind trials draw no periodogram
 
-    part = lombscargle(
-        q_rad,
-        centred,
-        np.concatenate([orders, marked]),
-        weights=share,
-        normalize=True,
-        floating_mean=True,
-    )
-    return _periodogram(orders, marked, np.sqrt(variance * np.clip(part, 0.0, 1.0)))
-
-
-def _periodogram(orders: Array, marked: tuple[float, ...], explained_rad: Array) -> Periodogram:
+        part = lombscargle(q_rad, centred, every, weights=share, normalize=True, floating_mean=True)
+        explained_rad = np.sqrt(variance * np.clip(part, 0.0, 1.0))
     return Periodogram(
         orders=rounded(orders),
         explained_rad=rounded(explained_rad[: len(orders)]),
@@ -219,10 +210,8 @@ def lack_of_fit(
 ) -> LackOfFit:
     """Compute where a model and the data disagree.
 
-    Args:
-        left: what the model leaves.
-        tests: of poses and of torques against pure error; None without repeats.
-        torques: what it leaves of the torques; None where that is not known.
+    With the tests of poses and of torques against pure error, None without repeats, and with what
+    is left of the torques, None where that is not known.
     """
     cells, n = left.cells, left.cells.states.n
     squares = error_mm(cells.measured, left.components) ** 2
@@ -241,7 +230,6 @@ def lack_of_fit(
         rms_mm=_root_mean(squares),
         floor_mm=_root_mean(noise),
         by_load=_parts([f"{load:g} N" for load in cells.states.load_N], squares, noise),
-        by_pose=() if tests[0] is None else _parts(cells.pose.tolist(), squares, noise),
         by_axis=tuple(
             ErrorPart(
                 of=axis,

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import end_pose_with_screws
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
@@ -22,7 +20,7 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
 from pa10cal.terms.term import Offsets, Parameter, Term, base_frame
-from pa10cal.terms.weights import WEIGHT
+from pa10cal.terms.weights import WEIGHT, Weights
 
 #: Standard deviation thought possible of the model's own parameters, in their scale: wide enough
 #: to leave every direction that the data determine alone, and to settle those that they do not.
@@ -33,19 +31,18 @@ _POSSIBLE_UNITS = {"windup": 3e-2, "cubic_share": 3.0, "base": 1.0}
 def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
     """Return the standard deviation thought possible for every parameter, (k + t,).
 
-    Args:
-        model: the k parameters of its terms.
-        measured: the instrument, whose t coordinates of targets follow; None for none.
+    Of the k parameters of a model's terms, then of the t coordinates of an instrument's targets.
     """
+
+    def possible(parameter: Parameter) -> float:
+        name, scale = parameter.name, parameter.scale
+        if name.startswith(WEIGHT):
+            return scale
+        sizes = (size for start, size in _POSSIBLE_UNITS.items() if name.startswith(start))
+        return next(sizes, _POSSIBLE_SCALES * scale)
+
     targets = () if measured is None else measured.target_parameters
-    return np.array([_possible_size(each) for each in (*model.parameters, *targets)])
-
-
-def _possible_size(parameter: Parameter) -> float:
-    if parameter.name.startswith(WEIGHT):
-        return parameter.scale
-    sizes = (size for start, size in _POSSIBLE_UNITS.items() if parameter.name.startswith(start))
-    return next(sizes, _POSSIBLE_SCALES * parameter.scale)
+    return np.array([possible(each) for each in (*model.parameters, *targets)])
 
 
 def residual(at: FittedModel, poses: Observations) -> Array:
@@ -83,15 +80,39 @@ def by_terms(
     return [by_base @ columns for columns in at.model.by_terms(poses.states, at.x, terms, points)]
 
 
+def by_own_terms(at: FittedModel, poses: Observations, terms: Sequence[Term]) -> list[Array]:
+    """Return how `residual` follows terms of a model at its point, each in its possible size."""
+    places = [at.model.columns_of(term) for term in terms]
+    sizes = possible_sizes(at.model)
+    found = by_terms(at, poses, terms, [at.x[place] for place in places])
+    return [columns * sizes[place] for columns, place in zip(found, places, strict=True)]
+
+
+def by_effects(
+    at: FittedModel, poses: Observations, effects: Sequence[Effect], points: Sequence[Array]
+) -> list[Array]:
+    """Return how `residual` follows the linear parameters of effects, in their plausible size."""
+    found = by_terms(at, poses, effects, points)
+    return [
+        columns[:, :, : effect.linear] @ effect.prior_factor
+        for columns, effect in zip(found, effects, strict=True)
+    ]
+
+
+def of_weights(model: Model) -> Mask:
+    """Return which parameters (k,) of a model are weights that are uncertain."""
+    chosen = np.zeros(len(model.parameters), dtype=bool)
+    for term in model.terms:
+        if isinstance(term, Weights):
+            chosen[model.columns_of(term)] = True
+    return chosen
+
+
 def by_end(at: FittedModel, poses: Observations, T_base_ee: Array) -> Array:
     """Return how components would follow velocities of the end, (P, b, 6), along base axes.
 
-    As if the model left nothing: not even the chord of an orientation differs from its angle.
-
-    Args:
-        at: the model.
-        poses: P poses.
-        T_base_ee: (P, 4, 4) where the model has the end.
+    As if the model, which has the end at T_base_ee (P, 4, 4), left nothing: not even the chord of
+    an orientation differs from its angle.
     """
     T_instr_ee, measured = at.T_instr_base @ T_base_ee, poses.measured
     found = measured.ideal(T_instr_ee, at.targets_m).compare(T_instr_ee, at.targets_m)
@@ -119,14 +140,19 @@ def by_joints(at: FittedModel, poses: Observations, joints: Sequence[int]) -> Ar
 
 
 def error_mm(measured: Instrument, residual: Array) -> Array:
-    """Return the position error of each pose, (P,): rms over its targets, or of the distance.
-
-    Args:
-        measured: what was measured.
-        residual: (P, b) components [m, rad].
-    """
+    """Return the position error (P,) of a residual (P, b): rms over targets, or of the distance."""
     at, times = _positions(measured)
     return np.asarray(1e3 * np.sqrt(np.sum(residual[:, at] ** 2, axis=1) / times))
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square of values."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def standard_error(gain: Array) -> float:
+    """Return the standard error of a sum over blocks, from how it scatters between them."""
+    return float(np.sqrt(len(gain)) * gain.std(ddof=1))
 
 
 def position_m(
@@ -159,9 +185,7 @@ def position_m(
 def position_noise(measured: Instrument, cov: Array) -> Array:
     """Return covariances (P, d, d) [m²] of vectors as long as the position error of each pose.
 
-    Args:
-        measured: what was measured.
-        cov: (P, b, b) covariance of the components.
+    The covariance of the components is (P, b, b).
     """
     at, times = _positions(measured)
     seen = measured.components_seen[:, at]
@@ -178,12 +202,7 @@ def mean_length(covariance: Array) -> Array:
 
 
 def mean_error_of_noise_mm(measured: Instrument, cov: Array) -> float:
-    """Return the mean position error that noise alone leaves, the same noise in all poses.
-
-    Args:
-        measured: what was measured.
-        cov: (P, b, b) covariance of the components.
-    """
+    """Return the mean position error that noise (P, b, b) alone leaves, the same in all poses."""
     each = position_noise(measured, cov)
     if not measured.campaigns:
         return float(1e3 * mean_length(each.mean(axis=0, keepdims=True))[0])
@@ -198,7 +217,7 @@ def _along_base(by_end: Array, at: FittedModel) -> Array:
     return np.concatenate([by_end[..., :3] @ R, by_end[..., 3:] @ R], axis=2)
 
 
-def _positions(measured: Instrument) -> tuple[NDArray[np.intp], Array]:
+def _positions(measured: Instrument) -> tuple[Index, Array]:
     """Return which components are of positions, and over how many targets each pose has them."""
     at = measured.position_columns
     return at, np.maximum(measured.components_seen[:, at].sum(axis=1) / 3.0, 1.0)
@@ -233,32 +252,23 @@ class ModelWithEffects:
 
     def effect_columns(self) -> list[tuple[int, int]]:
         """Return first column and the one past the last of each effect."""
-        widths = [len(effect.parameters) for effect in self.effects]
-        stops = len(self.at.x) - 6 - np.cumsum([0, *widths[::-1]])[::-1]
-        return list(pairwise(stops.tolist()))
+        return [(at.start, at.stop) for at in map(self.columns_of, self.effects)]
 
     def columns_of(self, effect: Effect) -> slice:
         """Return where the parameters of one of its effects stand."""
-        return slice(*self.effect_columns()[self.effects.index(effect)])
+        return self.model.columns_of(effect)
 
-    def own_columns(self) -> NDArray[np.intp]:
+    def own_columns(self) -> Index:
         """Return the columns of the unknowns that belong to no effect."""
-        effects = np.concatenate(
-            [np.zeros(0, int), *(np.arange(*ends) for ends in self.effect_columns())]
-        )
-        return np.setdiff1d(np.arange(len(self.x)), effects)
+        of_effects = [np.arange(*ends) for ends in self.effect_columns()]
+        return np.setdiff1d(np.arange(len(self.x)), np.concatenate([np.zeros(0, int), *of_effects]))
 
     def of(self, effect: Effect) -> Array:
         """Return the parameters of one of its effects."""
         return self.at.x[self.columns_of(effect)]
 
     def reported(self, effect: Effect, covariance: Array) -> tuple[Array, Array]:
-        """Return the reported parameters of one of its effects, and their covariance.
-
-        Args:
-            effect: which.
-            covariance: (k, k) of all unknowns.
-        """
+        """Return the reported parameters of an effect, and their part of the covariance (k, k)."""
         columns = self.columns_of(effect)
         report = effect.report(self.at.x[columns])
         return report.values, report.jacobian @ covariance[columns, columns] @ report.jacobian.T
@@ -266,8 +276,7 @@ class ModelWithEffects:
     def fitted(self, covariance: Array | None = None) -> FittedModel:
         """Return the model with its base where it is found to stand, the base's own term gone.
 
-        Args:
-            covariance: (k, k) of all unknowns; None where it is not wanted.
+        Its covariance is of all unknowns (k, k); None where it is not wanted.
         """
         k, terms = len(self.at.x) - 6, self.model.terms[:-1]
         return replace(

@@ -20,10 +20,10 @@ from math import factorial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import Field
 from scipy.special import bdtrc
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.linear import by_every_joint
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -129,21 +129,18 @@ class Agreement(maps.Agreement):
         return self.arcs >= LEAST_ARCS and self.correlation >= LEAST_CORRELATION
 
 
-@dataclass(frozen=True)
-class JointCause:
+class JointCause(maps.JointWitness):
     """Whose error a joint's error by its angle is, and what says so."""
 
-    joint: int  # which, from 1
-    witness: Witness | None  # the motor's ripple; None where it shows none
-    # of campaigns or turns; None where no angle was seen in two of them
-    agreement: Agreement | None
+    ripple: Witness | None = Field(description="of its motor; None where it shows none")
+    agreement: Agreement | None = Field(description="of campaigns or turns; None likewise")
 
     @property
     def cause(self) -> Cause | None:
         """Return whose error it is; None where it cannot be said."""
-        if self.witness is None or self.agreement is None or not self.agreement.holds:
+        if self.ripple is None or self.agreement is None or not self.agreement.holds:
             return None
-        return self.witness.cause
+        return self.ripple.cause
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,12 +152,12 @@ class JointSeries:
     weight: Array  # (P,) inverse variance of that [1/rad²]
     error_rad: Array  # (P,) error of its angle by the model, true less commanded
     torque_Nm: Array  # (P,) its torque; nan where not known
-    moved: NDArray[np.bool_]  # (P,) whether it moved since the configuration before
+    moved: Mask  # (P,) whether it moved since the configuration before
 
     def __len__(self) -> int:
         return len(self.q_rad)
 
-    def where(self, rows: NDArray[np.bool_]) -> JointSeries:
+    def where(self, rows: Mask) -> JointSeries:
         """Return some of its configurations."""
         return JointSeries(*(getattr(self, field.name)[rows] for field in fields(self)))
 
@@ -485,13 +482,11 @@ def joint_series(
     return found
 
 
-def _scores(screws: Array, left: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _scores(screws: Array, left: Array, seen: Mask) -> tuple[Array, Array]:
     """Return score and weight of each joint in each pose, (P, n): their ratio is its residual.
 
-    Args:
-        screws: (P, b, n) how whitened components follow the joints.
-        left: (P, b) whitened components measured less predicted.
-        seen: (P, b) which components were seen.
+    By how whitened components follow the joints (P, b, n), what is left of them, measured less
+    predicted (P, b), and which were seen (P, b).
     """
     count = max(int(seen.sum()), 1)
     joint, reading = np.full(screws.shape[2], _JOINT_RAD**2), 1.0
@@ -525,9 +520,6 @@ def agreement(series: Sequence[JointSeries]) -> Agreement | None:
     The error of a pose is what the model has of it and what it leaves. Means of each pair of
     campaigns or turns are compared less their own mean: a constant is a zero, and not an error that
     depends on the angle.
-
-    Args:
-        series: the joint in each campaign.
     """
     parts = [part for each in series for part in _by_turn(each)]
     products, count = np.zeros(3), 0

@@ -26,14 +26,14 @@ from pa10cal.arm.room import (
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.fit import Fit
 from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import NoiseModel, Problem, noise_models
+from pa10cal.discovery.evidence.search import linearise
 from pa10cal.discovery.finding import Finding, NotTestable
 from pa10cal.discovery.in_time.wander import InTime
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
-from pa10cal.discovery.noise import Noise, same_circumstances
+from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.preparation import complete, targets_m
 from pa10cal.discovery.verdict import Plan, label_of
 from pa10cal.errors import DiscoveryError
@@ -79,11 +79,6 @@ def draw_near(measured: Problem | Survey, count: int, random_seed: int) -> Array
     """Draw joint positions where arm and tool may go, near the measured poses.
 
     Whether links, rods and instrument collide otherwise is not looked at.
-
-    Args:
-        measured: gives arm, tool and measured places.
-        count: N, how many are wanted.
-        random_seed: draws them.
 
     Returns:
         (N, n) joint positions [rad, or m of a prismatic joint].
@@ -315,7 +310,7 @@ def _separations(
     own, *each = map(
         np.concatenate, zip(now, _by_parameters(ahead, found, effects)[1], strict=True)
     )
-    sizes = {effect: SIZES[size] for effect, size in zip(found.effects, found.sizes, strict=True)}
+    sizes = {effect: SIZES[size] for effect, size in found.size_of.items()}
     by_effect = dict(zip(effects, each, strict=True))
     rows = _Rows(
         found=found,
@@ -390,10 +385,7 @@ def _scaled(channel: NoiseModel, variance: float, rows: Array) -> Array:
 def predicted(problem: Problem, found: Fit, states: PoseStates) -> Problem:
     """Return the problem as it would be of other poses, read as often as the campaign's were.
 
-    Args:
-        problem: the campaign.
-        found: a fit to it, which predicts them.
-        states: of N poses, torques nan.
+    A fit to the campaign predicts them; their states have torques nan.
 
     Raises:
         DiscoveryError: when torques were logged but the weights that make them are not known.
@@ -485,11 +477,6 @@ def without_repeats(survey: Survey, found: ModelWithEffects, noise: Noise) -> tu
 
     What scatters beyond the noise of readings is the error that every pose may have. Of very many
     poses some stand for all.
-
-    Args:
-        survey: the campaign.
-        found: the model with what was found, fitted.
-        noise: of single readings.
     """
     count = len(survey.poses)
     rows = np.linspace(0, count - 1, min(count, _MOST_MEASURED)).round().astype(np.intp)
@@ -497,7 +484,7 @@ def without_repeats(survey: Survey, found: ModelWithEffects, noise: Noise) -> tu
     poses = survey.poses
     joint_rad = noise.joint_rad if len(noise.joint_rad) else np.zeros(poses.states.n)
     noise = replace(noise, cov=noise.cov[rows], joint_rad=joint_rad)
-    white = np.linalg.inv(np.linalg.cholesky(noise.cov)) @ survey.left_by(found.at)[:, :, None]
+    white = whitener_of(noise.cov) @ survey.left_by(found.at)[:, :, None]
     scatter = float(np.sum(white**2) / poses.measured.components_seen.sum())
     in_time = InTime(survey.wander, drifts=False)
     cov = noise.cov * len(rows) / count
@@ -533,18 +520,14 @@ def poses_at_unseen_angles(
     """Choose poses that take joints to angles not seen, the most of them first.
 
     Out of a pool drawn at random, within limits and near the measured places. An angle once chosen
-    counts as seen, so that each pose after the first goes elsewhere.
-
-    Args:
-        measured: the campaign.
-        seen: angles that its poses have seen.
-        count: poses wanted at most.
-        random_seed: draws the pool.
-
-    Returns:
-        The poses; none where all angles within reach were seen, or none is admissible.
+    counts as seen, so that each pose after the first goes elsewhere. None where all angles within
+    reach were seen, or no pose is admissible.
     """
-    if not count or all(_everywhere(seen, joint) for joint in range(len(seen.turns))):
+    whole = (  # its turn was seen; prismatic joints do not count
+        not turns or (len(stretches) == 1 and np.ptp(stretches[0]) >= _TURN)
+        for turns, stretches in zip(seen.turns, seen.intervals, strict=True)
+    )
+    if not count or all(whole):
         return ()
     try:
         q_rad = draw_near(measured, _DRAWN, random_seed)
@@ -562,11 +545,3 @@ def poses_at_unseen_angles(
         chosen.append(SuggestedPose(q_deg=q_deg, q_rad=q_rad[best], load_N=load_N, for_=purposes))
         new[:, joints] &= place[:, joints] != place[best, joints]
     return tuple(chosen)
-
-
-def _everywhere(seen: AnglesSeen, joint: int) -> bool:
-    """Return whether a revolute joint has seen its whole turn; prismatic ones do not count."""
-    if not seen.turns[joint]:
-        return True
-    stretches = seen.intervals[joint]
-    return len(stretches) == 1 and bool(np.ptp(stretches[0]) >= _TURN)

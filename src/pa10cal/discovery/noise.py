@@ -15,13 +15,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize, nnls
 from scipy.spatial import cKDTree
 from scipy.special import chdtri, ndtri
 
 from pa10cal.arm.statics import Payload, PoseStates, StaticLoads
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.linear import by_every_joint, by_joints, position_m
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted import TOOL_FRAME
@@ -161,12 +160,9 @@ def _torque_noise_Nm(difference_Nm: Array, torque_Nm: Array) -> Array:
 def noise_of_near_poses(poses: Observations, residual: Array) -> Noise:
     """Find the noise of readings from poses that are nearly the same; else as stated.
 
-    What two nearly equal poses differ by, less what a model says of the difference, is noise; a
-    wrong model says nearly the same of both. Each pose is in one pair at most; the median decides.
-
-    Args:
-        poses: P poses.
-        residual: (P, b) what a model leaves of them.
+    What two nearly equal poses differ by, less what a model's residual (P, b) differs by, is noise;
+    a wrong model says nearly the same of both. Each pose is in one pair at most; the median
+    decides.
     """
     first, second = nearly_same(poses)
     measured = poses.measured
@@ -207,14 +203,8 @@ def nearly_same(poses: Observations) -> tuple[Index, Index]:
 
 def same_circumstances(readings: Observations) -> Index:
     """Return (P,) a number for every pose, load and direction of arrival, from 0."""
-    states = readings.states
-    keys = np.column_stack(
-        [
-            np.unique(readings.pose, return_inverse=True)[1],
-            np.unique(states.load_N, return_inverse=True)[1],
-            np.unique(states.arrival, axis=0, return_inverse=True)[1].ravel(),
-        ]
-    )
+    _, pose = np.unique(readings.pose, return_inverse=True)
+    keys = np.column_stack([pose, readings.states.load_N, readings.states.arrival])
     return np.unique(keys, axis=0, return_inverse=True)[1].ravel()
 
 
@@ -245,7 +235,7 @@ def _pairs(readings: Observations) -> tuple[Index, Index]:
     return order[pairs], order[pairs + 1]
 
 
-def _along(difference: Array, columns: Array, sizes: Array, seen: NDArray[np.bool_]) -> Array:
+def _along(difference: Array, columns: Array, sizes: Array, seen: Mask) -> Array:
     """Return what columns (D, b, n), each times a number, explain of differences (D, b)."""
     weight = np.where(seen, 1.0 / np.where(sizes > 0.0, sizes, 1.0), 0.0)
     white = (columns * weight[..., None]).reshape(-1, columns.shape[2])
@@ -259,7 +249,7 @@ def whitener_of(cov: Array) -> Array:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)), dtype=np.float64)
 
 
-def mean_covariance(cov: Array, seen: NDArray[np.bool_], code: Index) -> Array:
+def mean_covariance(cov: Array, seen: Mask, code: Index) -> Array:
     """Return the covariance (G, b, b) of the means of independent readings of each group.
 
     Args:
@@ -281,13 +271,13 @@ def mean_covariance(cov: Array, seen: NDArray[np.bool_], code: Index) -> Array:
     return _whole(total, times > 0.0)
 
 
-def _whole(cov: Array, seen: NDArray[np.bool_]) -> Array:
+def _whole(cov: Array, seen: Mask) -> Array:
     """Return covariances (P, b, b) with one where nothing was seen: such rows are all zero."""
     here = np.where(seen[:, :, None] & seen[:, None, :], cov, 0.0)
     return here + np.eye(seen.shape[1]) * ~seen[:, :, None]
 
 
-def _one_kind(seen: NDArray[np.bool_], at: slice) -> Array:
+def _one_kind(seen: Mask, at: slice) -> Array:
     """Return (P, 1, b, b) the same independent error of all components of a kind."""
     count, components = seen.shape
     one = np.zeros((count, 1, components, components))
@@ -296,7 +286,7 @@ def _one_kind(seen: NDArray[np.bool_], at: slice) -> Array:
     return one
 
 
-def _variance_components(difference: Array, sources: Array, seen: NDArray[np.bool_]) -> Array:
+def _variance_components(difference: Array, sources: Array, seen: Mask) -> Array:
     """Fit non-negative variances of sources (D, s, b, b) to the squares of differences (D, b).
 
     Whitened by the covariance found before, all products of components weigh about the same.
@@ -499,13 +489,7 @@ class Scatter:
 
 
 def scatter_of(at: FittedModel, poses: Observations, left: Array) -> Scatter:
-    """Return what poses scatter by about a model.
-
-    Args:
-        at: the model.
-        poses: P complete poses of its fit.
-        left: (P, b) what it leaves of their components.
-    """
+    """Return what complete poses of its fit scatter by about a model that leaves (P, b) of them."""
     every = max(1, len(poses) // _ENOUGH_POSES)
     poses, left = poses.take(np.arange(0, len(poses), every)), left[::every]
     turned = by_joints(at, poses, range(1, at.arm.n + 1))
@@ -531,7 +515,10 @@ def scatter_of(at: FittedModel, poses: Observations, left: Array) -> Scatter:
         by_size = np.array([np.sum(slope * part) for part in parts])
         return float(value) / len(left), sizes * by_size / len(left)
 
-    of_kinds = _by_kind(poses.measured, left)
+    of_kinds = [  # half the mean square of each
+        max(0.5 * float(np.mean(left[:, kind][seen[:, kind]] ** 2)), _LEAST)
+        for _, kind in poses.measured.component_kinds
+    ]
     start = np.log(np.concatenate([np.full(turned.shape[2], 1e-9), of_kinds]))
     found = minimize(
         cost,
@@ -552,11 +539,7 @@ def share_inside(
 ) -> float:
     """Return how many coordinates of measured positions lie in their 95 % intervals.
 
-    Args:
-        fitted: a model with its covariance.
-        scatter: of single poses.
-        poses: P complete poses.
-        left: (P, b) predicted less measured; None to predict them.
+    By a model with its covariance, the scatter of single poses, and predicted less measured (P, b).
     """
     left = fitted.compared(poses).residual if left is None else left
     of_poses = scatter.covariance(fitted, poses)
@@ -568,14 +551,3 @@ def share_inside(
     seen = np.isfinite(off_m) & (total > 0.0)
     inside = np.abs(off_m[seen]) <= INSIDE95 * np.sqrt(total[seen])
     return float(inside.mean())
-
-
-def _by_kind(measured: Instrument, left: Array) -> Array:
-    """Return half the mean square of every kind of component."""
-    seen = measured.components_seen
-    return np.array(
-        [
-            max(0.5 * float(np.mean(left[:, kind][seen[:, kind]] ** 2)), _LEAST)
-            for _, kind in measured.component_kinds
-        ]
-    )

@@ -6,11 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import Payload, PoseStates, Statics
-from pa10cal.arrays import Array
+from pa10cal.arm.statics import Payload, PoseStates
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.finding import Fault, NotTestable, faults_of_input
@@ -58,11 +57,8 @@ def effects_in(family: Iterable[Effect]) -> int:
 def why_unknown(effect: Effect, states: PoseStates, *, logged: bool, weights: bool) -> str | None:
     """Return why an effect cannot be predicted from what was logged; None where it can.
 
-    Args:
-        effect: which, and where.
-        states: of complete poses.
-        logged: whether torques were logged.
-        weights: whether the torques of the weights are known.
+    By the states of complete poses, whether torques were logged, and whether those of the weights
+    are known.
     """
     calculated = getattr(effect, "of_calculated", False)
     if shows_torque(effect) and not (logged or calculated):
@@ -161,12 +157,12 @@ class Prepared:
     arrivals_from_order: bool  # whether directions of arrival are those of the order of poses
     faults: tuple[Fault, ...] = ()  # faults of single rows or poses
     # (P,) readings that are not to be averaged; None for none
-    excluded: NDArray[np.bool_] | None = None
+    excluded: Mask | None = None
     # (H,) held-out poses with a suspected reading; None for none
-    suspected: NDArray[np.bool_] | None = None
+    suspected: Mask | None = None
 
     @property
-    def gross(self) -> NDArray[np.bool_]:
+    def gross(self) -> Mask:
         """Return which readings have a gross error, or a fault of their own, (P,)."""
         return np.zeros(len(self.readings), bool) if self.excluded is None else self.excluded
 
@@ -257,7 +253,7 @@ def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup
             rigid = Model(baseline.model.chain, ())
             nominal = statics_of(rigid, np.zeros(0), states, setup.payload)
             states = replace(states, static_loads=states.static_loads or nominal.static_loads)
-        loads = static_loads(states, baseline, setup.payload)
+        loads = statics_of(baseline.model, baseline.x, states, setup.payload)
         states = replace(states, static_loads=loads.static_loads)
     T_instr_ee = baseline.T_instr_base @ baseline.model.predict(states, baseline.x)
     states = replace(states, seen=poses.measured.readout(T_instr_ee, targets_m(baseline, setup)))
@@ -273,11 +269,6 @@ def complete_about(
     """Add what poses carry by a better model, whose effects may need what the baseline says."""
     poses = complete(poses, baseline, setup)
     return poses if about is baseline else complete(poses, about, setup)
-
-
-def static_loads(states: PoseStates, model: FittedModel, payload: Payload) -> Statics:
-    """Return torques and moments that weights put on the arm, the base standing as it is."""
-    return statics_of(model.model, model.x, states, payload)
 
 
 def targets_m(model: FittedModel, setup: MeasurementSetup) -> Array:

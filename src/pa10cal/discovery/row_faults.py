@@ -18,7 +18,13 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.finding import Fault
 from pa10cal.discovery.in_time.wander import moved_between_repeats
 from pa10cal.discovery.linear import by_every_joint, residual
-from pa10cal.discovery.noise import MEDIAN_TO_SIGMA, compared, noise_of_repeats, pose_weights
+from pa10cal.discovery.noise import (
+    MEDIAN_TO_SIGMA,
+    compared,
+    noise_of_repeats,
+    pose_weights,
+    whitener_of,
+)
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
@@ -56,13 +62,9 @@ class RowFaults:
 def row_faults(
     readings: Observations, model: FittedModel, payload: Payload | None, torques: TorqueSource
 ) -> RowFaults:
-    """Find faults of single readings of the poses fitted.
+    """Find faults of single readings of the poses fitted, with what the model needs.
 
-    Args:
-        readings: P single readings, with what the model needs.
-        model: the calibrated model.
-        payload: what the arm carries; None where it is not known.
-        torques: where the torques of the readings come from.
+    A payload of None is one that is not known.
     """
     exchanged = loads_exchanged(readings, model, payload, torques)
     other = exchanged.load_N != readings.states.load_N
@@ -86,14 +88,12 @@ def row_faults(
 def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observations) -> RowFaults:
     """Find readings held out that are far from their prediction; none is left out for that.
 
-    Args:
-        held_out: P single readings held out, with what the model needs.
-        model: the calibrated model.
-        fitted: single readings that it was fitted to, likewise.
+    Both they and those fitted are single readings with what the model needs.
     """
-    found = off_prediction(held_out, model, fitted)
-    faults = _of_readings(held_out, model, found, "held out, ")
-    return RowFaults(found.excluded, tuple(faults))
+    far, white = far_from_prediction(held_out, model, fitted)
+    off_mm = _position_mm(held_out, residual(model, held_out))
+    gross = GrossErrors(far, far, _times_usual(white, held_out), off_mm)
+    return RowFaults(far, tuple(_of_readings(held_out, model, gross, "held out, ")))
 
 
 def of_wrong_row(finding: InputFinding) -> Fault:
@@ -118,12 +118,6 @@ def carries(pose: str, name: str, gain: float | None) -> Fault:
         remedy=_LOOK_AT_POSE,
         gain=gain,
     )
-
-
-def place_of(readings: Observations, row: int) -> str:
-    """Return which reading a row is, in words."""
-    load_N, repeat = readings.states.load_N[row], readings.repeat[row]
-    return f"pose {readings.pose[row]}, {load_N:g} N, repeat {repeat}"
 
 
 def _of_loads(readings: Observations, told_N: Array, gain: Array) -> Iterator[Fault]:
@@ -167,7 +161,8 @@ def _of_readings(
             remedy = "correct the labels of this configuration"
         yield Fault(
             kind=kind,
-            where=f"{which}{place_of(readings, row)}",
+            where=f"{which}pose {readings.pose[row]}, {readings.states.load_N[row]:g} N, "
+            f"repeat {readings.repeat[row]}",
             what=what,
             remedy=remedy,
             gain=float(gross.times[row] ** 2 / whole),
@@ -226,29 +221,10 @@ class GrossErrors:
 
 
 def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
-    """Return which single readings have a gross error.
-
-    Args:
-        readings: P single readings, with what the model needs.
-        model: the calibrated model.
-    """
+    """Return which of P single readings, with what the model needs, have a gross error."""
     left = residual(model, readings)
     by_repeats = _off_repeats(readings, model, left)
     return _off_model(readings, model, left, by_repeats)
-
-
-def off_prediction(poses: Observations, model: FittedModel, fitted: Observations) -> GrossErrors:
-    """Return which readings held out of a fit are far from where it predicts them.
-
-    Args:
-        poses: P single readings held out, with what the model needs.
-        model: the calibrated model.
-        fitted: single readings that it was fitted to, likewise: they show what is usual.
-    """
-    far, white = far_from_prediction(poses, model, fitted)
-    components = np.sqrt(np.maximum(poses.measured.components_seen.sum(axis=1), 1))
-    times = np.linalg.norm(white, axis=1) / components
-    return GrossErrors(far, far, times, _position_mm(poses, residual(model, poses)))
 
 
 def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> GrossErrors:
@@ -294,32 +270,31 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
             worst = np.unique(group[far[order[::-1]]], return_index=True)[1]
             out[far[order[::-1]][worst]] = True
         apart = from_others(out)
-        times = np.linalg.norm(apart, axis=1) / np.sqrt(components)
+        times = _times_usual(apart, readings)
         out &= ~_in_time(out, readings.states.time_s)
         beyond = _beyond_tails(apart, readings, ~(alone | out), ~alone)
         return GrossErrors(out, out & beyond, times, nothing)
 
     stated = readings.measured.stated_covariance
-    found = judged(np.linalg.inv(np.linalg.cholesky(stated)), nobody, LEAST_STATED)
+    found = judged(whitener_of(stated), nobody, LEAST_STATED)
     try:
         apart, _ = _less_others(left, group, seen, found.excluded)
         plain = np.where(found.excluded[:, None], left - apart, left)
         noise = noise_of_repeats(readings, -plain, by_every_joint(model, readings))
-        cov = noise.cov + LEAST_STATED**2 * stated
-        whitener = np.linalg.inv(np.linalg.cholesky(cov))
+        whitener = whitener_of(noise.cov + LEAST_STATED**2 * stated)
     except (DiscoveryError, np.linalg.LinAlgError):
         pass
     else:
         found = judged(whitener, found.excluded, _LEAST_NOISE)
     apart, _ = _less_others(left, group, seen, found.excluded)
-    return GrossErrors(found.excluded, found.accused, found.times, _position_mm(readings, apart))
+    return replace(found, off_mm=_position_mm(readings, apart))
 
 
 def _off_model(
     readings: Observations, model: FittedModel, left: Array, found: GrossErrors
 ) -> GrossErrors:
     """Judge readings without a repeat of the same circumstances by the model."""
-    group, seen = compared(readings), readings.measured.components_seen
+    group = compared(readings)
     alone = np.bincount(group)[group] < 2
     if not alone.any():
         return found
@@ -327,11 +302,10 @@ def _off_model(
     far = alone & _beyond_tails(white, readings, np.ones(len(readings), dtype=bool))
     far &= ~confirmed(readings, left, np.flatnonzero(far))
     far &= ~_in_time(far, readings.states.time_s)
-    components = np.sqrt(np.maximum(seen.sum(axis=1), 1))
     return GrossErrors(
         found.excluded | far,
         found.accused | far,
-        np.where(far, np.linalg.norm(white, axis=1) / components, found.times),
+        np.where(far, _times_usual(white, readings), found.times),
         np.where(far, _position_mm(readings, left), found.off_mm),
     )
 
@@ -339,9 +313,7 @@ def _off_model(
 def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[float, float]]:
     """Return poses of which all readings are far from the model, and no other pose is like them.
 
-    Args:
-        readings: P single readings without gross errors, with what the model needs.
-        model: the calibrated model.
+    Single readings are without gross errors.
 
     Returns:
         How far off each is [mm], and how many times as far as is usual.
@@ -357,8 +329,7 @@ def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[flo
         tails = Tails.of(white[:, at][components_seen(averages, at)], _OF_POSES_SURELY)
         far |= np.any(np.abs(white[:, at]) > tails.largest(_OF_POSES_RATE), axis=1)
     far &= ~_in_time(far, averages.states.time_s)
-    components = np.sqrt(np.maximum(averages.measured.components_seen.sum(axis=1), 1))
-    times = np.linalg.norm(white, axis=1) / components
+    times = _times_usual(white, averages)
     off_mm = _position_mm(averages, left)
     return {str(labels[k]): (float(off_mm[k]), float(times[k])) for k in np.flatnonzero(far)}
 
@@ -425,6 +396,12 @@ def _in_time(off: Mask, time_s: Array) -> Mask:
     return together & off
 
 
+def _times_usual(white: Array, readings: Observations) -> Array:
+    """Return how many times as far off as is usual readings are, (P,), by (P, b) of unit size."""
+    components = np.maximum(readings.measured.components_seen.sum(axis=1), 1)
+    return np.asarray(np.linalg.norm(white, axis=1) / np.sqrt(components))
+
+
 def _position_mm(readings: Observations, apart: Array) -> Array:
     """Return the length (P,) [mm] of what differs in positions or distances."""
     at = readings.measured.position_columns
@@ -462,14 +439,7 @@ class Exchanged:
 def loads_exchanged(
     readings: Observations, model: FittedModel, payload: Payload | None, torques: TorqueSource
 ) -> Exchanged:
-    """Find readings whose load is that of another configuration.
-
-    Args:
-        readings: P single readings, with what the model needs.
-        model: the calibrated model.
-        payload: what the arm carries; None where it is not known.
-        torques: where the torques of the readings come from.
-    """
+    """Find single readings whose load is that of another configuration."""
     stated_N = readings.states.load_N
     nothing = Exchanged(stated_N, np.zeros(len(readings)))
     loads_N = np.unique(stated_N)

@@ -12,6 +12,7 @@ from scipy.linalg import cho_factor, cho_solve
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.finding import effect_parameters, name_of
+from pa10cal.discovery.linear import standard_error
 from pa10cal.results.explained import ProposedEvidence, ProposedFormula
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.catalogue import further
@@ -24,12 +25,21 @@ from pa10cal.terms.forms.form import Form
 
 
 @dataclass(frozen=True, eq=False)
-class Contest:
-    """R weighed rows, in B blocks."""
+class Arena:
+    """Where short forms are held against what they may stand for: R weighed rows, in B blocks."""
 
     data: Array  # (R,) measured minus predicted
     own: Array  # (R, n) columns of what the model has anyway, each in the size expected of it
     block: Index  # (R,) number of the block of each row, from 0
+    # (R, h) columns of the maps and rivals in question, in the size expected of them; None where
+    # there are none
+    held: Array | None
+    # gives the columns (R, k) of forms, in their size
+    columns_of: Callable[[Sequence[Form]], list[Array]]
+    states: PoseStates  # of the poses that its rows are of
+    # squared error of all rows that noise alone would leave; None where rows are weighed by that
+    # noise
+    noise: float | None = None
 
     @cached_property
     def blocks(self) -> list[Index]:
@@ -102,22 +112,6 @@ class Contest:
         return amounts[-k:] if k else amounts[:0], inverse[-k:, -k:] if k else inverse[:0, :0]
 
 
-@dataclass(frozen=True, eq=False)
-class Arena:
-    """Where short forms are held against what they may stand for."""
-
-    contest: Contest  # rows and blocks
-    # (R, h) columns of the maps and rivals in question, in the size expected of them; None where
-    # there are none
-    held: Array | None
-    # gives the columns (R, k) of forms, in their size
-    columns_of: Callable[[Sequence[Form]], list[Array]]
-    states: PoseStates  # of the poses that its rows are of
-    # squared error of all rows that noise alone would leave; None where rows are weighed by that
-    # noise
-    noise: float | None
-
-
 def _each_with(columns: Array, others: Array) -> Array:
     """Return the products (m, k, k) of columns (R, m, k) of each candidate with others of it."""
     return np.asarray(columns.transpose(1, 2, 0) @ others.transpose(1, 0, 2))
@@ -182,8 +176,8 @@ class _Judge:
 
     @classmethod
     def of(cls, arena: Arena, needed: float) -> _Judge:
-        nothing, *held = arena.contest.squares(
-            [np.zeros((len(arena.contest.data), 0)), *([] if arena.held is None else [arena.held])]
+        nothing, *held = arena.squares(
+            [np.zeros((len(arena.data), 0)), *([] if arena.held is None else [arena.held])]
         )
         better = bool(held) and float(held[0].sum()) < float(nothing.sum())
         return cls(arena, needed, nothing, held[0] if better else None)
@@ -191,14 +185,14 @@ class _Judge:
     @property
     def noise(self) -> float:
         """Return the squared error that noise alone would leave."""
-        return len(self.arena.contest.data) if self.arena.noise is None else self.arena.noise
+        return len(self.arena.data) if self.arena.noise is None else self.arena.noise
 
     def all_of(self, forms: Sequence[Form]) -> list[_Tried]:
         """Return what blocks left out come to with each of many forms."""
         found: list[_Tried] = []
         for first in range(0, len(forms), _AT_ONCE):
             some = forms[first : first + _AT_ONCE]
-            squares = self.arena.contest.squares(self.arena.columns_of(some))
+            squares = self.arena.squares(self.arena.columns_of(some))
             found += [_Tried(form, each) for form, each in zip(some, squares, strict=True)]
         return found
 
@@ -245,7 +239,10 @@ def choose(
         if not any(judge.passes(each, _FEW) for each in tried):
             return None
         judge = _Judge.of(whole(), judge.needed)
-        tried = judge.all_of([each.form for each in _shortlist(tried)])
+        ranked = _ranked(tried)  # the best, and the best of every kind
+        kinds = {each.form.form: each for each in reversed(ranked)}
+        best_of_kind = [each for each in kinds.values() if each not in ranked[:_KEPT]]
+        tried = judge.all_of([each.form for each in (*ranked[:_KEPT], *best_of_kind)])
     good = [
         each
         for each in _ranked(tried)
@@ -262,9 +259,9 @@ def _proposal(
     judge: _Judge, best: _Tried, good: Sequence[_Tried], instead: Sequence[Effect]
 ) -> Proposal:
     """Return the best of the forms that do as well, fitted to all poses."""
-    contest, nothing, held = judge.arena.contest, judge.nothing, judge.held
-    (columns,) = judge.arena.columns_of([best.form])
-    amounts, covariance = contest.fitted(columns)
+    arena, nothing, held = judge.arena, judge.nothing, judge.held
+    (columns,) = arena.columns_of([best.form])
+    amounts, covariance = arena.fitted(columns)
     factor = best.form.prior_factor
     report = best.form.report(factor @ amounts)
     by_amount = report.jacobian @ factor
@@ -282,7 +279,7 @@ def _proposal(
         others=tuple(other.formula for other in _others(best, good)),
         evidence=ProposedEvidence(
             blocks=len(nothing),
-            rows=len(contest.data),
+            rows=len(arena.data),
             squared_error_without=float(nothing.sum()),
             squared_error_with=best.total,
             squared_error_held=None if held is None else float(held.sum()),
@@ -296,18 +293,6 @@ def no_worse(squares: Array, than: Array, errors: float = 1.0) -> bool:
     """Return whether squared errors of blocks are no larger, to so many standard errors."""
     lost = squares - than
     return bool(lost.sum() <= errors * np.hypot(standard_error(lost), _CHANCE))
-
-
-def standard_error(gain: Array) -> float:
-    """Return the standard error of a sum over blocks, from how it scatters between them."""
-    return float(np.sqrt(len(gain)) * gain.std(ddof=1))
-
-
-def _shortlist(tried: Sequence[_Tried]) -> list[_Tried]:
-    """Return the best forms, and the best of every kind."""
-    ranked = _ranked(tried)
-    kinds = {each.form.form: each for each in reversed(ranked)}
-    return [*ranked[:_KEPT], *(each for each in kinds.values() if each not in ranked[:_KEPT])]
 
 
 def _one_is_enough(two: _Tried, tried: Sequence[_Tried], needed: float) -> bool:

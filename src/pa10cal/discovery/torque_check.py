@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.finding import Fault, fault_of
-from pa10cal.discovery.preparation import MeasurementSetup, static_loads
+from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext
@@ -41,14 +41,7 @@ def stated_wrongly(
     setup: MeasurementSetup,
     context: CandidateContext,
 ) -> tuple[Fault, ...]:
-    """Return loads and tool that are stated wrongly, by logged torques.
-
-    Args:
-        poses: P readings with what they carry, and torques that were logged.
-        baseline: the calibrated model.
-        setup: what is known besides the poses.
-        context: where faults may sit.
-    """
+    """Return loads and tool that are stated wrongly, by logged torques."""
     faults = [each for each in fault_candidates(context) if isinstance(each, WeightStated)]
     if not faults or setup.payload is None or context.torques != "logged":
         return ()
@@ -76,7 +69,7 @@ class _Rows:
     with_data: Array  # (2, k) of the columns with the data
     squares: Array  # (2,) of the data
     known: int  # how many columns any log may need; those of the faults follow
-    of_faults: tuple[NDArray[np.intp], ...]  # columns of each fault
+    of_faults: tuple[Index, ...]  # columns of each fault
 
     def gains(self, chosen: Sequence[int], fault: int) -> tuple[float, float]:
         """Return the squares that a further fault takes away, of all and of the lesser half."""
@@ -102,9 +95,7 @@ class _Rows:
         gain = (without - self._left(chosen, [0, 1])) / without
         return x[own], covariance[np.ix_(own, own)], gain
 
-    def _solved(
-        self, chosen: Sequence[int], halves: list[int]
-    ) -> tuple[NDArray[np.intp], Array, Array]:
+    def _solved(self, chosen: Sequence[int], halves: list[int]) -> tuple[Index, Array, Array]:
         at = np.concatenate([np.arange(self.known), *(self.of_faults[k] for k in chosen)])
         normal = self.normal[halves].sum(axis=0)[np.ix_(at, at)] + np.eye(len(at))
         covariance = np.linalg.inv(normal)
@@ -124,7 +115,7 @@ def _rows(
     """Weigh the rows: logged torques less those of the weights, by the scatter that is left."""
     assert setup.payload is not None
     states, arm = poses.states, baseline.arm
-    weights = static_loads(states, baseline, setup.payload)
+    weights = statics_of(baseline.model, baseline.x, states, setup.payload)
     left_Nm = states.tau_Nm - weights.torque_Nm
     rated_Nm, each = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0)), np.eye(arm.n)
     known = np.concatenate(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
 import numpy as np
-from typing_extensions import override
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
@@ -32,7 +31,7 @@ from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.results.analysis import LackOfFit, PureErrorTest, SearchStep
+from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import (
     Separation,
@@ -84,13 +83,15 @@ class Verdict(ABC, Generic[P_co]):
 
     prepared: Prepared  # the campaign
     context: CandidateContext  # where effects may sit in it
-    error_rate: float  # probability allowed of naming anything where nothing is missing
-    candidates: int  # how many effects were tried
+    candidates: int = 0  # how many effects were tried
     # what was found and is in the extended model, in the order found: effects of the vocabulary,
     # and faults of the whole log
-    findings: tuple[Finding[P_co], ...]
-    unexplained: tuple[Unexplained, ...]  # what remains without a name
-    not_testable: tuple[NotTestable, ...]  # effects that these data cannot show
+    findings: tuple[Finding[P_co], ...] = ()
+    unexplained: tuple[Unexplained, ...] = ()  # what remains without a name
+    # smooth unknown functions of the search that stand for a part of that
+    nameless: tuple[Effect, ...] = ()
+    over_noise: bool = False  # whether the search left more than noise, wherever it sits
+    not_testable: tuple[NotTestable, ...] = ()  # effects that these data cannot show
     # effects sought that would be missed too often at their plausible size; settled before
     # residuals are looked at. None known where judged by repeats.
     below_detection_limit: tuple[NotTestable, ...] | None = None
@@ -98,11 +99,12 @@ class Verdict(ABC, Generic[P_co]):
     indistinguishable: tuple[tuple[Effect, ...], ...] = ()
     # the calibrated model with the effects found, and nothing generic in it
     extended: ModelWithEffects
+    covariance: Array  # (k, k) of all its unknowns
     noise_floor_mm: float  # mean position error that noise alone would leave
+    noise_floor_from: str | None = None  # what it was found from, where not from repeats
     # train and holdout: the gap before and after; None without held-out poses
     train: Gap
     holdout: Gap | None
-    steps: tuple[SearchStep, ...]  # of the search
     # faults of single rows or poses that were found after the search
     faults_of_rows: tuple[Fault, ...] = ()
     # where the effects do not hold; None where nothing speaks against them
@@ -111,13 +113,18 @@ class Verdict(ABC, Generic[P_co]):
     # joints that give way under weights that nobody stated. Their springs are part of the
     # calibrated model already.
     gives_way: tuple[Finding[GivesWay], ...] = ()
+    # why effects cannot be sought, and what would do; None where they were
+    why: str | None = None
+    remedy: str | None = None
 
     #: How effects are judged; None where they are not sought.
-    method: ClassVar[str | None]
+    method: ClassVar[str | None] = None
 
     @property
     def verdict(self) -> Word:
         """Return the verdict in a word."""
+        if self.why is not None:
+            return "not_sought"
         named = (*self.gives_way, *self.effects)
         if to_check(self.faults, effects=bool(named)):
             return "check_the_log"
@@ -139,14 +146,9 @@ class Verdict(ABC, Generic[P_co]):
         return (*self.prepared.faults, *self.faults_of_rows, *of_all)
 
     @property
-    def why(self) -> str | None:
-        """Return why effects cannot be sought; None where they were."""
-        return None
-
-    @property
-    def remedy(self) -> str | None:
-        """Return what would do, where effects cannot be sought; else None."""
-        return None
+    def error_rate(self) -> float:
+        """Return the probability allowed of naming anything where nothing is missing."""
+        return self.prepared.setup.options.error_rate
 
     @property
     def baseline(self) -> FittedModel:
@@ -161,23 +163,14 @@ class Verdict(ABC, Generic[P_co]):
     @property
     def without_name(self) -> tuple[Effect, ...]:
         """Return the maps found, whatever made them, and the rivals that the search held."""
-        return tuple(e.effect for e in self.effects if isinstance(e.effect, JointErrorMap))
+        maps = (e.effect for e in self.effects if isinstance(e.effect, JointErrorMap))
+        return (*maps, *self.nameless)
 
     @property
     def everything(self) -> tuple[Effect, ...]:
         """Return what has no name, and the names found beside it."""
         names = (each.effect for each in self.effects)
         return (*self.without_name, *(each for each in names if each not in self.without_name))
-
-    @property
-    def over_noise(self) -> bool:
-        """Return whether the search left more than noise, wherever it sits."""
-        return False
-
-    @property
-    @abstractmethod
-    def covariance(self) -> Array:
-        """Return the covariance (k, k) of all unknowns of the extended model."""
 
     @property
     def seen(self) -> AnglesSeen | None:
@@ -190,14 +183,14 @@ class Verdict(ABC, Generic[P_co]):
         return None
 
     @property
-    def noise_floor_from(self) -> str | None:
-        """Return what the noise floor was found from, where not from repeats."""
-        return None
-
-    @property
     def targets_off_m(self) -> Array:
         """Return by how much the stated targets of an apparatus are off their places, (a,)."""
         return np.zeros(self.prepared.readings.measured.by_stated_targets.shape[2])
+
+    def with_gaps(self, changed: Callable[[Gap], Gap]) -> Self:
+        """Return the verdict with both its gaps changed."""
+        held_out = None if self.holdout is None else changed(self.holdout)
+        return replace(self, train=changed(self.train), holdout=held_out)
 
     @property
     def gap(self) -> Mapping[str, Gap | None]:
@@ -207,6 +200,8 @@ class Verdict(ABC, Generic[P_co]):
     @property
     def _shown(self) -> tuple[str, ...]:
         """Return what is shown of it beside its word, a line each."""
+        if self.why is not None and self.remedy is not None:
+            return self.why, self.remedy
         found = [f"{label_of(e.effect, None)}: {sized(e.parameters)}" for e in self.effects]
         found += [f"proposed, no name: {each.form.formula}" for each in self.proposed]
         more = len(found) - _MOST_SHOWN
@@ -244,9 +239,10 @@ class Verdict(ABC, Generic[P_co]):
         """Return the lack of fit of the logged torques; None where they do not judge."""
         return None
 
-    @abstractmethod
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
         """Return configurations to measure next, at most so many, drawn with a seed."""
+        del count, random_seed
+        return Plan(())
 
     def of_its_method(self) -> dict[str, Any]:
         """Return the keys of the verdict's record that the way of judging has, as `search`."""
@@ -265,9 +261,14 @@ class Verdict(ABC, Generic[P_co]):
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
         """Return where data and model disagree, before and after."""
 
-    @abstractmethod
     def errors_by_name(self) -> tuple[Named, ...]:
         """Return the errors that remain as the effects join the model one by one."""
+        return in_order(self.train, self.holdout, self.extended.effects, self._model_with)
+
+    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+        """Return the extended model with some of its effects, all else fitted again."""
+        del effects
+        return self.model
 
     @cached_property
     def naming(self) -> tuple[Named, ...]:
@@ -303,10 +304,6 @@ class Searched(Verdict[P_co]):
             holdout=None if held_out is None else found._gap_on(held_out),
         )
 
-    @override
-    def errors_by_name(self) -> tuple[Named, ...]:
-        return in_order(self.train, self.holdout, self.extended.effects, self._model_with)
-
     @abstractmethod
     def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
         """Return what short forms are held against in place of some effects without a name.
@@ -329,10 +326,6 @@ class Searched(Verdict[P_co]):
     def _gap_on(self, poses: Observations) -> Gap:
         """Return the gap of the calibrated and the extended model on averaged poses."""
 
-    @abstractmethod
-    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
-        """Return the extended model with some of its effects, all else fitted again."""
-
 
 def label_of(effect: Effect, rival: Effect | None) -> str:
     """Return the name of an effect and its rival."""
@@ -341,25 +334,13 @@ def label_of(effect: Effect, rival: Effect | None) -> str:
 
 
 def no_name(finding: Finding[object], left_mm: float, why: str) -> Unexplained:
-    """Return what a finding is that fits best and is no name.
-
-    Args:
-        finding: the effect.
-        left_mm: mean error that remains without it.
-        why: why it is none.
-    """
+    """Return what a finding is that fits best and is no name, by the mean error left without it."""
     said = f"{label_of(finding.effect, None)} fits best, and is no name: {why}"
     return Unexplained(of=finding.of, form=finding.id, shared_error_mm=left_mm, why=said)
 
 
 def smooth_unknown(effect: Effect, left_mm: float, what: str) -> Unexplained:
-    """Return what a smooth unknown function holds.
-
-    Args:
-        effect: the function.
-        left_mm: position error that goes with it.
-        what: what it predicts.
-    """
+    """Return what a smooth unknown function holds: it predicts something, with a position error."""
     why = (
         f"a smooth unknown function ({effect.id}) of {effect.of} predicts {what} better than "
         f"any name{effect.advice}"

@@ -31,7 +31,7 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.problem import GeneralProblem, general_problem
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.discovery.linear import by_terms, possible_sizes
+from pa10cal.discovery.linear import by_effects, possible_sizes
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, why_unknown
 from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.fitted_model import FittedModel
@@ -357,8 +357,7 @@ def _effects(
         if why_unknown(effect, poses.states, logged=False, weights=payload is not None):
             continue
         shapes = [np.array(start) for start in effect.starts]
-        rows = by_terms(at, poses, [effect] * len(shapes), shapes)
-        scaled = [each[..., : effect.linear] @ effect.prior_factor for each in rows]
+        scaled = by_effects(at, poses, [effect] * len(shapes), shapes)
         together = np.concatenate(scaled, axis=2) / np.sqrt(len(shapes))
         if np.any(together):
             found[effect] = together

@@ -17,7 +17,6 @@ from pa10cal.results.record import (
     Table,
     VectorColumn,
     filed,
-    optional,
 )
 
 
@@ -152,9 +151,6 @@ class LackOfFit(Part):
     rms_mm: float = Field(description="root mean square position error [mm]")
     floor_mm: float = Field(description="root mean square error that noise leaves [mm]")
     by_load: tuple[ErrorPart, ...] = Field(description="error by load")
-    by_pose: tuple[ErrorPart, ...] = Field(
-        description="error by pose; empty where nearly all differ"
-    )
     by_axis: tuple[ErrorPart, ...] = Field(description="error along each axis of the instrument")
     by_joint: tuple[JointPart, ...] = Field(description="angle error of each joint")
     by_torque: tuple[TorquePart, ...] = Field(description="torque residual of each joint")
@@ -162,25 +158,10 @@ class LackOfFit(Part):
     cells: Cells = Field(description="every cell, six digits; a sample where there are very many")
 
 
-class Step(Part):
-    """A model on the way to the named effects."""
-
-    effects: tuple[EffectName, ...] = Field(description="effects in the model by then")
-
-
-class SearchStep(Step):
-    """A step of the search."""
-
-    gain_nats: float | None = optional("gain in log evidence, by repeats")
-    rms_mm: float | None = optional("root mean square position error [mm], by repeats")
-    squared_error_of_a_row: float | None = optional(
-        "weighted squared error of a residual row of blocks held out of the fit, by blocks"
-    )
-
-
-class NamingStep(Step):
+class NamingStep(Part):
     """Errors with the first few of the named effects in the model."""
 
+    effects: tuple[EffectName, ...] = Field(description="effects in the model by then")
     train: Accuracy = Field(description="errors over the poses fitted")
     holdout: Accuracy | None = Field(description="errors over held-out poses; null without any")
 
@@ -224,7 +205,6 @@ class AnalysisRecord(MeasuredRecord):
 
     before: LackOfFit = Field(description="lack of fit of the calibrated model")
     after: LackOfFit = Field(description="lack of fit with the named effects")
-    steps: tuple[SearchStep, ...] = Field(description="steps of the search")
     naming: tuple[NamingStep, ...] = Field(
         description="errors as the named effects join the model one by one"
     )

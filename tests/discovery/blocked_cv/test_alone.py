@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pa10cal.discovery.blocked_cv.refit import ANGLES_RAD, Curve, pair_of, visited
+from pa10cal.discovery.blocked_cv.refit import ANGLES_RAD, pair_of, visited
+from pa10cal.results.calibration import JointErrorAlone
 
 EVERYWHERE = np.ones(len(ANGLES_RAD), dtype=bool)
+
+
+def curve(error_rad, seen):
+    return JointErrorAlone(error_mrad=1e3 * error_rad, visited=seen)
 
 
 def wave(seed, most=25):
@@ -22,7 +27,7 @@ def test_the_same_error_agrees_whatever_its_mean():
     noise = 1e-5 * np.random.default_rng(2).normal(size=(2, len(error)))
     half = np.arange(len(error)) < 200
     found = pair_of(
-        ("a", Curve(error + noise[0] + 3e-3, EVERYWHERE)), ("b", Curve(error + noise[1], half))
+        ("a", curve(error + noise[0] + 3e-3, EVERYWHERE)), ("b", curve(error + noise[1], half))
     )
     assert found.correlation > 0.99
     assert found.correlation95[0] < found.correlation < found.correlation95[1] <= 1.0
@@ -33,21 +38,21 @@ def test_the_same_error_agrees_whatever_its_mean():
 
 
 def test_another_error_does_not_agree():
-    found = pair_of(("a", Curve(wave(1), EVERYWHERE)), ("b", Curve(wave(2), EVERYWHERE)))
+    found = pair_of(("a", curve(wave(1), EVERYWHERE)), ("b", curve(wave(2), EVERYWHERE)))
     assert abs(found.correlation) < 0.5
     assert found.correlation95[0] < 0.0 < found.correlation95[1] or abs(found.correlation) < 0.4
 
 
 def test_the_slope_is_of_the_second_by_the_first():
     error = wave(3)
-    found = pair_of(("a", Curve(error, EVERYWHERE)), ("b", Curve(2.0 * error, EVERYWHERE)))
+    found = pair_of(("a", curve(error, EVERYWHERE)), ("b", curve(2.0 * error, EVERYWHERE)))
     assert found.slope == pytest.approx(2.0)
     assert found.correlation == pytest.approx(1.0)
 
 
 def test_few_angles_in_common_say_nothing():
     few = np.arange(len(ANGLES_RAD)) < 14
-    found = pair_of(("a", Curve(wave(1), few)), ("b", Curve(wave(1), EVERYWHERE)))
+    found = pair_of(("a", curve(wave(1), few)), ("b", curve(wave(1), EVERYWHERE)))
     assert found.correlation is None
     assert found.share_of_turn == pytest.approx(14 / 360)
 

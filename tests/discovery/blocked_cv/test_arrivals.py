@@ -22,7 +22,7 @@ def judged(hidden, commanded=True):
     setup = replace(surveyed.setup, commanded=commanded)
     held_out = surveyed.held_out
     given = Prepared(surveyed.readings, held_out, surveyed.baseline, setup, "masses", False)
-    return discover_by_blocks(given, 0.01)
+    return discover_by_blocks(given)
 
 
 def short(came):

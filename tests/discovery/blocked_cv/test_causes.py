@@ -13,9 +13,9 @@ from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.blocked_cv import discover as by_blocks
 from pa10cal.discovery.blocked_cv.bands import in_bands
-from pa10cal.discovery.blocked_cv.family import Candidate, Columns
-from pa10cal.discovery.blocked_cv.finest import level
+from pa10cal.discovery.blocked_cv.family import Candidate
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
+from pa10cal.discovery.blocked_cv.search import level
 from pa10cal.discovery.blocked_cv.survey import ShapedEffect
 from pa10cal.discovery.records import discovery_records, summary, verdict_keys
 from pa10cal.discovery.verdict import Plan
@@ -56,9 +56,9 @@ def found(campaign):
 def test_a_sensor_that_errs_is_named(found):
     (finding,) = found.effects
     assert (finding.id, finding.of, finding.alternatives) == ("sensor_error", "joint 3", ())
-    (cause,) = found.causes
+    (cause,) = found.causes.values()
     assert cause.cause == "sensor"
-    assert cause.witness.interval95[0] > 0.3
+    assert cause.ripple.interval95[0] > 0.3
     assert cause.agreement.correlation > 0.9
     assert cause.agreement.slope == pytest.approx(1.0, abs=0.2)
     held_out = found.with_findings(found.findings)
@@ -115,7 +115,7 @@ def test_without_agreement_or_fine_waves_a_map_stays_a_map(as_map, monkeypatch, 
 @pytest.mark.slow
 def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
     effect = replace(found.effects[0].effect, knots=216, spectrum=Fading(3e-4, 60.0))
-    members = (Candidate(ShapedEffect(effect), Columns(np.zeros(0, int), np.zeros(0))),)
+    members = (Candidate(np.zeros(0, int), np.zeros(0), ShapedEffect(effect)),)
     rows = weighted_rows(found.survey, (), 144)
     rough = level(rows, members)
     banded = in_bands(rows, rough)

@@ -22,7 +22,7 @@ from pa10cal.discovery.blocked_cv.survey import (
     products,
     survey,
 )
-from pa10cal.discovery.linear import by_joints, by_terms, residual
+from pa10cal.discovery.linear import by_joints, by_terms, residual, with_base_term
 from pa10cal.discovery.noise import unweighted
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
@@ -53,7 +53,7 @@ def rows(few):
 
 def test_left_follows_parameters_as_differences_show(few):
     effect = JointErrorMap("joint 3", 24, Fading(1e-4, 4.0))
-    model = few.model((effect,))
+    model = with_base_term(few.baseline, (effect,))
     x = np.concatenate([few.baseline.x, np.linspace(-1e-4, 1e-4, 24), np.full(6, 1e-4)])
     at = FittedModel(model, x, few.baseline.T_instr_base)
     stops = np.cumsum([0, *(len(term.parameters) for term in model.terms)])
@@ -70,7 +70,11 @@ def test_left_follows_parameters_as_differences_show(few):
 
 def test_sparse_columns_of_a_map_are_those_of_the_term(few):
     effect = JointErrorMap("joint 4", 36)
-    at = FittedModel(few.model(), np.append(few.baseline.x, np.zeros(6)), few.baseline.T_instr_base)
+    at = FittedModel(
+        with_base_term(few.baseline),
+        np.append(few.baseline.x, np.zeros(6)),
+        few.baseline.T_instr_base,
+    )
     dense = by_terms(at, few.poses, [effect], [np.zeros(36)])[0].reshape(-1, 36)
     screws = by_joints(at, few.poses, [4])
     splines = map_columns(screws, few.poses.states.q_rad[:, [3]], [36])

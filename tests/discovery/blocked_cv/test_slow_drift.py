@@ -28,7 +28,7 @@ def judged(along_m):
     T[:, :3, 3] += np.outer(course(np.linspace(0.0, 1.0, len(readings))), along_m)
     readings = readings.with_measured(T_instr_target=T)
     given = Prepared(readings, None, surveyed.baseline, surveyed.setup, "masses", False)
-    return discover_by_blocks(given, 0.01)
+    return discover_by_blocks(given)
 
 
 @pytest.fixture(scope="module")

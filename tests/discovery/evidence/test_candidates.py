@@ -8,10 +8,10 @@ import pytest
 
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.statics import PoseStates
-from pa10cal.discovery.evidence import candidates
-from pa10cal.discovery.evidence.candidates import indistinguishable, linearise
+from pa10cal.discovery.evidence import search
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.problem import prepare
+from pa10cal.discovery.evidence.search import indistinguishable, linearise
 from pa10cal.discovery.linear import at_unknowns, residual, with_base_term
 from pa10cal.discovery.preparation import LEAST_SHARE
 from pa10cal.terms.effects.effect import JointEffect
@@ -134,7 +134,7 @@ class TestLinearise:
 
 class TestTestable:
     def divide(self, null, *effects):
-        shown, refused = candidates.testable(null.problem, null.start, effects)
+        shown, refused = search.testable(null.problem, null.start, effects)
         assert len(shown) + len(refused) == len(effects)
         return shown, {entry.effect: entry for entry in refused}
 
@@ -163,7 +163,7 @@ class TestTestable:
     def test_a_transmission_error_is_not_where_the_gear_ratio_is_not_known(self, null):
         unknown = replace(null.effect("transmission_error", "joint 2"), order=np.nan)
         problem, start = null.problem, null.start
-        shown, (entry,) = candidates.testable(problem, start, (unknown,))
+        shown, (entry,) = search.testable(problem, start, (unknown,))
         assert not shown
         assert entry.why == "the gear ratio of the joint is not known"
         assert not entry.by_these_poses
@@ -174,7 +174,7 @@ class TestTestable:
         readings = replace(readings, states=replace(readings.states, temperature_C=warm))
         problem = prepare(readings, null.baseline, null.setup)
         start = fit(problem, (), (), (0.0, 0.0))
-        assert candidates.testable(problem, start, (Warm("joint 2"),))[0] == (Warm("joint 2"),)
+        assert search.testable(problem, start, (Warm("joint 2"),))[0] == (Warm("joint 2"),)
 
     def test_what_the_poses_do_not_exercise_is_not(self, null):
         gain = null.effect("torque_gain", "joint 1")  # its axis is upright: no weight loads it
@@ -190,7 +190,7 @@ class TestTestable:
         problem = prepare(null.readings, null.baseline, setup)
         start = fit(problem, (), (), (0.0, 0.0))
         names = [("link_bending", "forearm"), ("friction_torque", "joint 3")]
-        shown, refused = candidates.testable(
+        shown, refused = search.testable(
             problem, start, tuple(null.effect(*name) for name in names)
         )
         assert not shown

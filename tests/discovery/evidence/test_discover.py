@@ -21,7 +21,7 @@ def said(found):
     """Return the verdict in words and numbers."""
     judged = found.judgement
     return (
-        judged.verdict,
+        found.verdict,
         [name(finding.effect) for finding in judged.findings],
         [finding.x.tolist() for finding in judged.findings],
         [tuple(map(name, finding.alternatives)) for finding in judged.findings],
@@ -76,7 +76,7 @@ def test_friction_is_seen_in_torque_and_pose(rubbing):
 def test_a_bowed_axis_is_unexplained_at_the_instrument(bowed):
     found = bowed.discovery
     judged = found.judgement
-    assert judged.verdict == "unexplained"
+    assert found.verdict == "unexplained"
     assert judged.findings == ()
     assert [(place.of, place.form) for place in judged.unexplained] == [("instrument", "place_map")]
     # No name, no improvement: what only says where is not in the extended model.
@@ -101,7 +101,7 @@ def test_what_cannot_be_told_at_all_is_listed_with_the_reason(null):
     found = null.discovery
     refused = {name(entry.effect): entry for entry in found.not_testable}
     assert refused["thermal_growth", "arm"].why == "what it depends on was not logged"
-    assert not refused.keys() & set(map(name, found.family))
+    assert not refused.keys() & set(map(name, found.judgement.found.family))
     asked = unresolved(found.effects, found.not_testable)
     assert all(rival is None for _, rival in asked)
     # Other poses do not log a temperature.
@@ -152,7 +152,7 @@ class TestANewEffect:
         known = (*effect.every_effect(), ThirdHarmonic)
         monkeypatch.setattr(effect, "every_effect", lambda: known)
         found = campaign.discovered()
-        assert sum(effect.id == "third_harmonic" for effect in found.family) == 6
+        assert sum(effect.id == "third_harmonic" for effect in found.judgement.found.family) == 6
         assert found.verdict == "named"
         (finding,) = found.effects
         assert name(finding.effect) == ("third_harmonic", "joint 1")

@@ -7,7 +7,11 @@ from made_up_arm import ERROR_RATE, Missing, forced, harmonic, measure
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.evidence.judge import floor_mm, judge, mean_length, shared_error_mm
 from pa10cal.discovery.evidence.search import search
-from pa10cal.discovery.verdict import MAP
+from pa10cal.discovery.verdict import MAP, word_of
+
+
+def word(judged):
+    return word_of(judged.findings, judged.unexplained)
 
 
 def name(effect):
@@ -27,12 +31,12 @@ def eccentric_judged(eccentric):
 
 def test_nothing_found_is_a_verdict(null):
     judged = judge(null.found)
-    assert (judged.verdict, judged.findings, judged.unexplained) == ("none", (), ())
+    assert (word(judged), judged.findings, judged.unexplained) == ("none", (), ())
 
 
 def test_what_stands_alone_is_named_with_its_uncertainty(wave):
     judged = judge(wave.found)
-    assert judged.verdict == "named"
+    assert word(judged) == "named"
     (finding,) = judged.findings
     assert name(finding.effect) == ("transmission_error", "joint 2")
     assert finding.alternatives == ()
@@ -44,7 +48,7 @@ def test_what_stands_alone_is_named_with_its_uncertainty(wave):
 
 def test_rivals_that_do_as_well_stand_beside_the_name(eccentric_judged):
     judged = eccentric_judged
-    assert judged.verdict == "ambiguous"
+    assert word(judged) == "ambiguous"
     (finding,) = judged.findings
     listed = {name(finding.effect), *map(name, finding.alternatives)}
     assert ("encoder_eccentricity", "joint 2") in listed
@@ -66,7 +70,7 @@ def test_a_name_takes_the_place_of_a_map_that_is_no_better(eccentric):
 def test_the_map_stands_where_no_name_does():
     third = measure(Missing(turn=harmonic(1, 3.0, 3e-4, 1.0)))
     judged = judge(third.found)
-    assert judged.verdict == "named"
+    assert word(judged) == "named"
     (finding,) = judged.findings
     assert name(finding.effect) == (MAP, "joint 1")
     assert finding.alternatives == ()
@@ -84,7 +88,7 @@ def test_the_map_stands_where_no_name_does():
 
 def test_what_no_name_explains_is_unexplained_where_it_sits(bowed):
     judged = judge(bowed.found)
-    assert judged.verdict == "unexplained"
+    assert word(judged) == "unexplained"
     assert judged.findings == ()
     (place,) = judged.unexplained
     assert (place.of, place.form) == ("instrument", "place_map")
@@ -103,7 +107,7 @@ def test_what_sits_nowhere_is_unexplained_all_the_same():
     names = ("gear_ratio_error", "encoder_eccentricity", "backlash")
     family = tuple(effect for effect in lost.family if effect.id in names)
     judged = judge(search(lost.problem, family, ERROR_RATE, lost.start))
-    assert judged.verdict == "unexplained"
+    assert word(judged) == "unexplained"
     assert judged.findings == ()
     (place,) = judged.unexplained
     assert (place.of, place.form) == (None, None)
@@ -114,7 +118,7 @@ def test_what_chance_does_as_well_is_no_finding(null):
     chance = null.effect("encoder_ellipticity", "joint 1")
     judged = judge(forced(null, (chance,), (1,)))
     assert judged.found.fit.effects == (chance,)
-    assert (judged.verdict, judged.findings) == ("none", ())
+    assert (word(judged), judged.findings) == ("none", ())
 
 
 class TestFloor:

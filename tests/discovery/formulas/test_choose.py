@@ -8,7 +8,7 @@ from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.formulas import with_proposals
 from pa10cal.discovery.records import summary, verdict_keys
-from pa10cal.discovery.short_forms import Arena, Contest, choose
+from pa10cal.discovery.short_forms import Arena, choose
 from pa10cal.terms.forms.form import AngleForm
 
 
@@ -17,8 +17,8 @@ def test_blocks_are_predicted_from_the_others():
     block = np.repeat(np.arange(4), 25)
     own, columns = rng.normal(size=(100, 3)), rng.normal(size=(100, 2))
     data = own @ [1.0, 2.0, 3.0] + columns @ [1.0, -1.0] + 0.1 * rng.normal(size=100)
-    contest = Contest(data, own, block)
-    bare, full = contest.squares([columns[:, :0], columns])
+    arena = Arena(data, own, block, None, None, None)
+    bare, full = arena.squares([columns[:, :0], columns])
     for k, kept in ((0, own), (2, np.column_stack([own, columns]))):
         for b in range(4):
             there = block != b
@@ -26,7 +26,7 @@ def test_blocks_are_predicted_from_the_others():
             x = np.linalg.solve(normal, kept[there].T @ data[there])
             left = data[~there] - kept[~there] @ x
             assert (full if k else bare)[b] == pytest.approx(left @ left)
-    amounts, covariance = contest.fitted(columns)
+    amounts, covariance = arena.fitted(columns)
     np.testing.assert_allclose(amounts, [1.0, -1.0], atol=0.05)
     assert covariance.shape == (2, 2)
 
@@ -44,8 +44,8 @@ def made_up_arena(values, poses=200, seed=5, held=None):
         return [100.0 * form.values(states) for form in forms]
 
     of_map = 30.0 * np.concatenate(columns_of([harmonic(k) for k in range(1, 7)]), 1) / 100.0
-    contest = Contest(data, np.ones((poses, 1)), np.arange(poses) % 10)
-    return Arena(contest, of_map if held is None else held, columns_of, states, None)
+    held = of_map if held is None else held
+    return Arena(data, np.ones((poses, 1)), np.arange(poses) % 10, held, columns_of, states)
 
 
 def harmonic(order):

@@ -51,7 +51,7 @@ def test_a_jump_of_three_times_the_noise_is_a_fault_and_no_drift(small):
     jump_m = np.outer(np.arange(POSES) >= 70, [0.0, 3.5 * POSITION_M, 0.0])
     moved = shifted(small, jump_m)
     given = Prepared(moved.readings, None, moved.baseline, moved.setup, "masses", False)
-    found = discover_by_blocks(given, 0.01)
+    found = discover_by_blocks(given)
     (fault,) = found.faults
     first, last = (found.survey.wander.jumps[0].before_s, found.survey.wander.jumps[0].after_s)
     assert found.verdict == "check_the_log"

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.linalg import block_diag, lapack
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.family import Candidate, solve, standard_error
-from pa10cal.discovery.blocked_cv.finest import (
+from pa10cal.discovery.blocked_cv.family import Candidate, solve
+from pa10cal.discovery.blocked_cv.search import (
     FINER_KNOTS,
     Level,
     level_of,
@@ -25,6 +25,7 @@ from pa10cal.discovery.blocked_cv.finest import (
     with_form,
 )
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Products, Rows, in_terms_of
+from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
 from pa10cal.results import maps as results
 from pa10cal.terms.effects.joint_error_map import (
@@ -85,12 +86,7 @@ def _left_out(squares: Array) -> results.LeftOut:
 def in_bands(rows: Rows, fine: Level) -> InBands | None:
     """Give maps the bands that the data have, where left-out poses are predicted better so.
 
-    Args:
-        rows: of the search.
-        fine: what it found, maps as fine as helps.
-
-    Returns:
-        None where no map is that fine, or the bands predict no better.
+    None where no map of what the search found is as fine as helps, or the bands predict no better.
     """
     maps = maps_among(fine.members)
     if not maps or max(each.knots for each in maps) < FINER_KNOTS[0]:
@@ -113,7 +109,10 @@ def in_bands(rows: Rows, fine: Level) -> InBands | None:
     positions = int(seen[measured.position_columns].sum())
     # Rows that weigh less count as fewer rows.
     counted = positions + share**2 * (int(seen.sum()) - positions)
-    found = most_likely(waves.in_all(total, round(counted)))
+    squares, count = float(total.squares), round(counted)
+    found = most_likely(
+        Waves(total.gram, total.projection, squares, count, waves.known, waves.orders)
+    )
     spectra: list[list[Spectrum | None]] = [[each.spectrum for each in maps], [*found.bands]]
     sizes = [waves.sizes(each, maps, found.scatter) for each in spectra]
     of_time = np.array([[_left(total, out, out, each) for each in sizes] for out in blocks])
@@ -130,7 +129,7 @@ def in_bands(rows: Rows, fine: Level) -> InBands | None:
         with_form(member, FINE, next(bands)) if member.is_map else member for member in members
     )
     return InBands(
-        level_of(_weighed(splines, share), rows, members, of_time[:, 1]),
+        level_of(_weighed(splines, share), rows, members),
         found,
         of_time,
         of_angles,
@@ -194,12 +193,12 @@ class _Waves:
         self._free = np.ones(dense + 2 * _HIGHEST * len(maps), dtype=bool)
         self._free[: len(rows.own)] = ~rows.pressing
         self._dense = dense
-        self._orders = harmonic_orders(2 * _HIGHEST + 1)[1:]
+        self.orders = harmonic_orders(2 * _HIGHEST + 1)[1:]
         waves = harmonics_at_knots(FINE)[:, 1 : 1 + 2 * _HIGHEST]
         self._bases = [b_splines_by_knots(FINE) @ waves] * len(maps)
 
     @property
-    def _known(self) -> int:
+    def known(self) -> int:
         """Return how many columns stand before the waves."""
         return int(self._free[: self._dense].sum())
 
@@ -209,11 +208,6 @@ class _Waves:
         gram, projection = found
         free = self._free
         return Products(gram[np.ix_(free, free)], projection[free], splines.squares)
-
-    def in_all(self, total: Products, rows: int) -> Waves:
-        """Return the products of so many rows for their likelihood."""
-        squares = float(total.squares)
-        return Waves(total.gram, total.projection, squares, rows, self._known, self._orders)
 
     def sizes(
         self, spectra: Sequence[Spectrum | None], before: Sequence[JointErrorMap], scatter: float
@@ -225,23 +219,20 @@ class _Waves:
             before: maps whose own spectrum goes no further than their knots.
             scatter: of the rows.
         """
-        found = [np.ones(self._known)]
+        found = [np.ones(self.known)]
         for k, spectrum in enumerate(spectra):
             assert spectrum is not None
-            sizes = spectrum.sizes_rad(self._orders) / scatter
+            sizes = spectrum.sizes_rad(self.orders) / scatter
             if before and spectrum == before[k].spectrum:
-                sizes[2.0 * self._orders > before[k].knots] = _NONE_RAD
+                sizes[2.0 * self.orders > before[k].knots] = _NONE_RAD
             found.append(sizes)
         return np.concatenate(found)
 
 
 def _left(total: Products, out: Products, judged: Products, sizes: Array) -> float:
-    """Return the squared error of rows that are judged, predicted from all but some.
+    """Return the squared error of rows that are judged, predicted from all rows but those out.
 
-    Args:
-        total, out: products of all, and of those left out.
-        judged: products of those judged.
-        sizes: (N,) of the columns.
+    Columns are of the sizes given (N,).
     """
     gram = (total.gram - out.gram) * (sizes[:, None] * sizes)
     projection = (total.projection - out.projection) * sizes
@@ -408,19 +399,14 @@ class _Cost:
         slopes = block_diag(*(_slopes(each, waves.orders) for each in logs)) @ self._by_point
         off = np.append((at[:_NUMBERS] - self._typical) / _ANYWHERE, at[_NUMBERS:-1])
         expected = np.append(1.0 / _ANYWHERE, np.ones(len(at) - 1 - _NUMBERS))
+        by_numbers = slopes.T @ curvature @ slopes + np.diag(2.0 * expected**2)
         return _Point(
             at,
             value + float(off @ off),
             np.append(slopes.T @ by_sizes + 2.0 * expected * off, by_scatter),
-            self._curvature(slopes.T @ curvature @ slopes + np.diag(2.0 * expected**2)),
+            block_diag(by_numbers, np.full((1, 1), 4.0 * waves.rows)),  # the scatter's is last
             logs,
         )
-
-    def _curvature(self, of_numbers: Array) -> Array:
-        """Return the curvature by the numbers, then by the logarithm of the scatter."""
-        found = np.diag(np.full(len(of_numbers) + 1, 4.0 * self._waves.rows))
-        found[:-1, :-1] = of_numbers
-        return found
 
 
 def _climb(cost: _Cost, start: Array) -> _Point:

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.bands import InBands
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
-from pa10cal.discovery.blocked_cv.found import found_in, with_more
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
+    found_in,
     remaining_error,
     slow_drift,
     unexplained,
+    with_more,
 )
 from pa10cal.discovery.blocked_cv.refit import (
     Refit,
@@ -31,11 +31,10 @@ from pa10cal.discovery.blocked_cv.refit import (
 )
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey, survey
-from pa10cal.discovery.finding import Finding, name_of
+from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import Gap, left_by
 from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
-from pa10cal.discovery.in_time.wander import InTime
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import by_targets, by_terms, mean_error_of_noise_mm, possible_sizes
 from pa10cal.discovery.motor_ripple import JointCause, agreement, joint_series, witnesses
@@ -49,19 +48,17 @@ from pa10cal.discovery.noise import (
     AS_FOUND,
     Noise,
     Scatter,
-    noise_of_near_poses,
     scatter_of,
     share_inside,
-    with_torque_noise,
 )
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
-from pa10cal.discovery.short_forms import Arena, Contest
+from pa10cal.discovery.short_forms import Arena
 from pa10cal.discovery.verdict import Plan, Searched
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.results.analysis import LackOfFit, SearchStep
+from pa10cal.results.analysis import LackOfFit
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks
 from pa10cal.results.maps import JointWitness, PoseScatter
@@ -81,20 +78,15 @@ class VerdictByBlocks(Searched[Prediction]):
     """What became of a campaign of many different poses."""
 
     survey: Survey  # the campaign as it was judged
-    nameless: tuple[Effect, ...]  # smooth unknown functions that the search held
     remaining: Remaining  # position error of the held-out blocks, and what else was tried on it
     least_gain: float  # sum of squares by which one must help at least
     extended: Refit  # the model with the effects found
     noise: Noise  # of single readings
-    causes: tuple[JointCause, ...] = ()  # what is known of the cause of each map, joint by joint
+    # what is known of the cause of each map, by joint
+    causes: Mapping[int, JointCause] = field(default_factory=dict)
     bands: InBands | None = None  # of maps that have one; None where none has
 
     method: ClassVar[str] = "cross-validation over blocks"
-
-    @property
-    @override
-    def covariance(self) -> Array:
-        return self.extended.covariance
 
     @cached_property
     @override
@@ -154,30 +146,75 @@ class VerdictByBlocks(Searched[Prediction]):
 
     @override
     def witness(self, effect: Effect) -> JointWitness | None:
-        if isinstance(effect, JointErrorMap):
-            for each in self.causes:
-                if each.joint == effect.joint and (each.witness or each.agreement):
-                    return JointWitness(ripple=each.witness, agreement=each.agreement)
-        return None
-
-    @property
-    @override
-    def noise_floor_from(self) -> str:
-        return self.noise.origin
-
-    @property
-    @override
-    def without_name(self) -> tuple[Effect, ...]:
-        return (*super().without_name, *(self.nameless if self.over_noise else ()))
-
-    @property
-    @override
-    def over_noise(self) -> bool:
-        return self.remaining.over_floor
+        cause = self.causes.get(effect.joint) if isinstance(effect, JointErrorMap) else None
+        return cause if cause is not None and (cause.ripple or cause.agreement) else None
 
     @override
     def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
-        return arena_by_blocks(self, held, most_poses)
+        # Maps that are not held stay as they were fitted; all else is fitted with the forms.
+        extended, survey = self.extended, self.survey
+        at, poses = extended.at, survey.poses
+        count = len(poses)
+        rows = np.arange(count)
+        if (
+            most_poses is not None and count > most_poses
+        ):  # some of every block, whatever their order
+            rows = np.sort(np.random.default_rng(0).permutation(count)[:most_poses])
+        whiteners = extended.weights.whiteners(rows)
+        chosen: Observations = poses.take(rows)
+        every_row = whiteners.shape[0] * whiteners.shape[1]
+
+        seen: slice | Index = slice(None)
+        if chosen.measured.campaigns:  # each pose has the components of its own campaign alone
+            seen = np.flatnonzero(chosen.measured.components_seen)
+
+        def weighed(terms: Sequence[Term], points: Sequence[Array]) -> list[Array]:
+            return [
+                (whiteners @ each).reshape(every_row, each.shape[2])[seen]
+                for each in by_terms(at, chosen, terms, points)
+            ]
+
+        values = {term: at.x[at.model.columns_of(term)] for term in at.model.terms}
+        gone = set(held)
+        fitted = [
+            term
+            for term in at.model.terms
+            if not isinstance(term, JointErrorMap) and term not in gone
+        ]
+        own = weighed(fitted, [values[term] for term in fitted])
+        targets = whiteners @ by_targets(at, chosen)
+        data = -(whiteners @ survey.left_by(at)[rows][:, :, None]).ravel()[seen]
+        remaining = self.remaining
+        noise = float(data @ data) * min(1.0, (remaining.floor_mm / remaining.mean_mm) ** 2)
+        for term, columns in zip(fitted, own, strict=True):
+            if isinstance(term, Weights):  # expected about what is described, not about the fit
+                data = data + columns @ values[term]
+        sizes = possible_sizes(at.model, chosen.measured)
+        of_own = [sizes[at.model.columns_of(term)] for term in fitted]
+        own.append(targets.reshape(every_row, targets.shape[2])[seen])
+        own_columns = np.concatenate(own, axis=1) * np.concatenate([*of_own, sizes[len(at.x) :]])
+        points = [values.get(effect, effect.starts[0]) for effect in held]
+        of_held = []
+        for effect, x, columns in zip(held, points, weighed(held, points), strict=True):
+            linear = columns[:, : effect.linear]
+            data = data + linear @ x[: effect.linear]
+            of_held.append(linear @ effect.prior_factor)
+
+        def columns_of(forms: Sequence[Form]) -> list[Array]:
+            starts = [form.starts[0] for form in forms]
+            found = weighed(forms, starts)
+            return [columns @ form.prior_factor for columns, form in zip(found, forms, strict=True)]
+
+        components = whiteners.shape[1]
+        return Arena(
+            data=data,
+            own=own_columns,
+            block=np.repeat(survey.block[rows], components)[seen],
+            held=np.concatenate(of_held, axis=1) if of_held else None,
+            columns_of=columns_of,
+            states=chosen.states,
+            noise=noise,
+        )
 
     @override
     def with_findings(self, findings: Sequence[Finding[Prediction]]) -> VerdictByBlocks:
@@ -190,7 +227,8 @@ class VerdictByBlocks(Searched[Prediction]):
             known.of(effect) if effect in known.effects else effect.starts[0] for effect in effects
         )
         widening = AS_FOUND if self.bands is None else self.bands.widening
-        return replace(self, extended=refit(self.survey, effects, starts, known.weights, widening))
+        extended = refit(self.survey, effects, starts, known.weights, widening)
+        return replace(self, extended=extended, covariance=extended.covariance)
 
     @property
     @override
@@ -237,12 +275,8 @@ class VerdictByBlocks(Searched[Prediction]):
         return before, after
 
 
-def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks:
+def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     """Search a campaign of many different poses for missing effects.
-
-    Args:
-        campaign: made ready.
-        error_rate: probability allowed of naming anything where nothing is missing.
 
     Raises:
         DiscoveryError: when there are too few poses.
@@ -254,18 +288,23 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         torques_logged=campaign.torques == "logged",
     )
     shaped, unknown = computable_shapes(judged)
-    found = found_in(judged, shaped, error_rate)
-    in_time = _in_time(found.rows.survey, found.extended)
+    found = found_in(judged, shaped)
+    fitted, about = found.extended, found.rows.survey
+    in_time = in_time_of(
+        fitted.at,
+        about.poses,
+        fitted.weights.whiteners(),
+        sought(about.context, about.baseline.model.terms),
+        logged=about.torques_logged,
+        weights=True,
+    )
     wander = in_time.wander
     if wander is not None:
-        found = found_in(judged.moving(wander), shaped, error_rate)
+        found = found_in(judged.moving(wander), shaped)
     found = with_more(found, slow_drift(found.survey, found.held_poses, found.extended.effects))
     judged, rows, searched = found.survey, found.rows, found.searched
-    extended = found.extended
-    fitted, poses = extended.fitted(), judged.poses
-    noise = noise_of_near_poses(poses, judged.left_by(fitted))
-    if judged.torques_logged:
-        noise = with_torque_noise(noise, fitted, poses, judged.setup.payload)
+    extended, poses = found.extended, judged.poses
+    noise = judged.noise_about(extended.fitted())
     floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
     remaining = remaining_error(rows, searched.errors_mm, floor_mm, searched.tried)
     findings = tuple(
@@ -275,62 +314,51 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         for effect, each in zip(extended.effects, searched.judged, strict=True)
     )
     held_out = campaign.held_out
-    components = poses.measured.components_seen.size
     found_by_blocks = VerdictByBlocks(
         prepared=campaign,
         context=judged.context,
-        error_rate=error_rate,
         candidates=searched.candidates,
         findings=findings,
         unexplained=(
             *unexplained(remaining, searched.nameless),
-            *(() if judged.wander is None else wandering(judged.wander, floor_mm)),
+            *wandering(judged.wander, floor_mm),
             *told_with_rivals(in_time, floor_mm),
             *(() if judged.lag is None else (judged.lag.unexplained(remaining.mean_mm),)),
         ),
         not_testable=(*unknown, *searched.hidden),
         below_detection_limit=searched.below_detection_limit,
         extended=extended,
+        covariance=extended.covariance,
         noise_floor_mm=floor_mm,
+        noise_floor_from=noise.origin,
         train=compare(judged, extended, poses, floor_mm),
         holdout=None if held_out is None else compare(judged, extended, held_out, floor_mm),
-        steps=tuple(
-            SearchStep(
-                effects=tuple(name_of(member.effect) for member in step.members),
-                squared_error_of_a_row=float(step.squares.sum()) / components,
-            )
-            for step in (*searched.steps, *found.finer_steps)
-        ),
-        faults_of_rows=()
-        if judged.wander is None
-        else steps_in_time(judged.wander, extended.at, poses),
+        faults_of_rows=steps_in_time(judged.wander, extended.at, poses),
         survey=judged,
-        nameless=searched.nameless,
+        nameless=searched.nameless if remaining.over_floor else (),
+        over_noise=remaining.over_floor,
         remaining=remaining,
         least_gain=searched.least_gain,
         noise=noise,
         bands=found.bands,
     )
-    return with_causes(_motion_aside(_with_rivals(found_by_blocks)))
+    return with_causes(_motion_aside(_with_rivals(found_by_blocks, searched.nameless)))
 
 
-def _with_rivals(found: VerdictByBlocks) -> VerdictByBlocks:
+def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> VerdictByBlocks:
     """Return the verdict with what a model leaves that holds what has no name, too."""
-    if not found.nameless:
+    if not nameless:
         return found
     extended = found.extended
-    effects = (*extended.effects, *found.nameless)
-    starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in found.nameless))
+    effects = (*extended.effects, *nameless)
+    starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in nameless))
     model = refit(found.survey, effects, starts, extended.weights).fitted()
 
     def told(gap: Gap) -> Gap:
         poses = complete_about(gap.poses, found.baseline, model, found.survey.setup)
         return replace(gap, with_rivals=left_by(model, poses))
 
-    held_out = found.holdout
-    return replace(
-        found, train=told(found.train), holdout=None if held_out is None else told(held_out)
-    )
+    return found.with_gaps(told)
 
 
 def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
@@ -351,18 +379,6 @@ def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
     if still.train.after.rms_mm > least_mm:
         return found
     return still.beside(found)
-
-
-def _in_time(judged: Survey, found: Refit) -> InTime:
-    """Return what the poses show of time about a model."""
-    return in_time_of(
-        found.at,
-        judged.poses,
-        found.weights.whiteners(),
-        sought(judged.context, judged.baseline.model.terms),
-        logged=judged.torques_logged,
-        weights=True,
-    )
 
 
 # Maps whose cause the motor's ripple says, under the name of that cause.
@@ -388,7 +404,7 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
         if not isinstance(effect, JointErrorMap):
             continue
         cause = causes[effect.joint]
-        heard = None if cause.witness is None else cause.witness.likely
+        heard = None if cause.ripple is None else cause.ripple.likely
         agreed = cause.agreement is not None and cause.agreement.holds
         own = agreed and effect.knots >= _FINE_KNOTS
         if cause.cause is None and not (heard or own) and effect.id == JointErrorMap.id:
@@ -398,7 +414,7 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
         names[effect] = _NAMES[likely](*form)
         others = [kind(*form) for name, kind in _NAMES.items() if name != likely]
         alternatives[effect] = () if cause.cause else tuple(others)
-    return _renamed(replace(found, causes=tuple(causes.values())), names, alternatives)
+    return _renamed(replace(found, causes=causes), names, alternatives)
 
 
 def _causes(found: VerdictByBlocks) -> dict[int, JointCause]:
@@ -415,7 +431,10 @@ def _causes(found: VerdictByBlocks) -> dict[int, JointCause]:
         joints,
     )
     said = witnesses(series, at.arm.gear_ratio)
-    return {j: JointCause(j, said[j - 1], agreement(series[j - 1])) for j in sorted(joints)}
+    return {
+        joint: JointCause(ripple=said[joint - 1], agreement=agreement(series[joint - 1]))
+        for joint in sorted(joints)
+    }
 
 
 def _renamed(
@@ -447,83 +466,4 @@ def _renamed(
             effects=tuple(map(name_of, extended.effects)),
             at=replace(extended.at, model=Model(extended.model.chain, terms)),
         ),
-    )
-
-
-# What short forms are held against, where blocks of poses judged: rows about the last fit.
-
-
-def arena_by_blocks(
-    verdict: VerdictByBlocks, held: Sequence[Effect], most_poses: int | None = None
-) -> Arena:
-    """Return what forms are held against in place of some effects.
-
-    Maps that are not among these stay as they were fitted; all else is fitted with the forms.
-
-    Args:
-        verdict: on the campaign.
-        held: effects of the model, and smooth unknown functions that it has not.
-        most_poses: so many poses are enough, drawn from all; None for all.
-    """
-    extended, survey = verdict.extended, verdict.survey
-    at, poses = extended.at, survey.poses
-    count = len(poses)
-    rows = np.arange(count)
-    if most_poses is not None and count > most_poses:  # some of every block, whatever their order
-        rows = np.sort(np.random.default_rng(0).permutation(count)[:most_poses])
-    whiteners = extended.weights.whiteners(rows)
-    chosen: Observations = poses.take(rows)
-    every_row = whiteners.shape[0] * whiteners.shape[1]
-
-    seen: slice | NDArray[np.intp] = slice(None)
-    if chosen.measured.campaigns:  # each pose has the components of its own campaign alone
-        seen = np.flatnonzero(chosen.measured.components_seen)
-
-    def weighed(terms: Sequence[Term], points: Sequence[Array]) -> list[Array]:
-        return [
-            (whiteners @ each).reshape(every_row, each.shape[2])[seen]
-            for each in by_terms(at, chosen, terms, points)
-        ]
-
-    values = {term: at.x[at.model.columns_of(term)] for term in at.model.terms}
-    gone = set(held)
-    fitted = [
-        term for term in at.model.terms if not isinstance(term, JointErrorMap) and term not in gone
-    ]
-    own = weighed(fitted, [values[term] for term in fitted])
-    targets = whiteners @ by_targets(at, chosen)
-    data = -(whiteners @ survey.left_by(at)[rows][:, :, None]).ravel()[seen]
-    remaining = verdict.remaining
-    noise = float(data @ data) * min(1.0, (remaining.floor_mm / remaining.mean_mm) ** 2)
-    for term, columns in zip(fitted, own, strict=True):
-        if isinstance(term, Weights):  # expected about what is described, not about the fit
-            data = data + columns @ values[term]
-    sizes = possible_sizes(at.model, chosen.measured)
-    of_own = [sizes[at.model.columns_of(term)] for term in fitted]
-    own_columns = np.concatenate(
-        [
-            *(columns * size for columns, size in zip(own, of_own, strict=True)),
-            targets.reshape(every_row, targets.shape[2])[seen] * sizes[len(at.x) :],
-        ],
-        axis=1,
-    )
-    points = [values.get(effect, effect.starts[0]) for effect in held]
-    of_held = []
-    for effect, x, columns in zip(held, points, weighed(held, points), strict=True):
-        linear = columns[:, : effect.linear]
-        data = data + linear @ x[: effect.linear]
-        of_held.append(linear @ effect.prior_factor)
-
-    def columns_of(forms: Sequence[Form]) -> list[Array]:
-        starts = [form.starts[0] for form in forms]
-        found = weighed(forms, starts)
-        return [columns @ form.prior_factor for columns, form in zip(found, forms, strict=True)]
-
-    components = whiteners.shape[1]
-    return Arena(
-        Contest(data, own_columns, np.repeat(survey.block[rows], components)[seen]),
-        np.concatenate(of_held, axis=1) if of_held else None,
-        columns_of,
-        chosen.states,
-        noise,
     )

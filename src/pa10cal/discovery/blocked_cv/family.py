@@ -19,6 +19,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.survey import Products, Rows, ShapedEffect, Survey
 from pa10cal.discovery.finding import NotTestable
+from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.preparation import computable, is_fault, sought, why_hidden
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap, harmonic_orders
@@ -41,19 +42,46 @@ class Columns:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class Candidate(Columns):
+    """An effect at one shape, or a map of one spacing and smoothness, and its columns."""
+
+    shaped: ShapedEffect  # which
+
+    @property
+    def effect(self) -> Effect:
+        """Return the effect."""
+        return self.shaped.effect
+
+    @property
+    def is_map(self) -> bool:
+        """Whether it knows the place and not the cause."""
+        return isinstance(self.effect, JointErrorMap)
+
+    @property
+    def is_named(self) -> bool:
+        """Whether it says what is wrong, and not only where."""
+        return not (self.is_map or self.effect.generic)
+
+    @property
+    def name(self) -> tuple[str, str]:
+        """Return what only one of may be in the model."""
+        return (self.effect.id, self.effect.of)
+
+
+@dataclass(frozen=True, eq=False)
+class EffectSet:
     """A set of members beside the calibrated model."""
 
     products: Products  # of all columns, block by block
     total: Products  # the same summed over the blocks
-    # the calibrated model's own columns, then members in the order in which they joined
-    members: tuple[Columns, ...]
+    own: Columns  # those of the calibrated model, which stand first
+    members: tuple[Candidate, ...]  # in the order in which they joined
     inverse: Array  # (B, n, n) inverse of the normal equations with each block held out
 
     @cached_property
     def at(self) -> Index:
-        """Return the (n,) columns in use, member by member."""
-        return np.concatenate([each.at for each in self.members])
+        """Return the (n,) columns in use: the model's own, then member by member."""
+        return np.concatenate([self.own.at, *(each.at for each in self.members)])
 
     @cached_property
     def solution(self) -> Array:
@@ -84,10 +112,10 @@ class State:
         return np.stack([self._with_each(b, candidates) for b in blocks], axis=1)
 
     def without_each(self) -> Array:
-        """Return the sums of squares with each member but the first taken out, (m, B)."""
-        found = np.empty((len(self.members) - 1, len(self.squares)))
+        """Return the sums of squares with each member taken out, (m, B)."""
+        found = np.empty((len(self.members), len(self.squares)))
         for k in range(len(found)):
-            for b, x in enumerate(self.solution_without(k + 1)):
+            for b, x in enumerate(self.solution_without(k)):
                 found[k, b] = predicted_squares(self.products, b, self.at, x)
         return found
 
@@ -101,7 +129,7 @@ class State:
         found[:, own] = 0.0
         return found
 
-    def extended(self, candidate: Columns) -> State:
+    def extended(self, candidate: Candidate) -> EffectSet:
         """Return the set with one more member."""
         there, new = self.at, candidate.at
         n, m = len(there), len(new)
@@ -114,9 +142,9 @@ class State:
             inverse[b, :n, :n] = known - corner @ followed.T
             inverse[b, :n, n:], inverse[b, n:, :n] = corner, corner.T
             inverse[b, n:, n:] = schur
-        return State(self.products, self.total, (*self.members, candidate), inverse)
+        return replace(self, members=(*self.members, candidate), inverse=inverse)
 
-    def reduced(self, member: int) -> State:
+    def reduced(self, member: int) -> EffectSet:
         """Return the set without one member."""
         own = self._places()[member]
         rest = np.delete(np.arange(len(self.at)), own)
@@ -126,7 +154,7 @@ class State:
             corner = np.linalg.solve(known[np.ix_(own, own)], across.T)
             inverse[b] = known[np.ix_(rest, rest)] - across @ corner
         members = tuple(each for k, each in enumerate(self.members) if k != member)
-        return State(self.products, self.total, members, inverse)
+        return replace(self, members=members, inverse=inverse)
 
     def _with_each(self, b: int, candidates: Sequence[Columns]) -> Array:
         """Return the sum of squares of a block with each candidate added, (m,)."""
@@ -162,18 +190,15 @@ class State:
 
     def _places(self) -> list[Index]:
         """Return where each member's columns stand in the set."""
-        stops = np.cumsum([0, *(len(member.at) for member in self.members)])
+        stops = len(self.own.at) + np.cumsum([0, *(len(member.at) for member in self.members)])
         return [np.arange(first, last) for first, last in pairwise(stops)]
 
 
-def start(products: Products, members: Sequence[Columns]) -> State:
-    """Return a set, solved from the beginning; the calibrated model's own columns come first."""
-    total = products.summed()
-    at = np.concatenate([each.at for each in members])
-    sizes = np.concatenate([each.sizes for each in members])
-    own = np.ix_(at, at)
-    inverse = np.stack([_inverse(total.gram[own] - gram[own], sizes) for gram in products.gram])
-    return State(products, total, tuple(members), inverse)
+def start(products: Products, own: Columns) -> EffectSet:
+    """Return the set without members, solved from the beginning."""
+    total, at = products.summed(), np.ix_(own.at, own.at)
+    inverse = np.stack([_inverse(total.gram[at] - gram[at], own.sizes) for gram in products.gram])
+    return EffectSet(products, total, own, (), inverse)
 
 
 def predicted_squares(products: Products, b: int, at: Index, x: Array) -> float:
@@ -230,34 +255,6 @@ SIZES_RAD = (3e-5, 1e-4, 3e-4)
 _SURELY_WORSE = 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """An effect at one shape, or a map of one spacing and smoothness."""
-
-    shaped: ShapedEffect  # which
-    columns: Columns  # its columns and the sizes expected
-
-    @property
-    def effect(self) -> Effect:
-        """Return the effect."""
-        return self.shaped.effect
-
-    @property
-    def is_map(self) -> bool:
-        """Whether it knows the place and not the cause."""
-        return isinstance(self.effect, JointErrorMap)
-
-    @property
-    def is_named(self) -> bool:
-        """Whether it says what is wrong, and not only where."""
-        return not (self.is_map or self.effect.generic)
-
-    @property
-    def name(self) -> tuple[str, str]:
-        """Return what only one of may be in the model."""
-        return (self.effect.id, self.effect.of)
-
-
 def map_candidates(rows: Rows) -> list[Candidate]:
     """Return maps of every revolute joint in all spacings, smoothnesses and sizes."""
     found = []
@@ -267,49 +264,27 @@ def map_candidates(rows: Rows) -> list[Candidate]:
         harmonics = knots - (1 if knots == rows.knots else 2)
         sizes_rad = spectrum.sizes_rad(harmonic_orders(rows.knots)[1 : 1 + harmonics])
         shaped = ShapedEffect(JointErrorMap(f"joint {joint}", knots, spectrum))
-        found.append(Candidate(shaped, Columns(rows.of_map(joint)[:harmonics], sizes_rad)))
+        found.append(Candidate(rows.of_map(joint)[:harmonics], sizes_rad, shaped))
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Chosen:
-    """A set that the search holds."""
-
-    members: tuple[Candidate, ...]  # in the order in which they joined
-    state: State  # its products, the model's own columns before those of the members
-
-    @property
-    def squares(self) -> Array:
-        """Return the remaining squared error of each block, (B,)."""
-        return self.state.squares
-
-    def extended(self, candidate: Candidate) -> Chosen:
-        """Return the set with one more member."""
-        return Chosen((*self.members, candidate), self.state.extended(candidate.columns))
-
-    def reduced(self, member: int) -> Chosen:
-        """Return the set without one member."""
-        members = tuple(each for k, each in enumerate(self.members) if k != member)
-        return Chosen(members, self.state.reduced(member + 1))
-
-
-def within_bounds(chosen: Chosen) -> bool:
+def within_bounds(chosen: EffectSet) -> bool:
     """Return whether what was last added has the sign that it physically must have."""
     effect = chosen.members[-1].effect
     lower = [parameter.lower for parameter in effect.parameters[: effect.linear]]
     if chosen.members[-1].is_map or all(bound is None for bound in lower):
         return True
-    amounts = chosen.state.solution.mean(axis=0)[-effect.linear :]
+    amounts = chosen.solution.mean(axis=0)[-effect.linear :]
     x = effect.prior_factor @ amounts
     return all(bound is None or value >= bound for value, bound in zip(x, lower, strict=True))
 
 
-def both_kinds_agree(before: Chosen, after: Chosen) -> bool:
+def both_kinds_agree(before: EffectSet, after: EffectSet) -> bool:
     """Return whether neither positions nor orientations are predicted worse for an effect.
 
     What turns the end one way and moves it another is not what its name says.
     """
-    positions = before.state.position_squares - after.state.position_squares
+    positions = before.position_squares - after.position_squares
     attitudes = before.squares - after.squares - positions
     return not (surely_worse(positions) or surely_worse(attitudes))
 
@@ -317,11 +292,6 @@ def both_kinds_agree(before: Chosen, after: Chosen) -> bool:
 def surely_worse(gain: Array) -> bool:
     """Return whether a sum over blocks is below zero by more than its scatter between them."""
     return float(gain.sum()) < -_SURELY_WORSE * standard_error(gain)
-
-
-def standard_error(gain: Array) -> float:
-    """Return the standard error of a sum over blocks, from how it scatters between them."""
-    return float(np.sqrt(len(gain)) * gain.std(ddof=1))
 
 
 def computable_shapes(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[NotTestable, ...]]:
@@ -366,11 +336,11 @@ def family(rows: Rows, products: Products) -> Family:
     shown, refused = [], {}
     gains: dict[tuple[str, str], float] = {}
     named = [
-        Candidate(shaped, Columns(at, np.ones(len(at))))
+        Candidate(at, np.ones(len(at)), shaped)
         for shaped, at in zip(rows.shaped, rows.of_shaped(), strict=True)
     ]
     for candidate in (*named, *map_candidates(rows)):
-        whole, left = _beside(total, own, candidate.columns)
+        whole, left = _beside(total, own, candidate)
         why = _hidden(rows, candidate, whole, left)
         if why is None:
             shown.append(candidate)
@@ -414,10 +384,7 @@ def _nearly_always(left: Array) -> float:
     """Return the gain that an effect of plausible size reaches in all but one of 20 directions.
 
     Poses may show one parameter well and another hardly, such as a tilt along the line of sight of
-    a distance.
-
-    Args:
-        left: (k, k) products of its columns in their sizes.
+    a distance. Products of its columns (k, k) are in their sizes.
     """
     values = np.maximum(np.linalg.eigvalsh(left), 0.0)
     drawn = np.random.default_rng(0).standard_normal((_DIRECTIONS, len(values))) ** 2

@@ -3,24 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.family import Chosen, both_kinds_agree, solve, standard_error
-from pa10cal.discovery.blocked_cv.refit import Refit
-from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS, Search
-from pa10cal.discovery.blocked_cv.survey import BLOCKS, Rows, Survey
-from pa10cal.discovery.finding import CARRIED, MayHaveCarrier
+from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
+from pa10cal.discovery.blocked_cv.family import (
+    SPACINGS,
+    Candidate,
+    EffectSet,
+    below_detection_limit,
+    both_kinds_agree,
+    family,
+    solve,
+    surely_worse,
+)
+from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
+from pa10cal.discovery.blocked_cv.search import (
+    LEAST_SHARE,
+    STANDARD_ERRORS,
+    Level,
+    Search,
+    finest,
+    level,
+)
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, Rows, ShapedEffect, Survey
+from pa10cal.discovery.finding import CARRIED, MayHaveCarrier, NotTestable
 from pa10cal.discovery.in_time.channel import like_a_scan
-from pa10cal.discovery.linear import by_terms, error_mm, possible_sizes
+from pa10cal.discovery.linear import by_effects, by_own_terms, error_mm, rms, standard_error
+from pa10cal.discovery.noise import AS_FOUND
 from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
+from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.in_time import BaseDrift
+from pa10cal.terms.effects.joint import ArrivalError, Backlash
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.unnamed import DirectionMap
 
 #: The remaining error counts as more than noise where it is so many times as large.
 _OVER_FLOOR = 1.15
@@ -46,11 +68,8 @@ def prediction(
 ) -> Prediction:
     """Return how well held-out blocks are predicted without an effect and with it.
 
-    Args:
-        gain: (B,) what the weighed sum of squares of every block comes down by.
-        whole: sum of squares without the effect.
-        rms_mm: root mean square position errors without it and with it.
-        carrier: the one pose that carries it.
+    The weighed sum of squares of every block, `whole` in all without the effect, comes down by its
+    gain (B,); root mean square errors are those without it and with it.
     """
     part, std = float(gain.sum()) / whole, standard_error(gain) / whole
     return Prediction(
@@ -65,26 +84,18 @@ def prediction(
     )
 
 
-def judged_members(rows: Rows, search: Search, chosen: Chosen) -> tuple[tuple[Judged, ...], Array]:
-    """Return the evidence of each member, and the remaining error of every block.
-
-    Args:
-        rows: of the campaign.
-        search: the search.
-        chosen: what it holds.
-
-    Returns:
-        One entry a member; position errors (P,) [mm] of the held-out blocks.
-    """
-    state = chosen.state
+def judged_members(
+    rows: Rows, search: Search, chosen: EffectSet
+) -> tuple[tuple[Judged, ...], Array]:
+    """Return the evidence of each member, and the position errors (P,) [mm] of held-out blocks."""
     solutions = np.stack(
-        [state.solution, *(state.solution_without(k + 1) for k in range(len(chosen.members)))]
+        [chosen.solution, *(chosen.solution_without(k) for k in range(len(chosen.members)))]
     )
     count = rows.survey.block.size
     errors_mm, squares = np.empty((2, count, len(solutions)))
     for b in range(BLOCKS):
-        x = np.zeros((len(state.total.projection), len(solutions)))
-        x[state.at] = solutions[:, b].T
+        x = np.zeros((len(chosen.total.projection), len(solutions)))
+        x[chosen.at] = solutions[:, b].T
         here = rows.survey.block == b
         measured, left = rows.survey.poses.measured.take(here), rows.left_of(b, x)
         errors_mm[here] = np.stack([error_mm(measured, each) for each in left.T.swapaxes(1, 2)], 1)
@@ -92,7 +103,7 @@ def judged_members(rows: Rows, search: Search, chosen: Chosen) -> tuple[tuple[Ju
         squares[here] = np.sum((whiteners @ left) ** 2, axis=1)
     rms = np.sqrt(np.mean(errors_mm**2, axis=0))
     found = []
-    for k, without in enumerate(state.without_each()):
+    for k, without in enumerate(chosen.without_each()):
         gain = without - chosen.squares
         by_pose = squares[:, k + 1] - squares[:, 0]
         carrier = _carrier(rows, by_pose, float(gain.sum()), search.least_gain)
@@ -124,14 +135,14 @@ def remaining_error(
     return Remaining(
         mean_mm=mean_mm,
         std_mm=std_mm,
-        rms_mm=float(np.sqrt(np.mean(errors_mm**2))),
+        rms_mm=rms(errors_mm),
         floor_mm=floor_mm,
         over_floor=mean_mm > _OVER_FLOOR * floor_mm and mean_mm - floor_mm > _SURELY * std_mm,
         tried=others,
     )
 
 
-def alternatives(search: Search, chosen: Chosen, member: int) -> tuple[Effect, ...]:
+def alternatives(search: Search, chosen: EffectSet, member: int) -> tuple[Effect, ...]:
     """Return the effects that predict as well in one's place, within a standard error.
 
     One that leaves it needed all the same is no alternative. The map of a joint can always do what
@@ -147,8 +158,7 @@ def alternatives(search: Search, chosen: Chosen, member: int) -> tuple[Effect, .
     ]
     if not others:
         return ()
-    columns = [other.columns for other in others]
-    instead, beside = less.state.with_each(columns), chosen.state.with_each(columns)
+    instead, beside = less.with_each(others), chosen.with_each(others)
     close: dict[tuple[str, str], Effect] = {}
     for other, alone, both in zip(others, instead, beside, strict=True):
         lost = alone - chosen.squares
@@ -157,12 +167,12 @@ def alternatives(search: Search, chosen: Chosen, member: int) -> tuple[Effect, .
     return tuple(close.values())
 
 
-def tried(search: Search, chosen: Chosen) -> tuple[Tried, ...]:
+def tried(search: Search, chosen: EffectSet) -> tuple[Tried, ...]:
     """Return what each candidate not chosen would still gain."""
     others = search.others(chosen)
     if not others:
         return ()
-    found = chosen.state.with_each([other.columns for other in others])
+    found = chosen.with_each(others)
     best: dict[tuple[str, str], Tried] = {}
     whole = float(chosen.squares.sum())
     for other, squares in zip(others, found, strict=True):
@@ -183,7 +193,7 @@ def tried(search: Search, chosen: Chosen) -> tuple[Tried, ...]:
     return tuple(sorted(best.values(), key=lambda entry: -entry.gain))
 
 
-def without_rivals(chosen: Chosen) -> Chosen:
+def without_rivals(chosen: EffectSet) -> EffectSet:
     """Return the set without what has no name."""
     for k in reversed(range(len(chosen.members))):
         if chosen.members[k].effect.generic:
@@ -192,12 +202,7 @@ def without_rivals(chosen: Chosen) -> Chosen:
 
 
 def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexplained, ...]:
-    """Return what remains without a name; nothing where noise explains it.
-
-    Args:
-        remaining: position error of the held-out blocks.
-        nameless: smooth unknown functions that the search held.
-    """
+    """Return what remains without a name; nothing where noise explains it."""
     if not remaining.over_floor:
         return ()
     left_mm, others = remaining.mean_mm, remaining.tried
@@ -275,22 +280,12 @@ class HeldPoses:
         at, poses = found.at, survey.poses
         self._left = -survey.left_by(at)
         own = [term for term in at.model.terms if not isinstance(term, JointErrorMap | BaseDrift)]
-        points = [at.x[at.model.columns_of(term)] for term in own]
-        sizes = possible_sizes(at.model)
-        self._own = np.concatenate(
-            [
-                columns * sizes[at.model.columns_of(term)]
-                for term, columns in zip(own, by_terms(at, poses, own, points), strict=True)
-            ],
-            axis=2,
-        )
+        self._own = np.concatenate(by_own_terms(at, poses, own), axis=2)
 
     def squares(self, effects: Sequence[Effect] = (), *, lag: bool = True) -> Squares:
         """Return what is left of held-out poses with effects beside the model.
 
-        Args:
-            effects: the effects.
-            lag: whether orientations may lag behind the motion, where the survey has them so.
+        Orientations may lag behind the motion, where the survey has them so, unless told otherwise.
         """
         left = self._predicted(effects, lag)
         white = (self._whiteners @ left[:, :, None])[:, :, 0] ** 2
@@ -302,7 +297,7 @@ class HeldPoses:
         return Squares(
             total=summed(white),
             positions=summed(white[:, measured.position_columns]),
-            rms_mm=float(np.sqrt(np.mean(error_mm(measured, left) ** 2))),
+            rms_mm=rms(error_mm(measured, left)),
         )
 
     def helps(self, before: Squares, after: Squares) -> bool:
@@ -329,8 +324,7 @@ class HeldPoses:
             elif of_lag.amounts is not None:
                 left += of_lag.shift(self._survey.baseline, poses)
         starts = [effect.starts[0] for effect in effects]
-        found = by_terms(self._at, self._survey.poses, effects, starts)
-        added = [own @ each.prior_factor for own, each in zip(found, effects, strict=True)]
+        added = by_effects(self._at, self._survey.poses, effects, starts)
         columns = np.concatenate([*own, *added], axis=2)
         white = self._whiteners @ columns
         data = self._whiteners @ left[:, :, None]
@@ -364,13 +358,7 @@ _OWN_TIMES = 0.95
 
 
 def slow_drift(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[Judged, ...]:
-    """Return a slow drift beside the effects found, where it helps.
-
-    Args:
-        survey: the campaign.
-        held: its poses, predicted by the model found.
-        there: the effects found.
-    """
+    """Return a slow drift beside the effects found, where it helps."""
     poses = survey.poses
     time_s = poses.states.time_s
     known = len(np.unique(time_s)) > _OWN_TIMES * len(poses)
@@ -400,3 +388,191 @@ def _effects_of_time(survey: Survey, there: Sequence[Effect]) -> list[Effect]:
     )
     logged = survey.torques_logged
     return computable(of_time, survey.poses.states, logged=logged, weights=True)[0]
+
+
+# What the search of a survey comes to, fitted; and what is found after it beside that.
+
+
+@dataclass(frozen=True, eq=False)
+class SearchOutcome:
+    """What a survey comes to."""
+
+    survey: Survey  # the campaign, with the motion of its base as these effects leave it
+    rows: Rows  # by which it was searched
+    searched: SearchReport  # what the search found
+    fine: Level  # the effects, by linear least squares
+    bands: InBands | None = None  # of maps that have one; None where none has
+
+    @cached_property
+    def extended(self) -> Refit:
+        """Return the model with the effects, fitted."""
+        effects = tuple(member.effect for member in self.fine.members)
+        _, amounts = self.fine.fit()
+        widening = AS_FOUND if self.bands is None else self.bands.widening
+        return refit(self.survey, effects, amounts, self.rows.weights, widening)
+
+    @property
+    def held_poses(self) -> HeldPoses:
+        """Return every tenth pose, predicted by the model and weighed as its fit weighs them."""
+        return HeldPoses(self.survey, self.extended, self.searched.least_gain)
+
+
+def found_in(judged: Survey, shaped: tuple[ShapedEffect, ...]) -> SearchOutcome:
+    """Search a survey."""
+    rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
+    searched, members = searched_rows(rows)
+    found = _settled(SearchOutcome(judged, rows, searched, finest(rows, members)))
+    if judged.context.commanded:
+        found = with_more(found, arrivals(judged, found.held_poses, found.extended.effects))
+    bands = in_bands(found.rows, found.fine)
+    if bands is not None:
+        found = replace(found, fine=bands.level, bands=bands)
+    found = _settled(found)
+    held = found.held_poses if judged.lag is not None else None
+    if held is not None and not held.helps(held.squares(lag=False), held.squares()):
+        found = replace(found, survey=replace(found.survey, lag=None))
+    return found
+
+
+def _settled(found: SearchOutcome) -> SearchOutcome:
+    """Return what was found, what its survey has beside the model as these effects leave it."""
+    beside = sum(len(each.sizes) for each in found.survey.nuisances)
+    if not beside:
+        return found
+    own, _ = found.fine.fit()
+    return replace(found, survey=found.survey.with_amounts(own[len(own) - beside :]))
+
+
+def with_more(found: SearchOutcome, more: Sequence[Judged]) -> SearchOutcome:
+    """Return what was found with effects beside it; a slow drift takes the place of a constant."""
+    if not more:
+        return found
+    searched, names = found.searched, {(each.effect.id, each.effect.of) for each in more}
+    stays = [k for k, each in enumerate(found.fine.members) if each.name not in names]
+    places = {each.effect.of for each in more if by_arrival(each.effect)}
+    none = np.zeros(0, np.intp), np.zeros(0)
+    members = (
+        *(found.fine.members[k] for k in stays),
+        *(Candidate(*none, ShapedEffect(each.effect)) for each in more),
+    )
+    shaped = tuple(each.shaped for each in members if not each.is_map)
+    in_time = any(each.effect.goes_with_time for each in more)
+    return replace(
+        found,
+        searched=replace(
+            searched,
+            judged=(*(searched.judged[k] for k in stays), *more),
+            # The same motion is not told twice.
+            nameless=tuple(
+                each for each in searched.nameless if not (in_time and each.goes_with_time)
+            ),
+            # Nor is what was tried in vain in the search, and helped after it, in any form.
+            tried=tuple(
+                each
+                for each in searched.tried
+                if (each.id, each.of) not in names and not (by_arrival(each) and each.of in places)
+            ),
+        ),
+        fine=level(replace(found.rows, shaped=shaped), members),
+    )
+
+
+# A controller that stops every joint a little short: arrivals, each too small for the search.
+#
+# The search asks of an effect a part of what remains, lest a small one is named in the place of
+# another that is missing. Nothing else goes with the way that a joint came, and a controller
+# drives all joints: what all of them gain together has to be that part, and each has to matter.
+
+#: Part of what one gains that positions or orientations may lose by it.
+_MOST_LOST = 0.1
+
+
+def arrivals(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[Judged, ...]:
+    """Return the arrival errors beside the effects found that help together."""
+    taken = {effect.of for effect in there if by_arrival(effect)}
+    chosen = [each for each in ArrivalError.everywhere(survey.context) if each.of not in taken]
+    if not chosen:
+        return ()
+    nothing, every = held.squares(), held.squares(chosen)
+    without = {each: _without(held, chosen, each) for each in chosen}
+    while unfit := [each for each in chosen if not _stays(held, without[each], every)]:
+        worst = min(unfit, key=lambda each: float((without[each].total - every.total).sum()))
+        chosen.remove(worst)
+        every = held.squares(chosen)
+        without = {each: _without(held, chosen, each) for each in chosen}
+    if not chosen or not held.helps(nothing, every):
+        return ()
+    return tuple(
+        Judged(each, proof_of(without[each], every), _instead(held, chosen, each, every))
+        for each in chosen
+    )
+
+
+def by_arrival(effect: Effect | EffectName) -> bool:
+    """Return whether an effect goes with the way that a joint came."""
+    return effect.id in (ArrivalError.id, Backlash.id, DirectionMap.id)
+
+
+def _stays(held: HeldPoses, without: Squares, every: Squares) -> bool:
+    """Return whether one matters beside the others, and neither kind loses much of the gain."""
+    gains = [before - after for before, after in zip(without.kinds, every.kinds, strict=True)]
+    whole = float(sum(gain.sum() for gain in gains))
+    contradict = any(
+        surely_worse(gain) and float(gain.sum()) < -_MOST_LOST * whole for gain in gains
+    )
+    return held.matters(without, every) and not contradict
+
+
+def _without(held: HeldPoses, chosen: Sequence[Effect], one: Effect) -> Squares:
+    return held.squares([each for each in chosen if each is not one])
+
+
+def _instead(
+    held: HeldPoses, chosen: Sequence[ArrivalError], one: ArrivalError, every: Squares
+) -> tuple[Effect, ...]:
+    """Return lost motion of the same joint, where that predicts held-out poses as well."""
+    other = Backlash(one.of)
+    lost = held.squares([other if each is one else each for each in chosen]).total - every.total
+    return (other,) if lost.sum() <= standard_error(lost) else ()
+
+
+# A search by held-out blocks, and what is known of everything it found.
+
+
+@dataclass(frozen=True, eq=False)
+class SearchReport:
+    """What the search found, without its products, which are large."""
+
+    judged: tuple[Judged, ...]
+    nameless: tuple[Effect, ...]
+    tried: tuple[Tried, ...]
+    errors_mm: Array
+    hidden: tuple[NotTestable, ...]
+    below_detection_limit: tuple[NotTestable, ...]
+    candidates: int
+    least_gain: float
+
+
+def searched_rows(rows: Rows) -> tuple[SearchReport, tuple[Candidate, ...]]:
+    """Search, and judge what was found: return it, and the members of the search."""
+    products = rows.products()
+    known = family(rows, products)
+    noise = noise_squares(rows, rows.survey.noise_about(rows.place))
+    error_rate = rows.survey.setup.options.error_rate
+    search = Search(products, rows.own, known.shown, noise, error_rate, rows.own_sizes)
+    chosen = search.run()
+    others = tried(search, chosen)
+    nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
+    chosen = without_rivals(chosen)
+    judged, errors_mm = judged_members(rows, search, chosen)
+    found = SearchReport(
+        judged=judged,
+        nameless=nameless,
+        tried=others,
+        errors_mm=errors_mm,
+        hidden=known.hidden,
+        below_detection_limit=below_detection_limit(known, search.is_surely_found),
+        candidates=search.effects,
+        least_gain=search.least_gain,
+    )
+    return found, chosen.members

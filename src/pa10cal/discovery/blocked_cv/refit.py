@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, block_diag, cho_factor
 from scipy.linalg.lapack import dpotri
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
@@ -33,6 +32,8 @@ from pa10cal.discovery.linear import (
     by_terms,
     possible_sizes,
     residual,
+    rms,
+    with_base_term,
 )
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.discovery.preparation import complete_about
@@ -69,16 +70,11 @@ _NONE = 1e-9
 
 
 def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> Rows:
-    """Return rows of effects and maps, weighed.
+    """Return rows of effects and of maps of so many knots, weighed.
 
     By the scatter that all named effects and maps of all joints leave together: then no pose weighs
     less because of an effect that is still to be found. Where poses are few for that, as of an
     instrument that gives one number a pose, maps are not fitted, or no effects either.
-
-    Args:
-        survey: the campaign.
-        shaped: effects.
-        knots: of the maps.
     """
     measured = survey.poses.measured
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
@@ -199,16 +195,10 @@ def refit(
     return Refit(effects, fit.place(found.at), found.converged, covariance, counts)
 
 
-def one_step(survey: Survey, found: Refit, rows: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Return what some poses alone say of all unknowns, by one step from a fit to all.
+def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
+    """Return what some poses alone say of all unknowns (k,), by one step from a fit to all.
 
-    Args:
-        survey: the campaign.
-        found: the fit to all of its poses.
-        rows: poses.
-
-    Returns:
-        The unknowns (k,), and their covariance (k, k).
+    With them comes their covariance (k, k).
     """
     fewer = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
     counts = PoseWeights(found.weights.whitener[rows], found.weights.weight[rows])
@@ -224,23 +214,18 @@ class _Fit:
 
     def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
         self._survey = survey
-        self._model = survey.model(effects)
+        self._model = with_base_term(survey.baseline, effects)
         self._maps = [each for each in effects if isinstance(each, JointErrorMap)]
-        stops = np.cumsum([0, *(len(term.parameters) for term in self._model.terms)])
-        places = [np.arange(*ends) for ends in pairwise(stops)]
-        is_map = [isinstance(term, JointErrorMap) for term in self._model.terms]
-        self._dense: list[Term] = []
-        self._dense_at, map_at = [], []
-        for term, place, sparse in zip(self._model.terms, places, is_map, strict=True):
-            if sparse:
-                map_at.append(place)
-            else:
-                self._dense.append(term)
-                self._dense_at.append(place)
         own, measured = survey.baseline, survey.poses.measured
-        targets = np.arange(stops[-1], stops[-1] + len(own.targets_m))
-        self._order = np.concatenate([*self._dense_at, targets, *map_at])
         sizes = possible_sizes(self._model, measured)
+        columns, first = np.arange(len(sizes)), len(self._model.parameters)
+        self._dense: list[Term] = [
+            term for term in self._model.terms if not isinstance(term, JointErrorMap)
+        ]
+        self._dense_at = [columns[self._model.columns_of(term)] for term in self._dense]
+        map_at = [columns[self._model.columns_of(each)] for each in self._maps]
+        targets = columns[first : first + len(own.targets_m)]
+        self._order = np.concatenate([*self._dense_at, targets, *map_at])
         tail = len(targets) + 6
         prior = [np.diag(sizes[: len(own.x)] ** -2.0)]
         for effect in effects:
@@ -297,7 +282,7 @@ class _Fit:
         return float(np.sum(white**2) + off @ self.prior @ off)
 
 
-def _inverse(information: Array, prior: Array, free: NDArray[np.bool_]) -> Array:
+def _inverse(information: Array, prior: Array, free: Mask) -> Array:
     """Return the inverse of the normal equations of free parameters, zero for the others.
 
     The shape of an effect of no amount moves nothing: it counts as one of the others.
@@ -325,14 +310,7 @@ _STEPS = 3
 
 
 def compare(campaign: Survey, extended: Refit, poses: Observations, noise_floor_mm: float) -> Gap:
-    """Return the gap of calibrated and extended model on some poses.
-
-    Args:
-        campaign: whose model it is.
-        extended: the model with effects.
-        poses: measured poses, orientations and torques as the model has them.
-        noise_floor_mm: mean error that noise alone would leave.
-    """
+    """Return the gap of calibrated and extended model on measured poses."""
     after, seen = extended.fitted(), seen_by_maps(campaign, extended.effects)
     poses, wander = complete_about(poses, campaign.baseline, after, campaign.setup), campaign.wander
     T_moved = None if wander is None else moved_frames(wander.motions(poses.states.time_s))
@@ -362,7 +340,7 @@ def model_with(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> F
         for first in [extended.columns_of(each).start]
     ]
     baseline, measured = campaign.baseline, poses.measured
-    expected = np.diag(possible_sizes(campaign.model(), measured))
+    expected = np.diag(possible_sizes(with_base_term(campaign.baseline), measured))
     middle = np.zeros(len(own) + sum(map(len, places)))
     middle[: len(baseline.x)] = baseline.x
     middle[len(own) - len(baseline.targets_m) : len(own)] = baseline.targets_m
@@ -407,14 +385,6 @@ _MOST = 1.0 - 1e-9
 _HALF_WIDTH_95 = 1.96
 
 
-@dataclass(frozen=True)
-class Curve:
-    """The error of a joint by its angle, as one campaign has it."""
-
-    error_rad: Array  # (A,) at `ANGLES_RAD`
-    visited: NDArray[np.bool_]  # (A,) whether the campaign has poses there
-
-
 def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
     """Return every effect as each campaign of a group alone has it; none of a single campaign."""
     campaign = survey.poses.states.campaign
@@ -430,11 +400,13 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
     each = []
     for effect in shared:
         at = found.columns_of(effect)
-        curves = {}
+        curves: dict[str, JointErrorAlone] = {}
         if isinstance(effect, JointErrorMap):
             for name, (x, _) in alone.items():
                 q_rad = survey.poses.states.q_rad[campaign == names.index(name), effect.joint - 1]
-                curves[name] = Curve(_error_rad(effect, x[at]), visited(q_rad))
+                curves[name] = JointErrorAlone(
+                    error_mrad=1e3 * _error_rad(effect, x[at]), visited=visited(q_rad)
+                )
         each.append(
             EffectByCampaign(
                 id=effect.id,
@@ -445,11 +417,7 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
                     name: _parameters(effect.report(x[at]), covariance[at, at])
                     for name, (x, covariance) in alone.items()
                 },
-                errors={
-                    name: JointErrorAlone(error_mrad=1e3 * curve.error_rad, visited=curve.visited)
-                    for name, curve in curves.items()
-                }
-                or None,
+                errors=curves or None,
                 agreement=tuple(
                     pair_of((first, curves[first]), (second, curves[second]))
                     for first, second in combinations(curves, 2)
@@ -467,7 +435,7 @@ def _parameters(report: Report, covariance: Array) -> dict[str, ParameterAlone]:
     }
 
 
-def visited(q_rad: Array) -> NDArray[np.bool_]:
+def visited(q_rad: Array) -> Mask:
     """Return at which of `ANGLES_RAD` there are enough joint angles (P,), by the turn."""
     turn = 2.0 * np.pi
     sorted_rad = np.sort(np.mod(q_rad, turn))
@@ -477,14 +445,16 @@ def visited(q_rad: Array) -> NDArray[np.bool_]:
     return np.asarray(last - first >= _LEAST_POSES)
 
 
-def pair_of(first: tuple[str, Curve], second: tuple[str, Curve]) -> CampaignsAgree:
+def pair_of(
+    first: tuple[str, JointErrorAlone], second: tuple[str, JointErrorAlone]
+) -> CampaignsAgree:
     """Compare the curves of two campaigns, each given with its name.
 
     Slopes are of the second by the first, both uncertain alike.
     """
     (one, a), (two, b) = first, second
     both = a.visited & b.visited
-    x, y = a.error_rad[both], b.error_rad[both]
+    x, y = a.error_mrad[both], b.error_mrad[both]
     arc = (ANGLES_RAD[both] // _ARC_RAD).astype(int)
     arcs = np.unique(arc)
     if len(arcs) < _LEAST_ARCS or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
@@ -510,9 +480,9 @@ def pair_of(first: tuple[str, Curve], second: tuple[str, Curve]) -> CampaignsAgr
         correlation95=(float(np.tanh(z_low)), float(np.tanh(z_high))),
         slope=slope,
         slope95=(low, high),
-        first_rms_mrad=1e3 * _rms(x),
-        second_rms_mrad=1e3 * _rms(y),
-        difference_rms_mrad=1e3 * _rms(x - y),
+        first_rms_mrad=rms(x),
+        second_rms_mrad=rms(y),
+        difference_rms_mrad=rms(x - y),
         share_of_turn=float(both.mean()),
     )
 
@@ -533,7 +503,3 @@ def _slope(x: Array, y: Array) -> float:
     """Return the slope of y by x where both are uncertain alike (Deming)."""
     (xx, xy), (_, yy) = np.cov(x, y)
     return float((yy - xx + np.hypot(yy - xx, 2.0 * xy)) / (2.0 * xy)) if xy else np.nan
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(x**2)))

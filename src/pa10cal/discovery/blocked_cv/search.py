@@ -9,25 +9,39 @@ effect is not named where it may only replace another one that is missing.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import block_diag
+from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.family import (
+    SPACINGS,
     Candidate,
-    Chosen,
     Columns,
+    EffectSet,
     both_kinds_agree,
-    standard_error,
+    predicted_squares,
+    solve,
     start,
     within_bounds,
 )
-from pa10cal.discovery.blocked_cv.survey import Products, ShapedEffect
+from pa10cal.discovery.blocked_cv.survey import (
+    BLOCKS,
+    BlockRows,
+    Products,
+    Rows,
+    ShapedEffect,
+    map_columns,
+    products,
+)
 from pa10cal.discovery.evidence.search import threshold
+from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.preparation import is_fault
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.joint_error_map import JointErrorMap, Spectrum, b_splines_by_knots
 
 #: Standard errors over blocks by which an effect must help.
 STANDARD_ERRORS = 3.0
@@ -39,14 +53,6 @@ _MOST_ROUNDS = 3
 _MOST_NAMES = 4
 #: Standard errors by which all names of a place together may fall behind a map, to be tried.
 _HOPELESS = 3.0
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One step of the search."""
-
-    members: tuple[Candidate, ...]  # what is in the model after it
-    squares: Array  # (B,) what is then left of each block
 
 
 class Search:
@@ -76,13 +82,12 @@ class Search:
         names = {candidate.name for candidate in family if not is_fault(candidate.effect)}
         self.effects = len(names)
         self.least_gain = 2.0 * threshold(max(self.effects, 1), error_rate)
-        self.steps: list[Step] = []
         own_sizes = np.ones(len(own)) if own_sizes is None else own_sizes
-        self._nothing = Chosen((), start(products, [Columns(own, own_sizes)]))
+        self._nothing = start(products, Columns(own, own_sizes))
 
-    def run(self) -> Chosen:
+    def run(self) -> EffectSet:
         """Search until the set stays."""
-        chosen = self._noted(self._nothing)
+        chosen = self._nothing
         settled: list[ShapedEffect] | None = None
         for _ in range(_MOST_ROUNDS):
             chosen = self._backward(self._forward(chosen))
@@ -110,15 +115,15 @@ class Search:
         least = max(self.least_gain, STANDARD_ERRORS * scatter)
         return bool(gain - _NEARLY_ALWAYS * scatter >= least)
 
-    def others(self, chosen: Chosen) -> list[Candidate]:
+    def others(self, chosen: EffectSet) -> list[Candidate]:
         """Return the candidates of which no form is in the set."""
         there = {candidate.name for candidate in chosen.members}
         return [candidate for candidate in self.family if candidate.name not in there]
 
-    def _forward(self, chosen: Chosen) -> Chosen:
+    def _forward(self, chosen: EffectSet) -> EffectSet:
         """Add what helps most, while anything helps enough."""
         while others := self.others(chosen):
-            found = chosen.state.with_each([candidate.columns for candidate in others])
+            found = chosen.with_each(others)
             for k in np.argsort(found.sum(axis=1)):
                 if not self.helps(chosen.squares, found[k]):
                     continue
@@ -127,43 +132,43 @@ class Search:
                     break
             else:
                 return chosen
-            chosen = self._noted(ahead)
+            chosen = ahead
         return chosen
 
-    def _smoothed(self, chosen: Chosen) -> Chosen:
+    def _smoothed(self, chosen: EffectSet) -> EffectSet:
         """Choose spacing and smoothness of each map anew, the others being there."""
         for name in [candidate.name for candidate in chosen.members if candidate.is_map]:
             place = [candidate.name for candidate in chosen.members].index(name)
             forms = [candidate for candidate in self.family if candidate.name == name]
             less = chosen.reduced(place)
-            found = less.state.with_each([form.columns for form in forms]).sum(axis=1)
+            found = less.with_each(forms).sum(axis=1)
             best = forms[int(np.argmin(found))]
             if best.shaped != chosen.members[place].shaped:
-                chosen = self._noted(less.extended(best))
+                chosen = less.extended(best)
         return chosen
 
-    def _backward(self, chosen: Chosen) -> Chosen:
+    def _backward(self, chosen: EffectSet) -> EffectSet:
         """Take out what is not missed, the least needed first."""
         while chosen.members:
-            found = chosen.state.without_each()
+            found = chosen.without_each()
             idle = [k for k, each in enumerate(found) if not self.helps(each, chosen.squares)]
             if not idle:
                 return chosen
             least = min(idle, key=lambda k: float(found[k].sum()))
-            chosen = self._noted(chosen.reduced(least))
+            chosen = chosen.reduced(least)
         return chosen
 
-    def _prefer_named(self, chosen: Chosen) -> Chosen:
+    def _prefer_named(self, chosen: EffectSet) -> EffectSet:
         """Put named forms of the same place where they do as well as a map or a rival."""
         for candidate in chosen.members:
             if candidate.is_named:
                 continue
             named = self._named_instead(chosen, chosen.members.index(candidate))
             if named is not None:
-                chosen = self._noted(named)
+                chosen = named
         return chosen
 
-    def _named_instead(self, chosen: Chosen, place: int) -> Chosen | None:
+    def _named_instead(self, chosen: EffectSet, place: int) -> EffectSet | None:
         """Return the set with names in one's place that do as well, None without.
 
         All names of the place together show first whether they can do its work at all.
@@ -173,21 +178,23 @@ class Search:
         every = self._names_at(tried, candidate.effect)
         if not every:
             return None
-        lost = tried.state.with_each([_together(every)])[0] - chosen.squares
+        lost = tried.with_each([_together(every)])[0] - chosen.squares
         if lost.sum() > _HOPELESS * standard_error(lost):
             return None
         for _ in range(_MOST_NAMES):
             names = self._names_at(tried, candidate.effect)
             if not names:
                 return None
-            found = tried.state.with_each([name.columns for name in names])
+            found = tried.with_each(names)
             tried = tried.extended(names[int(np.argmin(found.sum(axis=1)))])
             if self._as_good(tried, chosen, candidate):
                 sound = within_bounds(tried) and both_kinds_agree(chosen.reduced(place), tried)
-                return tried if sound and self._all_help(tried, there) else None
+                needed = tried.without_each()[there:]
+                all_help = all(self.helps(each, tried.squares) for each in needed)
+                return tried if sound and all_help else None
         return None
 
-    def _as_good(self, named: Chosen, chosen: Chosen, candidate: Candidate) -> bool:
+    def _as_good(self, named: EffectSet, chosen: EffectSet, candidate: Candidate) -> bool:
         """Return whether names do as well: as a map, within a standard error of what they lose.
 
         As a rival without a name, where it does not help enough over them to be found at all.
@@ -197,12 +204,7 @@ class Search:
             return bool(lost.sum() <= standard_error(lost))
         return not self.helps(named.squares, chosen.squares)
 
-    def _all_help(self, chosen: Chosen, first: int) -> bool:
-        """Return whether members from some number on are all needed."""
-        found = chosen.state.without_each()[first:]
-        return all(self.helps(each, chosen.squares) for each in found)
-
-    def _names_at(self, chosen: Chosen, effect: Effect) -> list[Candidate]:
+    def _names_at(self, chosen: EffectSet, effect: Effect) -> list[Candidate]:
         """Return the named candidates that may do the work of a map or a rival."""
         return [
             other
@@ -210,16 +212,12 @@ class Search:
             if other.is_named and _same_place(other.effect, effect)
         ]
 
-    def _noted(self, chosen: Chosen) -> Chosen:
-        self.steps.append(Step(chosen.members, chosen.squares))
-        return chosen
-
 
 def _together(candidates: Sequence[Candidate]) -> Columns:
     """Return the columns of candidates as if they were one."""
     return Columns(
-        np.concatenate([candidate.columns.at for candidate in candidates]),
-        np.concatenate([candidate.columns.sizes for candidate in candidates]),
+        np.concatenate([candidate.at for candidate in candidates]),
+        np.concatenate([candidate.sizes for candidate in candidates]),
     )
 
 
@@ -228,3 +226,144 @@ def _same_place(named: Effect, other: Effect) -> bool:
     if isinstance(other, JointErrorMap):
         return named.coordinates == other.coordinates
     return named.of == other.of
+
+
+# Members in rows of their own, each map with its own B-splines, as fine as helps.
+
+#: Spacings beyond those of the search, tried once it is known which joints have a map.
+FINER_KNOTS = (216, 360)
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """Members with maps of one spacing each, by linear least squares about the calibrated one."""
+
+    members: tuple[Candidate, ...]
+    # products over all blocks: own parameters, effects, B-splines of one map after the other
+    total: Products
+    prior: Array  # (N, N) precision expected of these columns
+    at: tuple[Index, ...]  # columns of each member
+
+    def fit(self) -> tuple[Array, tuple[Array, ...]]:
+        """Solve for all columns.
+
+        Returns:
+            Own parameters (k,), beyond those calibrated and in their possible sizes; parameters of
+            each member's effect.
+        """
+        own = np.setdiff1d(np.arange(len(self.prior)), np.concatenate([np.zeros(0, int), *self.at]))
+        at = np.concatenate([own, *self.at])
+        there = np.ix_(at, at)
+        x = np.zeros(len(self.prior))
+        x[at] = solve(self.total.gram[there], self.total.projection[at], self.prior[there])
+        return x[own], tuple(
+            _amounts(member.shaped, x[columns])
+            for member, columns in zip(self.members, self.at, strict=True)
+        )
+
+
+def finest(rows: Rows, members: tuple[Candidate, ...]) -> Level:
+    """Make maps of the search's finest spacing finer, all at once, while held-out blocks gain."""
+    rows = replace(rows, shaped=tuple(member.shaped for member in members if not member.is_map))
+    best, left = _held_out(rows, members)
+    for knots in FINER_KNOTS:
+        if not any(_has_finest(member) for member in members):
+            break
+        ahead, after = _held_out(
+            rows, tuple(with_form(each, knots) if _has_finest(each) else each for each in members)
+        )
+        gain = left - after
+        if gain.sum() <= standard_error(gain):
+            break
+        best, left = ahead, after
+    return best
+
+
+def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
+    """Return members with their products; rows hold their effects, in their order."""
+    return level_of(products_of(rows, members).summed(), rows, members)
+
+
+def _held_out(rows: Rows, members: tuple[Candidate, ...]) -> tuple[Level, Array]:
+    """Return the level of members, and the squared error of each block held out, (B,)."""
+    inside = products_of(rows, members)
+    found = level_of(inside.summed(), rows, members)
+    squares, every = np.empty(BLOCKS), np.arange(len(found.prior))
+    for b in range(BLOCKS):
+        gram, projection = inside.gram[b], inside.projection[b]
+        x = solve(found.total.gram - gram, found.total.projection - projection, found.prior)
+        squares[b] = predicted_squares(inside, b, every, x)
+    return found, squares
+
+
+def level_of(total: Products, rows: Rows, members: tuple[Candidate, ...]) -> Level:
+    """Return members with the products of all blocks."""
+    maps = maps_among(members)
+    dense = len(total.projection) - sum(each.knots for each in maps)
+    factors = [b_splines_by_knots(each.knots) @ each.prior_factor for each in maps]
+    inverses = [np.linalg.inv(factor) for factor in factors]
+    prior = block_diag(np.eye(dense), *(inverse.T @ inverse for inverse in inverses))
+    of_maps = iter(pairwise(dense + np.cumsum([0, *(each.knots for each in maps)])))
+    of_effects = iter(rows.of_shaped())
+    at = tuple(
+        np.arange(*next(of_maps)) if member.is_map else next(of_effects) for member in members
+    )
+    return Level(members, total, prior, at)
+
+
+def products_of(rows: Rows, members: tuple[Candidate, ...]) -> Products:
+    """Return the products of own parameters, effects, and B-splines of maps, block by block."""
+    maps, found = maps_among(members), []
+    for b in range(BLOCKS):
+        block, splines = _columns(rows, maps, b)
+        found.append(products(block.data, block.dense, splines))
+    gram, projection, squares = zip(*found, strict=True)
+    return Products(np.stack(gram), np.stack(projection), np.array(squares))
+
+
+def products_by_kind(rows: Rows, maps: Sequence[JointErrorMap], b: int) -> tuple[Products, ...]:
+    """Return the products of one block: of its rows of positions, and of the others."""
+    block, splines = _columns(rows, maps, b)
+    found = []
+    for at in rows.kinds(len(block.data)):
+        gram, projection, squares = products(block.data[at], block.dense[at], splines[at])
+        found.append(Products(gram, projection, np.asarray(squares)))
+    return tuple(found)
+
+
+def _columns(rows: Rows, maps: Sequence[JointErrorMap], b: int) -> tuple[BlockRows, csr_array]:
+    """Return the rows of a block, and the columns of the B-splines of some maps."""
+    at, block = [rows.joints.index(each.joint) for each in maps], rows.block(b)
+    knots = [each.knots for each in maps]
+    return block, map_columns(block.screws[:, :, at], block.q_rad[:, at], knots)
+
+
+def maps_among(members: Sequence[Candidate]) -> list[JointErrorMap]:
+    """Return the maps among members, in their order."""
+    return [member.effect for member in members if isinstance(member.effect, JointErrorMap)]
+
+
+def _amounts(shaped: ShapedEffect, found: Array) -> Array:
+    """Return the parameters of an effect for what was found of its columns."""
+    effect = shaped.effect
+    if isinstance(effect, JointErrorMap):
+        knots = np.linalg.solve(b_splines_by_knots(effect.knots), found)
+        return np.asarray(knots, dtype=np.float64)
+    x = shaped.start.copy()
+    x[: effect.linear] += effect.prior_factor @ found
+    return x
+
+
+def _has_finest(member: Candidate) -> bool:
+    """Return whether a member is a map as fine as the search has them."""
+    effect = member.effect
+    return isinstance(effect, JointErrorMap) and effect.knots >= SPACINGS[-1][0]
+
+
+def with_form(member: Candidate, knots: int, spectrum: Spectrum | None = None) -> Candidate:
+    """Return a map with so many knots, and with a spectrum if one is given; others as they are."""
+    effect = member.effect
+    if not isinstance(effect, JointErrorMap):
+        return member
+    effect = replace(effect, knots=knots, spectrum=spectrum or effect.spectrum)
+    return replace(member, shaped=ShapedEffect(effect))

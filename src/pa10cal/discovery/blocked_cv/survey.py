@@ -8,21 +8,27 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.in_time.wander import Wander
 from pa10cal.discovery.linear import (
+    by_effects,
     by_joints,
+    by_own_terms,
     by_targets,
-    by_terms,
+    of_weights,
     possible_sizes,
     residual,
     unknowns,
     with_base_term,
 )
-from pa10cal.discovery.noise import PoseWeights
+from pa10cal.discovery.noise import (
+    Noise,
+    PoseWeights,
+    noise_of_near_poses,
+    with_torque_noise,
+)
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
@@ -32,8 +38,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import CandidateContext, Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots, harmonics_at_knots
-from pa10cal.terms.model import Model
-from pa10cal.terms.weights import Weights
 
 #: Blocks of poses, each held out in turn.
 BLOCKS = 10
@@ -93,6 +97,13 @@ class Survey:
                 left = left + own.shift(self.baseline, poses)
         return left
 
+    def noise_about(self, at: FittedModel) -> Noise:
+        """Return the noise of single readings by nearly equal poses, else as stated, of a model."""
+        noise = noise_of_near_poses(self.poses, self.left_by(at))
+        if not self.torques_logged:
+            return noise
+        return with_torque_noise(noise, at, self.poses, self.setup.payload)
+
     @property
     def nuisances(self) -> tuple[Wander | AttitudeLag, ...]:
         """Return what is found beside model and effects, and belongs to neither."""
@@ -108,10 +119,6 @@ class Survey:
         wander = next((each for each in own if isinstance(each, Wander)), None)
         lag = next((each for each in own if isinstance(each, AttitudeLag)), None)
         return replace(self, wander=wander, lag=lag)
-
-    def model(self, effects: tuple[Effect, ...] = ()) -> Model:
-        """Return the calibrated model with effects, and small motions of the base last."""
-        return with_base_term(self.baseline, effects)
 
 
 def survey(
@@ -132,7 +139,7 @@ def survey(
     Raises:
         DiscoveryError: when there are too few poses for blocks.
     """
-    if not enough(len(readings)):
+    if len(readings) < LEAST_FOR_BLOCKS:
         raise DiscoveryError(
             "too few poses to judge effects by blocked cross-validation",
             where="grid poses",
@@ -181,11 +188,6 @@ def _as_springs_take_them(poses: Observations) -> Observations:
         return poses
     loads = replace(loads, joint_Nm=poses.states.tau_Nm)
     return replace(poses, states=replace(poses.states, static_loads=loads))
-
-
-def enough(poses: int) -> bool:
-    """Return whether there are so many poses that blocks of them can be held out."""
-    return poses >= LEAST_FOR_BLOCKS
 
 
 # Orientations that go with the way a joint came, where positions do not.
@@ -407,7 +409,7 @@ class Rows:
         """Return the calibrated model."""
         baseline = self.survey.baseline
         x = np.concatenate([baseline.x, np.zeros(6)])
-        return replace(baseline, model=self.survey.model(), x=x)
+        return replace(baseline, model=with_base_term(baseline), x=x)
 
     @cached_property
     def joints(self) -> tuple[int, ...]:
@@ -429,9 +431,7 @@ class Rows:
     @property
     def of_weights(self) -> Index:
         """Return the columns of weights that are uncertain, among the model's own."""
-        model = self.place.model
-        places = [model.columns_of(each) for each in model.terms if isinstance(each, Weights)]
-        return np.concatenate([np.zeros(0, np.intp), *(self.own[at] for at in places)])
+        return np.flatnonzero(of_weights(self.place.model))
 
     @property
     def own_sizes(self) -> Array:
@@ -441,7 +441,7 @@ class Rows:
         return sizes
 
     @property
-    def pressing(self) -> NDArray[np.bool_]:
+    def pressing(self) -> Mask:
         """Return which of the model's own parameters the calibration left at a bound."""
         model, x = self.place.model, self.place.x
         bounds = Bounds.of(model.parameters)
@@ -490,7 +490,9 @@ class Rows:
         """Return the rows of one block."""
         here = np.flatnonzero(self.survey.block == b)
         poses, whiten = self.survey.poses.take(here), self.weights.whiteners(here)
-        dense = whiten @ np.concatenate([self._own(poses), *self._effects(poses)], axis=2)
+        effects, starts = [s.effect for s in self.shaped], [s.start for s in self.shaped]
+        found = by_effects(self.place, poses, effects, starts)
+        dense = whiten @ np.concatenate([self._own(poses), *found], axis=2)
         screws = whiten @ by_joints(self.place, poses, self.joints)
         q_rad = poses.states.q_rad[:, [joint - 1 for joint in self.joints]]
         data = -whiten @ residual(self.place, poses)[:, :, None]
@@ -514,22 +516,11 @@ class Rows:
         return found
 
     def _own(self, poses: Observations) -> Array:
-        model, x = self.place.model, self.place.x
-        stops = np.cumsum([0, *(len(term.parameters) for term in model.terms)])
-        points = [x[first:last] for first, last in pairwise(stops)]
-        columns = by_terms(self.place, poses, model.terms, points)
-        columns.append(by_targets(self.place, poses))
-        found: Array = np.concatenate(columns, axis=2) * possible_sizes(model, poses.measured)
-        beside = [each.columns(self.place, poses) for each in self.survey.nuisances]
-        return np.concatenate([found, *beside], axis=2)
-
-    def _effects(self, poses: Observations) -> Sequence[Array]:
-        effects = [each.effect for each in self.shaped]
-        found = by_terms(self.place, poses, effects, [each.start for each in self.shaped])
-        return [
-            columns[:, :, : effect.linear] @ effect.prior_factor
-            for effect, columns in zip(effects, found, strict=True)
-        ]
+        at = self.place
+        sizes = possible_sizes(at.model, poses.measured)[len(at.x) :]
+        own = by_own_terms(at, poses, at.model.terms)
+        beside = [each.columns(at, poses) for each in self.survey.nuisances]
+        return np.concatenate([*own, by_targets(at, poses) * sizes, *beside], axis=2)
 
     def kinds(self, count: int) -> tuple[Index, Index]:
         """Return which of so many rows are of positions, and which of orientations."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,7 +14,6 @@ from typing_extensions import override
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
-from pa10cal.discovery.evidence.candidates import testable
 from pa10cal.discovery.evidence.fit import (
     Fit,
     apparatus_m,
@@ -38,6 +37,7 @@ from pa10cal.discovery.evidence.search import (
     refit,
     resized,
     search,
+    testable,
     threshold,
 )
 from pa10cal.discovery.gap import Gap, gap, left_by
@@ -60,7 +60,7 @@ from pa10cal.discovery.preparation import (
     is_fault,
     sought,
 )
-from pa10cal.discovery.short_forms import Arena, Contest
+from pa10cal.discovery.short_forms import Arena
 from pa10cal.discovery.verdict import Plan, Searched
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
@@ -72,6 +72,8 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
 
 _ROUNDS_OF_TIME = 2
+#: Blocks of poses that are left out in turn, where short forms compete.
+_FOLDS = 9
 #: Standard uncertainty that readings have at least, in what is stated, where they are compared.
 _OF_STATED = 0.1
 
@@ -82,16 +84,10 @@ class VerdictByRepeats(Searched[Confirmation]):
 
     problem: Problem  # the campaign as it was weighed
     start: Fit  # the baseline, fitted as everything else is
-    family: tuple[Effect, ...]  # candidates that these data can show
     judgement: Judgement  # what the verdict rests on
     extended: Fit  # the model with the effects found
 
     method: ClassVar[str] = "evidence of repeats"
-
-    @cached_property
-    @override
-    def covariance(self) -> Array:
-        return covariance_of(self.problem, self.extended)
 
     @property
     @override
@@ -150,41 +146,47 @@ class VerdictByRepeats(Searched[Confirmation]):
 
     @property
     @override
-    def without_name(self) -> tuple[Effect, ...]:
-        maps = super().without_name
-        places = {(each.form, each.of) for each in self.judgement.unexplained}
-        return tuple(
-            effect
-            for effect in self.judgement.found.fit.effects
-            if effect in maps or (effect.generic and (effect.id, effect.of) in places)
-        )
-
-    @property
-    @override
     def everything(self) -> tuple[Effect, ...]:
         searched = self.judgement.found.fit.effects
         return tuple(effect for effect in super().everything if effect in searched)
 
-    @property
-    @override
-    def over_noise(self) -> bool:
-        return any(each.form is None for each in self.judgement.unexplained)
-
     @override
     def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
-        return arena_by_repeats(self, held)
+        # Without effects rows are weighed by the noise of repeats alone: that is to be reached.
+        found = self.judgement.found
+        # Its model does not keep what each of many forms makes.
+        model = replace(found.fit.model, kept=None)
+        found = replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
+        if not held:
+            found = replace(found, score=replace(found.score, pose_variance=0.0))
+        problem = found.problem
+        rows = weighed_rows(problem, found, ())
+        numbers = [found.fit.effects.index(effect) for effect in held]
+        columns = np.arange(rows.own.shape[1])
+        of_held = np.concatenate([columns[:0], *(columns[rows.members[k]] for k in numbers)])
+        _, pose = np.unique(problem.cells.pose, return_inverse=True)
+
+        def columns_of(forms: Sequence[Form]) -> list[Array]:
+            return list(weighed_rows(problem, found, tuple(forms)).family)
+
+        return Arena(
+            data=rows.data,
+            own=np.delete(rows.own, of_held, axis=1),
+            block=(pose % _FOLDS)[rows.cell],
+            held=rows.own[:, of_held] if held else None,
+            columns_of=columns_of,
+            states=problem.cells.states,
+        )
 
     @override
     def _refitted(self, effects: tuple[Effect, ...]) -> VerdictByRepeats:
-        size = dict(zip(self.extended.effects, self.extended.sizes, strict=True))
+        size, found = self.extended.size_of, self.judgement.found
         for finding in self.findings:
             for other in finding.alternatives:
                 size.setdefault(other, size[finding.effect])
-        found = self.judgement.found
         sizes = tuple(size[effect] for effect in effects)
-        return replace(
-            self, extended=fit(self.problem, effects, sizes, found.score.variances, found.fit)
-        )
+        extended = fit(self.problem, effects, sizes, found.score.variances, found.fit)
+        return replace(self, extended=extended, covariance=covariance_of(self.problem, extended))
 
     @property
     @override
@@ -200,52 +202,54 @@ class VerdictByRepeats(Searched[Confirmation]):
         return model_with(self.problem, self.extended, effects)
 
 
-def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepeats:
+def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
     """Search a campaign for missing effects.
-
-    Args:
-        campaign: made ready.
-        error_rate: probability allowed of naming anything where nothing is missing.
 
     Raises:
         DiscoveryError: when too little is repeated.
         CalibrationError: when a joint with a spring has no torque.
     """
-    baseline = campaign.baseline
+    baseline, error_rate = campaign.baseline, campaign.setup.options.error_rate
     check_torques(baseline.model, campaign.readings)
     readings = campaign.trusted
     problem, start = _with_time(readings, campaign)
     family, refused = testable(problem, start, sought(problem.context, baseline.model.terms))
     needed = threshold(effects_in(family), error_rate)
     judgement = judge(search(problem, family, error_rate, start), needed)
-    problem = judgement.found.problem
-    extended = _extended(problem, judgement)
+    problem, extended = judgement.found.problem, judgement.found.fit
+    named = tuple(finding.effect for finding in judgement.findings)
+    if named != extended.effects:
+        sizes = tuple(extended.size_of[each] for each in named)
+        extended = fit(problem, named, sizes, judgement.found.score.variances, extended)
     gap_on = partial(compare, problem, extended, searched=judgement.found.fit)
     held_out, wander, floor = campaign.held_out, problem.in_time.wander, floor_mm(problem)
+    places = {(each.form, each.of) for each in judgement.unexplained}
     return VerdictByRepeats(
         prepared=campaign,
         context=problem.context,
-        error_rate=error_rate,
         candidates=effects_in(family),
         findings=judgement.findings,
         unexplained=(
             *judgement.unexplained,
-            *(() if wander is None else wandering(wander, floor)),
+            *wandering(wander, floor),
             *told_with_rivals(problem.in_time, floor),
         ),
+        nameless=tuple(
+            effect
+            for effect in judgement.found.fit.effects
+            if effect.generic and (effect.id, effect.of) in places
+        ),
+        over_noise=any(each.form is None for each in judgement.unexplained),
         not_testable=tuple(each for each in refused if not is_fault(each.effect)),
         indistinguishable=_groups(judgement.found),
         extended=extended,
+        covariance=covariance_of(problem, extended),
         noise_floor_mm=floor,
         train=gap_on(average_repeats(readings)),
         holdout=None if held_out is None else gap_on(held_out),
-        steps=judgement.found.steps,
-        faults_of_rows=()
-        if wander is None
-        else steps_in_time(wander, extended.at, problem.readings),
+        faults_of_rows=steps_in_time(wander, extended.at, problem.readings),
         problem=problem,
         start=start,
-        family=family,
         judgement=judgement,
     )
 
@@ -267,10 +271,12 @@ def _with_time(readings: Observations, campaign: Prepared) -> tuple[Problem, Fit
     start = fit(problem, (), (), (0.0, 0.0))
     every, found = sought(problem.context, baseline.model.terms), STILL
     for _ in range(_ROUNDS_OF_TIME):
+        # A jump in few repeats may leave directions without noise: a little of what is stated.
+        stated = problem.readings.measured.stated_covariance
         found = in_time_of(
             start.at,
             problem.readings,
-            _whitener(problem),
+            whitener_of(problem.noise.cov + _OF_STATED**2 * stated),
             every,
             logged=problem.torques_logged,
             weights=problem.torque is not None,
@@ -284,26 +290,12 @@ def _with_time(readings: Observations, campaign: Prepared) -> tuple[Problem, Fit
     return problem, start
 
 
-def _whitener(problem: Problem) -> Array:
-    """Return what whitens single readings, (P, b, b).
-
-    A little of what is stated is added: a jump in few repeats may leave directions without noise.
-    """
-    stated = problem.readings.measured.stated_covariance
-    cov = problem.noise.cov + _OF_STATED**2 * stated
-    return whitener_of(cov)
-
-
 def compare(
     problem: Problem, extended: Fit, poses: Observations, searched: Fit | None = None
 ) -> Gap:
     """Return the gap of baseline and extended model on averaged poses.
 
-    Args:
-        problem: the campaign.
-        extended: the model with the effects found.
-        poses: the averaged poses.
-        searched: the model at the end of the search, which may hold what has no name, too.
+    The model at the end of the search may hold what has no name, too.
     """
     poses = complete_about(poses, problem.baseline, extended.at, problem.setup)
     floor = floor_mm(problem, poses.readings)
@@ -334,21 +326,8 @@ def _moved(problem: Problem, poses: Observations) -> Array | None:
 
 def model_with(problem: Problem, extended: Fit, effects: tuple[Effect, ...]) -> FittedModel:
     """Return an extended model with some of its effects, all fitted again."""
-    size = dict(zip(extended.effects, extended.sizes, strict=True))
-    sizes = tuple(size[each] for each in effects)
+    sizes = tuple(extended.size_of[each] for each in effects)
     return _exported(problem, fit(problem, effects, sizes, extended.variances, extended))
-
-
-def _extended(problem: Problem, judgement: Judgement) -> Fit:
-    """Return the model with the named effects alone, recalibrated where that changes it."""
-    found = judgement.found
-    named = tuple(finding.effect for finding in judgement.findings)
-    if named == found.fit.effects:
-        return found.fit
-    sizes = dict(zip(found.fit.effects, found.fit.sizes, strict=True))
-    return fit(
-        problem, named, tuple(sizes[each] for each in named), found.score.variances, found.fit
-    )
 
 
 def _groups(found: EndOfSearch) -> tuple[tuple[Effect, ...], ...]:
@@ -371,10 +350,6 @@ def evidence_lack_of_fit(problem: Problem, found: Fit) -> LackOfFit:
     Two channels: poses, measured against predicted, and torques, logged against the weights. Errors
     common to all poses take their part first: places of targets on the apparatus, masses, loads,
     zeros.
-
-    Args:
-        problem: the campaign.
-        found: the fit, with or without effects.
     """
     cells, at = problem.cells, found.at
     pose, torque = channel_tests(problem, found)
@@ -425,13 +400,9 @@ def _channel_test(channel: NoiseModel, squares: Array, dof: Array, pure: int) ->
 def _left_over(model: NoiseModel, rows: Array, test: Channel) -> Array:
     """Return measured less predicted, less the errors common to all poses, (C, b).
 
-    These errors have unit variance each, by which they are held back; the error that poses share
-    keeps them from taking what the model lacks.
-
-    Args:
-        model: the noise of the channel.
-        rows: (C, b, 1 + k) predicted less measured, and its derivative.
-        test: says what error the poses share.
+    Rows (C, b, 1 + k) are predicted less measured, and its derivative. Common errors have unit
+    variance each, by which they are held back; the error that poses share by the test of the
+    channel keeps them from taking what the model lacks.
     """
     left = -model.rows(rows[:, :, :1])
     weight = 1.0 / (1.0 + test.shared_variance_of_a_reading * model.shared_size)[:, None]
@@ -440,46 +411,6 @@ def _left_over(model: NoiseModel, rows: Array, test: Channel) -> Array:
     left = left - model.common @ common
     white = model.shared.turn.T @ left.reshape(len(rows), -1)
     return np.asarray(np.linalg.solve(model.whitener, white[..., None])[:, :, 0])
-
-
-# What short forms are held against, where repeats judged: rows about the end of the search.
-
-#: Blocks of poses that are left out in turn.
-_FOLDS = 9
-
-
-def arena_by_repeats(verdict: VerdictByRepeats, held: Sequence[Effect]) -> Arena:
-    """Return what forms are held against in place of some effects that the search ended with.
-
-    Where there are none, rows are weighed by the noise of repeats alone: that is to be reached.
-
-    Args:
-        verdict: on the campaign.
-        held: maps and smooth unknown functions.
-    """
-    found = verdict.judgement.found
-    # Its model does not keep what each of many forms makes.
-    model = replace(found.fit.model, kept=None)
-    found = replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
-    if not held:
-        found = replace(found, score=replace(found.score, pose_variance=0.0))
-    problem = found.problem
-    rows = weighed_rows(problem, found, ())
-    numbers = [found.fit.effects.index(effect) for effect in held]
-    columns = np.arange(rows.own.shape[1])
-    of_held = np.concatenate([columns[:0], *(columns[rows.members[k]] for k in numbers)])
-    _, pose = np.unique(problem.cells.pose, return_inverse=True)
-
-    def columns_of(forms: Sequence[Form]) -> list[Array]:
-        return list(weighed_rows(problem, found, tuple(forms)).family)
-
-    return Arena(
-        Contest(rows.data, np.delete(rows.own, of_held, axis=1), (pose % _FOLDS)[rows.cell]),
-        rows.own[:, of_held] if held else None,
-        columns_of,
-        problem.cells.states,
-        None,
-    )
 
 
 # The model fitted with effects that are given, weighed as the evidence weighs them.
@@ -494,10 +425,6 @@ def fit_given(problem: Problem, effects: tuple[Effect, ...]) -> tuple[Problem, F
 
     Sizes expected and errors of unknown cause are those of the greatest evidence; noise and weights
     are computed about the fit, until nothing changes.
-
-    Args:
-        problem: the campaign, made ready about the baseline.
-        effects: what to add.
 
     Returns:
         The campaign made ready about the fit, and the fit.

@@ -42,6 +42,11 @@ class Fit(ModelWithEffects):
     torque_variance: float
 
     @property
+    def size_of(self) -> dict[Effect, int]:
+        """Return the index of the size expected of each effect."""
+        return dict(zip(self.effects, self.sizes, strict=True))
+
+    @property
     def variances(self) -> tuple[float, float]:
         """Return both variances."""
         return self.pose_variance, self.torque_variance
@@ -176,12 +181,11 @@ class _Weighed:
         # Zero of an effect does not determine its shape: zero, the middle of what is expected
         # of all else, would draw the shape to the end of its range at the first step.
         x_start, middle = unknowns(at), expected_middle(problem, at.model)
-        column = len(at.x) - 6 - sum(len(effect.parameters) for effect in effects)
         for effect, size in zip(effects, sizes, strict=True):
-            here = slice(column, column + effect.linear)
-            rows[here, here] = np.linalg.inv(SIZES[size] * effect.prior_factor)
-            column += len(effect.parameters)
-            middle[here.stop : column] = x_start[here.stop : column]
+            at_effect = at.model.columns_of(effect)
+            linear = slice(at_effect.start, at_effect.start + effect.linear)
+            rows[linear, linear] = np.linalg.inv(SIZES[size] * effect.prior_factor)
+            middle[linear.stop : at_effect.stop] = x_start[linear.stop : at_effect.stop]
         self._expected, self._middle = rows, middle
         self._looked_at: tuple[Array, _Left] | None = None
 

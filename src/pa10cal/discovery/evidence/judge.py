@@ -16,19 +16,24 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.fit import Fit, covariance_of, fit
 from pa10cal.discovery.evidence.likelihood import SIZES, Block, Score
 from pa10cal.discovery.evidence.problem import NoiseModel, Problem, Whitening
-from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, evidence_about, less, threshold
+from pa10cal.discovery.evidence.search import (
+    EndOfSearch,
+    ended_at,
+    evidence_about,
+    less,
+    linearise,
+    threshold,
+)
 from pa10cal.discovery.finding import CARRIED, Finding, MayHaveCarrier
-from pa10cal.discovery.linear import mean_length, position_noise
+from pa10cal.discovery.linear import mean_length, of_weights, position_noise
 from pa10cal.discovery.preparation import effects_in, is_fault
-from pa10cal.discovery.verdict import MAP, Word, is_named, smooth_unknown, word_of
+from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
 from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import CrossValidation, EvidenceByRepeats, Unexplained
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.weights import Weights
 
 FLIPS = 999
 #: Probability allowed that chance makes as much of the family, by sign flips over poses.
@@ -58,13 +63,7 @@ class WeighedRows:
 
 
 def confirm(problem: Problem, found: EndOfSearch, needed: float = 0.0) -> tuple[Confirmation, ...]:
-    """Confirm every effect that the search found.
-
-    Args:
-        problem: the campaign.
-        found: where the search ended.
-        needed: evidence that a name needs, natural logarithm.
-    """
+    """Confirm every effect that the search found; a name needs so much log evidence."""
     if not found.fit.effects:
         return ()
     rows = weighed_rows(problem, found, found.family)
@@ -97,17 +96,13 @@ def weighed_rows(
 ) -> WeighedRows:
     """Return all rows by independent errors of unit variance.
 
-    Args:
-        problem: the campaign.
-        found: where the search ended.
-        family: candidates; effects that the search holds are members besides.
-        turned: by what the cells of a pose share, else by cell.
+    Those of candidates, and of effects that the search holds; turned by what the cells of a pose
+    share, else by cell.
     """
     others = tuple(effect for effect in found.fit.effects if effect not in family)
     lin = linearise(problem, found.fit, (*family, *others))
     blocks = dict(zip((*family, *others), lin.blocks, strict=True))
     score = found.score
-    size = dict(zip(found.fit.effects, found.fit.sizes, strict=True))
 
     def rows_of(channel: NoiseModel, variance: float, rows: Array) -> Array:
         if turned:
@@ -132,10 +127,13 @@ def weighed_rows(
     own = both(lin.own, np.zeros((len(lin.torque_data), lin.own.shape[1])))
     # Weights that are uncertain are an error that all poses share: as parameters they would take up
     # what their uncertainty leaves no room for.
-    uncertain = _of_weights(found)
+    uncertain = np.isin(found.fit.own_columns(), np.flatnonzero(of_weights(found.fit.model)))
     known = Whitening.of(np.ones(len(own)), own[:, uncertain])
     own = known(own[:, ~uncertain])
-    of_members = [known(block(blocks[effect], SIZES[size[effect]])) for effect in found.fit.effects]
+    of_members = [
+        known(block(blocks[effect], SIZES[found.fit.size_of[effect]]))
+        for effect in found.fit.effects
+    ]
     stops = np.cumsum([own.shape[1], *(part.shape[1] for part in of_members)]).tolist()
     cells = [np.repeat(np.arange(len(problem.cells)), problem.pose.whitener.shape[1])]
     if problem.torque is not None:
@@ -147,17 +145,6 @@ def weighed_rows(
         family=tuple(known(block(blocks[effect], 1.0)) for effect in family) if turned else (),
         cell=np.concatenate(cells),
     )
-
-
-def _of_weights(found: EndOfSearch) -> NDArray[np.bool_]:
-    """Return which of the model's own columns are weights that are uncertain."""
-    model = found.fit.model
-    places = [
-        np.arange(len(found.fit.x))[model.columns_of(term)]
-        for term in model.terms
-        if isinstance(term, Weights)
-    ]
-    return np.isin(found.fit.own_columns(), np.concatenate([np.zeros(0, np.intp), *places]))
 
 
 def _flipped(rows: WeighedRows, k: int, pose: Index, signs: Array) -> float:
@@ -271,19 +258,13 @@ _MOST_REFITS = 12
 class Judgement:
     """What the search comes to."""
 
-    verdict: Word  # in a word
     findings: tuple[Finding[Confirmation], ...]  # effects of the vocabulary, in the order found
     unexplained: tuple[Unexplained, ...]  # what remains without a name
     found: EndOfSearch  # the search, its fit holding every finding and every generic effect
 
 
 def judge(found: EndOfSearch, needed: float = 0.0) -> Judgement:
-    """Judge what the search found.
-
-    Args:
-        found: where the search ended.
-        needed: evidence that a name needs, natural logarithm.
-    """
+    """Judge what the search found; a name needs so much log evidence."""
     found = _prefer_named(found)
     rivals = {effect: _rivals(found, effect) for effect in found.fit.effects}
     confirmations = dict(zip(found.fit.effects, confirm(found.problem, found, needed), strict=True))
@@ -296,7 +277,7 @@ def judge(found: EndOfSearch, needed: float = 0.0) -> Judgement:
         findings.append(Finding(effect, x, of_x, rivals[effect], confirmations[effect]))
     unexplained = _unexplained(found, confirmations)
     findings = [f for f in findings if not _bent(found, f.effect, unexplained)]
-    return Judgement(word_of(findings, unexplained), tuple(findings), unexplained, found)
+    return Judgement(tuple(findings), unexplained, found)
 
 
 def _prefer_named(found: EndOfSearch) -> EndOfSearch:
@@ -305,9 +286,7 @@ def _prefer_named(found: EndOfSearch) -> EndOfSearch:
         if is_named(effect) or is_fault(effect):
             continue
         for rival, _ in _refitted(found, effect, tuple(filter(is_named, found.family))):
-            return _prefer_named(
-                ended_at(found.problem, rival, found.family, found.same, found.steps)
-            )
+            return _prefer_named(ended_at(found.problem, rival, found.family, found.same))
     return found
 
 
@@ -415,9 +394,7 @@ def shared_error_mm(problem: Problem, variance: float) -> float:
 def floor_mm(problem: Problem, repeats: NDArray[np.int64] | None = None) -> float:
     """Return the mean position error that the repeatability alone leaves in averaged poses.
 
-    Args:
-        problem: gives the noise of a reading.
-        repeats: (P,) readings averaged into each pose; None for those of the poses fitted.
+    Of so many readings (P,) each; None for those of the poses fitted.
     """
     variance = _position_noise(problem)
     if repeats is None:

@@ -16,14 +16,11 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg.blas import dtrsm
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.problem import NoiseModel
-
-Columns = NDArray[np.intp]
 
 #: Variances looked at between the neighbours of the best one tried, where a spline is laid.
 _BETWEEN = 129
@@ -62,12 +59,12 @@ class Score:
 class _Given:
     """Products of w columns at V variances, a set of candidates taken as there."""
 
-    place: Columns  # (p,) where each of all columns stands among the w
+    place: Index  # (p,) where each of all columns stands among the w
     projection: Array  # (V, w) products with the data, after the set took its part
     constant: Array  # (V,) minus twice the logarithm of the likelihood with the set
     taken: Array  # (V, m, w) what the set takes of each column
 
-    def gains(self, own: Columns, grams: Array) -> Array:
+    def gains(self, own: Index, grams: Array) -> Array:
         """Return the gain in evidence of candidates at each of `SIZES`, the best variance.
 
         Args:
@@ -156,7 +153,8 @@ class Evidence:
         torques = self._given(columns, scale, at_g0, every, showing) if showing else None
         gains = np.empty((len(SIZES), len(candidates)))
         for own, at in self._by_width(candidates):
-            of_pose, of_torque = self._grams(own)
+            inner = (slice(None), own[:, :, None], own[:, None, :])
+            of_pose, of_torque = self._pose.gram[inner], self._torque.gram[inner]
             gains[:, at] = poses.gains(own, of_pose + of_torque[at_h0])
             shows = self._shows_in_torque[np.array(candidates)[at]]
             if torques and shows.any():  # their shared error is then chosen anew as well
@@ -166,19 +164,14 @@ class Evidence:
         cost = float(np.log(len(SIZES)))
         return [(float(gains[size, k]) - cost, int(size)) for k, size in enumerate(best)]
 
-    def _by_width(self, candidates: list[int]) -> list[tuple[Columns, Columns]]:
+    def _by_width(self, candidates: list[int]) -> list[tuple[Index, Index]]:
         """Return columns (c, k) of the candidates of as many each, and where those are listed."""
         width = np.array([len(self._columns[k]) for k in candidates], dtype=np.intp)
         places = [np.flatnonzero(width == k) for k in np.unique(width)]
         return [(np.stack([self._columns[candidates[k]] for k in at]), at) for at in places]
 
-    def _grams(self, own: Columns) -> tuple[Array, Array]:
-        """Return products (G, c, k, k), (H, c, k, k) of columns (c, k) in poses and torques."""
-        inner = (slice(None), own[:, :, None], own[:, None, :])
-        return self._pose.gram[inner], self._torque.gram[inner]
-
     def _given(
-        self, columns: Columns, scale: Array, g: slice, h: slice, candidates: list[int]
+        self, columns: Index, scale: Array, g: slice, h: slice, candidates: list[int]
     ) -> _Given:
         """Reduce the products of the columns of candidates by a set that is taken as there."""
         wanted = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in candidates)])
@@ -243,7 +236,7 @@ class Evidence:
             nearest=(g, h),
         )
 
-    def _of(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> tuple[Columns, Array]:
+    def _of(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> tuple[Index, Array]:
         """Return the columns of a set and the size by which each is scaled."""
         columns = [self._columns[k] for k in members]
         scale = [np.full(len(own), SIZES[size]) for own, size in zip(columns, sizes, strict=True)]
@@ -326,13 +319,13 @@ class Reduced:
     projection: Array  # (G, p) products with the data
     constant: Array  # (G,) minus twice the logarithm of the likelihood without candidates
 
-    def of(self, columns: Columns) -> Reduced:
+    def of(self, columns: Index) -> Reduced:
         """Return the products of some columns (p',)."""
         return Reduced(
             self.between(slice(None), columns, columns), self.projection[:, columns], self.constant
         )
 
-    def between(self, variances: slice, rows: Columns, columns: Columns) -> Array:
+    def between(self, variances: slice, rows: Index, columns: Index) -> Array:
         """Return the products of some columns with some others, at some variances, (V, r, c)."""
         places = self.gram.shape[1] * rows[:, None] + columns
         chosen = self.gram[variances]
@@ -371,7 +364,7 @@ def _integrated_out(products: Array, first: int) -> tuple[Array, float]:
     return left, 2.0 * float(np.log(np.diag(factor)).sum())
 
 
-def spread(reduced: Reduced, places: Columns, width: int) -> Reduced:
+def spread(reduced: Reduced, places: Index, width: int) -> Reduced:
     """Return the same with columns at other places among more, which are zero."""
     count = len(reduced.constant)
     gram, projection = np.zeros((count, width, width)), np.zeros((count, width))

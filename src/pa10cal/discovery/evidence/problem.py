@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.arrays import Array
 from pa10cal.discovery.in_time.wander import STILL, InTime
@@ -20,8 +19,9 @@ from pa10cal.discovery.noise import (
     same_circumstances,
     whitener_of,
 )
-from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of, static_loads
+from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import unknown_tool
 from pa10cal.observe.observations import Observations, average_groups
 from pa10cal.options import DiscoveryOptions
@@ -43,13 +43,8 @@ def gather(
 ) -> tuple[Observations, Array]:
     """Average readings into cells, ordered by pose, load, direction and time.
 
-    Args:
-        readings: P single readings.
-        cov: (P, b, b) covariances of their components.
-        most: readings a cell.
-
     Returns:
-        The C cells, and the covariances (C, b, b) of their means.
+        The C cells, and the covariances (C, b, b) of their means, from those (P, b, b) of readings.
     """
     circumstances = same_circumstances(readings)
     order = np.lexsort((readings.states.time_s, circumstances))
@@ -80,11 +75,7 @@ class SharedError:
 
 
 def shared_error(cells: Observations) -> SharedError:
-    """Lay out the errors that cells of a pose share.
-
-    Args:
-        cells: C cells, whose rows are whitened by the covariance of their own mean.
-    """
+    """Lay out the errors that C cells share, their rows whitened by each one's own noise."""
     count = len(cells)
     turn, size = np.zeros((count, count)), np.zeros(count)
     for pose in np.unique(cells.pose):
@@ -137,13 +128,7 @@ class NoiseModel:
 
     @classmethod
     def of(cls, whitener: Array, shared: SharedError, common: Array) -> NoiseModel:
-        """Lay out a channel.
-
-        Args:
-            whitener: (C, b, b).
-            shared: errors that cells of a pose share.
-            common: (C, b, c) errors common to all poses, at their standard uncertainty.
-        """
+        """Lay out a channel: whitener (C, b, b), common errors (C, b, c) at their uncertainty."""
         bare = cls(whitener, shared, np.zeros((whitener.shape[0] * whitener.shape[1], 0)))
         return cls(whitener, shared, bare.rows(common))
 
@@ -252,7 +237,10 @@ def prepare(
     if moved is not None:
         left = left + moved
     noise = noise_of_repeats(readings, left, by_every_joint(about, readings))
-    cells, cell_cov = gather(readings, noise.cov, _readings_a_cell(readings, in_time))
+    # Readings stay alone in their cells where time shows between them.
+    few = np.bincount(same_circumstances(readings)).max() <= READINGS_A_CELL
+    alone = in_time.wander is not None or (in_time.drifts and few)
+    cells, cell_cov = gather(readings, noise.cov, 1 if alone else READINGS_A_CELL)
     cells = complete_about(cells, baseline, about, setup)
     # A log that never scatters was calculated, and tells nothing of the joints.
     scatters = bool(np.any(noise.torque_Nm > 0.0))
@@ -280,13 +268,6 @@ def prepare(
         logged,
         in_time,
     )
-
-
-def _readings_a_cell(readings: Observations, in_time: InTime) -> int:
-    """Return how many readings a cell may average: one alone, where time shows between them."""
-    few = np.bincount(same_circumstances(readings)).max() <= READINGS_A_CELL
-    alone = in_time.wander is not None or (in_time.drifts and few)
-    return 1 if alone else READINGS_A_CELL
 
 
 def noise_models(
@@ -319,7 +300,7 @@ def noise_models(
     pose = NoiseModel.of(whitener_of(cell_cov), shared, common)
     if setup.payload is None or torque_u_Nm is None:
         return pose, None, np.zeros_like(cells.states.q_rad)
-    weights = static_loads(cells.states, about, setup.payload)
+    weights = statics_of(about.model, about.x, cells.states, setup.payload)
     scale = np.sqrt(cells.readings)[:, None] / torque_u_Nm
     common = _common_torques(
         cells, weights, about, setup.payload, setup.options, np.unique(load_N[load_N > 0])
@@ -348,9 +329,13 @@ def _common_torques(
     ).ravel()
     load_N = cells.states.load_N[:, None] * (cells.states.load_N[:, None] == loads_N)
     by_payload = [
-        static_loads(cells.states, baseline, moved).torque_Nm - weights.torque_Nm
+        statics_of(baseline.model, baseline.x, cells.states, moved).torque_Nm - weights.torque_Nm
         for moved in _misplaced(payload, options)
     ]
+    of_tool = np.zeros((*weights.torque_Nm.shape, 0))
+    if not payload.known:
+        tool = unknown_tool(arm, payload)
+        of_tool = weights.static_loads.by_weights[:, :, list(tool.columns)] * tool.sizes
     rated_Nm = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0))
     zero = np.tile(np.diag(options.torque_zero_uncertainty * rated_Nm), (len(cells), 1, 1))
     return np.concatenate(
@@ -358,19 +343,11 @@ def _common_torques(
             weights.torque_by_mass * by_link,
             options.load_uncertainty * weights.torque_by_load[:, :, None] * load_N[:, None, :],
             np.stack(by_payload, axis=2),
-            _unknown_tool(arm, payload, weights),
+            of_tool,
             zero,
         ],
         axis=2,
     )
-
-
-def _unknown_tool(arm: Arm, payload: Payload, weights: Statics) -> Array:
-    """Return what a tool of unknown mass does to the torques, (C, n, 4); none of one known."""
-    if payload.known:
-        return np.zeros((*weights.torque_Nm.shape, 0))
-    tool = unknown_tool(arm, payload)
-    return weights.static_loads.by_weights[:, :, list(tool.columns)] * tool.sizes
 
 
 def _misplaced(payload: Payload, options: DiscoveryOptions) -> list[Payload]:

@@ -1,21 +1,202 @@
-"""Which set of effects the data support: steps forward, looks backward, full refits between."""
+"""Which set of effects the data support: steps forward, looks backward, full refits between.
+
+The family of candidates, every effect at every place, is settled before residuals are looked at:
+which effects the model's own parameters absorb, and which are indistinguishable.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pa10cal.discovery.evidence.candidates import Linearised, indistinguishable, linearise
-from pa10cal.discovery.evidence.fit import Fit, fit
-from pa10cal.discovery.evidence.likelihood import SIZES, Evidence, Score
+from pa10cal.arrays import Array, Mask
+from pa10cal.discovery.evidence.fit import Fit, fit, pose_rows, torque_rows
+from pa10cal.discovery.evidence.likelihood import SIZES, Block, Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.discovery.finding import name_of
-from pa10cal.discovery.linear import error_mm, residual
-from pa10cal.discovery.preparation import effects_in
-from pa10cal.results.analysis import SearchStep
+from pa10cal.discovery.finding import NotTestable
+from pa10cal.discovery.linear import by_end, of_weights, possible_sizes
+from pa10cal.discovery.preparation import computable, effects_in, why_hidden
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.term import shows_torque
+
+#: Effects whose directions are closer than this look the same.
+INDISTINGUISHABLE = 0.999
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The rows of a fit and of candidates about it."""
+
+    # pose_data and torque_data: whitened rows of measured minus predicted, with the linear part of
+    # the fit's own effects put back, as if they had not been in it
+    pose_data: Array
+    torque_data: Array
+    own: Array  # (R, k) whitened rows of the model's own parameters, at their possible size
+    blocks: tuple[Block, ...]  # of each candidate requested, in order
+
+
+def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> Linearised:
+    """Linearise the model about a fit, by its own parameters and by candidates.
+
+    Those of the fit's effects that are among the candidates are put back.
+    """
+    pose = problem.pose.rows(pose_rows(problem, found.at))
+    own_columns = found.own_columns()
+    possible = possible_sizes(found.model, problem.cells.measured)[own_columns]
+    pose_data, by_x = -pose[:, 0], pose[:, 1:]
+    torque_data, torque_by_x = np.zeros(0), np.zeros((0, len(found.x)))
+    if problem.torque is not None:
+        torque = problem.torque.rows(torque_rows(problem, found.at))
+        torque_data, torque_by_x = -torque[:, 0], torque[:, 1:]
+    blocks: dict[Effect, Block] = {}
+    for effect, (first, last) in zip(found.effects, found.effect_columns(), strict=True):
+        linear = slice(first, first + effect.linear)
+        pose_data = pose_data + by_x[:, linear] @ found.x[linear]
+        torque_data = torque_data + torque_by_x[:, linear] @ found.x[linear]
+        blocks[effect] = Block(
+            by_x[:, first:last], torque_by_x[:, first:last], _factor(effect, found.of(effect))
+        )
+    # Weights are expected about what is described, not about the fit.
+    weights = np.flatnonzero(of_weights(found.model))
+    pose_data = pose_data + by_x[:, weights] @ found.x[weights]
+    others = tuple(effect for effect in candidates if effect not in blocks)
+    if others:
+        blocks |= zip(others, _blocks(problem, found, others), strict=True)
+    return Linearised(
+        pose_data,
+        torque_data,
+        by_x[:, own_columns] * possible,
+        tuple(blocks[effect] for effect in candidates),
+    )
+
+
+def _blocks(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> list[Block]:
+    """Return the rows of effects that the fit has not, at each of their shapes."""
+    states = problem.cells.states
+    asked = [(effect, start) for effect in effects for start in effect.starts]
+    terms = [effect for effect, _ in asked]
+    at = found.at
+    in_base = at.model.by_terms(states, at.x, terms, [start for _, start in asked])
+    widths = np.cumsum([0, *(effect.linear for effect in terms)])
+    turn = by_end(at, problem.cells, at.model.predict(states, at.x))
+    together = np.concatenate(
+        [values[:, :, : effect.linear] for values, effect in zip(in_base, terms, strict=True)],
+        axis=2,
+    )
+    pose = problem.pose.rows(turn @ together)
+    torque = np.zeros((0, widths[-1]))
+    if problem.torque is not None:
+        by_x = np.zeros((*states.tau_Nm.shape, widths[-1]))
+        for (effect, start), first, last in zip(asked, widths[:-1], widths[1:], strict=True):
+            if shows_torque(effect):
+                by_x[:, :, first:last] = effect.torque_derivative(states, start)
+        torque = problem.torque.rows(by_x)
+    blocks, k = [], 0
+    for effect in effects:
+        shapes = len(effect.starts)
+        columns = slice(widths[k], widths[k + shapes])
+        factor = np.asarray(np.kron(np.eye(shapes), effect.prior_factor), dtype=float)
+        blocks.append(Block(pose[:, columns], torque[:, columns], factor))
+        k += shapes
+    return blocks
+
+
+def _factor(effect: Effect, x: Array) -> Array:
+    """Return the factor of an effect in a fit: its shape may be anything near."""
+    k, linear = len(x), effect.linear
+    factor = np.zeros((k, k))
+    factor[:linear, :linear] = effect.prior_factor
+    factor[range(linear, k), range(linear, k)] = np.abs(x[linear:])
+    return factor
+
+
+def testable(
+    problem: Problem, found: Fit, effects: tuple[Effect, ...]
+) -> tuple[tuple[Effect, ...], tuple[NotTestable, ...]]:
+    """Divide effects into those that these data can show and those that they cannot."""
+    known, refused = computable(
+        effects,
+        problem.cells.states,
+        logged=problem.torques_logged,
+        weights=problem.torque is not None,
+    )
+    uncertain = of_weights(found.model).any()
+    shown = []
+    every = _beside_own(problem, found, tuple(known))
+    for effect, (rows, left, bare, seen) in zip(known, every, strict=True):
+        if uncertain:  # what weights take up of it is limited by their own uncertainty
+            left = _root(rows.T @ left)
+        share = float(np.linalg.norm(left) / max(float(np.linalg.norm(rows)), 1e-300))
+        signal = float(np.linalg.norm(left, 2)) if left.size else 0.0
+        if np.any(bare):
+            share = max(share, float(np.linalg.norm(seen) / np.linalg.norm(bare)))
+            signal = float(np.hypot(signal, np.linalg.norm(seen, 2)))
+        why = _why_silent(problem) if signal == 0.0 else why_hidden(share, signal)
+        if why is None:
+            shown.append(effect)
+        else:
+            refused.append(NotTestable(effect, why))
+    return tuple(shown), tuple(refused)
+
+
+def _beside_own(
+    problem: Problem, found: Fit, effects: tuple[Effect, ...]
+) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Yield rows of each effect: of poses, what own parameters leave of these, of torques.
+
+    In their plausible size; those of torques bare, and weighed.
+    """
+    lin = linearise(problem, found, effects)
+    pose = problem.pose.whitening(0.0)
+    own, _ = np.linalg.qr(np.concatenate([pose(lin.own), np.eye(lin.own.shape[1])]))
+    own = own[: len(lin.own)]
+    torque = None if problem.torque is None else problem.torque.whitening(0.0)
+    for block in lin.blocks:
+        rows, bare = pose(block.pose @ block.factor), block.torque @ block.factor
+        yield rows, rows - own @ (own.T @ rows), bare, bare if torque is None else torque(bare)
+
+
+def _root(square: Array) -> Array:
+    """Return rows whose products are those given."""
+    values, vectors = np.linalg.eigh(0.5 * (square + square.T))
+    root: Array = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    return root
+
+
+def _why_silent(problem: Problem) -> str:
+    """Return why an effect moves nothing at all in these poses."""
+    if not np.any(problem.cells.states.arrival):
+        return "the poses do not exercise it, or the direction of arrival was not logged"
+    return "the poses do not exercise it"
+
+
+def indistinguishable(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> Mask:
+    """Return which effects look the same in these poses, whatever is measured, (m, m).
+
+    Two do when every canonical cosine of what the model's own parameters leave of them is close to
+    one. Known before residuals are looked at; such effects stand for each other. Torques are taken
+    as the weights require, so that the noise of the log distinguishes nothing.
+    """
+    states = problem.cells.states
+    if states.static_loads is not None:
+        quiet = replace(states, tau_Nm=states.static_loads.joint_Nm)
+        problem = replace(problem, cells=replace(problem.cells, states=quiet))
+    bases = [
+        np.linalg.qr(np.concatenate([left, seen]))[0]
+        for _, left, _, seen in _beside_own(problem, found, effects)
+    ]
+    same = np.eye(len(effects), dtype=bool)
+    for i, first in enumerate(bases):
+        for j in range(i):
+            if bases[j].shape == first.shape and not effects[i].generic and not effects[j].generic:
+                least = np.linalg.svd(first.T @ bases[j], compute_uv=False)[-1]
+                same[i, j] = same[j, i] = bool(least > INDISTINGUISHABLE)
+    return same
+
+
+# The search.
 
 #: A forward step may be a proxy for what comes later; it need only make the data likelier.
 _FORWARD_GAIN = 1.0
@@ -34,11 +215,8 @@ class EndOfSearch:
     without: tuple[Score, ...]  # evidence of the set less each of its effects
     evidence: Evidence  # about that fit, over the whole family
     family: tuple[Effect, ...]  # the candidates, in the order of the evidence's blocks
-    same: NDArray[np.bool_]  # (m, m) which of them look the same in these poses
+    same: Mask  # (m, m) which of them look the same in these poses
     nothing: Score  # evidence of the empty set about that fit
-    steps: tuple[
-        SearchStep, ...
-    ]  # sets after every refit, with their evidence gain over the empty set
 
 
 def threshold(family: int, error_rate: float) -> float:
@@ -57,26 +235,17 @@ def evidence_about(problem: Problem, found: Fit, family: tuple[Effect, ...]) -> 
 def search(
     problem: Problem, family: tuple[Effect, ...], error_rate: float, start: Fit
 ) -> EndOfSearch:
-    """Find the set of effects that the data support.
-
-    Args:
-        problem: the campaign.
-        family: all candidates.
-        error_rate: probability allowed of naming anything where nothing is missing.
-        start: the model without effects, fitted.
-    """
+    """Find the set of effects of a family that the data support, from the model without effects."""
     needed = threshold(effects_in(family), error_rate)
     same = indistinguishable(problem, start, family)
     current = start
     members: tuple[int, ...] = ()
     sizes: tuple[int, ...] = ()
     seen: set[frozenset[int]] = set()
-    steps: list[SearchStep] = []
     for _ in range(_MOST_ROUNDS):
         evidence = evidence_about(problem, current, family)
         members, sizes = _improve(evidence, same, members, sizes, needed)
         score = evidence.score(members, sizes)
-        nothing = evidence.score((), ())
         if frozenset(members) in seen:
             break
         seen.add(frozenset(members))
@@ -87,22 +256,14 @@ def search(
             score.variances,
             current,
         )
-        steps.append(
-            SearchStep(
-                effects=tuple(name_of(family[k]) for k in members),
-                gain_nats=score.log_evidence - nothing.log_evidence,
-                rms_mm=_rms_mm(problem, current),
-            )
-        )
-    return ended_at(problem, current, family, same, tuple(steps))
+    return ended_at(problem, current, family, same)
 
 
 def ended_at(
     problem: Problem,
     current: Fit,
     family: tuple[Effect, ...],
-    same: NDArray[np.bool_],
-    steps: tuple[SearchStep, ...],
+    same: Mask,
 ) -> EndOfSearch:
     """Return what the search has found where it ends at a fit, with the evidence about it."""
     evidence = evidence_about(problem, current, family)
@@ -118,7 +279,6 @@ def ended_at(
         family=family,
         same=same,
         nothing=evidence.score((), ()),
-        steps=steps,
     )
 
 
@@ -148,7 +308,7 @@ def refit(
 
 def _improve(
     evidence: Evidence,
-    same: NDArray[np.bool_],
+    same: Mask,
     members: tuple[int, ...],
     sizes: tuple[int, ...],
     needed: float,
@@ -167,7 +327,7 @@ def _improve(
 
 def _forward(
     evidence: Evidence,
-    same: NDArray[np.bool_],
+    same: Mask,
     members: tuple[int, ...],
     sizes: tuple[int, ...],
     forbidden: set[int],
@@ -196,7 +356,7 @@ def _forward(
         _, members, sizes = best
 
 
-def _open(same: NDArray[np.bool_], members: tuple[int, ...], forbidden: set[int]) -> list[int]:
+def _open(same: Mask, members: tuple[int, ...], forbidden: set[int]) -> list[int]:
     """Return what may join: nothing forbidden, nothing that looks the same as a member."""
     return [k for k in range(len(same)) if k not in forbidden and not same[k, list(members)].any()]
 
@@ -251,9 +411,3 @@ def resized(
 def less(values: tuple[int, ...], k: int) -> tuple[int, ...]:
     """Return the values without the k-th."""
     return values[:k] + values[k + 1 :]
-
-
-def _rms_mm(problem: Problem, found: Fit) -> float:
-    cells = problem.cells
-    errors_mm = error_mm(cells.measured, residual(found.at, cells))
-    return float(np.sqrt(np.mean(errors_mm**2)))

@@ -6,11 +6,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.finding import Fault
 from pa10cal.discovery.in_time.wander import (
     STILL,
@@ -21,7 +20,7 @@ from pa10cal.discovery.in_time.wander import (
     motions_along,
     sizes_of_six,
 )
-from pa10cal.discovery.linear import by_joints, by_targets, by_terms, error_mm, possible_sizes
+from pa10cal.discovery.linear import by_effects, by_joints, by_own_terms, by_targets, error_mm
 from pa10cal.discovery.preparation import why_unknown
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -90,23 +89,19 @@ def in_time_of(
         and why_unknown(effect, poses.states, logged=logged, weights=weights) is None
     ]
     own = [term for term in at.model.terms if not isinstance(term, JointErrorMap)]
-    points = [at.x[at.model.columns_of(term)] for term in own]
-    possible = possible_sizes(at.model)
-    held = [
-        columns * possible[at.model.columns_of(term)]
-        for term, columns in zip(own, by_terms(at, poses, own, points), strict=True)
-    ]
+    load_N = poses.states.load_N
+    by_load = motions_along(by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
+    held = [*by_own_terms(at, poses, own), by_targets(at, poses) * _TARGET_M, _BY_LOAD * by_load]
     static: list[Array] = []
     in_time: list[Array] = []
     asked = [(effect, start) for effect in known for start in effect.starts]
-    found = by_terms(at, poses, [effect for effect, _ in asked], [start for _, start in asked])
-    for (effect, _), columns in zip(asked, found, strict=True):
-        scaled = columns[:, :, : effect.linear] @ effect.prior_factor
+    effects = [effect for effect, _ in asked]
+    found = by_effects(at, poses, effects, [start for _, start in asked])
+    for effect, columns in zip(effects, found, strict=True):
         if effect.goes_with_time:
-            in_time.append(_SIZES * scaled)
+            in_time.append(_SIZES * columns)
         else:
-            static.append(scaled)
-    held += [by_targets(at, poses) * _TARGET_M, _by_load(at, poses)]
+            static.append(columns)
     if once:
         static.append(_waves(at, poses, slow))
     none = np.zeros((*whitener.shape[:2], 0))
@@ -122,7 +117,8 @@ def in_time_of(
     if measured_again(poses):
         return shows
     rivals: Rivals = ()
-    first_mm, prismatic = shows.rms_mm, at.model.chain.arm.prismatic
+    first_mm = 0.0 if shows.wander is None else shows.wander.rms_mm[0]
+    prismatic = at.model.chain.arm.prismatic
     for _ in range(_MOST_RIVALS):
         more = rivals_of(shows, poses.states, prismatic)
         if not more:
@@ -140,8 +136,12 @@ def in_time_of(
     return replace(shows, rivals=said, rivals_mm=first_mm)
 
 
-def steps_in_time(wander: Wander, at: FittedModel, readings: Observations) -> tuple[Fault, ...]:
+def steps_in_time(
+    wander: Wander | None, at: FittedModel, readings: Observations
+) -> tuple[Fault, ...]:
     """Return the jumps as faults of the log."""
+    if wander is None:
+        return ()
     order = np.argsort(readings.states.time_s, kind="stable")
     time_s, pose = readings.states.time_s[order], readings.pose[order]
     found = []
@@ -173,7 +173,7 @@ def steps_in_time(wander: Wander, at: FittedModel, readings: Observations) -> tu
 Rivals = tuple[Parting | Driver, ...]
 
 
-def rivals_of(found: InTime, states: PoseStates, prismatic: NDArray[np.bool_]) -> Rivals:
+def rivals_of(found: InTime, states: PoseStates, prismatic: Mask) -> Rivals:
     """Return the errors by joints and the load that explain as well what was found of time."""
     if found.wander is None:
         return ()
@@ -223,11 +223,11 @@ def told_with_rivals(found: InTime, floor_mm: float) -> tuple[Unexplained, ...]:
     return (Unexplained(of=None, form=None, shared_error_mm=found.rivals_mm, why=why),)
 
 
-def wandering(wander: Wander, floor_mm: float) -> tuple[Unexplained, ...]:
+def wandering(wander: Wander | None, floor_mm: float) -> tuple[Unexplained, ...]:
     """Return the walk where it exceeds what the repeatability leaves."""
-    walk_mm = wander.rms_mm[1]
-    if not wander.walk_m or walk_mm <= floor_mm:
+    if wander is None or not wander.walk_m or wander.rms_mm[1] <= floor_mm:
         return ()
+    walk_mm = wander.rms_mm[1]
     hours = float(np.ptp(wander.times_s)) / _SECONDS_AN_HOUR
     why = (
         f"the instrument or the base wandered by {walk_mm:.3g} mm (root mean square) in "
@@ -236,20 +236,12 @@ def wandering(wander: Wander, floor_mm: float) -> tuple[Unexplained, ...]:
     return (Unexplained(of="base", form=None, shared_error_mm=walk_mm, why=why),)
 
 
-def _by_load(at: FittedModel, poses: Observations) -> Array:
-    """Return motions of the base from load to load, (P, b, 6 (loads - 1))."""
-    load_N = poses.states.load_N
-    under = load_N[:, None] == np.unique(load_N)[1:]
-    columns = under[:, None, :, None] * by_base(at, poses)[:, :, None, :]
-    return np.asarray(_BY_LOAD * columns.reshape(*columns.shape[:2], -1))
-
-
 def like_a_scan(poses: Observations) -> bool:
     """Return whether poses follow each other so closely that time and place go together."""
     return float(slow_joints(poses.states).mean()) > 0.5
 
 
-def _waves(at: FittedModel, poses: Observations, slow: NDArray[np.bool_]) -> Array:
+def _waves(at: FittedModel, poses: Observations, slow: Mask) -> Array:
     """Return waves of the error of every turning joint by its angle, (P, b, w)."""
     arm = at.model.chain.arm
     joints = [joint for joint, slides in enumerate(arm.prismatic, start=1) if not slides]

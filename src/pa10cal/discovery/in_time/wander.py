@@ -34,11 +34,6 @@ class Jump:
     size_m: float = 0.0  # standard deviation expected of its shift
     turn: float = 0.0  # expected turn a shift [rad/m]
 
-    @classmethod
-    def between(cls, before_s: float, after_s: float) -> Jump:
-        """Return a jump in the middle of the times of two readings."""
-        return cls(0.5 * (before_s + after_s), before_s, after_s)
-
 
 @dataclass(frozen=True, eq=False)
 class Wander:
@@ -62,7 +57,8 @@ class Wander:
         """Return the standard deviation expected of each motion of each course, (6 c,)."""
         parts = [sizes_of_six(jump.size_m, jump.turn) for jump in self.jumps]
         if self.walk_m:
-            parts += [sizes_of_six(size, self.walk_turn) for size in wave_sizes(self.walk_m)]
+            waves = self.walk_m * np.sqrt(6.0) / (np.pi * np.arange(1, WAVES + 1))
+            parts += [sizes_of_six(size, self.walk_turn) for size in waves]
         return np.concatenate([np.zeros(0), *parts])
 
     def columns(self, at: FittedModel, poses: Observations) -> Array:
@@ -97,11 +93,6 @@ class InTime:
     # go with them explain that as well
     rivals: tuple[str, ...] = ()
     rivals_mm: float = 0.0  # root mean square of all that was seen before they were held against it
-
-    @property
-    def rms_mm(self) -> float:
-        """Return the root mean square of jumps and walk at the readings."""
-        return 0.0 if self.wander is None else self.wander.rms_mm[0]
 
 
 STILL = InTime(None, drifts=False)
@@ -138,12 +129,6 @@ def motions_along(by_motions: Array, courses: Array) -> Array:
     """Return columns (P, b, 6 c) of six motions (P, b, 6) in each course (P, c)."""
     both = courses[:, None, :, None] * by_motions[:, :, None, :]
     found: Array = both.reshape(*by_motions.shape[:2], -1)
-    return found
-
-
-def wave_sizes(walk_m: float) -> Array:
-    """Return the standard deviations of the waves of a walk whose root mean square is given."""
-    found: Array = walk_m * np.sqrt(6.0) / (np.pi * np.arange(1, WAVES + 1))
     return found
 
 
@@ -356,10 +341,9 @@ class _Rows:
         best = (-np.inf, wander)
         places = np.unique(np.linspace(0, len(apart) - 1, _COARSE).round().astype(int))
         for _ in range(2):
+            gaps = [times_s[apart[k] : apart[k] + 2].tolist() for k in places if len(apart)]
             tried = [
-                Jump.between(float(times_s[apart[k]]), float(times_s[apart[k] + 1]))
-                for k in places
-                if len(apart)
+                Jump(0.5 * (before_s + after_s), before_s, after_s) for before_s, after_s in gaps
             ]
             tried = [jump for jump in tried if jump.time_s not in taken]
             if not tried:
