@@ -1,7 +1,7 @@
 """Wild trials: campaigns of any arm and instrument, with what ordinary logs have, and with faults.
 
 Kinds of `trials` hide effects in logs that are otherwise in order. These put stressors and faults
-into the raw files besides (`cell/disturbances/`).
+into the raw files besides (`cell/disturbances.py`).
 """
 
 from __future__ import annotations
@@ -12,13 +12,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from pa10cal.cell.disturbances.disturbance import (
-    Disturbance,
-    Need,
-    TemperatureRamp,
-    all_disturbances,
-)
-from pa10cal.cell.disturbances.faults import DirectionReversed
+from pa10cal.cell.disturbances import DISTURBANCES, Disturbance, Need
 from pa10cal.cell.effects.effect import Effect, TorqueLogEffect
 from pa10cal.cell.effects.vocabulary import nameless, vocabulary
 from pa10cal.cell.measured_trials import (
@@ -135,7 +129,7 @@ def draw_wild_trials(
 
 def subjects_of(kind: WildKind) -> tuple[str, ...]:
     """Return the disturbances or effects that trials of a kind go through in turn."""
-    every = all_disturbances()
+    every = DISTURBANCES
     by_kind = {
         "right": (_NOTHING,),
         "stressed": tuple(name for name, each in every.items() if each.stressor),
@@ -205,7 +199,7 @@ def _drawn(
     kind: WildKind, number: int, subject: str, benches: Sequence[str], rng: np.random.Generator
 ) -> Trial:
     """Draw a trial that puts in a subject, at a bench where that means anything."""
-    every = all_disturbances()
+    every = DISTURBANCES
     effect = {**vocabulary(), **nameless()}.get(subject)
     put = [every[subject]] if subject in every else []
     stressors = [*subjects_of("stressed"), *ALSO_AMONG]
@@ -224,7 +218,7 @@ def _drawn(
 
 
 def _tracked(
-    scenario: Scenario, setup: _SetUp, effect: type[Effect] | None, put: Sequence[type[Disturbance]]
+    scenario: Scenario, setup: _SetUp, effect: type[Effect] | None, put: Sequence[Disturbance]
 ) -> Trial:
     """Draw the campaign of a tracker."""
     kind, rng, bench = scenario.kind, scenario.rng, scenario.bench
@@ -236,7 +230,7 @@ def _tracked(
         "holdout_share": held_out / (poses + held_out),
         "repeats": setup.repeats,
         "order": str(rng.choice(ORDERS)) if setup.repeats > 1 else "same",
-        "by_first_joint": any(each is TemperatureRamp for each in put),
+        "by_first_joint": any(each.id == "temperature_ramp" for each in put),
         "loads_N": setup.loads_N,
         "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
         "tool_mass_kg": round(log_uniform(TOOL_KG, rng), 3),
@@ -260,7 +254,7 @@ def _tracked(
 def _touched(
     kind: WildKind,
     effect: type[Effect] | None,
-    put: Sequence[type[Disturbance]],
+    put: Sequence[Disturbance],
     rng: np.random.Generator,
 ) -> Trial:
     """Draw the campaign of touched balls: one of the other trials, shorter and disturbed."""
@@ -272,7 +266,7 @@ def _touched(
     drawn = draw_trials(base_kind, place + 1, seed, benches=["wide"], size=size)[place]
     hidden = [entry.model_dump() for entry in drawn.settings.hidden_effects]
     for entry in disturbances:
-        if entry["id"] == DirectionReversed.id:
+        if entry["id"] == "direction_reversed":
             of, amount = f"joint {entry['parameters']['joint']}", {"tau_c": FRICTION_NM}
             hidden.append({"id": "friction_torque", "of": of, "parameters": amount})
     raw = drawn.settings.model_dump(exclude={"without_touches"}) | {
@@ -288,7 +282,7 @@ def _touched(
 
 
 def _parameters(
-    put: Sequence[type[Disturbance]], joints: int, rng: np.random.Generator
+    put: Sequence[Disturbance], joints: int, rng: np.random.Generator
 ) -> list[dict[str, Any]]:
     """Draw the parameters of disturbances, for an arm of so many joints."""
     return [{"id": each.id, "parameters": each.drawn(joints, rng)} for each in put]

@@ -14,7 +14,7 @@ import pandas as pd
 import yaml
 
 from pa10cal.cell.campaign import REFERENCE_TEMPERATURE_C, Campaign
-from pa10cal.cell.disturbances.disturbance import disturb
+from pa10cal.cell.disturbances import disturb
 from pa10cal.cell.raw_log import RawLog
 from pa10cal.cell.robot import GRAVITY_M_S2, Robot
 from pa10cal.errors import SimulationError

@@ -23,7 +23,7 @@ from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.load_case import COMBINED
 from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.campaign import measure_campaign, robot_of, simulate_campaign
-from pa10cal.cell.disturbances.disturbance import all_disturbances
+from pa10cal.cell.disturbances import DISTURBANCES
 from pa10cal.cell.drive_trials import DRIVE_KINDS, DriveKind, campaigns_of, draw_drive_trials
 from pa10cal.cell.effects.vocabulary import make_effects
 from pa10cal.cell.measured_trials import SORTED, UNSTATED, after_geometry
@@ -224,7 +224,7 @@ def _truth(
 def _put_in(
     trial: Trial, places: WrittenPlaces, moved_mm: Sequence[float | None]
 ) -> tuple[PutIn, ...]:
-    known = all_disturbances()
+    known = DISTURBANCES
     return tuple(
         PutIn(
             id=entry.id,
@@ -267,7 +267,7 @@ def _moved(
     Root mean square over the poses fitted of the difference to the same campaign, noise and all,
     without it. For the scoring alone: no verdict sees it. None where that does not measure it.
     """
-    settings, known = trial.settings, all_disturbances()
+    settings, known = trial.settings, DISTURBANCES
 
     def against(key: str, number: int, *, measured: bool) -> float | None:
         if calibration is None or not measured:
