@@ -19,7 +19,7 @@ from pa10cal.cell.effects.effect import (
     ARC_SECOND,
     Finite,
     FinitePositive,
-    JointDriveEffect,
+    JointEffect,
     Motion,
     Site,
 )
@@ -53,7 +53,7 @@ def drawn_cogs(ratio: float, count: int, rng: np.random.Generator) -> list[int]:
     return sorted(int(_COGS[k]) for k in chosen)
 
 
-class MotorRipple(JointDriveEffect):
+class MotorRipple(JointEffect):
     """A joint stops where the cogging of its motor lets it."""
 
     id = "motor_ripple"
@@ -86,20 +86,20 @@ class MotorRipple(JointDriveEffect):
             raise ValueError("as many as cogs")
         return values
 
-    def error_rad(self, motion: Motion) -> Array:
+    def at_joint(self, joint: Motion) -> Array:
         """Return sum a sin(cogs ratio angle + phi) where the joint moved, at the motor's angle."""
-        return self.stops_off_rad(motion, motion.q_rad)
+        return self.stops_off_rad(joint, joint.q_rad)
 
-    def stops_off_rad(self, motion: Motion, stands_rad: Array) -> Array:
+    def stops_off_rad(self, joint: Motion, stands_rad: Array) -> Array:
         """Return how far the joint stops off, (P,).
 
         Args:
-            motion: how it came to stand.
+            joint: how it came to stand.
             stands_rad: (P,) turns of the motor over the ratio.
         """
         phase = np.outer(stands_rad, self.ratio * np.array(self.cogs, dtype=float))
         off: Array = np.sin(phase + np.array(self.ripple_phi)) @ np.array(self.ripple)
-        return np.where(motion.arrival == 0.0, 0.0, off)
+        return np.where(joint.arrival == 0.0, 0.0, off)
 
 
 class _ErrsByAngle(MotorRipple):
@@ -136,10 +136,10 @@ class _ErrsByAngle(MotorRipple):
         error: Array = np.sin(np.outer(q_rad, self.orders) + np.array(self.phi)) @ np.array(self.A)
         return error
 
-    def error_rad(self, motion: Motion) -> Array:
+    def at_joint(self, joint: Motion) -> Array:
         """Return the error by the angle, and what cogging adds at the motor's angle."""
-        error = self.by_angle_rad(motion.q_rad)
-        return error + self.stops_off_rad(motion, self.motor_rad(motion.q_rad, error))
+        error = self.by_angle_rad(joint.q_rad)
+        return error + self.stops_off_rad(joint, self.motor_rad(joint.q_rad, error))
 
     @abstractmethod
     def motor_rad(self, q_rad: Array, error_rad: Array) -> Array:
@@ -153,7 +153,6 @@ class SensorError(_ErrsByAngle):
     drawn = False
 
     def motor_rad(self, q_rad: Array, error_rad: Array) -> Array:
-        """Return the true angle."""
         return q_rad + error_rad
 
 
@@ -164,5 +163,4 @@ class GearError(_ErrsByAngle):
     drawn = False
 
     def motor_rad(self, q_rad: Array, _error_rad: Array) -> Array:
-        """Return the angle commanded."""
         return q_rad
