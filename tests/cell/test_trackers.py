@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from made_up_robot import logged_q, seen_m, seen_p, seen_T, track
+from made_up_robot import logged_q, robot_from_departures, seen_m, seen_p, seen_T, track
 from pa10cal.cell.campaign import measure_campaign
 from pa10cal.cell.effects.joint import Backlash, FrictionTorque, TransmissionError
 from pa10cal.cell.effects.structure import (
@@ -19,7 +19,7 @@ from pa10cal.cell.effects.structure import (
     ThermalGrowth,
     ToolSag,
 )
-from pa10cal.cell.individual import draw_individual, robot_from_departures
+from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.instruments.instrument import rest_poses
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.curve.angles import chain_arm
@@ -226,16 +226,7 @@ def test_rows_alone_may_depart(arm):
     robot = track(arm, TrackerOptions(departs="rows")).truth.robot
     assert robot.departures is not None
     assert np.abs(robot.departures.a_m).max() > 1e-5
-    again = robot_from_departures(
-        arm,
-        {
-            f"delta_{name}_{k}": value
-            for name in ("a", "alpha", "d", "theta", "beta")
-            for k, value in enumerate(
-                getattr(robot.departures, f"{name}_{'m' if name in 'ad' else 'rad'}"), start=1
-            )
-        },
-    )
+    again = robot_from_departures(arm, robot.departures.by_name)
     assert again.mechanism.placements == pytest.approx(robot.mechanism.placements, abs=1e-15)
     assert track(arm, TrackerOptions()).truth.robot.departures is None
 

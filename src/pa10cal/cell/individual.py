@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping
-from dataclasses import fields, replace
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -20,7 +19,6 @@ from pa10cal.cell.robot import (
     Mechanism,
     Robot,
     Springs,
-    Targets,
     apparatus_payload,
     make_balls,
     ring_of_targets,
@@ -59,10 +57,6 @@ STAND_OFF_M = (1.5, 2.5)
 _K_LIN_PER_RATED = 120.0
 _K_LIN_SPREAD = 0.25
 _K_CUB_PER_K_LIN = 1700.0
-
-_MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
-_LINK_DEPARTURE = re.compile(r"delta_(a|alpha|d|theta|beta)_([1-9][0-9]*)")
-_FRAME_DEPARTURE = re.compile(r"(base|tool)_(r?[xyz])")
 
 
 def build_robot(
@@ -146,66 +140,6 @@ def _before_tracker(
     designed = ring_of_targets(plan.target_count)
     targets = replace(designed, p_ee_m=geometry.normal(designed.p_ee_m, plan.target_m))
     return Robot(arm, mechanism, springs, T_instr_base, targets, T_ee_target, departures)
-
-
-def robot_from_departures(
-    arm: Arm,
-    departures: Mapping[str, float],
-    *,
-    plan: TrackerOptions | None = None,
-    springs: Springs | None = None,
-    T_instr_base: Array | None = None,
-    targets: Targets | None = None,
-) -> Robot:
-    """Build the robot that departs from its description by exactly the named parameters.
-
-    Args:
-        arm: its description.
-        departures: by name [m, rad]: `delta_a_k`, `delta_alpha_k`, `delta_d_k`, `delta_theta_k`,
-            `delta_beta_k` of row k; `base_x`, `base_y`, `base_z`, `base_rx`, `base_ry`, `base_rz`
-            and the same of `tool`: shifts along x, y, z, then turns about the moved x, y, z. The
-            base moves outside the arm's constant frame before its first row; the tool moves the
-            end-effector frame, behind the constant one.
-        plan: gives the tool's mass and the number of targets; None for the defaults.
-        springs: its springs; None for none.
-        T_instr_base: (4, 4) where its base would be without departures; None for the instrument's
-            own frame.
-        targets: its targets, in the end-effector frame; None for such as are where the campaign
-            says.
-
-    Raises:
-        SimulationError: for a name that is not one of these.
-    """
-    plan = TrackerOptions() if plan is None else plan
-    rows = Departures.none(arm.n)
-    columns = {field.name.rsplit("_", 1)[0]: getattr(rows, field.name) for field in fields(rows)}
-    frames = {"base": dict.fromkeys(_MOTIONS, 0.0), "tool": dict.fromkeys(_MOTIONS, 0.0)}
-    for name, value in departures.items():
-        link, frame = _LINK_DEPARTURE.fullmatch(name), _FRAME_DEPARTURE.fullmatch(name)
-        if link and int(link[2]) <= arm.n:
-            columns[link[1]][int(link[2]) - 1] = value
-        elif frame:
-            frames[frame[1]][frame[2]] = value
-        else:
-            raise SimulationError(
-                "no such departure",
-                where="departures",
-                value=name,
-                allowed=f"delta_a_k, delta_alpha_k, delta_d_k, delta_theta_k, delta_beta_k with "
-                f"k from 1 to {arm.n}; base_x … base_rz, tool_x … tool_rz",
-                remedy="correct the name",
-            )
-    mechanism = Mechanism.of(arm, rows, tool_payload(plan.tool_mass_kg))
-    stands = np.eye(4) if T_instr_base is None else T_instr_base
-    return Robot(
-        arm=arm,
-        mechanism=replace(mechanism, T_last_ee=mechanism.T_last_ee @ _in_turn(frames["tool"])),
-        springs=springs or Springs.rigid(arm.n),
-        T_instr_base=stands @ _in_turn(frames["base"]),
-        targets=ring_of_targets(plan.target_count) if targets is None else targets,
-        T_ee_target=np.eye(4),
-        departures=rows,
-    )
 
 
 def draw_departures(arm: Arm, rng: np.random.Generator) -> Departures:
@@ -336,15 +270,6 @@ def _anywhere(rng: np.random.Generator) -> Array:
     T[:3, :3] = Rotation.random(rng=rng).as_matrix()
     direction = rng.standard_normal(3)
     T[:3, 3] = rng.uniform(*STAND_OFF_M) * direction / np.linalg.norm(direction)
-    return T
-
-
-def _in_turn(motions: Mapping[str, float]) -> Array:
-    """Return (4, 4): shifts, then turns about the moved x, y and z."""
-    T = np.eye(4)
-    turns_rad = [motions[f"r{axis}"] for axis in "xyz"]
-    T[:3, :3] = Rotation.from_euler("XYZ", turns_rad).as_matrix()
-    T[:3, 3] = [motions[axis] for axis in "xyz"]
     return T
 
 

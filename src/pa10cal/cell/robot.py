@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -78,7 +79,22 @@ class Departures:
     @classmethod
     def none(cls, n: int) -> Departures:
         """Return no departure at all, for an arm of `n` joints."""
-        return cls(*(np.zeros(n) for _ in range(5)))
+        return cls(*np.zeros((5, n)))
+
+    @classmethod
+    def named(cls, n: int, values: Mapping[str, float]) -> Departures:
+        """Return what parameters of rows say [m, rad]: `delta_a_1`, …, `delta_beta_<n>`."""
+        every = cls.none(n).by_name | dict(values)
+        return cls(*np.array(list(every.values())).reshape(5, n))
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """Every departure by the name of its parameter: `delta_a_1`, …"""
+        return {
+            f"delta_{field.name.rsplit('_', 1)[0]}_{row}": value
+            for field in fields(self)
+            for row, value in enumerate(getattr(self, field.name).tolist(), start=1)
+        }
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,6 @@ PROVENANCE = (
     "synthetic: written by this project's own virtual cell, not measured on a robot; "
     "what effects it hides, if any, is not told here"
 )
-_UNITS = {"a_m": "m", "alpha_rad": "rad", "d_m": "m", "theta_rad": "rad", "beta_rad": "rad"}
 
 
 def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) -> Places:
@@ -157,14 +156,11 @@ def _parameters(robot: Robot) -> dict[str, TrueParameter]:
     A robot whose axes depart in any way has no departures of rows.
     """
     parameters: dict[str, TrueParameter] = {}
-    hayati = robot.arm.hayati
-    for field in () if robot.departures is None else fields(robot.departures):
-        name = field.name.rsplit("_", 1)[0]
-        for i, value in enumerate(getattr(robot.departures, field.name)):
-            if not (name == "beta" and not hayati[i]) and not (name == "d" and hayati[i]):
-                parameters[f"delta_{name}_{i + 1}"] = TrueParameter(
-                    value=float(value), unit=_UNITS[field.name]
-                )
+    for name, value in {} if robot.departures is None else robot.departures.by_name.items():
+        _, kind, row = name.split("_")
+        if kind != ("d" if robot.arm.hayati[int(row) - 1] else "beta"):
+            unit = "m" if kind in ("a", "d") else "rad"
+            parameters[name] = TrueParameter(value=value, unit=unit)
     for joint in np.flatnonzero(robot.springs.flexible).tolist():
         k_lin, k_cub = float(robot.springs.k_lin[joint]), float(robot.springs.k_cub[joint])
         parameters[f"K_lin_{joint + 1}"] = TrueParameter(value=k_lin, unit="N m/rad")
