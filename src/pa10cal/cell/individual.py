@@ -82,7 +82,7 @@ def build_robot(
     """
     if settings.without_touches is not None:
         return _before_tracker(arm, settings.without_touches, settings.mass_factor, rng)
-    _need_masses(arm, "an arm description with mass_kg and com_m")
+    need_masses(arm, "an arm description with mass_kg and com_m")
     refuse_unrated(arm, range(1, arm.n + 1), "robot")
     if settings.built == "table_1":
         departures, springs = _paper_robot(arm, kcub_reading)
@@ -207,10 +207,11 @@ def refuse_unrated(arm: Arm, joints: Iterable[int], where: str) -> None:
         )
 
 
-def _need_masses(arm: Arm, allowed: str) -> None:
+def need_masses(arm: Arm, allowed: str) -> None:
+    """Refuse an arm whose description has no masses."""
     if arm.mass_kg is None or arm.com_m is None:
         raise SimulationError(
-            "the arm has no masses, so gravity cannot load its springs",
+            "the arm has no masses, so gravity loads neither springs nor motors",
             where=f"robot {arm.name}",
             allowed=allowed,
             remedy="add them to the description or choose another robot",
@@ -248,7 +249,7 @@ def _paper_robot(arm: Arm, kcub_reading: KcubReading) -> tuple[Departures, Sprin
 def _springs_before_tracker(arm: Arm, plan: TrackerOptions, rng: np.random.Generator) -> Springs:
     if not plan.flexible_joints:
         return Springs.rigid(arm.n)
-    _need_masses(arm, "an arm description with mass_kg and com_m, or no flexible joints")
+    need_masses(arm, "an arm description with mass_kg and com_m, or no flexible joints")
     springs = draw_springs(arm, plan.flexible_joints, rng)
     return springs if plan.hardening else replace(springs, k_cub=np.zeros(arm.n))
 

@@ -199,11 +199,12 @@ class Bench:
             middle_m: middle of the measured volume in the instrument's frame.
         """
         of_joint = {}
-        if joint := joint_of(of):
+        if of.startswith("joint "):
+            joint = int(of.removeprefix("joint ")) - 1
             of_joint = {
-                "rated_Nm": float(np.nan_to_num(self.arm.torque_limit_Nm[joint - 1])),
-                "typical_Nm": float(self.typical_Nm[joint - 1]),
-                "coulomb_Nm": float(self.coulomb_Nm[joint - 1]),
+                "rated_Nm": float(np.nan_to_num(self.arm.torque_limit_Nm[joint])),
+                "typical_Nm": float(self.typical_Nm[joint]),
+                "coulomb_Nm": float(self.coulomb_Nm[joint]),
             }
         return Site(of, **of_joint, half_m=self.half_m, middle_m=middle_m)
 
@@ -487,11 +488,6 @@ def in_turn(number: int, known: Mapping[str, type[Effect]]) -> str:
 def trial_places(effect: type[Effect]) -> tuple[str, ...]:
     """Return where trials put an effect, in the words of `Effect.places`."""
     return effect.trial_places or effect.places
-
-
-def joint_of(place: str) -> int:
-    """Return the number of the joint that a place names, 0 of none."""
-    return int(place.removeprefix("joint ")) if place.startswith("joint ") else 0
 
 
 def log_uniform(bounds: tuple[float, float], rng: np.random.Generator) -> float:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.cell.effects.structure import BaseDrift
-from pa10cal.cell.individual import refuse_unrated
+from pa10cal.cell.individual import need_masses, refuse_unrated
 from pa10cal.cell.instruments.instrument import (
     MM_DECIMALS,
     Instrument,
@@ -26,7 +26,6 @@ from pa10cal.cell.instruments.instrument import (
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.poses import Schedule, commanded_positions, joint_bounds, one_after_another
 from pa10cal.cell.robot import Robot
-from pa10cal.errors import SimulationError
 
 _TEMPERATURE_NOISE_C = 0.01
 #: How far targets on the base stand from its axis [m].
@@ -184,14 +183,7 @@ class Tracker(Instrument):
 
     def _logged_torques(self, truth: Truth, rng: np.random.Generator) -> Array:
         arm = truth.robot.arm
-        if arm.mass_kg is None:
-            raise SimulationError(
-                "the arm has no masses, so its motors hold nothing",
-                where=f"robot {arm.name}",
-                value="logs_torques: true",
-                allowed="an arm description with mass_kg and com_m, or no logged torques",
-                remedy="add them to the description or set logs_torques: false",
-            )
+        need_masses(arm, "an arm description with mass_kg and com_m, or logs_torques: false")
         refuse_unrated(arm, range(1, arm.n + 1), "logs_torques")
         tau_Nm = truth.as_logged(truth.rest.tau_Nm, truth.schedule.arrival)
         noise_Nm = (
