@@ -46,7 +46,6 @@ def simulate_campaign(
     """Measure one robot in the virtual cell; the same settings give the same campaign.
 
     Args:
-        name: of the campaign.
         arm: description of the robot; with masses for springs, torques and touched balls.
         settings: seed, hidden effects, instrument, poses, loads, noise.
         kcub_reading: which of the paper's two cubic stiffnesses holds.
@@ -74,9 +73,7 @@ def measure_campaign(
     """Measure a robot that is already there; see `simulate_campaign`.
 
     Args:
-        name: of the campaign.
         settings: seed, instrument, poses, loads, noise; not used for the robot or its effects.
-        robot: the robot as built.
         effects: what it does beyond the paper's model.
     """
     _need_a_drift(effects, settings)

@@ -72,8 +72,6 @@ def disturb(
     """Put disturbances into raw files, one after the other, and return where each is.
 
     Args:
-        log: the raw files, changed in place.
-        entries: which, with their parameters.
         seed: of the campaign; what a disturbance draws is its own.
 
     Raises:

@@ -159,9 +159,7 @@ def draw_springs(arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Gene
     """Draw springs from the rated torques of an arm.
 
     Args:
-        arm: gives the rated torques.
         flexible_joints: joints that yield, from 1; the others are rigid.
-        rng: draws stiffness and hardening.
 
     Raises:
         SimulationError: when a joint is named that does not exist, slides, or has no rated torque.
@@ -189,13 +187,7 @@ def draw_springs(arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Gene
 
 
 def refuse_unrated(arm: Arm, joints: Iterable[int], where: str) -> None:
-    """Refuse an arm some of whose joints, from 1, have no rated torque.
-
-    Args:
-        arm: gives the rated torques.
-        joints: the joints that need one.
-        where: what needs them, for the message.
-    """
+    """Refuse an arm some of whose joints, from 1, have no rated torque."""
     unrated = [joint for joint in joints if np.isnan(arm.torque_limit_Nm[joint - 1])]
     if unrated:
         raise SimulationError(

@@ -165,11 +165,8 @@ def draw_measured_trial(
     """Draw a trial of unstated masses or of sorted rows.
 
     Args:
-        kind: which of the two.
-        number: of the trial.
         subject: what it hides, of `subjects_in_turn`.
         benches: of `measured_benches`.
-        rng: draws the rest.
 
     Raises:
         SettingsError: where the subject does nothing at any of the benches.

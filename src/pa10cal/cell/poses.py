@@ -79,7 +79,6 @@ def commanded_positions(arm: Arm, wanted: Sequence[Sequence[float]], where: str)
     """Return the (P, n) joint positions that settings list [rad, or m of a prismatic joint].
 
     Args:
-        arm: gives the joint limits.
         wanted: P poses, a position a joint each [deg; mm of a prismatic joint].
         where: the option that lists them, for messages.
 
@@ -117,7 +116,6 @@ def place_poses(
     """Lay out the poses of a campaign of touched balls.
 
     Args:
-        arm: gives the joint limits.
         nominal: the arm with the geometry its maker describes.
         settings: layout, middle of the grid, spacing, orientations.
         holdout_points: H, how many held-out points.
@@ -154,10 +152,7 @@ def draw_wide(arm: Arm, nominal: Mechanism, count: int, rng: np.random.Generator
     Whether links, rods and measuring machine collide otherwise is not looked at.
 
     Args:
-        arm: gives the joint limits.
         nominal: the arm with the geometry its maker describes.
-        count: P, how many.
-        rng: draws them.
 
     Returns:
         (P, n) joint positions, in the order in which they were drawn.
@@ -246,7 +241,6 @@ class _Reach:
         """Return (P, n) joint positions that shift and tilt the flange from the middle.
 
         Args:
-            label: letter of the poses, for messages.
             shift_m: (P, 3) displacements along base axes.
             tilt_rad: (P, 3) rotation vectors along the tool's own axes; None for no tilt.
         """
@@ -387,7 +381,6 @@ def one_after_another(commands: Array, plan: TrackerOptions, rng: np.random.Gene
     Args:
         commands: (P, n) commanded joint positions [rad, or m of a prismatic joint].
         plan: share held out, repeats and their order, loads, time a configuration takes.
-        rng: draws the order where it is drawn.
     """
     count = len(commands)
     holdout = 0 if plan.holdout_every else round(plan.holdout_share * count)

@@ -94,7 +94,6 @@ class RawLog:
         A distance takes the first of the three.
 
         Args:
-            shift_mm: how much.
             base: whether targets on the base are read so, too.
         """
         of_rows = shift_mm[self.configuration]

@@ -41,7 +41,6 @@ def make_balls(measured_to_mm: float, rng: np.random.Generator) -> Targets:
 
     Args:
         measured_to_mm: standard deviation of the separate measurement, each coordinate.
-        rng: draws how the balls came out, then the error of their measurement.
     """
     balls_m = BALLS_DESIGN_M + rng.normal(0.0, _BALL_MAKING_M, BALLS_DESIGN_M.shape)
     error_m = 1e-3 * measured_to_mm * rng.standard_normal(balls_m.shape)
@@ -263,9 +262,6 @@ class Mechanism:
         """Lay out the rows of an arm.
 
         Args:
-            arm: its description.
-            departures: by what its rows are off.
-            payload: what it carries.
             mass_kg: (n,) true masses of its links; None for those of the description, and links
                 without weight where that has none.
         """

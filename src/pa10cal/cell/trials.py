@@ -195,7 +195,6 @@ class Bench:
         """Return what the size of an effect at a place goes by.
 
         Args:
-            of: the place.
             middle_m: middle of the measured volume in the instrument's frame.
         """
         of_joint = {}
@@ -343,7 +342,6 @@ class Scenario:
         """Hide an effect at some times its usual size, none twice at one place.
 
         Args:
-            effect: which.
             size: factor of its usual size.
             site: where; None draws a place where it does something at the bench.
         """
@@ -386,9 +384,6 @@ def draw_trials(
     vocabulary holds for plausible. Trials of a smaller count are the first of a larger one.
 
     Args:
-        kind: what they hide.
-        count: how many.
-        random_seed: draws them.
         study: of `STUDIES`, each drawn apart.
         benches: names of those to use, in this order; none for all of the study.
         size: factor of the usual size of all effects; None draws it. It changes nothing else.

@@ -99,9 +99,6 @@ def draw_wild_trials(
     torques are logged are drawn. Trials of a smaller count are the first of a larger one.
 
     Args:
-        kind: what they put in.
-        count: how many.
-        random_seed: draws them.
         benches: `ur10-pose` and so on, or `pa10-touched`; none for all.
         only: one disturbance or effect, or another subject; empty for all in turn.
 

@@ -41,7 +41,6 @@ def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) 
     so that a folder with a description is whole.
 
     Args:
-        campaign: what to write.
         folder: the campaign's folder; files of a former campaign in it are replaced.
         truth: the file for what is hidden; None for none.
 
@@ -88,7 +87,6 @@ def truth_record(campaign: Campaign, places: Places = ()) -> TruthRecord:
     """Return all that a campaign hides; no estimate reads it.
 
     Args:
-        campaign: as it was measured.
         places: where each disturbance of its settings was put.
     """
     truth, settings = campaign.truth, campaign.settings
@@ -133,7 +131,6 @@ def write_table(table: pd.DataFrame, path: Path, decimals: Mapping[str, int]) ->
 
     Args:
         table: what to write; nan leaves a cell empty.
-        path: where.
         decimals: how many a column has, by the end of its name; others are written as they are.
     """
     columns = [_as_text(table[name], decimals) for name in table.columns]

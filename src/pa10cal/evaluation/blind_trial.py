@@ -88,7 +88,6 @@ class BlindTrial:
         """Return the residual that an effect makes of the floor, in floors: sqrt(1 + moved²).
 
         Args:
-            hidden: the effect.
             apart: whether the sizes of all else that is hidden are fitted as well; where the truth
                 says the noise.
         """

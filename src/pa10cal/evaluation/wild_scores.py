@@ -167,8 +167,6 @@ def leaves_much(trial: BlindTrial, hidden: results.HiddenEffect, *, apart: bool 
     """Return whether the residual with an effect is 1.5 times that of noise alone, or more.
 
     Args:
-        trial: the trial.
-        hidden: the effect.
         apart: once the sizes of all else that is hidden are fitted, too.
     """
     return (trial.ratio(hidden, apart=apart) or 0.0) >= LIMIT

@@ -69,10 +69,6 @@ def draw(
     distance. `drives` are sensors and gears that err.
 
     Args:
-        measured: which of these.
-        kind: what they hide.
-        count: how many.
-        random_seed: draws them.
         layouts: layouts of touched balls, or arms under instruments, with commas between them;
             empty for all.
         size: factor of the usual size of all effects; None draws it; not of wild ones.
@@ -100,7 +96,6 @@ def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, 
     """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped.
 
     Args:
-        trial: as drawn.
         options: how the campaign is judged, by a calibration of all its loads together.
     """
     options = _options(trial, options)
@@ -178,10 +173,8 @@ def _truth(
     """Return what a trial hides, how it was measured, and how far that moves the residual.
 
     Args:
-        trial: what was drawn.
         moved_mm: how far, one a hidden effect; None where the trial failed.
         apart_mm: the same with the sizes of the others fitted; none where that is not known.
-        more: other fields of the record.
     """
     settings = trial.settings
     plan = settings.without_touches
@@ -377,8 +370,6 @@ def _run(
     """Run the stages of all loads together to the first that is a command, in silence.
 
     Args:
-        last: the command.
-        folders, results, options: as above.
         after: the command whose first stage, and all before it, have run.
 
     Returns:

@@ -62,7 +62,6 @@ def chain_study(
     """Simulate and calibrate arms that depart by their rows, and as many that depart in any way.
 
     Args:
-        options: the chain, its postures and the noise.
         calibration: how to calibrate; the chain is rigid.
 
     Raises:

@@ -90,14 +90,7 @@ def observations_of(campaign: Campaign) -> Observations:
 def exact_observations(
     individual: Robot, plan: TrackerOptions, poses: int, random_seed: int
 ) -> Observations:
-    """Return other poses of an individual, seen all but exactly.
-
-    Args:
-        individual: the arm as it is.
-        plan: of its campaign.
-        poses: how many.
-        random_seed: draws them.
-    """
+    """Return other poses of an individual, seen all but exactly."""
     wanted = plan.model_copy(update={"poses": poses, **_EXACT})
     return observations_of(measured(individual, wanted, random_seed))
 
@@ -120,10 +113,7 @@ def draw_by_unknowns(
     for want of a statement; of several targets it would hold their mean.
 
     Args:
-        arm: its description.
         plan: gives base, targets and springs.
-        unknowns: of the model.
-        rng: draws it.
     """
     links = unknowns.links.parameters
     rows = Departures.named(
@@ -197,7 +187,6 @@ def prediction_scores(general: GeneralCalibration, exact: Observations) -> Array
     """Return the scores of what the instrument would see in other poses, one by one.
 
     Args:
-        general: a calibrated model.
         exact: poses seen without error.
     """
     problem = general.problem

@@ -156,9 +156,7 @@ class Effect(Section):
         """Return parameters at `size` times those that robots usually have.
 
         Args:
-            site: where it is put.
             size: factor of the usual size.
-            rng: draws phases, signs and directions.
         """
         return {name: draw(site, size, rng) for name, draw in cls.usual.items()}
 

@@ -94,7 +94,6 @@ class MotorRipple(JointEffect):
         """Return how far the joint stops off, (P,).
 
         Args:
-            joint: how it came to stand.
             stands_rad: (P,) turns of the motor over the ratio.
         """
         phase = np.outer(stands_rad, self.ratio * np.array(self.cogs, dtype=float))

@@ -57,8 +57,6 @@ def places_of(names: Sequence[str], robot: Robot, loaded: Sequence[int] = ()) ->
     """Return the places in a robot that entries of `places` or `trial_places` stand for.
 
     Args:
-        names: the entries.
-        robot: as built.
         loaded: joints, from 1, that weights load.
     """
     arm, places = robot.arm, []

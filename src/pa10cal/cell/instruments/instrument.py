@@ -59,7 +59,6 @@ def rest_poses(
     two digits.
 
     Args:
-        robot: the robot as built.
         effects: what else moves it; only those that torques or weights bring about matter here.
         drive: (P, n) motor positions with what the transmissions add to them [rad, or m].
         load_N: (P,) hanging weights.
@@ -163,12 +162,7 @@ class Instrument(ABC):
 
     @abstractmethod
     def schedule(self, robot: Robot, streams: Streams) -> tuple[Schedule, Poses | None]:
-        """Return the configurations of a campaign, and their poses by purpose.
-
-        Args:
-            robot: as built.
-            streams: draw what is drawn.
-        """
+        """Return the configurations of a campaign, and their poses by purpose."""
 
     @property
     @abstractmethod
