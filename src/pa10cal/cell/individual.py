@@ -81,7 +81,7 @@ def build_robot(
             that are not as many as the links.
     """
     if settings.without_touches is not None:
-        return _before_tracker(arm, settings.without_touches, settings.mass_factor, rng)
+        return draw_individual(arm, settings.without_touches, rng, settings.mass_factor)
     need_masses(arm, "an arm description with mass_kg and com_m")
     refuse_unrated(arm, range(1, arm.n + 1), "robot")
     if settings.built == "table_1":
@@ -105,15 +105,13 @@ def build_robot(
     )
 
 
-def draw_individual(arm: Arm, plan: TrackerOptions, rng: np.random.Generator) -> Robot:
-    """Draw one robot in front of a tracker; see `build_robot`."""
-    return _before_tracker(arm, plan, (), rng)
-
-
-def _before_tracker(
-    arm: Arm, plan: TrackerOptions, mass_factor: tuple[float, ...], rng: np.random.Generator
+def draw_individual(
+    arm: Arm,
+    plan: TrackerOptions,
+    rng: np.random.Generator,
+    mass_factor: tuple[float, ...] = (),
 ) -> Robot:
-    """Draw geometry, springs, base, and where the targets are."""
+    """Draw one robot in front of a tracker: geometry, springs, base, targets; see `build_robot`."""
     geometry, stiffness = rng.spawn(2)  # springs or none, the geometry is the same
     own = plan.unstated
     arm = arm if own is None else described(arm, own)
