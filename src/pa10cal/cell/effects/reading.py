@@ -8,8 +8,7 @@ Cogging keeps the motor a little off where it should stop, by its own angle, in 
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
@@ -79,11 +78,12 @@ class MotorRipple(JointEffect):
             "ripple_phi": rng.uniform(-np.pi, np.pi, count).tolist(),
         }
 
-    @field_validator("ripple", "ripple_phi")
+    @field_validator("ripple", "ripple_phi", "A", "phi", check_fields=False)
     @classmethod
-    def _one_a_cog(cls, values: Amplitudes, info: ValidationInfo) -> Amplitudes:
-        if len(values) != len(info.data.get("cogs", values)):
-            raise ValueError("as many as cogs")
+    def _one_each(cls, values: Amplitudes, info: ValidationInfo) -> Amplitudes:
+        of = "cogs" if str(info.field_name).startswith("ripple") else "orders"
+        if len(values) != len(info.data.get(of, values)):
+            raise ValueError(f"as many as {of}")
         return values
 
     def at_joint(self, joint: Motion) -> Array:
@@ -104,7 +104,8 @@ class MotorRipple(JointEffect):
 class _ErrsByAngle(MotorRipple):
     """A drive with an error of many cycles a turn, besides its ripple."""
 
-    drawn = False
+    #: Whether the motor stands by the true angle; else by the angle commanded.
+    by_sensor: ClassVar[bool]
 
     orders: tuple[Annotated[int, Field(ge=1)], ...] = Field(description="cycles a joint turn")
     A: Amplitudes = Field(description="amplitude of each [rad]")
@@ -123,43 +124,23 @@ class _ErrsByAngle(MotorRipple):
             "phi": rng.uniform(-np.pi, np.pi, len(orders)).tolist(),
         }
 
-    @field_validator("A", "phi")
-    @classmethod
-    def _one_an_order(cls, values: Amplitudes, info: ValidationInfo) -> Amplitudes:
-        if len(values) != len(info.data.get("orders", values)):
-            raise ValueError("as many as orders")
-        return values
-
-    def by_angle_rad(self, q_rad: Array) -> Array:
-        """Return sum A sin(order q + phi), (P,)."""
-        error: Array = np.sin(np.outer(q_rad, self.orders) + np.array(self.phi)) @ np.array(self.A)
-        return error
-
     def at_joint(self, joint: Motion) -> Array:
         """Return the error by the angle, and what cogging adds at the motor's angle."""
-        error = self.by_angle_rad(joint.q_rad)
-        return error + self.stops_off_rad(joint, self.motor_rad(joint.q_rad, error))
-
-    @abstractmethod
-    def motor_rad(self, q_rad: Array, error_rad: Array) -> Array:
-        """Return the turns of the motor over the ratio, (P,)."""
+        phase = np.outer(joint.q_rad, self.orders) + np.array(self.phi)
+        error: Array = np.sin(phase) @ np.array(self.A)
+        stands_rad = joint.q_rad + error if self.by_sensor else joint.q_rad
+        return error + self.stops_off_rad(joint, stands_rad)
 
 
 class SensorError(_ErrsByAngle):
     """The sensor at the joint's output errs, and the controller follows it."""
 
     id = "sensor_error"
-    drawn = False
-
-    def motor_rad(self, q_rad: Array, error_rad: Array) -> Array:
-        return q_rad + error_rad
+    by_sensor = True
 
 
 class GearError(_ErrsByAngle):
     """The gear errs, behind a motor that stands where it was commanded to."""
 
     id = "gear_error"
-    drawn = False
-
-    def motor_rad(self, q_rad: Array, _error_rad: Array) -> Array:
-        return q_rad
+    by_sensor = False
