@@ -365,7 +365,7 @@ def sweeps(poses: Poses, settings: SimulateOptions, rng: np.random.Generator) ->
     first = np.cumsum([len(part[0]) for part in parts])[:-1]
     pauses = np.zeros(len(q))
     pauses[first] = LOAD_CHANGE_S * (load_N[first] != load_N[first - 1])
-    start_s: Array = BLOCK_S * np.arange(len(q)) + np.cumsum(pauses)
+    start_s = BLOCK_S * np.arange(len(q)) + pauses.cumsum()
     return Schedule(kind, pose, load_N, repeat, start_s, q, q_from)
 
 
