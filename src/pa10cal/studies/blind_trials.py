@@ -63,15 +63,11 @@ def draw(
     layouts: str = "",
     size: float | None = None,
 ) -> tuple[Trial, ...]:
-    """Draw trials of touched balls with repeats, of trackers without, or wild ones of either.
-
-    `points_one`, `points_three` and `distance` are of trackers, too: of so many targets, or of one
-    distance. `drives` are sensors and gears that err.
+    """Draw trials: see `draw_trials`, `draw_wild_trials` and `draw_drive_trials`.
 
     Args:
         layouts: layouts of touched balls, or arms under instruments, with commas between them;
             empty for all.
-        size: factor of the usual size of all effects; None draws it; not of wild ones.
 
     Raises:
         SettingsError: for a kind or a layout that does not exist, or no trial at all.
