@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -349,29 +349,29 @@ def nominal(arm: Arm, own: UnstatedOptions, tool_kg: float) -> Mechanism:
     return weighed(bare, own)
 
 
-def draw_unstated(arm: Arm, rng: np.random.Generator) -> tuple[dict[str, Any], float]:
-    """Draw lengths and weights of an arm, as `UnstatedOptions`, and the mass of its tool [kg]."""
+def draw_unstated(arm: Arm, rng: np.random.Generator) -> tuple[UnstatedOptions, float]:
+    """Draw lengths and weights of an arm, and the mass of its tool [kg]."""
     reach_m = float(np.exp(rng.uniform(*np.log(REACH_M))))
     rows = np.exp(rng.normal(0.0, _ROW_SCATTER, arm.n))
-    no_weights = {"mass_kg": np.zeros(arm.n).tolist(), "com_m": np.zeros((arm.n, 3)).tolist()}
-    scattered = described(arm, UnstatedOptions(lengths=tuple(rows), **no_weights))
+    bare = {"mass_kg": np.zeros(arm.n), "com_m": np.zeros((arm.n, 3))}
+    scattered = described(arm, _own(lengths=rows, **bare))
     lengths = (reach_m / scattered.reach_m * rows).round(4)
-    own = UnstatedOptions(lengths=tuple(lengths.tolist()), **no_weights)
 
     total_kg = np.exp(rng.uniform(*np.log(MASS_KG))) * reach_m ** rng.uniform(*_POWER)
     fall = np.exp(-rng.uniform(*_TAPER) * np.arange(arm.n))
     shares = fall * np.exp(rng.normal(0.0, _MASS_SCATTER, arm.n))
     mass_kg = total_kg * shares / shares.sum()
 
-    mechanism = nominal(arm, own, 0.0)
+    mechanism = nominal(arm, _own(lengths=lengths, **bare), 0.0)
     ends_m = np.concatenate([mechanism.placements[1:], mechanism.T_last_ee[None]])[:, :3, 3]
     behind = rng.random(arm.n) < _COUNTERBALANCED
     along = np.where(behind, rng.uniform(*_BEHIND, arm.n), rng.uniform(*_ALONG, arm.n))
     aside_m = _ASIDE[0] * np.linalg.norm(ends_m, axis=1) + _ASIDE[1] * reach_m
     com_m = along[:, None] * ends_m + aside_m[:, None] * rng.standard_normal((arm.n, 3))
-    weights = {
-        "lengths": lengths.tolist(),
-        "mass_kg": mass_kg.round(4).tolist(),
-        "com_m": com_m.round(4).tolist(),
-    }
-    return weights, float(total_kg * np.exp(rng.uniform(*np.log(TOOL_SHARE))))
+    tool_kg = float(total_kg * np.exp(rng.uniform(*np.log(TOOL_SHARE))))
+    own = _own(lengths=lengths, mass_kg=mass_kg.round(4), com_m=com_m.round(4))
+    return own, round(tool_kg, 3)
+
+
+def _own(**arrays: Array) -> UnstatedOptions:
+    return UnstatedOptions.model_validate({name: each.tolist() for name, each in arrays.items()})

@@ -35,7 +35,6 @@ from pa10cal.cell.trials import (
     trial_places,
 )
 from pa10cal.files.arms import arm_names
-from pa10cal.settings_reading import parse_section
 
 UNSTATED, SORTED = "unstated_masses", "sorted_rows"
 SPRING = "joint_compliance"
@@ -105,7 +104,7 @@ def measured_benches() -> dict[str, Bench]:
 class _OwnArm:
     """One arm whose masses are not stated."""
 
-    raw: dict[str, Any]  # what is true of it, as `UnstatedOptions`
+    own: UnstatedOptions  # what is true of it
     tool_kg: float  # true mass of its tool
     arm: Arm  # as the campaign describes it
     mechanism: Mechanism  # as described, with the true weights
@@ -113,10 +112,8 @@ class _OwnArm:
     @classmethod
     def drawn(cls, shipped: Arm, rng: np.random.Generator) -> _OwnArm:
         """Draw lengths and weights of an arm of a kind."""
-        raw, tool_kg = draw_unstated(shipped, rng)
-        own = parse_section(UnstatedOptions, raw, where=shipped.name)
-        tool_kg = round(tool_kg, 3)
-        return cls(raw, tool_kg, described(shipped, own), nominal(shipped, own, tool_kg))
+        own, tool_kg = draw_unstated(shipped, rng)
+        return cls(own, tool_kg, described(shipped, own), nominal(shipped, own, tool_kg))
 
     @cached_property
     def usual(self) -> Statics:
@@ -171,7 +168,7 @@ def draw_measured_trial(
         "unseen_rad": _UNSEEN_RAD,
         "position_mm": round(log_uniform(POSITION_MM, rng), 4),
         "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
-        "unstated": own.raw,
+        "unstated": own.own.model_dump(),
     }
     poses = round(log_uniform(POSES, rng))
     by = None
@@ -245,7 +242,7 @@ def _hide_more(scenario: Scenario, name: str, of: str, own: _OwnArm) -> None:
     What goes by moments has its size by those of this arm, and motion that is lost is positive.
     """
     effect, times = all_effects()[name], log_uniform(_TIMES[scenario.kind], scenario.rng)
-    site = Site(of, half_m=0.5 * own.arm.reach_m, middle_m=scenario.middle_m)
+    site = Site(of, half_m=0.5 * own.arm.reach_m, middle_m=scenario.bench.middle_m(scenario.robot))
     scenario.hide(effect, times * effect.plausible_size, site)
     parameters = scenario.hidden[-1]["parameters"]
     if name in ("link_bending", "base_compliance"):

@@ -225,7 +225,7 @@ def _tracked(
     if effect is not None:
         of = str(rng.choice(bench.places(effect)))
         size = effect.plausible_size if kind == "effect" else log_uniform(OTHER_SIZES, rng)
-        scenario.hide(effect, size, bench.site(of, scenario.middle_m))
+        scenario.hide(effect, size, bench.site(of, scenario.robot))
     by_temperature = any(each.by_temperature for each in scenario.effects)
     warms = by_temperature or (kind == "right" and rng.random() < DRIFTING)
     scenario.settings["temperature_drift_C"] = TRACKED_DRIFT_C if warms else 0.0
