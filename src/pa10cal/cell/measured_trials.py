@@ -22,7 +22,7 @@ from pa10cal.cell.effects.vocabulary import all_effects, places_of
 from pa10cal.cell.individual import described, draw_unstated, nominal
 from pa10cal.cell.options import TrackerOptions, UnstatedOptions
 from pa10cal.cell.poses import joint_bounds
-from pa10cal.cell.robot import Mechanism, Statics
+from pa10cal.cell.robot import Departures, Mechanism, Statics, tool_payload
 from pa10cal.cell.trials import (
     ATTITUDE_RAD,
     POSITION_MM,
@@ -104,7 +104,7 @@ def measured_benches() -> dict[str, Bench]:
 class _OwnArm:
     """One arm whose masses are not stated."""
 
-    own: UnstatedOptions  # what is true of it
+    weights: UnstatedOptions  # its true lengths and weights
     tool_kg: float  # true mass of its tool
     arm: Arm  # as the campaign describes it
     mechanism: Mechanism  # as described, with the true weights
@@ -112,8 +112,9 @@ class _OwnArm:
     @classmethod
     def drawn(cls, shipped: Arm, rng: np.random.Generator) -> _OwnArm:
         """Draw lengths and weights of an arm of a kind."""
-        own, tool_kg = draw_unstated(shipped, rng)
-        return cls(own, tool_kg, described(shipped, own), nominal(shipped, own, tool_kg))
+        weights, tool_kg = draw_unstated(shipped, rng)
+        mechanism = nominal(shipped, weights, tool_kg)
+        return cls(weights, tool_kg, described(shipped, weights), mechanism)
 
     @cached_property
     def usual(self) -> Statics:
@@ -168,7 +169,7 @@ def draw_measured_trial(
         "unseen_rad": _UNSEEN_RAD,
         "position_mm": round(log_uniform(POSITION_MM, rng), 4),
         "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
-        "unstated": own.own.model_dump(),
+        "unstated": own.weights.model_dump(),
     }
     poses = round(log_uniform(POSES, rng))
     by = None
@@ -211,10 +212,8 @@ def _fits(subject: str, arm: Arm) -> bool:
 
 def _upright(arm: Arm) -> bool:
     """Return whether all joints are upright, so that no weight loads one that turns."""
-    bare = UnstatedOptions(
-        lengths=(1.0,) * arm.n, mass_kg=(1.0,) * arm.n, com_m=((0.1,) * 3,) * arm.n
-    )
-    frames = nominal(arm, bare, 0.0).T_base_joints(np.ones((1, arm.n)))
+    mechanism = Mechanism.of(arm, Departures.none(arm.n), tool_payload(0.0))
+    frames = mechanism.T_base_joints(np.ones((1, arm.n)))
     return bool(np.all(np.abs(frames[:, 0, 2, 2]) > 1.0 - 1e-9))
 
 
