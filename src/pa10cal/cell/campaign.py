@@ -12,8 +12,9 @@ import pandas as pd
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.cell import instruments
+from pa10cal.cell.classes import classes_in
 from pa10cal.cell.effects.effect import Effect, Motion, with_added
-from pa10cal.cell.effects.vocabulary import classes_in, make_effects
+from pa10cal.cell.effects.vocabulary import make_effects
 from pa10cal.cell.individual import KcubReading, build_robot
 from pa10cal.cell.instruments.instrument import Instrument, Truth, rest_poses
 from pa10cal.cell.options import SimulateOptions

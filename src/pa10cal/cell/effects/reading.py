@@ -136,6 +136,7 @@ class SensorError(_ErrsByAngle):
     """The sensor at the joint's output errs, and the controller follows it."""
 
     id = "sensor_error"
+    drawn = False
     by_sensor = True
 
 
@@ -143,4 +144,5 @@ class GearError(_ErrsByAngle):
     """The gear errs, behind a motor that stands where it was commanded to."""
 
     id = "gear_error"
+    drawn = False
     by_sensor = False

@@ -5,40 +5,18 @@ An effect is known once its class is in a module of this folder.
 
 from __future__ import annotations
 
-import pkgutil
 from collections.abc import Sequence
 from functools import cache
-from importlib import import_module
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 
 from pa10cal.cell import effects
+from pa10cal.cell.classes import classes_in
 from pa10cal.cell.effects.effect import LONG_LINKS, Effect
 from pa10cal.cell.options import HiddenEffectOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.errors import SettingsError, remedy_for
 from pa10cal.settings_reading import parse_section
-
-
-def classes_in(package: ModuleType, kind: Any, key: str = "id") -> dict[str, Any]:
-    """Return every class of a kind that has an id of its own, or another key.
-
-    They come module by module by name, each in the order of its file: random draws go by it.
-    """
-    found = {}
-    for name in sorted(module.name for module in pkgutil.iter_modules(package.__path__)):
-        module = import_module(f"{package.__name__}.{name}")
-        for each in vars(module).values():
-            if (
-                isinstance(each, type)
-                and issubclass(each, kind)
-                and each.__module__ == module.__name__
-                and key in vars(each)
-            ):
-                found[vars(each)[key]] = each
-    return found
 
 
 @cache
