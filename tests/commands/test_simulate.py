@@ -117,7 +117,7 @@ BAD = [
     (hiding("backslash", "joint 1", b=1e-4), ["unknown effect", "'backlash'"]),
     (hiding("backlash", "joint 9", b=1e-4), ["hidden_effects[0].of", "joint 9", "joint 6"]),
     (hiding("backlash", "joint 1"), ["missing key b"]),
-    (hiding("backlash", "joint 1", d=1e-4), ["unknown key d", "'b'"]),
+    (hiding("backlash", "joint 1", d=1e-4), ["unknown key d", "allowed: b"]),
     (hiding("backlash", "joint 1", b="much"), ["much", "number"]),
     (hiding("thermal_growth", "arm", alpha=2e-5), ["temperature_drift_C"]),
     (hiding("joint_compliance", "joint 4", K=2.0), ["finds no rest", "hidden compliance"]),
