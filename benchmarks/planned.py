@@ -14,7 +14,7 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.campaign import read
 from pa10cal.cell.campaign import Campaign, simulate_campaign
-from pa10cal.cell.effects.effect import DriveEffect, Motion
+from pa10cal.cell.effects.effect import Motion, with_added
 from pa10cal.cell.instruments.instrument import rest_poses
 from pa10cal.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
 from pa10cal.cell.poses import place_poses
@@ -208,10 +208,7 @@ def true_flange(
     truth, zero = made.truth, np.zeros(len(q))
     arrived = np.zeros_like(q) if arrival is None else arrival
     motion = Motion(q, arrived, truth.robot.arm.gear_ratio)
-    drive = q.copy()
-    for effect in truth.effects:
-        if isinstance(effect, DriveEffect):
-            drive = drive + effect.turn_rad(motion)
+    drive = with_added(q, "drive", truth.effects, motion)
     rest = rest_poses(truth.robot, truth.effects, drive, zero + load_N, zero, zero, arrived)
     return rest.T_base_ee
 

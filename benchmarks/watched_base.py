@@ -22,9 +22,13 @@ from pa10cal.cell.campaign import measure_campaign
 from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.options import DisturbanceOptions, SimulateOptions, TrackerOptions
 from pa10cal.cell.write import write_campaign
-from pa10cal.evaluation.known_truth import parameter_scores
 from pa10cal.files.arms import load_arm
-from pa10cal.studies.simulated import draw_by_unknowns, measured, observations_of
+from pa10cal.studies.simulated import (
+    draw_by_unknowns,
+    measured,
+    observations_of,
+    parameter_scores,
+)
 
 ROBOT = "irb120"
 #: Noise of a coordinate, walk of the tracker at the end, and its turn.
@@ -67,7 +71,7 @@ def campaign_of(seed: int, base_targets: int, walk_mm: float) -> Watched:
     unknowns = choose_unknowns(
         arm, options.tolerances, seen.measured, start.T_instr_base, start.targets_m
     )
-    robot, truth = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(seed))
+    robot = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(seed))
     walk = DisturbanceOptions(
         id="random_walk",
         parameters={"size_mm": walk_mm, "turn_mrad": TURN_MRAD * walk_mm / WALK_MM},
@@ -84,7 +88,7 @@ def campaign_of(seed: int, base_targets: int, walk_mm: float) -> Watched:
     poses, held_out = campaign.calibration, campaign.held_out
     found = calibrate_general(arm, poses, find_start(arm, poses), None, options)
     scale = {each.name: each.scale for each in unknowns.links.parameters}
-    scores = {k: v for k, v in parameter_scores(found, truth).items() if k in scale}
+    scores = {k: v for k, v in parameter_scores(found, robot).items() if k in scale}
     std = np.sqrt(np.diag(found.fit.covariance))
     sizes = {each.name: std[k] for k, each in enumerate(found.problem.parameters)}
     model = fitted(found)

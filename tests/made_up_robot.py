@@ -7,7 +7,14 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.cell.robot import Departures, Mechanism
+from pa10cal.cell.robot import (
+    Departures,
+    Mechanism,
+    Robot,
+    Springs,
+    ring_of_targets,
+    tool_payload,
+)
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 
@@ -36,6 +43,33 @@ def Ry(angle):
 
 def Rz(angle):
     return motion(rotation((0, 0, 1), angle))
+
+
+def robot_from_departures(arm, departures, T_instr_base=None, springs=None, targets=None):
+    """A robot that departs by named parameters of its rows, and of `base` and `tool`.
+
+    `base_x` to `base_rz`: shifts along x, y and z, then turns about the moved x, y and z, outside
+    the arm's constant frame before its first row; those of `tool` behind the constant one.
+    """
+
+    def moved(frame):
+        x, y, z, rx, ry, rz = (
+            departures.get(f"{frame}_{each}", 0.0) for each in ("x", "y", "z", "rx", "ry", "rz")
+        )
+        return motion(p=(x, y, z)) @ Rx(rx) @ Ry(ry) @ Rz(rz)
+
+    links = {name: value for name, value in departures.items() if name.startswith("delta_")}
+    rows = Departures.named(arm.n, links)
+    mechanism = Mechanism.of(arm, rows, tool_payload(1.0))
+    return Robot(
+        arm=arm,
+        mechanism=replace(mechanism, T_last_ee=mechanism.T_last_ee @ moved("tool")),
+        springs=springs or Springs.rigid(arm.n),
+        T_instr_base=(np.eye(4) if T_instr_base is None else T_instr_base) @ moved("base"),
+        targets=ring_of_targets(1) if targets is None else targets,
+        T_ee_target=np.eye(4),
+        departures=rows,
+    )
 
 
 def rebuilt(robot, arm=None, departures=None):

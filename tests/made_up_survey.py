@@ -12,7 +12,7 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.cell.campaign import measure_campaign, robot_of
-from pa10cal.cell.effects.effect import DriveEffect
+from pa10cal.cell.effects.effect import JointsEffect
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks, discover_by_blocks
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
@@ -52,14 +52,14 @@ class Hidden:
     noise: float = 1.0
 
 
-class Turned(DriveEffect):
+class Turned(JointsEffect):
     """Further joint angles, any function of how the joints came to stand."""
 
     id: ClassVar[str] = "turned"
 
     by: Callable[[Any], Any]
 
-    def turn_rad(self, motion):
+    def added(self, motion):
         return self.by(motion) + np.zeros_like(motion.q_rad)
 
 

@@ -14,10 +14,9 @@ from pa10cal.cell.measured_trials import (
     NOTHING,
     SAG_RAD,
     SORTED,
-    SORTED_SUBJECTS,
     SPRING,
+    SUBJECTS,
     UNSTATED,
-    UNSTATED_SUBJECTS,
     after_geometry,
     measured_benches,
 )
@@ -31,12 +30,12 @@ SEED = 4
 
 @pytest.fixture(scope="module")
 def unstated():
-    return draw_wild_trials(UNSTATED, 5 * len(UNSTATED_SUBJECTS), SEED)
+    return draw_wild_trials(UNSTATED, 5 * len(SUBJECTS[UNSTATED]), SEED)
 
 
 @pytest.fixture(scope="module")
 def sorted_rows():
-    return draw_wild_trials(SORTED, 4 * len(SORTED_SUBJECTS), SEED)
+    return draw_wild_trials(SORTED, 4 * len(SUBJECTS[SORTED]), SEED)
 
 
 def robot(trial):
@@ -67,7 +66,7 @@ def test_arms_are_of_every_kind_and_of_all_lengths(unstated):
 def test_springs_are_in_no_joint_in_some_or_in_all(unstated):
     kinds = Counter()
     for number, trial in enumerate(unstated):
-        subject = UNSTATED_SUBJECTS[number % len(UNSTATED_SUBJECTS)]
+        subject = SUBJECTS[UNSTATED][number % len(SUBJECTS[UNSTATED])]
         hidden = hidden_in(trial)
         springs = [of for name, of in hidden if name == SPRING]
         others = [name for name, _ in hidden if name != SPRING]
@@ -131,7 +130,7 @@ def test_the_campaign_says_nothing_of_weights(unstated, tmp_path):
 def test_rows_are_sorted_and_have_no_time(sorted_rows, tmp_path):
     clocks, correlations = Counter(), []
     for number, trial in enumerate(sorted_rows):
-        subject = SORTED_SUBJECTS[number % len(SORTED_SUBJECTS)]
+        subject = SUBJECTS[SORTED][number % len(SUBJECTS[SORTED])]
         assert [name for name, _ in hidden_in(trial)] == ([] if subject == NOTHING else [subject])
         plan = trial.settings.without_touches
         clocks[plan.clock] += 1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.disturbances.disturbance import all_disturbances, disturb
+from pa10cal.cell.disturbances import DISTURBANCES, disturb
 from pa10cal.cell.options import DisturbanceOptions
 from pa10cal.cell.raw_log import RawLog
 from pa10cal.cell.wild_trials import (
@@ -45,7 +45,7 @@ def test_benches_and_subjects_take_turns():
         subjects = subjects_of(kind)
         trials = draw_wild_trials(kind, len(subjects), 3)
         assert [put_in(trial)[0] for trial in trials] == list(subjects)
-    assert set(subjects_of("stressed")) | set(subjects_of("fault")) == set(all_disturbances())
+    assert set(subjects_of("stressed")) | set(subjects_of("fault")) == set(DISTURBANCES)
 
 
 def test_the_turn_of_subjects_stays_for_it_decides_what_a_seed_draws() -> None:
@@ -70,9 +70,9 @@ def test_an_effect_hides_among_a_stressor():
         assert not put_in(trial)
 
 
-@pytest.mark.parametrize("name", all_disturbances())
+@pytest.mark.parametrize("name", DISTURBANCES)
 def test_a_disturbance_changes_the_raw_files_and_says_where(name):
-    kind = "stressed" if all_disturbances()[name].stressor else "fault"
+    kind = "stressed" if DISTURBANCES[name].stressor else "fault"
     (trial,) = draw_wild_trials(kind, 1, 5, only=name)
     clean, log = log_of(trial), log_of(trial)
     places = disturb(log, trial.settings.disturbances, trial.settings.random_seed)

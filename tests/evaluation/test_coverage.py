@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.evaluation.known_truth import coverage, coverage_by_parameter
+from pa10cal.studies.simulated import coverage, coverage_by_parameter
 
 
 def test_normal_scores_are_covered_as_promised():

@@ -14,14 +14,16 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.cell.write import write_campaign
-from pa10cal.evaluation.known_truth import class_of, parameter_scores, prediction_scores
 from pa10cal.files.arms import load_arm
 from pa10cal.studies.simulated import (
+    class_of,
     draw_by_unknowns,
     exact_observations,
     measured,
     observations_of,
+    parameter_scores,
     payload_of_individual,
+    prediction_scores,
 )
 
 #: Noise so small that anything but the right coordinates of the truth would show.
@@ -47,15 +49,15 @@ def test_a_campaign_in_memory_is_the_one_of_its_files(tmp_path, instrument):
 
 
 def drawn(arm, plan):
-    """Return a robot drawn in the coordinates of the model, its truth, and what is seen of it."""
+    """Return a robot drawn in the coordinates of the model, and what is seen of it."""
     first = observations_of(track(arm, plan, 3))
     start = find_start(arm, first)
     unknowns = choose_unknowns(
         arm, CalibrationOptions().tolerances, first.measured, start.T_instr_base, start.targets_m
     )
-    individual, truth = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(4))
+    individual = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(4))
     seen = observations_of(measured(individual, plan, 4))
-    return individual, truth, seen
+    return individual, seen
 
 
 @pytest.mark.parametrize(
@@ -75,7 +77,7 @@ def test_the_truth_is_stated_in_the_coordinates_of_the_model(robot, plan):
         poses=60, holdout_share=0.0, states_targets=False, target_m=0.05, target_rad=1.0,
         **SHARP, **plan,
     )  # fmt: skip
-    individual, truth, seen = drawn(arm, plan)
+    individual, seen = drawn(arm, plan)
     found = calibrate_general(
         arm,
         seen,
@@ -83,7 +85,7 @@ def test_the_truth_is_stated_in_the_coordinates_of_the_model(robot, plan):
         payload_of_individual(individual),
         CalibrationOptions().with_springs(plan.flexible_joints),
     )
-    scores = parameter_scores(found, truth)
+    scores = parameter_scores(found, individual)
     assert len(scores) == len(found.problem.parameters)
     std = dict(
         zip([p.name for p in found.problem.parameters], np.diag(found.fit.covariance), strict=True)
@@ -131,7 +133,7 @@ def test_weights_pull_at_the_posture_in_which_the_arm_stands():
         poses=60, holdout_share=0.0, states_targets=False, instrument="pose",
         flexible_joints=(2, 3), hardening=False, **SHARP,
     )  # fmt: skip
-    individual, truth, seen = drawn(arm, plan)
+    individual, seen = drawn(arm, plan)
     unlogged = replace(seen.states, tau_Nm=np.full_like(seen.states.tau_Nm, np.nan))
     seen = seen.with_states(unlogged)
     found = calibrate_general(
@@ -148,5 +150,5 @@ def test_weights_pull_at_the_posture_in_which_the_arm_stands():
     assert model.deviations(model.as_modelled(seen)).distance_mm.mean() < 5e-5
     report = model.parameters.set_index("parameter").value
     for joint in plan.flexible_joints:
-        stiffness = truth.k_lin_Nm_rad[joint - 1]
+        stiffness = individual.springs.k_lin[joint - 1]
         assert report[f"K_lin_{joint}"] == pytest.approx(stiffness, rel=1e-5)

@@ -13,7 +13,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.cell import instruments
 from pa10cal.cell.classes import classes_in
-from pa10cal.cell.effects.effect import DriveEffect, Effect, Motion
+from pa10cal.cell.effects.effect import Effect, Motion, with_added
 from pa10cal.cell.effects.vocabulary import make_effects
 from pa10cal.cell.individual import KcubReading, build_robot
 from pa10cal.cell.instruments.instrument import Instrument, Truth, rest_poses
@@ -46,7 +46,6 @@ def simulate_campaign(
     """Measure one robot in the virtual cell; the same settings give the same campaign.
 
     Args:
-        name: of the campaign.
         arm: description of the robot; with masses for springs, torques and touched balls.
         settings: seed, hidden effects, instrument, poses, loads, noise.
         kcub_reading: which of the paper's two cubic stiffnesses holds.
@@ -74,9 +73,7 @@ def measure_campaign(
     """Measure a robot that is already there; see `simulate_campaign`.
 
     Args:
-        name: of the campaign.
         settings: seed, instrument, poses, loads, noise; not used for the robot or its effects.
-        robot: the robot as built.
         effects: what it does beyond the paper's model.
     """
     _need_a_drift(effects, settings)
@@ -90,13 +87,10 @@ def measure_campaign(
     )
     q_motor, drive = instrument.motors(schedule, streams)
     motion = Motion(q_motor, schedule.arrival, robot.arm.gear_ratio)
-    for effect in effects:
-        if isinstance(effect, DriveEffect):
-            drive = drive + effect.turn_rad(motion)
     rest = rest_poses(
         robot,
         effects,
-        drive,
+        with_added(drive, "drive", effects, motion),
         schedule.load_N,
         at_rest_s,
         temperature_C - REFERENCE_TEMPERATURE_C,

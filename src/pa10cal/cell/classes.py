@@ -1,4 +1,8 @@
-"""The classes of a kind that the modules of a folder hold, by their id."""
+"""The classes of a kind that the modules of a folder hold, by their id.
+
+It stands beside these folders, for what looks through folders needs all modules beside it
+(`planning.code`).
+"""
 
 from __future__ import annotations
 

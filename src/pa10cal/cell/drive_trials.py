@@ -56,11 +56,6 @@ DRIVE_BENCHES = (
 def draw_drive_trials(kind: DriveKind, count: int, random_seed: int) -> tuple[Trial, ...]:
     """Draw trials of one kind, the benches in turn; the same arguments give the same trials.
 
-    Args:
-        kind: what errs.
-        count: how many.
-        random_seed: draws them.
-
     Raises:
         SettingsError: for a kind that does not exist.
     """

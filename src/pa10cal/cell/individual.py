@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping
-from dataclasses import fields, replace
-from typing import Any, Literal
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,7 +19,6 @@ from pa10cal.cell.robot import (
     Mechanism,
     Robot,
     Springs,
-    Targets,
     apparatus_payload,
     make_balls,
     ring_of_targets,
@@ -60,10 +58,6 @@ _K_LIN_PER_RATED = 120.0
 _K_LIN_SPREAD = 0.25
 _K_CUB_PER_K_LIN = 1700.0
 
-_MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
-_LINK_DEPARTURE = re.compile(r"delta_(a|alpha|d|theta|beta)_([1-9][0-9]*)")
-_FRAME_DEPARTURE = re.compile(r"(base|tool)_(r?[xyz])")
-
 
 def build_robot(
     arm: Arm,
@@ -87,8 +81,8 @@ def build_robot(
             that are not as many as the links.
     """
     if settings.without_touches is not None:
-        return _before_tracker(arm, settings.without_touches, settings.mass_factor, rng)
-    _need_masses(arm, "an arm description with mass_kg and com_m")
+        return draw_individual(arm, settings.without_touches, rng, settings.mass_factor)
+    need_masses(arm, "an arm description with mass_kg and com_m")
     refuse_unrated(arm, range(1, arm.n + 1), "robot")
     if settings.built == "table_1":
         departures, springs = _paper_robot(arm, kcub_reading)
@@ -111,15 +105,13 @@ def build_robot(
     )
 
 
-def draw_individual(arm: Arm, plan: TrackerOptions, rng: np.random.Generator) -> Robot:
-    """Draw one robot in front of a tracker; see `build_robot`."""
-    return _before_tracker(arm, plan, (), rng)
-
-
-def _before_tracker(
-    arm: Arm, plan: TrackerOptions, mass_factor: tuple[float, ...], rng: np.random.Generator
+def draw_individual(
+    arm: Arm,
+    plan: TrackerOptions,
+    rng: np.random.Generator,
+    mass_factor: tuple[float, ...] = (),
 ) -> Robot:
-    """Draw geometry, springs, base, and where the targets are."""
+    """Draw one robot in front of a tracker: geometry, springs, base, targets; see `build_robot`."""
     geometry, stiffness = rng.spawn(2)  # springs or none, the geometry is the same
     own = plan.unstated
     arm = arm if own is None else described(arm, own)
@@ -148,66 +140,6 @@ def _before_tracker(
     return Robot(arm, mechanism, springs, T_instr_base, targets, T_ee_target, departures)
 
 
-def robot_from_departures(
-    arm: Arm,
-    departures: Mapping[str, float],
-    *,
-    plan: TrackerOptions | None = None,
-    springs: Springs | None = None,
-    T_instr_base: Array | None = None,
-    targets: Targets | None = None,
-) -> Robot:
-    """Build the robot that departs from its description by exactly the named parameters.
-
-    Args:
-        arm: its description.
-        departures: by name [m, rad]: `delta_a_k`, `delta_alpha_k`, `delta_d_k`, `delta_theta_k`,
-            `delta_beta_k` of row k; `base_x`, `base_y`, `base_z`, `base_rx`, `base_ry`, `base_rz`
-            and the same of `tool`: shifts along x, y, z, then turns about the moved x, y, z. The
-            base moves outside the arm's constant frame before its first row; the tool moves the
-            end-effector frame, behind the constant one.
-        plan: gives the tool's mass and the number of targets; None for the defaults.
-        springs: its springs; None for none.
-        T_instr_base: (4, 4) where its base would be without departures; None for the instrument's
-            own frame.
-        targets: its targets, in the end-effector frame; None for such as are where the campaign
-            says.
-
-    Raises:
-        SimulationError: for a name that is not one of these.
-    """
-    plan = TrackerOptions() if plan is None else plan
-    rows = Departures.none(arm.n)
-    columns = {field.name.rsplit("_", 1)[0]: getattr(rows, field.name) for field in fields(rows)}
-    frames = {"base": dict.fromkeys(_MOTIONS, 0.0), "tool": dict.fromkeys(_MOTIONS, 0.0)}
-    for name, value in departures.items():
-        link, frame = _LINK_DEPARTURE.fullmatch(name), _FRAME_DEPARTURE.fullmatch(name)
-        if link and int(link[2]) <= arm.n:
-            columns[link[1]][int(link[2]) - 1] = value
-        elif frame:
-            frames[frame[1]][frame[2]] = value
-        else:
-            raise SimulationError(
-                "no such departure",
-                where="departures",
-                value=name,
-                allowed=f"delta_a_k, delta_alpha_k, delta_d_k, delta_theta_k, delta_beta_k with "
-                f"k from 1 to {arm.n}; base_x … base_rz, tool_x … tool_rz",
-                remedy="correct the name",
-            )
-    mechanism = Mechanism.of(arm, rows, tool_payload(plan.tool_mass_kg))
-    stands = np.eye(4) if T_instr_base is None else T_instr_base
-    return Robot(
-        arm=arm,
-        mechanism=replace(mechanism, T_last_ee=mechanism.T_last_ee @ _in_turn(frames["tool"])),
-        springs=springs or Springs.rigid(arm.n),
-        T_instr_base=stands @ _in_turn(frames["base"]),
-        targets=ring_of_targets(plan.target_count) if targets is None else targets,
-        T_ee_target=np.eye(4),
-        departures=rows,
-    )
-
-
 def draw_departures(arm: Arm, rng: np.random.Generator) -> Departures:
     """Draw departures of every row from the manufacturing tolerances."""
     tolerance = Tolerances()
@@ -225,9 +157,7 @@ def draw_springs(arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Gene
     """Draw springs from the rated torques of an arm.
 
     Args:
-        arm: gives the rated torques.
         flexible_joints: joints that yield, from 1; the others are rigid.
-        rng: draws stiffness and hardening.
 
     Raises:
         SimulationError: when a joint is named that does not exist, slides, or has no rated torque.
@@ -255,13 +185,7 @@ def draw_springs(arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Gene
 
 
 def refuse_unrated(arm: Arm, joints: Iterable[int], where: str) -> None:
-    """Refuse an arm some of whose joints, from 1, have no rated torque.
-
-    Args:
-        arm: gives the rated torques.
-        joints: the joints that need one.
-        where: what needs them, for the message.
-    """
+    """Refuse an arm some of whose joints, from 1, have no rated torque."""
     unrated = [joint for joint in joints if np.isnan(arm.torque_limit_Nm[joint - 1])]
     if unrated:
         raise SimulationError(
@@ -273,10 +197,11 @@ def refuse_unrated(arm: Arm, joints: Iterable[int], where: str) -> None:
         )
 
 
-def _need_masses(arm: Arm, allowed: str) -> None:
+def need_masses(arm: Arm, allowed: str) -> None:
+    """Refuse an arm whose description has no masses."""
     if arm.mass_kg is None or arm.com_m is None:
         raise SimulationError(
-            "the arm has no masses, so gravity cannot load its springs",
+            "the arm has no masses, so gravity loads neither springs nor motors",
             where=f"robot {arm.name}",
             allowed=allowed,
             remedy="add them to the description or choose another robot",
@@ -314,7 +239,7 @@ def _paper_robot(arm: Arm, kcub_reading: KcubReading) -> tuple[Departures, Sprin
 def _springs_before_tracker(arm: Arm, plan: TrackerOptions, rng: np.random.Generator) -> Springs:
     if not plan.flexible_joints:
         return Springs.rigid(arm.n)
-    _need_masses(arm, "an arm description with mass_kg and com_m, or no flexible joints")
+    need_masses(arm, "an arm description with mass_kg and com_m, or no flexible joints")
     springs = draw_springs(arm, plan.flexible_joints, rng)
     return springs if plan.hardening else replace(springs, k_cub=np.zeros(arm.n))
 
@@ -336,15 +261,6 @@ def _anywhere(rng: np.random.Generator) -> Array:
     T[:3, :3] = Rotation.random(rng=rng).as_matrix()
     direction = rng.standard_normal(3)
     T[:3, 3] = rng.uniform(*STAND_OFF_M) * direction / np.linalg.norm(direction)
-    return T
-
-
-def _in_turn(motions: Mapping[str, float]) -> Array:
-    """Return (4, 4): shifts, then turns about the moved x, y and z."""
-    T = np.eye(4)
-    turns_rad = [motions[f"r{axis}"] for axis in "xyz"]
-    T[:3, :3] = Rotation.from_euler("XYZ", turns_rad).as_matrix()
-    T[:3, 3] = [motions[axis] for axis in "xyz"]
     return T
 
 
@@ -433,29 +349,29 @@ def nominal(arm: Arm, own: UnstatedOptions, tool_kg: float) -> Mechanism:
     return weighed(bare, own)
 
 
-def draw_unstated(arm: Arm, rng: np.random.Generator) -> tuple[dict[str, Any], float]:
-    """Draw lengths and weights of an arm, as `UnstatedOptions`, and the mass of its tool [kg]."""
+def draw_unstated(arm: Arm, rng: np.random.Generator) -> tuple[UnstatedOptions, float]:
+    """Draw lengths and weights of an arm, and the mass of its tool [kg]."""
     reach_m = float(np.exp(rng.uniform(*np.log(REACH_M))))
     rows = np.exp(rng.normal(0.0, _ROW_SCATTER, arm.n))
-    no_weights = {"mass_kg": np.zeros(arm.n).tolist(), "com_m": np.zeros((arm.n, 3)).tolist()}
-    scattered = described(arm, UnstatedOptions(lengths=tuple(rows), **no_weights))
+    bare = {"mass_kg": np.zeros(arm.n), "com_m": np.zeros((arm.n, 3))}
+    scattered = described(arm, _own(lengths=rows, **bare))
     lengths = (reach_m / scattered.reach_m * rows).round(4)
-    own = UnstatedOptions(lengths=tuple(lengths.tolist()), **no_weights)
 
     total_kg = np.exp(rng.uniform(*np.log(MASS_KG))) * reach_m ** rng.uniform(*_POWER)
     fall = np.exp(-rng.uniform(*_TAPER) * np.arange(arm.n))
     shares = fall * np.exp(rng.normal(0.0, _MASS_SCATTER, arm.n))
     mass_kg = total_kg * shares / shares.sum()
 
-    mechanism = nominal(arm, own, 0.0)
+    mechanism = nominal(arm, _own(lengths=lengths, **bare), 0.0)
     ends_m = np.concatenate([mechanism.placements[1:], mechanism.T_last_ee[None]])[:, :3, 3]
     behind = rng.random(arm.n) < _COUNTERBALANCED
     along = np.where(behind, rng.uniform(*_BEHIND, arm.n), rng.uniform(*_ALONG, arm.n))
     aside_m = _ASIDE[0] * np.linalg.norm(ends_m, axis=1) + _ASIDE[1] * reach_m
     com_m = along[:, None] * ends_m + aside_m[:, None] * rng.standard_normal((arm.n, 3))
-    weights = {
-        "lengths": lengths.tolist(),
-        "mass_kg": mass_kg.round(4).tolist(),
-        "com_m": com_m.round(4).tolist(),
-    }
-    return weights, float(total_kg * np.exp(rng.uniform(*np.log(TOOL_SHARE))))
+    tool_kg = float(total_kg * np.exp(rng.uniform(*np.log(TOOL_SHARE))))
+    own = _own(lengths=lengths, mass_kg=mass_kg.round(4), com_m=com_m.round(4))
+    return own, round(tool_kg, 3)
+
+
+def _own(**arrays: Array) -> UnstatedOptions:
+    return UnstatedOptions.model_validate({name: each.tolist() for name, each in arrays.items()})

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from pa10cal.cell.effects.vocabulary import all_effects, places_of
 from pa10cal.cell.individual import described, draw_unstated, nominal
 from pa10cal.cell.options import TrackerOptions, UnstatedOptions
 from pa10cal.cell.poses import joint_bounds
-from pa10cal.cell.robot import Mechanism
+from pa10cal.cell.robot import Departures, Mechanism, Statics, tool_payload
 from pa10cal.cell.trials import (
     ATTITUDE_RAD,
     POSITION_MM,
@@ -35,23 +35,9 @@ from pa10cal.cell.trials import (
     trial_places,
 )
 from pa10cal.files.arms import arm_names
-from pa10cal.settings_reading import parse_section
 
 UNSTATED, SORTED = "unstated_masses", "sorted_rows"
 SPRING = "joint_compliance"
-#: What trials of unstated masses hide, in turn: springs in no joint, in some or in all, alone or
-#: with one other effect. Where no joint gives way alone is drawn twice as often.
-NO_SPRINGS, SOME_SPRINGS, ALL_SPRINGS = "no_springs", "some_springs", "all_springs"
-AND_MORE = "_and_more"
-UNSTATED_SUBJECTS = (
-    NO_SPRINGS,
-    SOME_SPRINGS,
-    ALL_SPRINGS,
-    NO_SPRINGS + AND_MORE,
-    SOME_SPRINGS + AND_MORE,
-    ALL_SPRINGS + AND_MORE,
-    NO_SPRINGS,
-)
 #: The other effect.
 _MORE = (
     "encoder_eccentricity",
@@ -64,19 +50,23 @@ _MORE = (
     "wrist_coupling",
     "cmm_scale",
 )
-#: What trials of sorted rows hide, in turn; all but the motions of the base sit at the joint by
-#: which rows are sorted, and so look like a motion in the course of time.
-NOTHING = "nothing"
-SORTED_SUBJECTS = (
-    NOTHING,
-    SPRING,
-    "encoder_eccentricity",
-    "third_harmonic",
-    "base_compliance",
-    NOTHING,
-    "gear_ratio_error",
-    "pedestal_tilt",
-)
+NO_SPRINGS, SOME_SPRINGS, ALL_SPRINGS = "no_springs", "some_springs", "all_springs"
+AND_MORE, NOTHING = "_and_more", "nothing"
+#: What trials hide, in turn. Of unstated masses springs in no joint, in some or in all, alone or
+#: with one other effect; where no joint gives way alone is drawn twice as often. Of sorted rows all
+#: but the motions of the base sit at the joint by which rows are sorted, and so look like a motion
+#: in the course of time.
+SUBJECTS = {
+    UNSTATED: (
+        *(NO_SPRINGS, SOME_SPRINGS, ALL_SPRINGS),
+        *(NO_SPRINGS + AND_MORE, SOME_SPRINGS + AND_MORE, ALL_SPRINGS + AND_MORE),
+        NO_SPRINGS,
+    ),
+    SORTED: (
+        *(NOTHING, SPRING, "encoder_eccentricity", "third_harmonic", "base_compliance"),
+        *(NOTHING, "gear_ratio_error", "pedestal_tilt"),
+    ),
+}
 #: Deflection of a joint under the largest torque that it usually carries, and turn of a link or the
 #: base under the usual moment [rad], whatever the size of the arm.
 SAG_RAD = (3e-4, 4e-3)
@@ -110,16 +100,11 @@ def measured_benches() -> dict[str, Bench]:
     return {bench.name: bench for bench in benches}
 
 
-def subjects_in_turn(kind: str) -> tuple[str, ...]:
-    """Return what trials of a kind hide, in turn."""
-    return UNSTATED_SUBJECTS if kind == UNSTATED else SORTED_SUBJECTS
-
-
 @dataclass(frozen=True)
 class _OwnArm:
     """One arm whose masses are not stated."""
 
-    raw: dict[str, Any]  # what is true of it, as `UnstatedOptions`
+    weights: UnstatedOptions  # its true lengths and weights
     tool_kg: float  # true mass of its tool
     arm: Arm  # as the campaign describes it
     mechanism: Mechanism  # as described, with the true weights
@@ -127,36 +112,34 @@ class _OwnArm:
     @classmethod
     def drawn(cls, shipped: Arm, rng: np.random.Generator) -> _OwnArm:
         """Draw lengths and weights of an arm of a kind."""
-        raw, tool_kg = draw_unstated(shipped, rng)
-        own = parse_section(UnstatedOptions, raw, where=shipped.name)
-        tool_kg = round(tool_kg, 3)
-        return cls(raw, tool_kg, described(shipped, own), nominal(shipped, own, tool_kg))
+        weights, tool_kg = draw_unstated(shipped, rng)
+        mechanism = nominal(shipped, weights, tool_kg)
+        return cls(weights, tool_kg, described(shipped, weights), mechanism)
 
-    def usual_torques_Nm(self) -> tuple[Array, Array]:
-        """Return by joint the largest torque, and how far torques vary (rms), in usual poses."""
-        tau_Nm = self.mechanism.statics(*self._usual_poses()).torque_Nm
-        tau_Nm = np.where(self.arm.prismatic, 0.0, tau_Nm)
-        return np.abs(tau_Nm).max(axis=0), tau_Nm.std(axis=0)
+    @cached_property
+    def usual(self) -> Statics:
+        """What the weights do in usual poses."""
+        rng = np.random.default_rng(0)
+        q = rng.uniform(*joint_bounds(self.arm), (_TYPICAL_POSES, self.arm.n))
+        return self.mechanism.statics(q, np.zeros(len(q)))
+
+    @property
+    def usual_torques_Nm(self) -> Array:
+        """(P, n) torques in usual poses; none of joints that slide."""
+        return np.where(self.arm.prismatic, 0.0, self.usual.torque_Nm)
 
     def usual_moment_Nm(self, of: str) -> float:
         """Return the root mean square of the moment that a long link or the base carries."""
-        held = self.mechanism.statics(*self._usual_poses())
+        moment = self.usual.base_Nm
         if of in LONG_LINKS:
-            moment = held.link_Nm[:, self.mechanism.long_links[LONG_LINKS.index(of)]]
-        else:
-            moment = held.base_Nm
+            moment = self.usual.link_Nm[:, self.mechanism.long_links[LONG_LINKS.index(of)]]
         return float(np.sqrt(np.mean(np.sum(moment**2, axis=1))))
 
     def loaded(self) -> list[int]:
         """Return the joints, from 1, whose torque varies."""
-        vary_Nm = self.usual_torques_Nm()[1]
+        vary_Nm = self.usual_torques_Nm.std(axis=0)
         loaded = (vary_Nm > _LOADED * vary_Nm.max()) & (vary_Nm > 1e-9)
         return (np.flatnonzero(loaded) + 1).tolist()
-
-    def _usual_poses(self) -> tuple[Array, Array]:
-        rng = np.random.default_rng(0)
-        q = rng.uniform(*joint_bounds(self.arm), (_TYPICAL_POSES, self.arm.n))
-        return q, np.zeros(len(q))
 
 
 def draw_measured_trial(
@@ -165,11 +148,8 @@ def draw_measured_trial(
     """Draw a trial of unstated masses or of sorted rows.
 
     Args:
-        kind: which of the two.
-        number: of the trial.
-        subject: what it hides, of `subjects_in_turn`.
+        subject: what it hides, of `SUBJECTS`.
         benches: of `measured_benches`.
-        rng: draws the rest.
 
     Raises:
         SettingsError: where the subject does nothing at any of the benches.
@@ -189,7 +169,7 @@ def draw_measured_trial(
         "unseen_rad": _UNSEEN_RAD,
         "position_mm": round(log_uniform(POSITION_MM, rng), 4),
         "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
-        "unstated": own.raw,
+        "unstated": own.weights.model_dump(),
     }
     poses = round(log_uniform(POSES, rng))
     by = None
@@ -205,7 +185,7 @@ def draw_measured_trial(
         more = str(rng.choice(_MORE)) if subject.endswith(AND_MORE) else None
     else:
         by = _sorting_joint(subject, own, rng)
-        numbered = (number + number // len(SORTED_SUBJECTS)) % 2 == 0
+        numbered = (number + number // len(SUBJECTS[SORTED])) % 2 == 0
         plan |= {
             "commanded": _sorted(own.arm, poses, by, rng),
             "holdout_share": 0.0,
@@ -232,10 +212,8 @@ def _fits(subject: str, arm: Arm) -> bool:
 
 def _upright(arm: Arm) -> bool:
     """Return whether all joints are upright, so that no weight loads one that turns."""
-    bare = UnstatedOptions(
-        lengths=(1.0,) * arm.n, mass_kg=(1.0,) * arm.n, com_m=((0.1,) * 3,) * arm.n
-    )
-    frames = nominal(arm, bare, 0.0).T_base_joints(np.ones((1, arm.n)))
+    mechanism = Mechanism.of(arm, Departures.none(arm.n), tool_payload(0.0))
+    frames = mechanism.T_base_joints(np.ones((1, arm.n)))
     return bool(np.all(np.abs(frames[:, 0, 2, 2]) > 1.0 - 1e-9))
 
 
@@ -252,7 +230,7 @@ def _soft_joints(springs: str, own: _OwnArm, rng: np.random.Generator) -> list[i
 
 def _stiffness(joint: int, own: _OwnArm, rng: np.random.Generator) -> float:
     """Return the stiffness [N m/rad] with which a joint bends plausibly; see `SAG_RAD`."""
-    largest_Nm = own.usual_torques_Nm()[0]
+    largest_Nm = np.abs(own.usual_torques_Nm).max(axis=0)
     torque_Nm = max(largest_Nm[joint - 1], _LOADED * largest_Nm.max())
     return round(float(torque_Nm / log_uniform(SAG_RAD, rng)), 3)
 
@@ -263,7 +241,7 @@ def _hide_more(scenario: Scenario, name: str, of: str, own: _OwnArm) -> None:
     What goes by moments has its size by those of this arm, and motion that is lost is positive.
     """
     effect, times = all_effects()[name], log_uniform(_TIMES[scenario.kind], scenario.rng)
-    site = Site(of, half_m=0.5 * own.arm.reach_m, middle_m=scenario.middle_m)
+    site = Site(of, half_m=0.5 * own.arm.reach_m, middle_m=scenario.bench.middle_m(scenario.robot))
     scenario.hide(effect, times * effect.plausible_size, site)
     parameters = scenario.hidden[-1]["parameters"]
     if name in ("link_bending", "base_compliance"):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +80,6 @@ def commanded_positions(arm: Arm, wanted: Sequence[Sequence[float]], where: str)
     """Return the (P, n) joint positions that settings list [rad, or m of a prismatic joint].
 
     Args:
-        arm: gives the joint limits.
         wanted: P poses, a position a joint each [deg; mm of a prismatic joint].
         where: the option that lists them, for messages.
 
@@ -117,7 +117,6 @@ def place_poses(
     """Lay out the poses of a campaign of touched balls.
 
     Args:
-        arm: gives the joint limits.
         nominal: the arm with the geometry its maker describes.
         settings: layout, middle of the grid, spacing, orientations.
         holdout_points: H, how many held-out points.
@@ -154,10 +153,7 @@ def draw_wide(arm: Arm, nominal: Mechanism, count: int, rng: np.random.Generator
     Whether links, rods and measuring machine collide otherwise is not looked at.
 
     Args:
-        arm: gives the joint limits.
         nominal: the arm with the geometry its maker describes.
-        count: P, how many.
-        rng: draws them.
 
     Returns:
         (P, n) joint positions, in the order in which they were drawn.
@@ -246,7 +242,6 @@ class _Reach:
         """Return (P, n) joint positions that shift and tilt the flange from the middle.
 
         Args:
-            label: letter of the poses, for messages.
             shift_m: (P, 3) displacements along base axes.
             tilt_rad: (P, 3) rotation vectors along the tool's own axes; None for no tilt.
         """
@@ -366,16 +361,12 @@ def sweeps(poses: Poses, settings: SimulateOptions, rng: np.random.Generator) ->
     ]
     if len(poses.holdout) and settings.holdout_loads_N:
         parts.append(_shuffled(poses, settings, rng))
-    loads = np.concatenate([part.load_N for part in parts])
-    first = np.cumsum([len(part) for part in parts])[:-1]
-    pauses = np.zeros(len(loads))
-    pauses[first] = LOAD_CHANGE_S * (loads[first] != loads[first - 1])
-    start_s = BLOCK_S * np.arange(len(loads)) + np.cumsum(pauses)
-    joined = {
-        field.name: np.concatenate([getattr(part, field.name) for part in parts])
-        for field in fields(Schedule)
-    }
-    return Schedule(**{**joined, "start_s": start_s})
+    kind, pose, load_N, repeat, q, q_from = map(np.concatenate, zip(*parts, strict=True))
+    first = np.cumsum([len(part[0]) for part in parts])[:-1]
+    pauses = np.zeros(len(q))
+    pauses[first] = LOAD_CHANGE_S * (load_N[first] != load_N[first - 1])
+    start_s = BLOCK_S * np.arange(len(q)) + pauses.cumsum()
+    return Schedule(kind, pose, load_N, repeat, start_s, q, q_from)
 
 
 def one_after_another(commands: Array, plan: TrackerOptions, rng: np.random.Generator) -> Schedule:
@@ -387,7 +378,6 @@ def one_after_another(commands: Array, plan: TrackerOptions, rng: np.random.Gene
     Args:
         commands: (P, n) commanded joint positions [rad, or m of a prismatic joint].
         plan: share held out, repeats and their order, loads, time a configuration takes.
-        rng: draws the order where it is drawn.
     """
     count = len(commands)
     holdout = 0 if plan.holdout_every else round(plan.holdout_share * count)
@@ -433,60 +423,40 @@ def _run(
     return np.arange(count)[::-1] if backwards else np.arange(count)
 
 
-def _sweep(kind: str, letter: str, q: Array, load_N: float, repeats: int, path: str) -> Schedule:
+#: Kind, label, load, repeat, position and where from, each of some configurations.
+_Columns = tuple[NDArray[Any], NDArray[Any], Array, NDArray[Any], Array, Array]
+
+
+def _sweep(kind: str, letter: str, q: Array, load_N: float, repeats: int, path: str) -> _Columns:
     """Run `repeats` times round the closed path through the poses."""
     count = len(q)
     runs = [np.arange(count)] * repeats
     if path == "alternating":
         runs = [run[::-1] if repeat % 2 else run for repeat, run in enumerate(runs)]
     order = np.concatenate(runs)
-    came_from = np.concatenate([np.roll(run, 1) for run in runs])
+    q_from = q[np.concatenate([np.roll(run, 1) for run in runs])]
     numbers = np.repeat(np.arange(1, repeats + 1), count)
-    loads_N = np.full(len(order), load_N)
-    return _configurations(kind, letter, q, order, came_from, loads_N, numbers)
+    kinds, loads_N = np.full(len(order), kind), np.full(len(order), load_N)
+    return kinds, _labels(letter, q)[order], loads_N, numbers, q[order], q_from
 
 
-def _shuffled(poses: Poses, settings: SimulateOptions, rng: np.random.Generator) -> Schedule:
+def _shuffled(poses: Poses, settings: SimulateOptions, rng: np.random.Generator) -> _Columns:
     """Shuffle points, loads and repeats of the held-out points.
 
     Where shuffling gives one point twice in a row, the arm goes to the first grid pose in
     between.
     """
-    point, load, repeat = (
-        choice.ravel()
-        for choice in np.meshgrid(
-            np.arange(len(poses.holdout)),
-            np.array(settings.holdout_loads_N),
-            np.arange(1, settings.holdout_repeats + 1),
-            indexing="ij",
-        )
-    )
-    shuffled = rng.permutation(len(point))
-    order = point[shuffled]
+    loads_N, repeats = np.array(settings.holdout_loads_N), settings.holdout_repeats
+    shape = len(poses.holdout), len(loads_N), repeats
+    shuffled = rng.permutation(int(np.prod(shape)))
+    order, load, repeat = np.unravel_index(shuffled, shape)
     came_from = np.roll(order, 1)
-    schedule = _configurations(
-        "holdout", "H", poses.holdout, order, came_from, load[shuffled], repeat[shuffled]
-    )
     again = (order == came_from)[:, None]
-    return replace(schedule, q_from=np.where(again, poses.grid[0], schedule.q_from))
+    q = poses.holdout
+    q_from = np.where(again, poses.grid[0], q[came_from])
+    kinds, labels = np.full(len(order), "holdout"), _labels("H", q)
+    return kinds, labels[order], loads_N[load], 1 + repeat, q[order], q_from
 
 
-def _configurations(
-    kind: str,
-    letter: str,
-    q: Array,
-    order: NDArray[np.intp],
-    came_from: NDArray[np.intp],
-    load_N: Array,
-    repeat: NDArray[np.int64],
-) -> Schedule:
-    labels = np.array([f"{letter}{number:02d}" for number in range(1, len(q) + 1)])
-    return Schedule(
-        kind=np.full(len(order), kind),
-        pose=labels[order],
-        load_N=load_N.astype(float),
-        repeat=repeat,
-        start_s=np.zeros(len(order)),
-        q=q[order],
-        q_from=q[came_from],
-    )
+def _labels(letter: str, q: Array) -> NDArray[np.str_]:
+    return np.array([f"{letter}{number:02d}" for number in range(1, len(q) + 1)])

@@ -17,7 +17,7 @@ from pa10cal.arrays import Array
 Indices = NDArray[np.int64]
 
 _CONFIGURATION = ["kind", "pose", "load_N", "repeat"]
-_QUATERNION = ["qw", "qx", "qy", "qz"]
+QUATERNION = ["qw", "qx", "qy", "qz"]
 
 
 @dataclass
@@ -94,7 +94,6 @@ class RawLog:
         A distance takes the first of the three.
 
         Args:
-            shift_mm: how much.
             base: whether targets on the base are read so, too.
         """
         of_rows = shift_mm[self.configuration]
@@ -108,27 +107,6 @@ class RawLog:
         for columns in self.points:
             p_mm = self.readings[columns].to_numpy(dtype=float)
             self.readings[columns] = p_mm + np.cross(of_rows, p_mm)
-
-    def quaternions(self) -> Array:
-        """Return the orientations, (C, 4), w first."""
-        return self.readings[_QUATERNION].to_numpy(dtype=float)
-
-    def set_quaternions(self, quaternions: Array) -> None:
-        """Put other orientations, (C, 4), under the same headers."""
-        self.readings[_QUATERNION] = quaternions
-
-    def angles_of(self, joint: int) -> pd.Series[float]:
-        """Return the logged angles of a joint, from 1 [deg]."""
-        return self.joints[f"q{joint}_deg"]
-
-    def set_angles_of(self, joint: int, angles_deg: pd.Series[float]) -> None:
-        """Log other angles of a joint, from 1 [deg]."""
-        self.joints[f"q{joint}_deg"] = angles_deg
-
-    def torques_of(self, joint: int) -> str | None:
-        """Return the column of logged torques of a joint, from 1; None where none are logged."""
-        name = f"tau{joint}_Nm"
-        return name if name in self.joints else None
 
     def label(self, configuration: int) -> str:
         """Return the pose of a configuration."""

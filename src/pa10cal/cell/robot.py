@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -40,7 +41,6 @@ def make_balls(measured_to_mm: float, rng: np.random.Generator) -> Targets:
 
     Args:
         measured_to_mm: standard deviation of the separate measurement, each coordinate.
-        rng: draws how the balls came out, then the error of their measurement.
     """
     balls_m = BALLS_DESIGN_M + rng.normal(0.0, _BALL_MAKING_M, BALLS_DESIGN_M.shape)
     error_m = 1e-3 * measured_to_mm * rng.standard_normal(balls_m.shape)
@@ -78,7 +78,22 @@ class Departures:
     @classmethod
     def none(cls, n: int) -> Departures:
         """Return no departure at all, for an arm of `n` joints."""
-        return cls(*(np.zeros(n) for _ in range(5)))
+        return cls(*np.zeros((5, n)))
+
+    @classmethod
+    def named(cls, n: int, values: Mapping[str, float]) -> Departures:
+        """Return what parameters of rows say [m, rad]: `delta_a_1`, …, `delta_beta_<n>`."""
+        every = cls.none(n).by_name | dict(values)
+        return cls(*np.array(list(every.values())).reshape(5, n))
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """Every departure by the name of its parameter: `delta_a_1`, …"""
+        return {
+            f"delta_{field.name.rsplit('_', 1)[0]}_{row}": value
+            for field in fields(self)
+            for row, value in enumerate(getattr(self, field.name).tolist(), start=1)
+        }
 
 
 @dataclass(frozen=True)
@@ -247,9 +262,6 @@ class Mechanism:
         """Lay out the rows of an arm.
 
         Args:
-            arm: its description.
-            departures: by what its rows are off.
-            payload: what it carries.
             mass_kg: (n,) true masses of its links; None for those of the description, and links
                 without weight where that has none.
         """

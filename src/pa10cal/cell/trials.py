@@ -191,21 +191,17 @@ class Bench:
         """Draw the factor of an effect's usual size in a trial of a kind."""
         return effect.plausible_size if kind == "single" else log_uniform(OTHER_SIZES, rng)
 
-    def site(self, of: str, middle_m: tuple[float, float, float]) -> Site:
-        """Return what the size of an effect at a place goes by.
-
-        Args:
-            of: the place.
-            middle_m: middle of the measured volume in the instrument's frame.
-        """
+    def site(self, of: str, robot: Robot) -> Site:
+        """Return what the size of an effect at a place of a robot goes by."""
         of_joint = {}
-        if joint := joint_of(of):
+        if of.startswith("joint "):
+            joint = int(of.removeprefix("joint ")) - 1
             of_joint = {
-                "rated_Nm": float(np.nan_to_num(self.arm.torque_limit_Nm[joint - 1])),
-                "typical_Nm": float(self.typical_Nm[joint - 1]),
-                "coulomb_Nm": float(self.coulomb_Nm[joint - 1]),
+                "rated_Nm": float(np.nan_to_num(self.arm.torque_limit_Nm[joint])),
+                "typical_Nm": float(self.typical_Nm[joint]),
+                "coulomb_Nm": float(self.coulomb_Nm[joint]),
             }
-        return Site(of, **of_joint, half_m=self.half_m, middle_m=middle_m)
+        return Site(of, **of_joint, half_m=self.half_m, middle_m=self.middle_m(robot))
 
     def places(self, effect: type[Effect]) -> list[str]:
         """Return where an effect does something at this bench."""
@@ -333,22 +329,16 @@ class Scenario:
         """The robot of the campaign, once its plan is drawn."""
         return robot_of(self.bench.arm, self.options)
 
-    @property
-    def middle_m(self) -> tuple[float, float, float]:
-        """Middle of the measured volume in the instrument's frame."""
-        return self.bench.middle_m(self.robot)
-
     def hide(self, effect: type[Effect], size: float, site: Site | None = None) -> None:
         """Hide an effect at some times its usual size, none twice at one place.
 
         Args:
-            effect: which.
             size: factor of its usual size.
             site: where; None draws a place where it does something at the bench.
         """
         if site is None:
             of = str(self.rng.choice(self.bench.places(effect)))
-            site = self.bench.site(of, self.middle_m)
+            site = self.bench.site(of, self.robot)
         parameters = effect.at_size(site, size, self.rng)
         if all((effect.id, site.of) != (other["id"], other["of"]) for other in self.hidden):
             self.put(effect.id, site.of, parameters, size)
@@ -385,9 +375,6 @@ def draw_trials(
     vocabulary holds for plausible. Trials of a smaller count are the first of a larger one.
 
     Args:
-        kind: what they hide.
-        count: how many.
-        random_seed: draws them.
         study: of `STUDIES`, each drawn apart.
         benches: names of those to use, in this order; none for all of the study.
         size: factor of the usual size of all effects; None draws it. It changes nothing else.
@@ -419,13 +406,12 @@ def _drawn(
     size: float | None,
     rng: np.random.Generator,
 ) -> Trial:
-    bench, known = _bench_in_turn(kind, number, benches)
+    bench, known, in_turn = _bench_in_turn(kind, number, benches)
     scenario = Scenario(kind, number, rng, bench, int(rng.integers(2**31)))
     drifts, settings = bench.drawn_plan(rng)
     scenario.settings |= settings
     while len(scenario.hidden) < MEMBERS.get(kind, 0):
-        turn = takes_turns(kind)
-        effect = known[in_turn(number, known) if turn else str(rng.choice(list(known)))]
+        effect = in_turn or known[str(rng.choice(list(known)))]
         drawn = bench.drawn_size(effect, kind, rng)
         scenario.hide(effect, drawn if size is None else size)
     if not bench.touched:
@@ -453,20 +439,20 @@ def _misstated(scenario: Scenario, uncertainty_mm: float) -> dict[str, Any]:
 
 def _bench_in_turn(
     kind: TrialKind, number: int, benches: Sequence[Bench]
-) -> tuple[Bench, dict[str, type[Effect]]]:
-    """Return the bench of a trial, and the effects that may be hidden there."""
+) -> tuple[Bench, dict[str, type[Effect]], type[Effect] | None]:
+    """Return the bench of a trial, the effects that may be hidden there, and whose turn it is."""
     known = hideable(kind)
-    if takes_turns(kind):
-        effect = known[in_turn(number, known)]
+    if kind in ("single", "outside"):
+        turn, place = divmod(number, len(known))
+        effect = list(known.values())[place]
         fit = [bench for bench in benches if bench.places(effect)]
         if not fit:
             names = [bench.name for bench in benches]
             raise idle(effect.id, names, "an arm with masses and logged torques among them")
-        turn, place = divmod(number, len(known))
         # Layouts of touched balls take turns from effect to effect as well.
-        return fit[(turn + place * fit[0].touched) % len(fit)], known
+        return fit[(turn + place * fit[0].touched) % len(fit)], known, effect
     bench = benches[number % len(benches)]
-    return bench, {name: each for name, each in known.items() if bench.places(each)}
+    return bench, {name: each for name, each in known.items() if bench.places(each)}, None
 
 
 def hideable(kind: TrialKind) -> dict[str, type[Effect]]:
@@ -474,24 +460,9 @@ def hideable(kind: TrialKind) -> dict[str, type[Effect]]:
     return outside() if kind == "outside" else vocabulary()
 
 
-def takes_turns(kind: str) -> bool:
-    """Return whether trials of a kind go through their effects one after the other."""
-    return kind in ("single", "outside")
-
-
-def in_turn(number: int, known: Mapping[str, type[Effect]]) -> str:
-    """Return the name of the effect whose turn it is."""
-    return list(known)[number % len(known)]
-
-
 def trial_places(effect: type[Effect]) -> tuple[str, ...]:
     """Return where trials put an effect, in the words of `Effect.places`."""
     return effect.trial_places or effect.places
-
-
-def joint_of(place: str) -> int:
-    """Return the number of the joint that a place names, 0 of none."""
-    return int(place.removeprefix("joint ")) if place.startswith("joint ") else 0
 
 
 def log_uniform(bounds: tuple[float, float], rng: np.random.Generator) -> float:

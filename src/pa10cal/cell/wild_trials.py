@@ -1,32 +1,23 @@
 """Wild trials: campaigns of any arm and instrument, with what ordinary logs have, and with faults.
 
 Kinds of `trials` hide effects in logs that are otherwise in order. These put stressors and faults
-into the raw files besides (`cell/disturbances/`).
+into the raw files besides (`cell/disturbances.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
 
-from pa10cal.cell.disturbances.disturbance import (
-    Disturbance,
-    Need,
-    TemperatureRamp,
-    all_disturbances,
-)
-from pa10cal.cell.disturbances.faults import DirectionReversed
+from pa10cal.cell.disturbances import DISTURBANCES, Disturbance, Need
 from pa10cal.cell.effects.effect import Effect, TorqueLogEffect
 from pa10cal.cell.effects.vocabulary import nameless, vocabulary
 from pa10cal.cell.measured_trials import (
-    SORTED,
-    UNSTATED,
+    SUBJECTS,
     draw_measured_trial,
     measured_benches,
-    subjects_in_turn,
 )
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.trials import (
@@ -105,9 +96,6 @@ def draw_wild_trials(
     torques are logged are drawn. Trials of a smaller count are the first of a larger one.
 
     Args:
-        kind: what they put in.
-        count: how many.
-        random_seed: draws them.
         benches: `ur10-pose` and so on, or `pa10-touched`; none for all.
         only: one disturbance or effect, or another subject; empty for all in turn.
 
@@ -116,7 +104,7 @@ def draw_wild_trials(
             that means nothing at any of the benches.
     """
     refuse_unless(kind, WILD_KINDS, "kind", _UNKNOWN)
-    measured = kind in (UNSTATED, SORTED)
+    measured = kind in SUBJECTS
     known = (*measured_benches(),) if measured else (*_BENCHES,)
     for bench in benches:
         refuse_unless(bench, known, "benches", _UNKNOWN)
@@ -135,77 +123,60 @@ def draw_wild_trials(
 
 def subjects_of(kind: WildKind) -> tuple[str, ...]:
     """Return the disturbances or effects that trials of a kind go through in turn."""
-    every = all_disturbances()
-    by_kind = {
+    every = DISTURBANCES.items()
+    return {
         "right": (_NOTHING,),
-        "stressed": tuple(name for name, each in every.items() if each.stressor),
+        "stressed": tuple(name for name, each in every if each.stressor),
         "effect": tuple(name for name in vocabulary() if name not in _IN_EVERY_MODEL),
         "beyond": tuple(nameless()),
-        "fault": tuple(name for name, each in every.items() if not each.stressor),
+        "fault": tuple(name for name, each in every if not each.stressor),
+        **SUBJECTS,
+    }[kind]
+
+
+def _drawn_use(bench: Bench, rng: np.random.Generator) -> dict[str, Any]:
+    """Draw how a bench is used, as `without_touches` holds it."""
+    repeats = int(rng.choice(list(POSES_BY_REPEATS)))
+    loads_N = LOADS_N if rng.random() < LOADED else LOADS_N[:1]
+    logs_torques, targets = bool(rng.random() < 0.5), int(rng.choice([1, 2, 3]))
+    if bench.touched:
+        return {"repeats": 4, "loads_N": LOADS_N, "logs_torques": True, "targets": 3}
+    has_masses = bench.arm.mass_kg is not None
+    return {
+        "repeats": repeats,
+        "loads_N": loads_N if has_masses else LOADS_N[:1],
+        "logs_torques": logs_torques and has_masses,
+        "targets": targets if sees_several(bench.instrument) else 1,
     }
-    return by_kind[kind] if kind in by_kind else subjects_in_turn(kind)
 
 
-@dataclass(frozen=True)
-class _SetUp:
-    """How a campaign is measured."""
+def _has(bench: Bench, use: Mapping[str, Any]) -> dict[Need, bool]:
+    """Return which needs of disturbances a bench meets that is used so."""
+    return {
+        "loads": len(use["loads_N"]) > 1,
+        "masses": bench.arm.mass_kg is not None,
+        "springs": bench.touched or bool(bench.flexible_joints),
+        "repeats": use["repeats"] > 1,
+        "touches": bench.touched,
+        "tracker": not bench.touched,
+        "attitude": bench.instrument == "pose",
+        "targets": use["targets"] > 1,
+    }
 
-    bench: Bench  # arm and instrument
-    repeats: int  # of every calibration pose
-    loads_N: tuple[float, ...]  # external loads
-    logs_torques: bool  # whether torques are logged
-    targets: int  # seen by the instrument
 
-    @classmethod
-    def drawn(cls, name: str, rng: np.random.Generator) -> _SetUp:
-        """Draw how a bench is used."""
-        repeats = int(rng.choice(list(POSES_BY_REPEATS)))
-        loads_N = LOADS_N if rng.random() < LOADED else LOADS_N[:1]
-        logs_torques, targets = bool(rng.random() < 0.5), int(rng.choice([1, 2, 3]))
-        bench = _BENCHES[name]
-        if name == TOUCHED:
-            return cls(bench, 4, LOADS_N, logs_torques=True, targets=3)
-        has_masses = bench.arm.mass_kg is not None
-        return cls(
-            bench,
-            repeats,
-            loads_N if has_masses else LOADS_N[:1],
-            logs_torques and has_masses,
-            targets if sees_several(bench.instrument) else 1,
-        )
-
-    @property
-    def touched(self) -> bool:
-        """Whether it is the PA10 with its balls."""
-        return self.bench.touched
-
-    def has(self, need: Need) -> bool:
-        """Return whether its campaigns have what a disturbance needs."""
-        return {
-            "loads": len(self.loads_N) > 1,
-            "masses": self.bench.arm.mass_kg is not None,
-            "springs": self.touched or bool(self.bench.flexible_joints),
-            "repeats": self.repeats > 1,
-            "touches": self.touched,
-            "tracker": not self.touched,
-            "attitude": self.bench.instrument == "pose",
-            "targets": self.targets > 1,
-        }[need]
-
-    def hides(self, effect: type[Effect]) -> bool:
-        """Return whether an effect does something here."""
-        if self.touched:
-            return not effect.wild
-        if issubclass(effect, TorqueLogEffect) and not self.logs_torques:
-            return False
-        return bool(self.bench.places(effect))
+def _hides(bench: Bench, use: Mapping[str, Any], effect: type[Effect]) -> bool:
+    """Return whether an effect does something at a bench that is used so."""
+    if bench.touched:
+        return not effect.wild
+    unlogged = issubclass(effect, TorqueLogEffect) and not use["logs_torques"]
+    return not unlogged and bool(bench.places(effect))
 
 
 def _drawn(
     kind: WildKind, number: int, subject: str, benches: Sequence[str], rng: np.random.Generator
 ) -> Trial:
     """Draw a trial that puts in a subject, at a bench where that means anything."""
-    every = all_disturbances()
+    every = DISTURBANCES
     effect = {**vocabulary(), **nameless()}.get(subject)
     put = [every[subject]] if subject in every else []
     stressors = [*subjects_of("stressed"), *ALSO_AMONG]
@@ -213,44 +184,48 @@ def _drawn(
         turn = number + number // len(subjects_of(kind)) + attempt // 100
         among = [every[stressors[turn % len(stressors)]]] if kind == "effect" else []
         name = benches[number % len(benches)] if kind == "right" else str(rng.choice(benches))
-        setup = _SetUp.drawn(name, rng)
-        fits = all(setup.has(need) for each in (*put, *among) for need in each.needs)
-        if fits and (effect is None or setup.hides(effect)):
-            if setup.touched:
+        bench = _BENCHES[name]
+        use = _drawn_use(bench, rng)
+        has = _has(bench, use)
+        fits = all(has[need] for each in (*put, *among) for need in each.needs)
+        if fits and (effect is None or _hides(bench, use, effect)):
+            if bench.touched:
                 return _touched(kind, effect, (*put, *among), rng)
-            scenario = Scenario(kind, number, rng, setup.bench, int(rng.integers(2**31)))
-            return _tracked(scenario, setup, effect, (*put, *among))
+            scenario = Scenario(kind, number, rng, bench, int(rng.integers(2**31)))
+            return _tracked(scenario, use, effect, (*put, *among))
     raise idle(subject, benches, "benches with what it needs among them")
 
 
 def _tracked(
-    scenario: Scenario, setup: _SetUp, effect: type[Effect] | None, put: Sequence[type[Disturbance]]
+    scenario: Scenario,
+    use: Mapping[str, Any],
+    effect: type[Effect] | None,
+    put: Sequence[Disturbance],
 ) -> Trial:
     """Draw the campaign of a tracker."""
     kind, rng, bench = scenario.kind, scenario.rng, scenario.bench
     of_distance = bench.instrument == "distance"
-    poses = (DISTANCE_POSES_BY_REPEATS if of_distance else POSES_BY_REPEATS)[setup.repeats]
-    held_out = round(poses * HELD_OUT_SHARE) if setup.repeats == 1 else HELD_OUT
-    scenario.settings["without_touches"] = bench.plan | {
+    repeats = use["repeats"]
+    poses = (DISTANCE_POSES_BY_REPEATS if of_distance else POSES_BY_REPEATS)[repeats]
+    held_out = round(poses * HELD_OUT_SHARE) if repeats == 1 else HELD_OUT
+    scenario.settings["without_touches"] = {
+        **bench.plan,
+        **use,
         "poses": poses + held_out,
         "holdout_share": held_out / (poses + held_out),
-        "repeats": setup.repeats,
-        "order": str(rng.choice(ORDERS)) if setup.repeats > 1 else "same",
-        "by_first_joint": any(each is TemperatureRamp for each in put),
-        "loads_N": setup.loads_N,
+        "order": str(rng.choice(ORDERS)) if repeats > 1 else "same",
+        "by_first_joint": any(each.id == "temperature_ramp" for each in put),
         "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
         "tool_mass_kg": round(log_uniform(TOOL_KG, rng), 3),
-        "targets": setup.targets,
         "unseen_rad": UNSEEN_RAD,
         "position_mm": round(log_uniform(POSITION_MM, rng), 4),
         "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
-        "logs_torques": setup.logs_torques,
     }
     scenario.settings["disturbances"] = _parameters(put, bench.arm.n, rng)
     if effect is not None:
         of = str(rng.choice(bench.places(effect)))
         size = effect.plausible_size if kind == "effect" else log_uniform(OTHER_SIZES, rng)
-        scenario.hide(effect, size, bench.site(of, scenario.middle_m))
+        scenario.hide(effect, size, bench.site(of, scenario.robot))
     by_temperature = any(each.by_temperature for each in scenario.effects)
     warms = by_temperature or (kind == "right" and rng.random() < DRIFTING)
     scenario.settings["temperature_drift_C"] = TRACKED_DRIFT_C if warms else 0.0
@@ -260,7 +235,7 @@ def _tracked(
 def _touched(
     kind: WildKind,
     effect: type[Effect] | None,
-    put: Sequence[type[Disturbance]],
+    put: Sequence[Disturbance],
     rng: np.random.Generator,
 ) -> Trial:
     """Draw the campaign of touched balls: one of the other trials, shorter and disturbed."""
@@ -272,7 +247,7 @@ def _touched(
     drawn = draw_trials(base_kind, place + 1, seed, benches=["wide"], size=size)[place]
     hidden = [entry.model_dump() for entry in drawn.settings.hidden_effects]
     for entry in disturbances:
-        if entry["id"] == DirectionReversed.id:
+        if entry["id"] == "direction_reversed":
             of, amount = f"joint {entry['parameters']['joint']}", {"tau_c": FRICTION_NM}
             hidden.append({"id": "friction_torque", "of": of, "parameters": amount})
     raw = drawn.settings.model_dump(exclude={"without_touches"}) | {
@@ -288,7 +263,7 @@ def _touched(
 
 
 def _parameters(
-    put: Sequence[type[Disturbance]], joints: int, rng: np.random.Generator
+    put: Sequence[Disturbance], joints: int, rng: np.random.Generator
 ) -> list[dict[str, Any]]:
     """Draw the parameters of disturbances, for an arm of so many joints."""
     return [{"id": each.id, "parameters": each.drawn(joints, rng)} for each in put]

@@ -14,7 +14,7 @@ import pandas as pd
 import yaml
 
 from pa10cal.cell.campaign import REFERENCE_TEMPERATURE_C, Campaign
-from pa10cal.cell.disturbances.disturbance import disturb
+from pa10cal.cell.disturbances import disturb
 from pa10cal.cell.raw_log import RawLog
 from pa10cal.cell.robot import GRAVITY_M_S2, Robot
 from pa10cal.errors import SimulationError
@@ -32,7 +32,6 @@ PROVENANCE = (
     "synthetic: written by this project's own virtual cell, not measured on a robot; "
     "what effects it hides, if any, is not told here"
 )
-_UNITS = {"a_m": "m", "alpha_rad": "rad", "d_m": "m", "theta_rad": "rad", "beta_rad": "rad"}
 
 
 def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) -> Places:
@@ -42,7 +41,6 @@ def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) 
     so that a folder with a description is whole.
 
     Args:
-        campaign: what to write.
         folder: the campaign's folder; files of a former campaign in it are replaced.
         truth: the file for what is hidden; None for none.
 
@@ -89,7 +87,6 @@ def truth_record(campaign: Campaign, places: Places = ()) -> TruthRecord:
     """Return all that a campaign hides; no estimate reads it.
 
     Args:
-        campaign: as it was measured.
         places: where each disturbance of its settings was put.
     """
     truth, settings = campaign.truth, campaign.settings
@@ -134,7 +131,6 @@ def write_table(table: pd.DataFrame, path: Path, decimals: Mapping[str, int]) ->
 
     Args:
         table: what to write; nan leaves a cell empty.
-        path: where.
         decimals: how many a column has, by the end of its name; others are written as they are.
     """
     columns = [_as_text(table[name], decimals) for name in table.columns]
@@ -157,14 +153,11 @@ def _parameters(robot: Robot) -> dict[str, TrueParameter]:
     A robot whose axes depart in any way has no departures of rows.
     """
     parameters: dict[str, TrueParameter] = {}
-    hayati = robot.arm.hayati
-    for field in () if robot.departures is None else fields(robot.departures):
-        name = field.name.rsplit("_", 1)[0]
-        for i, value in enumerate(getattr(robot.departures, field.name)):
-            if not (name == "beta" and not hayati[i]) and not (name == "d" and hayati[i]):
-                parameters[f"delta_{name}_{i + 1}"] = TrueParameter(
-                    value=float(value), unit=_UNITS[field.name]
-                )
+    for name, value in {} if robot.departures is None else robot.departures.by_name.items():
+        _, kind, row = name.split("_")
+        if kind != ("d" if robot.arm.hayati[int(row) - 1] else "beta"):
+            unit = "m" if kind in ("a", "d") else "rad"
+            parameters[name] = TrueParameter(value=value, unit=unit)
     for joint in np.flatnonzero(robot.springs.flexible).tolist():
         k_lin, k_cub = float(robot.springs.k_lin[joint]), float(robot.springs.k_cub[joint])
         parameters[f"K_lin_{joint + 1}"] = TrueParameter(value=k_lin, unit="N m/rad")

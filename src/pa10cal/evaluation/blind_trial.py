@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from pa10cal.results import trials as results
 from pa10cal.results.discovery import FoundEffect
@@ -88,7 +88,6 @@ class BlindTrial:
         """Return the residual that an effect makes of the floor, in floors: sqrt(1 + moved²).
 
         Args:
-            hidden: the effect.
             apart: whether the sizes of all else that is hidden are fitted as well; where the truth
                 says the noise.
         """
@@ -190,18 +189,11 @@ class BlindTrial:
 
     def _matched(self, among: Sequence[results.HiddenEffect]) -> int:
         """Return how many hidden effects and findings can be paired off."""
-        return max(map(len, self._pairings(among)), default=0)
-
-    def _pairings(self, among: Sequence[results.HiddenEffect]) -> Iterator[list[FoundEffect]]:
         effects = self._effects()
-        count = min(len(effects), len(among))
-        for chosen in permutations(among, count):
-            for kept in permutations(effects, count):
-                yield [
-                    named
-                    for hidden, named in zip(chosen, kept, strict=True)
-                    if hidden.name in named.all_names
-                ]
+        fits = np.zeros((len(among), len(effects)))
+        for row, hidden in enumerate(among):
+            fits[row] = [hidden.name in named.all_names for named in effects]
+        return int(fits[linear_sum_assignment(fits, maximize=True)].sum())
 
 
 def cycles_of(found: FoundEffect) -> float | None:

@@ -122,6 +122,12 @@ def has_false_comfort(trial: BlindTrial) -> bool:
     return untold or _hides_much(trial)
 
 
+def _has_measured_false_comfort(trial: BlindTrial) -> bool:
+    """Return whether `none` is said where a hidden effect leaves much."""
+    says_none = trial.verdict is not None and trial.verdict.word == "none"
+    return says_none and any(leaves_much(trial, each) for each in trial.hidden)
+
+
 def is_worse(trial: BlindTrial) -> bool:
     """Return whether held-out poses are predicted worse with what was found."""
     verdict = trial.verdict
@@ -167,8 +173,6 @@ def leaves_much(trial: BlindTrial, hidden: results.HiddenEffect, *, apart: bool 
     """Return whether the residual with an effect is 1.5 times that of noise alone, or more.
 
     Args:
-        trial: the trial.
-        hidden: the effect.
         apart: once the sizes of all else that is hidden are fitted, too.
     """
     return (trial.ratio(hidden, apart=apart) or 0.0) >= LIMIT
@@ -374,38 +378,27 @@ def _subjects(trial: BlindTrial) -> tuple[str, ...]:
 
 def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> results.WildSubject:
     """Return the counts of trials that put in the same."""
+    hidden = [(t, each) for t in trials for each in t.hidden]
     if kind in _MEASURED:
-        mine = [(t, each) for t in trials for each in t.hidden if each.id == name]
-        much = [(t, each) for t, each in mine if leaves_much(t, each)]
-        own = {
-            "false_names": sum(map(has_wrong_name, trials)),
-            "above_noise": len(much),
-            "told": sum(t.lists(each) for t, each in much),
-            "found": sum(t.lists(each) for t, each in mine),
-            "false_comfort": sum(
-                t.verdict is not None
-                and t.verdict.word == "none"
-                and any(leaves_much(t, each) for each in t.hidden)
-                for t in trials
-            ),
-        }
+        hidden = [(t, each) for t, each in hidden if each.id == name]
+        wrong, comforts = has_wrong_name, _has_measured_false_comfort
+        told = [t.lists(each) for t, each in hidden if leaves_much(t, each)]
     else:
-        faults = [(t, each) for t in trials for each in t.put_in if matters(t, each)]
-        wrong = has_false_name if kind in ("effect", *_NOTHING_WRONG) else has_confident_false_name
-        own = {
-            "false_names": sum(map(wrong, trials)),
-            "above_noise": len(faults),
-            "told": sum(is_told(t, each) for t, each in faults),
-            "found": sum(t.lists(each) for t in trials for each in t.hidden),
-            "false_comfort": sum(map(has_false_comfort, trials)),
-        }
+        nothing_wrong = kind in ("effect", *_NOTHING_WRONG)
+        wrong = has_false_name if nothing_wrong else has_confident_false_name
+        comforts = has_false_comfort
+        told = [is_told(t, each) for t in trials for each in t.put_in if matters(t, each)]
     return results.WildSubject(
-        **own,
         kind=kind,
         id=name,
         trials=len(trials),
         crashed=sum(map(crashed, trials)),
         refused=sum(t.refused for t in trials),
+        false_names=sum(map(wrong, trials)),
+        above_noise=len(told),
+        told=sum(told),
+        found=sum(t.lists(each) for t, each in hidden),
+        false_comfort=sum(map(comforts, trials)),
         worse=sum(map(is_worse, trials)),
         unexplained=sum(t.verdict is not None and t.verdict.word == "unexplained" for t in trials),
         suspected=sum(map(is_accused, trials)),

@@ -285,8 +285,7 @@ def _draw_moved(axes: Axes, scores: TrialScoresRecord) -> None:
     curve = scores.power.by_moved
     if curve is not None:
         moved = np.geomspace(_LOWEST, _HIGHEST, 200)
-        odds = curve.intercept + curve.slope * np.log(moved)
-        axes.plot(moved, 1.0 / (1.0 + np.exp(-odds)), color=BLACK, linewidth=0.8)
+        axes.plot(moved, curve.at(moved), color=BLACK, linewidth=0.8)
     for ratio, side in _RATIOS.items():
         x = np.sqrt(ratio**2 - 1.0)
         axes.axvline(x, color=GREY, linewidth=0.8, linestyle=":")

@@ -152,35 +152,50 @@ def trial_counts(
 
 def all_effects() -> int:
     """Return the number of effects that trials other than wild ones draw."""
-    return sum(not stated.get("wild", False) for stated in _declared("effects"))
+    return sum(not stated.get("wild", False) for stated in _declared_effects())
 
 
 def named_effects() -> int:
     """Return the number of those in the vocabulary."""
-    return sum(stated.get("named", True) is not False for stated in _declared("effects"))
+    return sum(stated.get("named", True) is not False for stated in _declared_effects())
 
 
 def _rounds() -> dict[str, int]:
     """Return what kinds of trials go through in turn, and how many there are."""
-    stressors = sum(stated.get("stressor", False) for stated in _declared("disturbances"))
+    stressors, faults = _disturbances()
     return {
         "single": named_effects(),
         "outside": all_effects() - named_effects(),
         "effect": named_effects(),
-        "beyond": len(_declared("effects")) - named_effects(),
+        "beyond": len(_declared_effects()) - named_effects(),
         "stressed": stressors,
-        "fault": len(_declared("disturbances")) - stressors,
+        "fault": faults,
     }
 
 
 @cache
-def _declared(folder: str) -> tuple[dict[str, bool], ...]:
-    """Return what the classes of a folder that trials draw state of themselves, by the source.
+def _disturbances() -> tuple[int, int]:
+    """Return how many stressors and how many faults the virtual cell knows, by its source."""
+    source = ast.parse((_CELL / "disturbances.py").read_text(encoding="utf-8"))
+    entered = [
+        {word.arg for word in each.keywords}
+        for node in source.body
+        if isinstance(node, ast.FunctionDef)
+        for each in node.decorator_list
+        if isinstance(each, ast.Call) and isinstance(each.func, ast.Name)
+    ]
+    stressors = sum("stressor" in words for words in entered)
+    return stressors, len(entered) - stressors
+
+
+@cache
+def _declared_effects() -> tuple[dict[str, bool], ...]:
+    """Return what the classes of effects that trials draw state of themselves, by the source.
 
     Importing them would take half a second of every start of the workflow.
     """
     found = []
-    for path in sorted((_CELL / folder).glob("*.py")):
+    for path in sorted((_CELL / "effects").glob("*.py")):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.ClassDef):
                 stated = {

@@ -11,7 +11,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -23,7 +23,7 @@ from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.load_case import COMBINED
 from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.campaign import measure_campaign, robot_of, simulate_campaign
-from pa10cal.cell.disturbances.disturbance import all_disturbances
+from pa10cal.cell.disturbances import DISTURBANCES
 from pa10cal.cell.drive_trials import DRIVE_KINDS, DriveKind, campaigns_of, draw_drive_trials
 from pa10cal.cell.effects.vocabulary import make_effects
 from pa10cal.cell.measured_trials import SORTED, UNSTATED, after_geometry
@@ -63,19 +63,11 @@ def draw(
     layouts: str = "",
     size: float | None = None,
 ) -> tuple[Trial, ...]:
-    """Draw trials of touched balls with repeats, of trackers without, or wild ones of either.
-
-    `points_one`, `points_three` and `distance` are of trackers, too: of so many targets, or of one
-    distance. `drives` are sensors and gears that err.
+    """Draw trials: see `draw_trials`, `draw_wild_trials` and `draw_drive_trials`.
 
     Args:
-        measured: which of these.
-        kind: what they hide.
-        count: how many.
-        random_seed: draws them.
         layouts: layouts of touched balls, or arms under instruments, with commas between them;
             empty for all.
-        size: factor of the usual size of all effects; None draws it; not of wild ones.
 
     Raises:
         SettingsError: for a kind or a layout that does not exist, or no trial at all.
@@ -100,7 +92,6 @@ def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, 
     """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped.
 
     Args:
-        trial: as drawn.
         options: how the campaign is judged, by a calibration of all its loads together.
     """
     options = _options(trial, options)
@@ -128,14 +119,7 @@ def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, 
         return verdict, _truth_after_geometry(trial)
     if trial.kind in DRIVE_KINDS:
         return verdict, _truth(trial, [None] * len(trial.sizes), seconds_twin=0.0)
-    began = time.process_time()
-    effects, put_in = _moved(trial, calibration, options)
-    return verdict, _truth(
-        trial,
-        effects,
-        seconds_twin=time.process_time() - began,
-        put_in=_put_in(trial, places, put_in),
-    )
+    return verdict, _truth_by_twins(trial, places, calibration, options)
 
 
 def _options(trial: Trial, options: ChainOptions) -> ChainOptions:
@@ -185,10 +169,8 @@ def _truth(
     """Return what a trial hides, how it was measured, and how far that moves the residual.
 
     Args:
-        trial: what was drawn.
         moved_mm: how far, one a hidden effect; None where the trial failed.
         apart_mm: the same with the sizes of the others fitted; none where that is not known.
-        more: other fields of the record.
     """
     settings = trial.settings
     plan = settings.without_touches
@@ -197,6 +179,7 @@ def _truth(
         measured = WILD
     elif trial.kind in DRIVE_KINDS:
         measured = DRIVES
+    apart_mm = apart_mm or [None] * len(moved_mm)
     return TrialTruthRecord(
         campaign=trial.name,
         kind=trial.kind,
@@ -208,11 +191,7 @@ def _truth(
         hidden_effects=tuple(
             HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=moved, apart_mm=own)
             for effect, size, moved, own in zip(
-                settings.hidden_effects,
-                trial.sizes,
-                moved_mm,
-                apart_mm or [None] * len(moved_mm),
-                strict=True,
+                settings.hidden_effects, trial.sizes, moved_mm, apart_mm, strict=True
             )
         ),
         stated_uncertainty_mm=settings.stated_uncertainty_mm,
@@ -221,21 +200,49 @@ def _truth(
     )
 
 
-def _put_in(
-    trial: Trial, places: WrittenPlaces, moved_mm: Sequence[float | None]
-) -> tuple[PutIn, ...]:
-    known = all_disturbances()
-    return tuple(
-        PutIn(
-            id=entry.id,
-            where=where,
-            stressor=known[entry.id].stressor,
-            kinds=known[entry.id].kinds,
-            measured=known[entry.id].measured,
-            moved_mm=moved,
+def _truth_by_twins(
+    trial: Trial,
+    places: WrittenPlaces,
+    calibration: CalibrationRecord | None,
+    options: ChainOptions,
+) -> TrialTruthRecord:
+    """Return the truth, with how far each effect and disturbance moves the residual [mm].
+
+    Root mean square over the poses fitted of the difference of what the calibrated model leaves to
+    the same campaign, noise and all, without it. For the scoring alone: no verdict sees it. None
+    where that does not measure it.
+    """
+    began = time.process_time()
+
+    def moved_mm(twin: SimulateOptions) -> float | None:
+        if calibration is None:
+            return None
+        try:
+            left_mm = _residual_mm(trial.name, twin, options)
+        except Exception:
+            return None
+        if left_mm.shape != calibration.residuals.position_mm.shape:  # others were quarantined
+            return None
+        off_mm = calibration.residuals.position_mm - left_mm
+        return float(np.sqrt(np.mean(np.sum(off_mm**2, axis=1))))
+
+    effects = [moved_mm(twin) for twin in _without_each(trial.settings, "hidden_effects")]
+    put_in = []
+    twins = _without_each(trial.settings, "disturbances")
+    for entry, where, twin in zip(trial.settings.disturbances, places, twins, strict=True):
+        each = DISTURBANCES[entry.id]
+        put_in.append(
+            PutIn(
+                id=each.id,
+                where=where,
+                stressor=each.stressor,
+                kinds=each.kinds,
+                measured=each.measured,
+                moved_mm=moved_mm(twin) if each.measured else None,
+            )
         )
-        for entry, where, moved in zip(trial.settings.disturbances, places, moved_mm, strict=True)
-    )
+    seconds = time.process_time() - began
+    return _truth(trial, effects, seconds_twin=seconds, put_in=tuple(put_in))
 
 
 def _truth_after_geometry(trial: Trial) -> TrialTruthRecord:
@@ -246,47 +253,24 @@ def _truth_after_geometry(trial: Trial) -> TrialTruthRecord:
     """
     began = time.process_time()
     settings, arm = trial.settings, load_arm(trial.settings.robot)
-    entries = settings.hidden_effects
-    twins = [
-        settings.model_copy(update={"hidden_effects": (*entries[:k], *entries[k + 1 :])})
-        for k in range(len(entries))
-    ]
     left = after_geometry(
         simulate_campaign(trial.name, arm, settings),
-        [simulate_campaign(trial.name, arm, twin) for twin in twins],
+        [
+            simulate_campaign(trial.name, arm, twin)
+            for twin in _without_each(settings, "hidden_effects")
+        ],
     )
     seconds = time.process_time() - began
     return _truth(trial, left.moved_mm, left.apart_mm, seconds_twin=seconds, noise_mm=left.noise_mm)
 
 
-def _moved(
-    trial: Trial, calibration: CalibrationRecord | None, options: ChainOptions
-) -> tuple[list[float | None], list[float | None]]:
-    """Return how far each effect and disturbance moves what the calibrated model leaves [mm].
-
-    Root mean square over the poses fitted of the difference to the same campaign, noise and all,
-    without it. For the scoring alone: no verdict sees it. None where that does not measure it.
-    """
-    settings, known = trial.settings, all_disturbances()
-
-    def against(key: str, number: int, *, measured: bool) -> float | None:
-        if calibration is None or not measured:
-            return None
-        entries = getattr(settings, key)
-        others = (*entries[:number], *entries[number + 1 :])
-        twin = settings.model_copy(update={key: others})
-        try:
-            left_mm = _residual_mm(trial.name, twin, options)
-        except Exception:
-            return None
-        return _distance_mm(calibration.residuals.position_mm, left_mm)
-
-    effects = [against("hidden_effects", k, measured=True) for k in range(len(trial.sizes))]
-    put_in = [
-        against("disturbances", k, measured=known[entry.id].measured)
-        for k, entry in enumerate(settings.disturbances)
+def _without_each(settings: SimulateOptions, key: str) -> list[SimulateOptions]:
+    """Return the settings without each of the entries of a key, one after the other."""
+    entries = getattr(settings, key)
+    return [
+        settings.model_copy(update={key: (*entries[:k], *entries[k + 1 :])})
+        for k in range(len(entries))
     ]
-    return effects, put_in
 
 
 def _residual_mm(name: str, settings: SimulateOptions, options: ChainOptions) -> Array:
@@ -307,12 +291,6 @@ def _residual_mm(name: str, settings: SimulateOptions, options: ChainOptions) ->
         return calibrated_by_stages((raw,), raw.parents[1] / name, options).residuals.position_mm
 
 
-def _distance_mm(one_mm: Array, other_mm: Array) -> float | None:
-    if one_mm.shape != other_mm.shape:  # other rows were quarantined
-        return None
-    return float(np.sqrt(np.mean(np.sum((one_mm - other_mm) ** 2, axis=1))))
-
-
 # A campaign judged as a user judges it: stage after stage, in files, in one process.
 
 
@@ -329,14 +307,10 @@ def calibrated_by_stages(
     Raises:
         Pa10calError: where a stage refuses.
     """
-    group = len(folders) > 1
-    with _silent():
-        for folder in folders if group else ():
-            for stage in _until("seed", (folder,), results.with_name(folder.name), options):
-                stage.run()
-        for stage in (searched := _until("calibrate", folders, results, options)):
-            stage.run()
-    return read(CalibrationRecord, searched[-1].writes["calibration"])
+    for folder in folders if len(folders) > 1 else ():
+        _run("seed", (folder,), results.with_name(folder.name), options)
+    searched = _run("calibrate", folders, results, options)
+    return read(CalibrationRecord, searched.writes["calibration"])
 
 
 def judged_by_stages(
@@ -356,10 +330,7 @@ def judged_by_stages(
     Returns:
         The verdict, and the poses with quarantined rows or that are suspected outliers.
     """
-    before = len(_until("calibrate", folders, results, options))
-    with _silent():
-        for stage in _until(last, folders, results, options)[before:]:
-            stage.run()
+    _run(last, folders, results, options, after="calibrate")
     left_out = set(_suspected(calibration))
     for folder in folders:
         own = results if len(folders) == 1 else results.with_name(folder.name)
@@ -389,20 +360,25 @@ def _judged(
     )
 
 
-def _until(
-    last: str, folders: tuple[Path, ...], results: Path, options: ChainOptions
-) -> list[Stage]:
-    """Return the stages up to the first that is a command, of all loads together."""
+def _run(
+    last: str, folders: tuple[Path, ...], results: Path, options: ChainOptions, after: str = ""
+) -> Stage:
+    """Run the stages of all loads together to the first that is a command, in silence.
+
+    Args:
+        after: the command whose first stage, and all before it, have run.
+
+    Returns:
+        The last stage.
+    """
     every = list(stages(folders, results, options, load=COMBINED))
-    end = next(place for place, stage in enumerate(every, 1) if stage.command == last)
-    return every[:end]
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Keep what commands print from the screen of a study."""
+    commands = [stage.command for stage in every]
+    first = 1 + commands.index(after) if after else 0
+    end = commands.index(last)
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        yield
+        for stage in every[first : end + 1]:
+            stage.run()
+    return every[end]
 
 
 def _quarantined(raw: Path, listing: Path) -> Iterator[str]:

@@ -28,14 +28,13 @@ from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.curve.postures import Postures, draw_postures
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import UNCALIBRATED, Evaluation
-from pa10cal.evaluation.known_truth import reported_scores
 from pa10cal.fit.fitted_model import models_of
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results import studies as results
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.evaluation import Distances, HeldOutModel
 from pa10cal.results.truth import TrueParameter
-from pa10cal.studies.simulated import as_read
+from pa10cal.studies.simulated import as_read, reported_scores
 
 Departs = Literal["rows", "any_way"]
 
@@ -63,7 +62,6 @@ def chain_study(
     """Simulate and calibrate arms that depart by their rows, and as many that depart in any way.
 
     Args:
-        options: the chain, its postures and the noise.
         calibration: how to calibrate; the chain is rigid.
 
     Raises:

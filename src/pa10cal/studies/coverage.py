@@ -30,7 +30,6 @@ from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.cell.write import truth_record
-from pa10cal.evaluation import known_truth
 from pa10cal.evaluation.options import CoverageCase, CoverageOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.kinds import instruments
@@ -126,8 +125,8 @@ def _papers_model(
     table = np.array([[row[name] for name in names] for row in scores])
     return results.PaperCoverage(
         campaigns=len(scores),
-        parameters=known_truth.coverage_by_parameter(names, table),
-        **dict(known_truth.coverage(table)),
+        parameters=simulated.coverage_by_parameter(names, table),
+        **dict(simulated.coverage(table)),
     )
 
 
@@ -142,7 +141,7 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
         options,
         ErrorSources(readings, 1e-3 * options.apparatus_uncertainty_mm),
     )
-    return known_truth.reported_scores(parameter_records(found), truth_record(made).parameters)
+    return simulated.reported_scores(parameter_records(found), truth_record(made).parameters)
 
 
 @dataclass(frozen=True)
@@ -164,7 +163,7 @@ def _general_model(
     several = instruments()[case.instrument].several_targets
     title = f"{case.robot}, {targets if several else case.instrument}"
     own, free = (_scores(case, options, calibration, any_way) for any_way in (False, True))
-    classes = [known_truth.class_of(name) for name in own.names]
+    classes = [simulated.class_of(name) for name in own.names]
     return results.CoverageCase(
         case=title + (", springs" if case.flexible_joints else ""),
         **case.model_dump(mode="json"),
@@ -173,18 +172,18 @@ def _general_model(
         unknowns=len(own.names),
         redundant={each.name: each.replaced_by for each in own.unknowns.redundant},
         parameters=results.ClassCoverage(
-            **dict(known_truth.coverage(own.parameters)),
+            **dict(simulated.coverage(own.parameters)),
             by_class={
-                kind: known_truth.coverage(own.parameters[:, [each == kind for each in classes]])
+                kind: simulated.coverage(own.parameters[:, [each == kind for each in classes]])
                 for kind in sorted(set(classes))
             },
-            by_parameter=known_truth.coverage_by_parameter(own.names, own.parameters),
+            by_parameter=simulated.coverage_by_parameter(own.names, own.parameters),
         ),
-        predictions=known_truth.coverage(own.predictions),
+        predictions=simulated.coverage(own.predictions),
         departing_in_any_way=results.FreeDeparture(
             campaigns=len(free.converged),
             converged=float(free.converged.mean()),
-            predictions=known_truth.coverage(free.predictions),
+            predictions=simulated.coverage(free.predictions),
         ),
     )
 
@@ -202,15 +201,14 @@ def _scores(
         rng = np.random.default_rng([seed, _ANY if any_way else _OWN])
         if any_way:
             robot = draw_individual(arm, plan, rng)
-            truth = simulated.truth_of(robot, {})
         else:
-            robot, truth = simulated.draw_by_unknowns(arm, plan, unknowns, rng)
+            robot = simulated.draw_by_unknowns(arm, plan, unknowns, rng)
         found = _calibrated(robot, plan, calibration, seed)
-        by_name.append(known_truth.parameter_scores(found, truth))
+        by_name.append(simulated.parameter_scores(found, robot))
         others = simulated.exact_observations(
             robot, plan, _PREDICTED_POSES, seed + _OTHER_POSES * 10**6
         )
-        predictions.append(known_truth.prediction_scores(found, others))
+        predictions.append(simulated.prediction_scores(found, others))
         converged.append(found.fit.converged)
     names = tuple(dict.fromkeys(name for scores in by_name for name in scores))
     scores = [[each.get(name, np.nan) for name in names] for each in by_name]

@@ -64,7 +64,7 @@ def test_refuses_what_cannot_be_hidden(robot, bad, words):
 
 
 def test_third_harmonic_turns_its_joint_three_times_a_turn():
-    turn = outside.ThirdHarmonic(A=3e-4, phi=0.7).at("joint 5").turn_rad(Motion(Q, S, np.ones(6)))
+    turn = outside.ThirdHarmonic(A=3e-4, phi=0.7).at("joint 5").added(Motion(Q, S, np.ones(6)))
     assert turn[:, 4] == pytest.approx(3e-4 * np.sin(3 * Q[:, 4] + 0.7), abs=1e-17)
     assert np.abs(np.delete(turn, 4, axis=1)).max() == 0.0
 

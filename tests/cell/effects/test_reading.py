@@ -34,7 +34,7 @@ FORMS = [
 
 @pytest.mark.parametrize(("name", "parameters", "form"), FORMS)
 def test_turns_its_joint_by_its_form(name, parameters, form):
-    turn = all_effects()[name](**parameters).at("joint 3").turn_rad(MOTION)
+    turn = all_effects()[name](**parameters).at("joint 3").added(MOTION)
     assert turn[:, 2] == pytest.approx(form(Q[:, 2], S[:, 2]), abs=1e-16)
     assert np.abs(np.delete(turn, 2, axis=1)).max() == 0.0
 
@@ -49,7 +49,7 @@ def test_no_trial_but_those_of_their_own_study_draws_them():
 def test_usual_sizes_make_an_effect(robot, name):
     drawn = all_effects()[name].at_size(Site("joint 2"), 1.0, np.random.default_rng(3))
     (effect,) = make_effects([HiddenEffectOptions(id=name, of="joint 2", parameters=drawn)], robot)
-    rms_rad = effect.turn_rad(MOTION)[:, 1].std()
+    rms_rad = effect.added(MOTION)[:, 1].std()
     assert 2e-5 < rms_rad < 1e-4 if name == "motor_ripple" else 1.5e-4 < rms_rad < 4e-4
 
 

@@ -8,9 +8,9 @@ method its formula. Nothing else lists it.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Self
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, PrivateAttr
@@ -29,17 +29,27 @@ LONG_LINKS = ("upper_arm", "forearm")
 
 @dataclass(frozen=True)
 class Motion:
-    """How the joints came to stand in P configurations."""
+    """How joints stand in P configurations; (P, n) of all, (P,) of one."""
 
-    q_rad: Array  # (P, n) motor-side joint positions; (P,) of one joint
-    # (P, n) direction in which each joint arrived: -1, 0 (did not move) or +1; (P,) of one joint
-    arrival: Array
+    q_rad: Array  # positions: of the motors, under load of the links
+    arrival: Array  # direction in which each joint arrived: -1, 0 (did not move) or +1
     gear_ratio: Array  # (n,) motor turns a joint turn; (1,) of one joint
+    tau_Nm: Array = field(default_factory=lambda: np.zeros(()))  # torques carried
+    # (n,) rated torques; (1,) of one joint
+    rated_Nm: Array = field(default_factory=lambda: np.full((), np.nan))
 
     def of(self, joint: int) -> Motion:
-        """Return how one joint, from 0, came to stand."""
-        ratio = self.gear_ratio[joint : joint + 1]
-        return Motion(self.q_rad[:, joint], self.arrival[:, joint], ratio)
+        """Return how one joint, from 0, stands."""
+        q_rad, tau_Nm = np.broadcast_arrays(self.q_rad, self.tau_Nm)
+        gear_ratio, rated_Nm = np.broadcast_arrays(self.gear_ratio, self.rated_Nm)
+        one = slice(joint, joint + 1)
+        return Motion(
+            q_rad[:, joint],
+            self.arrival[:, joint],
+            gear_ratio[one],
+            tau_Nm[:, joint],
+            rated_Nm[one],
+        )
 
 
 @dataclass(frozen=True)
@@ -146,9 +156,7 @@ class Effect(Section):
         """Return parameters at `size` times those that robots usually have.
 
         Args:
-            site: where it is put.
             size: factor of the usual size.
-            rng: draws phases, signs and directions.
         """
         return {name: draw(site, size, rng) for name, draw in cls.usual.items()}
 
@@ -168,111 +176,60 @@ class Effect(Section):
         """Index (from 0) of the joint in which the effect sits."""
         return int(self.of.removeprefix("joint ")) - 1
 
-    def at_joint(self, values: Array, n: int) -> Array:
-        """Return (P, n) zeros with `values` (P,) in the column of the effect's joint."""
-        columns = np.zeros((len(values), n))
-        columns[:, self.joint] = values
+
+Quantity = Literal["drive", "windup", "carried", "log"]
+
+
+class JointsEffect(Effect):
+    """Something in the joints: adds to one of four quantities.
+
+    `drive`: the turn of the links against the motors, whatever the torque; `windup`: the same by
+    the torque carried; `carried`: the torque that motors hold besides the weights, which runs along
+    the joint from link to link, so that the links' moments stay; `log`: the logged torque alone.
+    """
+
+    adds_to: ClassVar[Quantity] = "drive"
+    places: ClassVar[tuple[str, ...]] = ("turning joint",)
+
+    @abstractmethod
+    def added(self, motion: Motion) -> Array:
+        """Return what is added by how the joints stand, (P, n) [rad or N m]."""
+
+
+class JointEffect(JointsEffect):
+    """Something in the joint it sits in."""
+
+    @abstractmethod
+    def at_joint(self, joint: Motion) -> Array:
+        """Return what is added by how that joint stands, (P,) [rad or N m]."""
+
+    def added(self, motion: Motion) -> Array:
+        """Return that in the column of the joint."""
+        columns = np.zeros_like(motion.q_rad)
+        columns[:, self.joint] = self.at_joint(motion.of(self.joint))
         return columns
 
 
-class DriveEffect(Effect):
-    """Turns a link against its motor, whatever the torque."""
-
-    @abstractmethod
-    def turn_rad(self, motion: Motion) -> Array:
-        """Return the (P, n) angles to add to the motor angles, before springs deflect."""
-
-
-class JointDriveEffect(DriveEffect):
-    """An error of the angle of the joint it sits in."""
-
-    places: ClassVar[tuple[str, ...]] = ("turning joint",)
-
-    @abstractmethod
-    def error_rad(self, motion: Motion) -> Array:
-        """Return what to add to the joint's angle, (P,), by how that joint came to stand."""
-
-    def turn_rad(self, motion: Motion) -> Array:
-        """Return the error in the column of the joint, (P, n)."""
-        return self.at_joint(self.error_rad(motion.of(self.joint)), motion.q_rad.shape[1])
-
-
-class LoadedJointEffect(Effect):
+class LoadedJointEffect(JointEffect):
     """Something in a joint that only shows under weights."""
 
+    adds_to: ClassVar[Quantity] = "windup"
     by_weights: ClassVar[bool] = True
-    places: ClassVar[tuple[str, ...]] = ("turning joint",)
-
-
-class WindupEffect(LoadedJointEffect):
-    """Adds to the deflection of a joint under its torque."""
-
-    @abstractmethod
-    def bent_rad(self, tau_Nm: Array, q_rad: Array) -> Array:
-        """Return the deflection of the joint under its torques, at its angles, both (P,)."""
-
-    def deflection_rad(self, tau_Nm: Array, q_rad: Array) -> Array:
-        """Return the (P, n) deflections under torques, with the links at `q_rad`, both (P, n)."""
-        bent_rad = self.bent_rad(tau_Nm[:, self.joint], q_rad[:, self.joint])
-        return self.at_joint(bent_rad, tau_Nm.shape[1])
-
-
-class LostMotionEffect(LoadedJointEffect):
-    """Turns a link against its motor by the torque it carries and the side it came from."""
-
-    @abstractmethod
-    def lag_rad(self, load: Array, arrival: Array) -> Array:
-        """Return what to add to the angle of the link, (P,).
-
-        Args:
-            load: (P,) torque carried, in parts of the rated torque.
-            arrival: (P,) direction of arrival: -1, 0 or +1.
-        """
-
-    def lost_rad(self, tau_Nm: Array, arrival: Array, rated_Nm: Array) -> Array:
-        """Return the (P, n) angles to add to those of the links.
-
-        Args:
-            tau_Nm: (P, n) torques carried.
-            arrival: (P, n) directions of arrival.
-            rated_Nm: (n,) rated torques.
-        """
-        load = tau_Nm[:, self.joint] / rated_Nm[self.joint]
-        return self.at_joint(self.lag_rad(load, arrival[:, self.joint]), tau_Nm.shape[1])
-
-
-class CarriedTorqueEffect(LoadedJointEffect):
-    """Makes a joint carry, and its log show, torque besides the weights.
-
-    What pulls at a joint runs along it from link to link, so the links' moments stay.
-    """
-
-    by_spring: ClassVar[bool] = True
-
-    @abstractmethod
-    def pull_Nm(self, q_rad: Array) -> Array:
-        """Return the torque (...) that the motor holds besides, with the link at `q_rad` (...)."""
-
-    def carried_Nm(self, q_rad: Array) -> Array:
-        """Return the (..., n) torques that the motors hold besides, with the links at `q_rad`."""
-        carried = np.zeros_like(q_rad)
-        carried[..., self.joint] = self.pull_Nm(q_rad[..., self.joint])
-        return carried
 
 
 class TorqueLogEffect(LoadedJointEffect):
     """Falsifies the logged torque; the springs do not feel it."""
 
+    adds_to = "log"
     by_spring: ClassVar[bool] = True
 
-    @abstractmethod
-    def too_much_Nm(self, tau_Nm: Array, arrival: Array) -> Array:
-        """Return what the log of the joint adds to the true torque `tau_Nm`, (P,)."""
 
-    def logged_too_much_Nm(self, tau_Nm: Array, arrival: Array) -> Array:
-        """Return the (P, n) torques that the log adds to the true `tau_Nm` (P, n)."""
-        own = self.too_much_Nm(tau_Nm[:, self.joint], arrival[:, self.joint])
-        return self.at_joint(own, tau_Nm.shape[1])
+def with_added(values: Array, to: str, effects: Sequence[Effect], motion: Motion) -> Array:
+    """Return values (P, n) with what effects add to such a quantity, one after the other."""
+    for effect in effects:
+        if isinstance(effect, JointsEffect) and effect.adds_to == to:
+            values = values + effect.added(motion)
+    return values
 
 
 class StructureEffect(Effect):

@@ -11,14 +11,14 @@ from scipy.interpolate import CubicSpline
 from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import (
     ARC_SECOND,
-    DriveEffect,
     Finite,
     FinitePositive,
-    JointDriveEffect,
+    JointEffect,
+    JointsEffect,
+    LoadedJointEffect,
     Motion,
     Site,
     TorqueLogEffect,
-    WindupEffect,
     draws,
     either_sign,
     signed,
@@ -34,7 +34,7 @@ _MAP_ORDERS = 3
 STIFFNESS_PER_RATED = 120.0
 
 
-class Harmonic(JointDriveEffect):
+class Harmonic(JointEffect):
     """A sine of the joint's angle, of the usual amplitude and in any phase."""
 
     usual_arc_seconds: ClassVar[float] = 30.0
@@ -51,13 +51,11 @@ class Harmonic(JointDriveEffect):
             "phi": float(rng.uniform(-np.pi, np.pi)),
         }
 
-    def cycles_of(self, _motion: Motion) -> float:
-        """Return the cycles a turn of the joint."""
+    def cycles_of(self, _joint: Motion) -> float:
         return self.cycles
 
-    def error_rad(self, motion: Motion) -> Array:
-        """Return A sin(cycles q_j + phi)."""
-        error: Array = self.A * np.sin(self.cycles_of(motion) * motion.q_rad + self.phi)
+    def at_joint(self, joint: Motion) -> Array:
+        error: Array = self.A * np.sin(self.cycles_of(joint) * joint.q_rad + self.phi)
         return error
 
 
@@ -69,13 +67,13 @@ class TransmissionError(Harmonic):
     usual_arc_seconds = 20.0
     plausible_size = 3.1
 
-    def cycles_of(self, motion: Motion) -> float:
+    def cycles_of(self, joint: Motion) -> float:
         """Return twice the gear ratio.
 
         Raises:
             SimulationError: when the gear ratio is not known.
         """
-        ratio = float(motion.gear_ratio[0])
+        ratio = float(joint.gear_ratio[0])
         if np.isnan(ratio):
             raise SimulationError(
                 "the gear ratio is not known",
@@ -102,7 +100,7 @@ class EncoderEllipticity(Harmonic):
     plausible_size = 2.1
 
 
-class JointErrorMap(JointDriveEffect):
+class JointErrorMap(JointEffect):
     """An error that depends on the joint's angle, smooth and periodic in a turn.
 
     The knots are evenly spaced over one turn from q_j = 0; a cubic spline joins them.
@@ -123,16 +121,15 @@ class JointErrorMap(JointDriveEffect):
         waves = np.cos(np.outer(angle, np.arange(1, _MAP_ORDERS + 1)) + phase).sum(axis=1)
         return {"knots": (size * 30.0 * ARC_SECOND * waves / np.abs(waves).max()).tolist()}
 
-    def error_rad(self, motion: Motion) -> Array:
-        """Return the periodic spline through the knots at q_j."""
+    def at_joint(self, joint: Motion) -> Array:
         closed = [*self.knots, self.knots[0]]
         angles = np.linspace(0.0, 2.0 * np.pi, len(closed))
         spline = CubicSpline(angles, closed, bc_type="periodic")
-        error: Array = spline(motion.q_rad)
+        error: Array = spline(joint.q_rad)
         return error
 
 
-class GearRatioError(JointDriveEffect):
+class GearRatioError(JointEffect):
     """A joint that turns by a little more than its ratio says."""
 
     id = "gear_ratio_error"
@@ -141,12 +138,11 @@ class GearRatioError(JointDriveEffect):
 
     eps: Finite = Field(description="relative excess")
 
-    def error_rad(self, motion: Motion) -> Array:
-        """Return eps q_j."""
-        return self.eps * motion.q_rad
+    def at_joint(self, joint: Motion) -> Array:
+        return self.eps * joint.q_rad
 
 
-class Backlash(JointDriveEffect):
+class Backlash(JointEffect):
     """Lost motion: the link turns on by the direction in which the joint arrived."""
 
     id = "backlash"
@@ -156,9 +152,8 @@ class Backlash(JointDriveEffect):
 
     b: Finite = Field(description="half the lost motion [rad]")
 
-    def error_rad(self, motion: Motion) -> Array:
-        """Return b s_j."""
-        return self.b * motion.arrival
+    def at_joint(self, joint: Motion) -> Array:
+        return self.b * joint.arrival
 
 
 class FrictionTorque(TorqueLogEffect):
@@ -173,9 +168,8 @@ class FrictionTorque(TorqueLogEffect):
 
     tau_c: Finite = Field(description="torque that friction holds [N m]")
 
-    def too_much_Nm(self, _tau_Nm: Array, arrival: Array) -> Array:
-        """Return tau_c s_j."""
-        return self.tau_c * arrival
+    def at_joint(self, joint: Motion) -> Array:
+        return self.tau_c * joint.arrival
 
 
 class TorqueGain(TorqueLogEffect):
@@ -188,12 +182,11 @@ class TorqueGain(TorqueLogEffect):
 
     g: Finite = Field(description="relative excess of the logged torque")
 
-    def too_much_Nm(self, tau_Nm: Array, _arrival: Array) -> Array:
-        """Return g tau_j."""
-        return self.g * tau_Nm
+    def at_joint(self, joint: Motion) -> Array:
+        return self.g * joint.tau_Nm
 
 
-class JointCompliance(WindupEffect):
+class JointCompliance(LoadedJointEffect):
     """A joint held rigid by the paper's model yields after all.
 
     It usually is as stiff as joints known to yield are, for its rated torque.
@@ -207,12 +200,11 @@ class JointCompliance(WindupEffect):
 
     K: FinitePositive = Field(description="stiffness [N m/rad]")
 
-    def bent_rad(self, tau_Nm: Array, _q_rad: Array) -> Array:
-        """Return tau_j / K."""
-        return tau_Nm / self.K
+    def at_joint(self, joint: Motion) -> Array:
+        return -joint.tau_Nm / self.K
 
 
-class SoftWindup(WindupEffect):
+class SoftWindup(LoadedJointEffect):
     """Extra deflection, softer near zero torque: most of it below a fifth of the typical one."""
 
     id = "soft_windup"
@@ -226,13 +218,12 @@ class SoftWindup(WindupEffect):
     A: Finite = Field(description="extra deflection under large torque [rad]")
     tau0: FinitePositive = Field(description="torque by which most of it has come [N m]")
 
-    def bent_rad(self, tau_Nm: Array, _q_rad: Array) -> Array:
-        """Return A tanh(tau_j / tau0)."""
-        bent: Array = self.A * np.tanh(tau_Nm / self.tau0)
-        return bent
+    def at_joint(self, joint: Motion) -> Array:
+        bent: Array = self.A * np.tanh(joint.tau_Nm / self.tau0)
+        return -bent
 
 
-class WristCoupling(DriveEffect):
+class WristCoupling(JointsEffect):
     """The last joint turns along with the joint before it."""
 
     id = "wrist_coupling"
@@ -242,8 +233,7 @@ class WristCoupling(DriveEffect):
 
     c: Finite = Field(description="turn of the last joint a turn of the one before")
 
-    def turn_rad(self, motion: Motion) -> Array:
-        """Return c q_(n-1) for joint n."""
+    def added(self, motion: Motion) -> Array:
         turn = np.zeros_like(motion.q_rad)
         turn[:, -1] = self.c * motion.q_rad[:, -2]
         return turn

@@ -11,17 +11,15 @@ from pydantic import Field, ValidationInfo, field_validator
 from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import (
     ARC_SECOND,
-    CarriedTorqueEffect,
     Finite,
     FinitePositive,
     InstrumentEffect,
-    JointDriveEffect,
+    JointEffect,
+    LoadedJointEffect,
     Loading,
-    LostMotionEffect,
     Motion,
     Site,
     StructureEffect,
-    WindupEffect,
     draws,
     either_sign,
     signed,
@@ -76,14 +74,13 @@ class BowedAxis(InstrumentEffect):
         return along
 
     def read_too_much_m(self, p_instr_m: Array) -> Array:
-        """Return sag (u^2 + 0.2 u^3), u the distance from the middle over half_m."""
         u = (p_instr_m[..., self.along] - self.centre_m) / self.half_m
         extra = np.zeros_like(p_instr_m)
         extra[..., self.axis] = self.sag * (u**2 + BOW_CUBIC * u**3)
         return extra
 
 
-class DressPack(CarriedTorqueEffect):
+class DressPack(LoadedJointEffect):
     """Cables and hoses along the arm pull a joint towards the angle at which they hang free.
 
     The pull usually is 2 % of the rated torque a radian.
@@ -91,6 +88,8 @@ class DressPack(CarriedTorqueEffect):
 
     id = "dress_pack"
     named = False
+    adds_to = "carried"
+    by_spring = True
     trial_places = ("rated joint",)
     usual = draws(
         k=lambda site, size, _rng: size * 0.02 * site.rated_Nm,
@@ -100,12 +99,11 @@ class DressPack(CarriedTorqueEffect):
     k: FinitePositive = Field(description="stiffness of the pull [N m/rad]")
     q0: Finite = Field(description="angle of the joint without pull [rad]")
 
-    def pull_Nm(self, q_rad: Array) -> Array:
-        """Return k (q_j - q0)."""
-        return self.k * (q_rad - self.q0)
+    def at_joint(self, joint: Motion) -> Array:
+        return self.k * (joint.q_rad - self.q0)
 
 
-class Hysteresis(LostMotionEffect):
+class Hysteresis(LoadedJointEffect):
     """The link lags behind the motor by more where the joint carries more."""
 
     id = "hysteresis"
@@ -115,15 +113,14 @@ class Hysteresis(LostMotionEffect):
 
     h: Finite = Field(description="lag under the rated torque [rad]")
 
-    def lag_rad(self, load: Array, arrival: Array) -> Array:
-        """Return h s_j |tau_j| / rated torque."""
-        return self.h * arrival * np.abs(load)
+    def at_joint(self, joint: Motion) -> Array:
+        return self.h * joint.arrival * np.abs(joint.tau_Nm / joint.rated_Nm)
 
 
 # Effects outside the vocabulary that wild trials alone draw: what else a robot may do.
 
 
-class SoftByAngle(WindupEffect):
+class SoftByAngle(LoadedJointEffect):
     """A joint whose stiffness varies with its angle, usually by half of that of such joints."""
 
     id = "soft_by_angle"
@@ -141,13 +138,12 @@ class SoftByAngle(WindupEffect):
     cycles: FinitePositive = Field(description="cycles a turn of the joint")
     phi: Finite = Field(description="phase [rad]")
 
-    def bent_rad(self, tau_Nm: Array, q_rad: Array) -> Array:
-        """Return c tau_j sin(cycles q_j + phi)."""
-        bent: Array = self.compliance * tau_Nm * np.sin(self.cycles * q_rad + self.phi)
-        return bent
+    def at_joint(self, joint: Motion) -> Array:
+        compliance = self.compliance * joint.tau_Nm * np.sin(self.cycles * joint.q_rad + self.phi)
+        return np.asarray(-compliance)
 
 
-class Sawtooth(JointDriveEffect):
+class Sawtooth(JointEffect):
     """An error that grows along a sector of the joint's turn and jumps back at its end."""
 
     id = "sawtooth"
@@ -161,9 +157,8 @@ class Sawtooth(JointDriveEffect):
     A: Finite = Field(description="amplitude [rad]")
     sector: FinitePositive = Field(description="sector [rad]")
 
-    def error_rad(self, motion: Motion) -> Array:
-        """Return A from -1 to 1 over each sector."""
-        turns = motion.q_rad / self.sector
+    def at_joint(self, joint: Motion) -> Array:
+        turns = joint.q_rad / self.sector
         error: Array = self.A * (2.0 * (turns - np.floor(turns)) - 1.0)
         return error
 
@@ -181,7 +176,6 @@ class PedestalTilt(StructureEffect):
     tilt: Finite = Field(description="tilt under the largest moment of the campaign [rad]")
 
     def strain(self, loading: Loading) -> Strain:
-        """Turn the base about x and y by the cube of the moment over its largest."""
         moment_Nm = loading.statics.base_Nm * np.array([1.0, 1.0, 0.0])
         largest_Nm = np.linalg.norm(moment_Nm, axis=1).max(initial=1e-9)
         turn = self.tilt * (moment_Nm / largest_Nm) ** 3

@@ -8,8 +8,7 @@ Cogging keeps the motor a little off where it should stop, by its own angle, in 
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
@@ -19,7 +18,7 @@ from pa10cal.cell.effects.effect import (
     ARC_SECOND,
     Finite,
     FinitePositive,
-    JointDriveEffect,
+    JointEffect,
     Motion,
     Site,
 )
@@ -53,7 +52,7 @@ def drawn_cogs(ratio: float, count: int, rng: np.random.Generator) -> list[int]:
     return sorted(int(_COGS[k]) for k in chosen)
 
 
-class MotorRipple(JointDriveEffect):
+class MotorRipple(JointEffect):
     """A joint stops where the cogging of its motor lets it."""
 
     id = "motor_ripple"
@@ -79,33 +78,34 @@ class MotorRipple(JointDriveEffect):
             "ripple_phi": rng.uniform(-np.pi, np.pi, count).tolist(),
         }
 
-    @field_validator("ripple", "ripple_phi")
+    @field_validator("ripple", "ripple_phi", "A", "phi", check_fields=False)
     @classmethod
-    def _one_a_cog(cls, values: Amplitudes, info: ValidationInfo) -> Amplitudes:
-        if len(values) != len(info.data.get("cogs", values)):
-            raise ValueError("as many as cogs")
+    def _one_each(cls, values: Amplitudes, info: ValidationInfo) -> Amplitudes:
+        of = "cogs" if str(info.field_name).startswith("ripple") else "orders"
+        if len(values) != len(info.data.get(of, values)):
+            raise ValueError(f"as many as {of}")
         return values
 
-    def error_rad(self, motion: Motion) -> Array:
+    def at_joint(self, joint: Motion) -> Array:
         """Return sum a sin(cogs ratio angle + phi) where the joint moved, at the motor's angle."""
-        return self.stops_off_rad(motion, motion.q_rad)
+        return self.stops_off_rad(joint, joint.q_rad)
 
-    def stops_off_rad(self, motion: Motion, stands_rad: Array) -> Array:
+    def stops_off_rad(self, joint: Motion, stands_rad: Array) -> Array:
         """Return how far the joint stops off, (P,).
 
         Args:
-            motion: how it came to stand.
             stands_rad: (P,) turns of the motor over the ratio.
         """
         phase = np.outer(stands_rad, self.ratio * np.array(self.cogs, dtype=float))
         off: Array = np.sin(phase + np.array(self.ripple_phi)) @ np.array(self.ripple)
-        return np.where(motion.arrival == 0.0, 0.0, off)
+        return np.where(joint.arrival == 0.0, 0.0, off)
 
 
 class _ErrsByAngle(MotorRipple):
     """A drive with an error of many cycles a turn, besides its ripple."""
 
-    drawn = False
+    #: Whether the motor stands by the true angle; else by the angle commanded.
+    by_sensor: ClassVar[bool]
 
     orders: tuple[Annotated[int, Field(ge=1)], ...] = Field(description="cycles a joint turn")
     A: Amplitudes = Field(description="amplitude of each [rad]")
@@ -124,26 +124,12 @@ class _ErrsByAngle(MotorRipple):
             "phi": rng.uniform(-np.pi, np.pi, len(orders)).tolist(),
         }
 
-    @field_validator("A", "phi")
-    @classmethod
-    def _one_an_order(cls, values: Amplitudes, info: ValidationInfo) -> Amplitudes:
-        if len(values) != len(info.data.get("orders", values)):
-            raise ValueError("as many as orders")
-        return values
-
-    def by_angle_rad(self, q_rad: Array) -> Array:
-        """Return sum A sin(order q + phi), (P,)."""
-        error: Array = np.sin(np.outer(q_rad, self.orders) + np.array(self.phi)) @ np.array(self.A)
-        return error
-
-    def error_rad(self, motion: Motion) -> Array:
+    def at_joint(self, joint: Motion) -> Array:
         """Return the error by the angle, and what cogging adds at the motor's angle."""
-        error = self.by_angle_rad(motion.q_rad)
-        return error + self.stops_off_rad(motion, self.motor_rad(motion.q_rad, error))
-
-    @abstractmethod
-    def motor_rad(self, q_rad: Array, error_rad: Array) -> Array:
-        """Return the turns of the motor over the ratio, (P,)."""
+        phase = np.outer(joint.q_rad, self.orders) + np.array(self.phi)
+        error: Array = np.sin(phase) @ np.array(self.A)
+        stands_rad = joint.q_rad + error if self.by_sensor else joint.q_rad
+        return error + self.stops_off_rad(joint, stands_rad)
 
 
 class SensorError(_ErrsByAngle):
@@ -151,10 +137,7 @@ class SensorError(_ErrsByAngle):
 
     id = "sensor_error"
     drawn = False
-
-    def motor_rad(self, q_rad: Array, error_rad: Array) -> Array:
-        """Return the true angle."""
-        return q_rad + error_rad
+    by_sensor = True
 
 
 class GearError(_ErrsByAngle):
@@ -162,7 +145,4 @@ class GearError(_ErrsByAngle):
 
     id = "gear_error"
     drawn = False
-
-    def motor_rad(self, q_rad: Array, _error_rad: Array) -> Array:
-        """Return the angle commanded."""
-        return q_rad
+    by_sensor = False

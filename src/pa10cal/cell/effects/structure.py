@@ -80,7 +80,6 @@ class LinkTorsion(LinkEffect):
     c: Finite = Field(description="twist of the link a moment [rad/(N m)]")
 
     def moved(self, moment_Nm: Array, axis: Array, _span_m: Array) -> tuple[Array, Array]:
-        """Turn the end about the link's axis by c M_axis."""
         turn = self.c * np.outer(moment_Nm @ axis, axis)
         return turn, np.zeros_like(turn)
 
@@ -98,7 +97,6 @@ class BaseCompliance(StructureEffect):
     cy: Finite = Field(description="tilt about y a moment about y [rad/(N m)]")
 
     def strain(self, loading: Loading) -> Strain:
-        """Turn the base about x and y by c_x M_x and c_y M_y."""
         turn = np.array([self.cx, self.cy, 0.0]) * loading.statics.base_Nm
         return replace(loading.none, base_turn_rad=turn)
 
@@ -114,7 +112,6 @@ class BaseDrift(StructureEffect):
     rate: Triple = Field(description="velocity along base axes [m/h]")
 
     def strain(self, loading: Loading) -> Strain:
-        """Shift the base by rate times the hours since the start."""
         shift = np.outer(loading.time_s, self.rate) / SECONDS_PER_HOUR
         return replace(loading.none, base_shift_m=shift)
 
@@ -131,7 +128,6 @@ class ThermalGrowth(StructureEffect):
     alpha: Finite = Field(description="expansion coefficient [1/K]")
 
     def strain(self, loading: Loading) -> Strain:
-        """Stretch the links by alpha (T - T_ref)."""
         none = loading.none
         stretch = none.stretch.copy()
         grown = self.alpha * loading.warming_K[:, None]
@@ -151,7 +147,6 @@ class ToolSag(ToolEffect):
     c: Finite = Field(description="sag with the tool held level [m]")
 
     def shift_m(self, R_base_ee: Array) -> Array:
-        """Return c times the part of the unit gravity vector across the tool axis."""
         down = GRAVITY_M_S2 / np.linalg.norm(GRAVITY_M_S2)
         shift: Array = self.c * np.einsum("pij,i->pj", R_base_ee, down)
         shift[:, 2] = 0.0
@@ -168,7 +163,6 @@ class CmmScale(InstrumentEffect):
     s: Triple = Field(description="relative excess of each axis")
 
     def read_too_much_m(self, p_instr_m: Array) -> Array:
-        """Return s_k times coordinate k."""
         extra: Array = p_instr_m * np.array(self.s)
         return extra
 
@@ -183,7 +177,6 @@ class CmmSquareness(InstrumentEffect):
     xy: Finite = Field(description="angle off square [rad]")
 
     def read_too_much_m(self, p_instr_m: Array) -> Array:
-        """Return x + xy y in place of x."""
         extra = np.zeros_like(p_instr_m)
         extra[..., 0] = self.xy * p_instr_m[..., 1]
         return extra

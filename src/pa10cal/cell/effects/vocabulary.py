@@ -5,7 +5,6 @@ An effect is known once its class is in a module of this folder.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from functools import cache
 
@@ -16,7 +15,7 @@ from pa10cal.cell.classes import classes_in
 from pa10cal.cell.effects.effect import LONG_LINKS, Effect
 from pa10cal.cell.options import HiddenEffectOptions
 from pa10cal.cell.robot import Robot
-from pa10cal.errors import SettingsError
+from pa10cal.errors import SettingsError, remedy_for
 from pa10cal.settings_reading import parse_section
 
 
@@ -28,21 +27,17 @@ def all_effects() -> dict[str, type[Effect]]:
 
 def vocabulary() -> dict[str, type[Effect]]:
     """Return the effects of the vocabulary that trials draw."""
-    return {name: each for name, each in _drawn().items() if each.named}
-
-
-def outside() -> dict[str, type[Effect]]:
-    """Return the effects without a name in the vocabulary that every kind of trial may hide."""
-    return {name: each for name, each in nameless().items() if not each.wild}
+    return {name: each for name, each in all_effects().items() if each.drawn and each.named}
 
 
 def nameless() -> dict[str, type[Effect]]:
     """Return all effects that trials draw and that have no name in the vocabulary."""
-    return {name: each for name, each in _drawn().items() if not each.named}
+    return {name: each for name, each in all_effects().items() if each.drawn and not each.named}
 
 
-def _drawn() -> dict[str, type[Effect]]:
-    return {name: each for name, each in all_effects().items() if each.drawn}
+def outside() -> dict[str, type[Effect]]:
+    """Return those of them that every kind of trial may hide."""
+    return {name: each for name, each in nameless().items() if not each.wild}
 
 
 def make_effects(entries: Sequence[HiddenEffectOptions], robot: Robot) -> tuple[Effect, ...]:
@@ -62,25 +57,31 @@ def places_of(names: Sequence[str], robot: Robot, loaded: Sequence[int] = ()) ->
     """Return the places in a robot that entries of `places` or `trial_places` stand for.
 
     Args:
-        names: the entries.
-        robot: as built.
         loaded: joints, from 1, that weights load.
     """
-    return [place for name in names for place in _places(name, robot, loaded)]
+    arm, places = robot.arm, []
+    for name in names:
+        if name.endswith("joint"):
+            places += [f"joint {joint}" for joint in _joints(name.split(), robot, loaded)]
+        elif name in LONG_LINKS:
+            known = LONG_LINKS[: len(robot.mechanism.long_links)]
+            places += [name] if name in known else []
+        elif name != "wrist" or (arm.n > 1 and not arm.prismatic[-1]):
+            places.append(name)
+    return places
 
 
 def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> Effect:
     known = all_effects()
-    kind = known.get(entry.id)
-    if kind is None:
-        near = difflib.get_close_matches(entry.id, known, n=1, cutoff=0.0)[0]
+    if entry.id not in known:
         raise SettingsError(
             "unknown effect",
             where=f"{where}.id",
             value=entry.id,
             allowed=", ".join(known),
-            remedy=f"did you mean {near!r}?",
+            remedy=remedy_for(entry.id, known, "correct the name"),
         )
+    kind = known[entry.id]
     places = places_of(kind.places, robot)
     if entry.of not in places:
         raise SettingsError(
@@ -90,44 +91,7 @@ def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> Effect
             allowed=", ".join(places) or "no such place in this arm",
             remedy="correct the place",
         )
-    _check_names(kind, entry, f"{where}.parameters")
-    parameters = parse_section(kind, entry.parameters, where=f"{where}.parameters")
-    return parameters.at(entry.of)
-
-
-def _check_names(kind: type[Effect], entry: HiddenEffectOptions, where: str) -> None:
-    """Refuse a parameter that the effect does not have, or one that is missing."""
-    known = {name: field.description for name, field in kind.model_fields.items()}
-    unknown = [name for name in entry.parameters if name not in known]
-    missing = [name for name in known if name not in entry.parameters]
-    allowed = "; ".join(f"{name}: {meaning}" for name, meaning in known.items())
-    if unknown:
-        near = difflib.get_close_matches(unknown[0], missing or known, n=1, cutoff=0.0)
-        raise SettingsError(
-            f"{entry.id} has no parameter {unknown[0]}",
-            where=where,
-            allowed=allowed,
-            remedy=f"did you mean {near[0]!r}?",
-        )
-    if missing:
-        raise SettingsError(
-            f"{entry.id} lacks its parameter {missing[0]}",
-            where=where,
-            allowed=allowed,
-            remedy=f"give {missing[0]}",
-        )
-
-
-def _places(name: str, robot: Robot, loaded: Sequence[int]) -> list[str]:
-    """Return the places in this robot that one entry stands for."""
-    if name.endswith("joint"):
-        return [f"joint {joint}" for joint in _joints(name.split(), robot, loaded)]
-    if name in LONG_LINKS:
-        known = len(robot.mechanism.long_links)
-        return [name] if LONG_LINKS.index(name) < known else []
-    if name == "wrist" and (robot.arm.n < 2 or robot.arm.prismatic[-1]):
-        return []
-    return [name]
+    return parse_section(kind, entry.parameters, where=f"{where}.parameters").at(entry.of)
 
 
 def _joints(words: Sequence[str], robot: Robot, loaded: Sequence[int]) -> list[int]:

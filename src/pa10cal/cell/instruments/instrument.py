@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,15 +13,13 @@ import pandas as pd
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import (
-    CarriedTorqueEffect,
     Effect,
     InstrumentEffect,
     Loading,
-    LostMotionEffect,
+    Motion,
     StructureEffect,
     ToolEffect,
-    TorqueLogEffect,
-    WindupEffect,
+    with_added,
 )
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.poses import Poses, Schedule
@@ -61,7 +59,6 @@ def rest_poses(
     two digits.
 
     Args:
-        robot: the robot as built.
         effects: what else moves it; only those that torques or weights bring about matter here.
         drive: (P, n) motor positions with what the transmissions add to them [rad, or m].
         load_N: (P,) hanging weights.
@@ -73,7 +70,7 @@ def rest_poses(
         SimulationError: where no equilibrium is found.
     """
     mechanism, springs = robot.mechanism, robot.springs
-    rated_Nm = robot.arm.torque_limit_Nm
+    gear_ratio, rated_Nm = robot.arm.gear_ratio, robot.arm.torque_limit_Nm
     arrived = np.zeros_like(drive) if arrival is None else arrival
     structures = [effect for effect in effects if isinstance(effect, StructureEffect)]
     strain = Strain.none(*drive.shape) if structures else None
@@ -88,16 +85,11 @@ def rest_poses(
             for structure in structures:
                 strain = strain + structure.strain(loading)
             moved = strain.distance(before)
-        for effect in effects:
-            if isinstance(effect, CarriedTorqueEffect):
-                tau = tau + effect.carried_Nm(q)
+        motion = Motion(q, arrived, gear_ratio)
+        tau = with_added(tau, "carried", effects, motion)
         delta = springs.step(delta, tau)
-        q_next = drive - delta
-        for effect in effects:
-            if isinstance(effect, WindupEffect):
-                q_next = q_next - effect.deflection_rad(tau, q)
-            elif isinstance(effect, LostMotionEffect):
-                q_next = q_next + effect.lost_rad(tau, arrived, rated_Nm)
+        under_load = replace(motion, tau_Nm=tau, rated_Nm=rated_Nm)
+        q_next = with_added(drive - delta, "windup", effects, under_load)
         moved = max(moved, float(np.abs(q_next - q).max(initial=0.0)))
         q = q_next
         if moved <= TOLERANCE:
@@ -150,11 +142,8 @@ class Truth:
 
     def as_logged(self, tau_Nm: Array, arrival: Array) -> Array:
         """Return torques (P, n) with what the log adds to them."""
-        logged = tau_Nm.copy()
-        for effect in self.effects:
-            if isinstance(effect, TorqueLogEffect):
-                logged += effect.logged_too_much_Nm(tau_Nm, arrival)
-        return logged
+        motion = Motion(np.zeros_like(tau_Nm), arrival, self.robot.arm.gear_ratio, tau_Nm)
+        return with_added(tau_Nm, "log", self.effects, motion)
 
 
 class Instrument(ABC):
@@ -173,12 +162,7 @@ class Instrument(ABC):
 
     @abstractmethod
     def schedule(self, robot: Robot, streams: Streams) -> tuple[Schedule, Poses | None]:
-        """Return the configurations of a campaign, and their poses by purpose.
-
-        Args:
-            robot: as built.
-            streams: draw what is drawn.
-        """
+        """Return the configurations of a campaign, and their poses by purpose."""
 
     @property
     @abstractmethod

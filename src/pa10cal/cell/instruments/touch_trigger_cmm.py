@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from pa10cal.arrays import Array
-from pa10cal.cell.effects.effect import CarriedTorqueEffect
+from pa10cal.cell.effects.effect import Motion, with_added
 from pa10cal.cell.instruments.instrument import (
     Instrument,
     Streams,
@@ -69,24 +69,20 @@ class TouchTriggerCmm(Instrument):
 
     @property
     def at_rest_s(self) -> float:
-        """Return the middle of the dwell."""
         return float(DWELL_S.mean())
 
     def motors(self, schedule: Schedule, streams: Streams) -> tuple[Array, Array]:
-        """Return motors about their commands, and links about their motors."""
         noise, shape = self.settings.noise, schedule.q.shape
         q_motor = schedule.q + noise.servo_rad * streams["servo"].standard_normal(shape)
         return q_motor, q_motor + noise.unseen_rad * streams["unseen"].standard_normal(shape)
 
     def measure(self, truth: Truth, streams: Streams) -> dict[str, pd.DataFrame]:
-        """Return touches and joint log, rounded as in their files."""
         return {
             "cmm": self._touches(truth, streams["touch"]),
             "resolver": self._log(truth, streams["log"]),
         }
 
     def description(self, robot: Robot) -> dict[str, Any]:
-        """Return the description in campaign.yaml of instrument and tool."""
         payload, targets = robot.mechanism.payload, robot.targets
         stated_mm = self.settings.stated_uncertainty_mm
         return {
@@ -167,11 +163,9 @@ def _moving_torques(truth: Truth, q: Array) -> Array:
     """Return (C, S, n) torques carried along the approaches (C, S, n), as of stiff joints."""
     loads_N = np.repeat(truth.schedule.load_N, q.shape[1])
     flat = q.reshape(-1, q.shape[2])
-    tau_Nm = truth.robot.mechanism.statics(flat, loads_N).torque_Nm.reshape(q.shape)
-    for effect in truth.effects:
-        if isinstance(effect, CarriedTorqueEffect):
-            tau_Nm += effect.carried_Nm(q)
-    return tau_Nm
+    tau_Nm = truth.robot.mechanism.statics(flat, loads_N).torque_Nm
+    motion = Motion(flat, np.zeros_like(flat), truth.robot.arm.gear_ratio)
+    return with_added(tau_Nm, "carried", truth.effects, motion).reshape(q.shape)
 
 
 def _in_steps(values: Array, step: float | Array) -> Array:

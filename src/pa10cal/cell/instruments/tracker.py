@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.cell.effects.structure import BaseDrift
-from pa10cal.cell.individual import refuse_unrated
+from pa10cal.cell.individual import need_masses, refuse_unrated
 from pa10cal.cell.instruments.instrument import (
     MM_DECIMALS,
     Instrument,
@@ -26,7 +26,6 @@ from pa10cal.cell.instruments.instrument import (
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.poses import Schedule, commanded_positions, joint_bounds, one_after_another
 from pa10cal.cell.robot import Robot
-from pa10cal.errors import SimulationError
 
 _TEMPERATURE_NOISE_C = 0.01
 #: How far targets on the base stand from its axis [m].
@@ -96,16 +95,13 @@ class Tracker(Instrument):
 
     @property
     def at_rest_s(self) -> float:
-        """Return the end of the time that a configuration takes."""
         return self.plan.seconds_a_pose
 
     def motors(self, schedule: Schedule, streams: Streams) -> tuple[Array, Array]:
-        """Return motors at their commands, and links about their motors."""
         off = self.plan.unseen_rad * streams["unseen"].standard_normal(schedule.q.shape)
         return schedule.q, schedule.q + off
 
     def measure(self, truth: Truth, streams: Streams) -> dict[str, pd.DataFrame]:
-        """Return one row a configuration, what was read unrounded."""
         arm, schedule = truth.robot.arm, truth.schedule
         off = np.where(arm.prismatic, 1e-3 * self.plan.resolver_mm, self.plan.resolver_rad)
         logged = truth.q_motor + off * streams["resolver"].standard_normal(truth.q_motor.shape)
@@ -134,7 +130,6 @@ class Tracker(Instrument):
         return {"poses": pd.DataFrame(columns)}
 
     def description(self, robot: Robot) -> dict[str, Any]:
-        """Return the description in campaign.yaml of instrument and tool."""
         payload, targets = robot.mechanism.payload, robot.targets
         stated = points_mm(targets.names, targets.p_ee_stated_m)
         known = 0.0 if self.plan.unstated is not None else 1.0  # a mass of 0 is one not stated
@@ -188,14 +183,7 @@ class Tracker(Instrument):
 
     def _logged_torques(self, truth: Truth, rng: np.random.Generator) -> Array:
         arm = truth.robot.arm
-        if arm.mass_kg is None:
-            raise SimulationError(
-                "the arm has no masses, so its motors hold nothing",
-                where=f"robot {arm.name}",
-                value="logs_torques: true",
-                allowed="an arm description with mass_kg and com_m, or no logged torques",
-                remedy="add them to the description or set logs_torques: false",
-            )
+        need_masses(arm, "an arm description with mass_kg and com_m, or logs_torques: false")
         refuse_unrated(arm, range(1, arm.n + 1), "logs_torques")
         tau_Nm = truth.as_logged(truth.rest.tau_Nm, truth.schedule.arrival)
         noise_Nm = (
@@ -220,14 +208,12 @@ class Distance(Tracker):
     kind: ClassVar[str] = "distance"
 
     def readings(self, truth: Truth, streams: Streams) -> dict[str, tuple[Array, float]]:
-        """Return the distances [mm]."""
         p_m = truth.robot.p_instr_targets_m(truth.rest.T_base_ee, truth.tool_shift_m)[:, 0]
         d_m = np.linalg.norm(truth.as_read(p_m), axis=1)
         d_m = d_m + 1e-3 * self.plan.position_mm * streams["position"].standard_normal(d_m.shape)
         return {"d_mm": (1e3 * d_m, self.stated_mm)}
 
     def read_columns(self, _robot: Robot) -> dict[str, Any]:
-        """Return the distance."""
         return {"distance": {"names": "d_mm", "u": "u_d_mm"}}
 
 
@@ -240,7 +226,6 @@ class Points(Tracker):
     kind: ClassVar[str] = "points"
 
     def readings(self, truth: Truth, streams: Streams) -> dict[str, tuple[Array, float]]:
-        """Return the positions of the targets [mm]; nan where one was not seen."""
         p_m = truth.robot.p_instr_targets_m(truth.rest.T_base_ee, truth.tool_shift_m)
         p_m = truth.as_read(p_m)
         p_m = p_m + 1e-3 * self.plan.position_mm * streams["position"].standard_normal(p_m.shape)
@@ -252,7 +237,6 @@ class Points(Tracker):
         }
 
     def read_columns(self, robot: Robot) -> dict[str, Any]:
-        """Return the position of each target."""
         return {"targets": {name: xyz_columns(f"{name}_") for name in robot.targets.names}}
 
 
@@ -300,7 +284,6 @@ class Pose(Tracker):
         }
 
     def read_columns(self, _robot: Robot) -> dict[str, Any]:
-        """Return position and orientation of the target."""
         return {
             "position": xyz_columns(""),
             "rotation": {
