@@ -30,9 +30,9 @@ from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.labels import exchange_text, stated_order, stated_shape
 from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_file import words_of
-from pa10cal.campaign.weighed_arm import weights_finding
 from pa10cal.errors import Pa10calError
 from pa10cal.fit.loads import statics_of
+from pa10cal.fit.weighed_arm import weights_finding
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.health import InputFinding
 from pa10cal.terms.model import Model

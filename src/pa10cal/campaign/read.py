@@ -27,9 +27,9 @@ from pa10cal.campaign.labels import EXCHANGED, NOT_RIGID
 from pa10cal.campaign.raw_rows import Ingested, Quarantined
 from pa10cal.campaign.rows import groups_joined, same_commands
 from pa10cal.campaign.screens import OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH
+from pa10cal.campaign.table import arm_of
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
-from pa10cal.campaign.weighed_arm import arm_of, weighed_arm
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.joined import Member, join
@@ -147,7 +147,7 @@ def read_campaign(
     return Campaign(
         folder,
         description,
-        weighed_arm(description, arm, found.observations),
+        arm_of(description, folder, found.observations, arm),
         found.observations,
         found.quarantined,
         found.notes,

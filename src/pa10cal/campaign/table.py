@@ -15,10 +15,13 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import RawDataError
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.weighed_arm import weighed_arm
 from pa10cal.observe.instrument import BaseTargets, MotionFound
 from pa10cal.observe.joined import joined
 from pa10cal.observe.observations import JointLog, Observations
@@ -92,6 +95,26 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
     targets = {name: np.array(R) for name, R in known.items()}
     whole = joined(each, tuple(campaign.name for campaign in description.campaigns), targets)
     return whole.take(np.argsort(np.concatenate(rows), kind="stable"))
+
+
+def arm_of(
+    campaign: CampaignDescription, folder: Path, every: Observations, arm: Arm | None = None
+) -> Arm:
+    """Return the arm of a campaign with weights, from the folder that describes it.
+
+    Args:
+        campaign: its description.
+        folder: the campaign's folder.
+        every: single readings of all kinds.
+        arm: the arm as it is described, where it was read already.
+
+    Raises:
+        ArmError: when there is no arm of that name, or its file cannot be used.
+        SettingsError: when a key of its file is unknown, missing or of the wrong kind.
+    """
+    total_kg = None if campaign.masses is None else campaign.masses.total_kg
+    arm = load_arm(campaign.robot, folder) if arm is None else arm
+    return weighed_arm(arm, every, campaign.payload, total_kg)
 
 
 def as_in_table(
