@@ -155,7 +155,7 @@ MAY_IMPORT = {
     "pose_plan": {
         "arm",
         "calibration",
-        "campaign.rows",
+        "campaign.raw_rows",
         "discovery",
         "files.output",
         "fit",

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.campaign.dwells import best_clock_offset, dwell_readings, find_dwells
-from pa10cal.campaign.rows import Samples
+from pa10cal.campaign.dwells import Samples, best_clock_offset, dwell_readings, find_dwells
 
 STILL = 0.02
 

@@ -6,12 +6,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
-from pa10cal.campaign.raw_file import PoseFile
+from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.screens import misfit_of
 from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, base_motion
@@ -45,7 +46,7 @@ def base_columns(names: Sequence[str]) -> list[str]:
 
 
 def refuse_base_targets(
-    description: CampaignDescription, file: PoseFile, names: Sequence[str]
+    description: CampaignDescription, path: Path, words: OwnWords, names: Sequence[str]
 ) -> None:
     """Refuse base targets where the instrument cannot use them, or that are not on the base.
 
@@ -59,8 +60,8 @@ def refuse_base_targets(
         able = [word for word, each in instruments().items() if each.sees_base]
         raise RawDataError(
             f"the instrument {kind} does not see targets on the base",
-            where=str(file.path),
-            value=", ".join(file.words.column(f"{name}_x_mm") for name in names),
+            where=str(path),
+            value=", ".join(words.column(f"{name}_x_mm") for name in names),
             allowed=f"columns base1_x_mm … under {' and '.join(able)}",
             remedy="remove these columns, or correct instrument.kind",
         )
@@ -68,7 +69,7 @@ def refuse_base_targets(
     if clash:
         raise RawDataError(
             f"{', '.join(clash)} is both on the tool and on the base",
-            where=f"{file.path.parent / DESCRIPTION_FILE}: tool.balls_mm",
+            where=f"{path.parent / DESCRIPTION_FILE}: tool.balls_mm",
             value=", ".join(clash),
             allowed="names base1, base2, … for targets on the base alone",
             remedy="give the target on the tool another name, in its columns too",

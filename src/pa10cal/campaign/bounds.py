@@ -152,6 +152,21 @@ def within_bounds(raw: RawRows, names: list[str], bounds: Bounds) -> RawRows:
     return raw
 
 
+def whole(raw: RawRows, name: str, bounds: Bounds) -> RawRows:
+    """Quarantine the rows whose column holds no whole number within its bounds."""
+    raw = within_bounds(raw.finite([name]), [name], bounds)
+    keep = raw[name] == np.round(raw[name])
+    values = [f"{raw.name_of(name)} = {value:g}" for value in raw[name][~keep]]
+    raw = raw.take(keep, "not a whole number", values)
+    return raw.with_columns({name: raw[name].astype(np.int64)})
+
+
+def labelled(raw: RawRows, bounds: Bounds) -> RawRows:
+    """Quarantine the rows that lack a label, a load or the number of the repeat."""
+    raw = whole(within_bounds(raw, ["load_N"], bounds), "repeat", bounds)
+    return raw.take(raw.text_of("pose") != "", "the pose has no label")
+
+
 def _refuse_own_unit(raw: RawRows, names: list[str], bounds: Bounds) -> None:
     """Stop when columns are in the contract's unit though campaign.yaml states a larger one."""
     words = OwnWords(raw.own)

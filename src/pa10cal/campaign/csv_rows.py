@@ -196,7 +196,8 @@ def read_rows(
     unused = tuple(name for name in header if name not in used)
     columns = {name: np.concatenate([part.columns.pop(name) for part in parts]) for name in used}
     odd = {name: dict(ChainMap(*(part.odd[name] for part in parts))) for name in used}
-    raw = RawRows(path.name, columns, line[right], len(line), unused, listed, odd)
+    totals = {path.name: len(line)}
+    raw = RawRows(path.name, columns, line[right], totals, unused, listed, odd)
     if not last.ended and right[-1] and _cut_last(decimals):
         kept = np.arange(len(hashes)) < len(hashes) - 1
         raw = raw.take(kept, CUT, [layout.row(last.text, len(header))[-1]])

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index
-from pa10cal.campaign.rows import Samples
 
 #: Speeds are taken over at least this time, so that noise of a fast log is no movement.
 SPEED_WINDOW_S = 0.3
@@ -21,6 +20,20 @@ REAL_SIGMAS = 10.0
 REAL_S = 0.1
 #: Times by which clocks are compared, where there are more.
 COMPARED = 250
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of the log of an arm with n joints, in order of time."""
+
+    line: NDArray[np.int64]  # (N,) physical line in the file
+    time_s: Array  # (N,) time
+    q_deg: Array  # (N, n) motor-side joint positions after the gear ratio
+    tau_Nm: Array  # (N, n) torques that hold the arm; nan where not logged
+    temperature_C: Array  # (N,) temperature; nan where not logged
+
+    def __len__(self) -> int:
+        return len(self.line)
 
 
 @dataclass(frozen=True)

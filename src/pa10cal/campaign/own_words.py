@@ -164,7 +164,7 @@ def _format(values: Sequence[str]) -> str | None:
 
 def refuse_too_many(
     rows: Iterable[Quarantined],
-    totals: dict[str, int],
+    totals: Mapping[str, int],
     max_fraction: float,
     words: OwnWords = CONTRACT_WORDS,
 ) -> None:

@@ -29,6 +29,7 @@ from pa10cal.campaign.own_columns import (
     RotationColumns,
 )
 from pa10cal.campaign.raw_file import own_columns, quaternions
+from pa10cal.campaign.raw_rows import in_radians, position_columns
 from pa10cal.campaign.recognise import (
     JUDGED,
     Roles,
@@ -38,7 +39,6 @@ from pa10cal.campaign.recognise import (
     standing,
     unit_of,
 )
-from pa10cal.campaign.rows import in_radians, position_columns
 from pa10cal.campaign.two_logs import LABELS, TwoLogs
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import scale_of_points

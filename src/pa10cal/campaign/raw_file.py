@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,13 +28,7 @@ from pa10cal.campaign.own_columns import (
     Time,
 )
 from pa10cal.campaign.own_words import OwnWords
-from pa10cal.campaign.raw_rows import (
-    TEXT,
-    OwnColumn,
-    RawRows,
-    finite,
-    numbers,
-)
+from pa10cal.campaign.raw_rows import TEXT, OwnColumn, RawRows
 from pa10cal.campaign.recognise import moments_of
 from pa10cal.errors import RawDataError
 
@@ -49,27 +43,6 @@ FILLED = {
 }
 
 
-class PoseFile(Protocol):
-    """A file of poses, or two logs that are read as one."""
-
-    @property
-    def path(self) -> Path:
-        """Return where it is; of two logs, that of the readings."""
-
-    @property
-    def names(self) -> list[str]:
-        """Return the columns of the contract that it has, or stands for."""
-
-    def read(
-        self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
-    ) -> RawRows:
-        """Read columns of the contract."""
-
-    @property
-    def words(self) -> OwnWords:
-        """Return what it calls its columns."""
-
-
 @dataclass(frozen=True)
 class RawFile:
     """A raw file of a campaign."""
@@ -80,16 +53,6 @@ class RawFile:
     columns: FileColumns | None = None  # what its columns are; None where it follows the contract
     signs: tuple[int, ...] | None = None  # `joint_signs` of campaign.yaml
     offsets_deg: tuple[float, ...] | None = None  # `joint_offsets_deg`
-
-    @property
-    def totals(self) -> dict[str, int]:
-        """Return the rows of further files that are read with it, by their names."""
-        return {}
-
-    @property
-    def notes(self) -> Sequence[str]:
-        """Return how it is read, one clause each."""
-        return ()
 
     @property
     def in_degrees(self) -> Sequence[str]:
@@ -242,10 +205,10 @@ class RawFile:
         """Return rows under the contract's names, in its units."""
         turned = columns.rotation if wanted & set(QUATERNION) else None
         if turned is not None:
-            raw, values = numbers(raw, turned.names)
-            off = no_rotation(values, turned)
+            raw = raw.finite(turned.names)
+            off = no_rotation(raw.numbers_of(turned.names), turned)
             raw = raw.take(~off, f"{', '.join(turned.names[:2])} …: no rotation")
-            raw = raw if turned.u is None else finite(raw, turned.u, may_be_blank=True)
+            raw = raw if turned.u is None else raw.finite(turned.u, may_be_blank=True)
         made: dict[str, NDArray[Any]] = {}
         odd: dict[str, dict[int, str]] = {}
         for name in sorted(wanted - {*QUATERNION, *(f"u_{each}" for each in QUATERNION)}):
@@ -267,10 +230,10 @@ class RawFile:
             stated = raw.text_of(self.sources["kind"].name).tolist()
             made["kind"] = np.array([words.get(each, each) for each in stated], dtype=np.object_)
         if turned is not None:
-            _, values = numbers(raw, turned.names)
+            values = raw.numbers_of(turned.names)
             made |= zip(QUATERNION, quaternions(values, turned).T, strict=True)
             if turned.u is not None:
-                _, u = numbers(raw, turned.u, may_be_blank=True)
+                u = raw.numbers_of(turned.u)
                 u = quaternion_uncertainty(values, np.where(u > 0.0, u, np.nan), turned)
                 u = np.maximum(u, LEAST_U)
                 made |= {f"u_{name}": u[:, k] for k, name in enumerate(QUATERNION)}

@@ -24,8 +24,7 @@ from pa10cal.campaign.description import (
     start_by_nominal,
 )
 from pa10cal.campaign.labels import EXCHANGED, NOT_RIGID
-from pa10cal.campaign.raw_rows import Ingested, Quarantined
-from pa10cal.campaign.rows import groups_joined, same_commands
+from pa10cal.campaign.raw_rows import Ingested, Quarantined, groups_joined, same_commands
 from pa10cal.campaign.screens import OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH
 from pa10cal.campaign.table import arm_of
 from pa10cal.campaign.touched import read_touched

@@ -7,29 +7,41 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Mask
 from pa10cal.campaign import labels, screens
-from pa10cal.campaign.base_motion import base_target_names, refuse_base_targets, steadied
-from pa10cal.campaign.bounds import Bounds
+from pa10cal.campaign.base_motion import (
+    base_columns,
+    base_target_names,
+    base_targets,
+    refuse_base_targets,
+    steadied,
+)
+from pa10cal.campaign.bounds import Bounds, labelled, within_bounds
 from pa10cal.campaign.conventions import STILL_WRONG, OtherAxes, other_axes
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.own_words import UNIT_WORDS, refuse_too_many
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import (
+    Exclusions,
     Ingested,
     Quarantined,
+    RawRows,
     configurations,
+    in_radians,
+    position_columns,
     quarantined,
+    with_labels,
 )
-from pa10cal.campaign.rows import PoseRows, in_radians, position_columns, read_pose_rows
 from pa10cal.campaign.shifted_rows import nominal_fit, refuse_shifted, shifted, steps_agree
 from pa10cal.campaign.two_logs import TwoLogs
 from pa10cal.errors import RawDataError
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import Misfit, RawColumns
 from pa10cal.options import IngestOptions
 
@@ -66,60 +78,109 @@ def read_tracked(
         if description.files.joints is None
         else TwoLogs.of(description, folder, arm, options.still_speed_deg_s)
     )
-    instrument, stated = description.instrument.type, description.stated
-    refuse_base_targets(description, file, base_target_names(file.names))
-    rows, read, columns = read_pose_rows(
-        file,
-        Bounds(arm),
-        instrument,
-        stated,
-        exclusions_of(description, folder),
-        kind_stated=description.holdout is None,
-        same_deg=description.repeat_tolerance_deg,
-    )
+    raw, found, columns = _read_poses(file, description, arm, exclusions_of(description, folder))
     # Rows that cannot be read are of some configuration too, but for exact repeats.
-    unread = sum(row.reason != REPEATED for row in read.quarantined)
-    numbers, first = np.unique(rows.configurations, return_index=True)
-    logged = len(numbers) + unread
-    totals = {read.file: read.total, **file.totals}
-    most = options.max_quarantined_fraction
-    again = np.ones(len(rows), dtype=bool)
+    unread = sum(row.reason != REPEATED for row in raw.quarantined)
+    of_row = raw.configurations
+    first = np.unique(of_row, return_index=True)[1]
+    logged = len(first) + unread
+    again = np.ones(len(raw), dtype=bool)
     again[first] = False
-    other = screens.off_first(
-        rows.observations.states.q_rad, rows.configurations, first, arm.prismatic
-    )
-    shared = again & other
-    screen = _Screen(columns, arm, file, rows.take(~again), list(read.quarantined))
-    listed = screen.quarantined
-    listed += quarantined(read.file, rows.line[again & ~other], screens.READ_BEFORE)
-    listed += quarantined(
-        read.file, rows.line[shared], screens.ONE_LABEL, rows.observations.pose[shared]
-    )
-    refuse_too_many(listed, totals, most, file.words)
+    other = again & screens.off_first(found.states.q_rad, of_row, first, arm.prismatic)
+    once = np.flatnonzero(~again)
+    listed = list(raw.quarantined)
+    listed += quarantined(raw.file, raw.line[again & ~other], screens.READ_BEFORE)
+    listed += quarantined(raw.file, raw.line[other], screens.ONE_LABEL, found.pose[other])
+
+    def refuse_too_many_lost() -> None:
+        refuse_too_many(listed, raw.totals, options.max_quarantined_fraction, file.words)
+
+    refuse_too_many_lost()
+    screen = _Screen(columns, arm, file, raw.line[once], found.take(once), listed)
     screen.run()
-    found = screen.found
-    off = screens.off_command(found.pose, found.states.q_rad, arm.prismatic)
-    screen.leave_out(off, screens.OTHER_COMMAND, found.pose[off])
-    refuse_too_many(listed, totals, most, file.words)
-    found = screen.found
-    found, moved, of_base = steadied(found, str(file.path), screen.T_base_ee)
-    notes = [*file.notes, *read.notes, *instrument.raw_notes(columns, stated), *moved]
+    off = screens.off_command(screen.found.pose, screen.found.states.q_rad, arm.prismatic)
+    screen.leave_out(off, screens.OTHER_COMMAND, screen.found.pose[off])
+    refuse_too_many_lost()
+    found, moved, of_base = steadied(screen.found, str(file.path), screen.T_base_ee)
+    instrument_notes = description.instrument.type.raw_notes(columns, description.stated)
+    notes = [*raw.notes, *instrument_notes, *moved]
     if np.isnan(found.states.tau_Nm).all():
         notes.append(NO_TORQUES if arm.mass_kg is None else THOSE_OF_MASSES)
-    missing = screens.count_warnings(description.configurations, logged, read.file)
-    return Ingested(
-        found,
-        tuple(listed),
-        tuple(notes),
-        (
-            *missing,
-            *screen.warnings,
-            *of_base,
-            *file.words.contradicted_units(read.file),
-            *_other_names(description, found.measured.target_names),
-        ),
-        timed="time_s" in file.names,
+    warnings = (
+        *screens.count_warnings(description.configurations, logged, raw.file),
+        *screen.warnings,
+        *of_base,
+        *file.words.contradicted_units(raw.file),
+        *_other_names(description, found.measured.target_names),
     )
+    timed = "time_s" in file.names
+    return Ingested(found, tuple(listed), tuple(notes), warnings, timed)
+
+
+def _read_poses(
+    file: RawFile | TwoLogs, description: CampaignDescription, arm: Arm, exclusions: Exclusions
+) -> tuple[RawRows, Observations, RawColumns]:
+    """Read the configurations of an instrument that touches nothing, in order of time.
+
+    Returns:
+        The rows; the same as readings: no approach (arrivals are 0) and no dwell, what was not
+        logged is nan; and the columns that hold what was measured.
+    """
+    instrument, stated, bounds = description.instrument.type, description.stated, Bounds(arm)
+    watched = base_target_names(file.names)
+    refuse_base_targets(description, file.path, file.words, watched)
+    on_base = base_columns(watched)
+    measured = instrument.raw_columns([n for n in file.names if base_target_names([n]) == ()])
+    q = position_columns(arm.prismatic)
+    tau = [f"tau{joint}_Nm" for joint in range(1, arm.n + 1)]
+    labelling = ["pose", "load_N", "repeat", *(["kind"] if description.holdout is None else [])]
+    lengths = [*measured.names, *on_base]
+    optional = ["temperature_C", *(f"u_{name}" for name in (*q, *tau, *lengths))]
+    raw = file.read(["time_s", *labelling, *q, *lengths], ["kind", *optional], tau)
+    raw = exclusions.lines(raw)
+    if "kind" not in raw.columns:
+        raw = raw.with_columns({"kind": np.full(len(raw), "grid", dtype=object)})
+    raw = raw.choices("kind", KINDS)
+    logged = [name for name in tau if name in raw.columns]
+    given = [name for name in optional if name in raw.columns]
+    raw = raw.finite(["time_s", "load_N", *q, *logged])
+    raw = raw.finite(measured.names, may_be_blank=measured.may_be_blank)
+    raw = raw.finite([*on_base], may_be_blank=True).finite(given, may_be_blank=True)
+    raw = within_bounds(raw, ["time_s", *q, *logged, *lengths, *given], bounds)
+    remaining = np.ones(len(raw), dtype=bool)
+    for off in instrument.unusable(measured, raw.numbers_of(measured.names)):
+        shown = list(map(file.words.text, off.values))
+        raw = raw.take(~off.rows[remaining], off.reason, shown)
+        remaining &= ~off.rows
+    raw = exclusions.labels(with_labels(raw, q, description.repeat_tolerance_deg))
+    raw = labelled(raw, bounds).in_time()
+
+    def uncertain(names: Sequence[str]) -> Array:
+        return raw.numbers_of([f"u_{name}" for name in names])
+
+    states = PoseStates(
+        q_rad=in_radians(raw.numbers_of(q), arm.prismatic),
+        tau_Nm=raw.numbers_of(tau),
+        # 0 where the file says nothing of it
+        arrival=np.nan_to_num(raw.numbers_of([f"arrival{joint}" for joint in range(1, arm.n + 1)])),
+        load_N=raw["load_N"],
+        temperature_C=raw.numbers_of(["temperature_C"])[:, 0],
+        time_s=raw["time_s"],
+    )
+    values, u = raw.numbers_of(measured.names), uncertain(measured.names)
+    base = base_targets(watched, raw.numbers_of(on_base), uncertain(on_base), stated.uncertainty_m)
+    samples = np.zeros(len(raw), dtype=np.int64)
+    found = Observations(
+        pose=raw.text_of("pose"),
+        states=states,
+        measured=instrument.from_raw(measured, values, u, stated),
+        kind=raw.text_of("kind"),
+        repeat=raw["repeat"],
+        readings=samples + 1,
+        log=JointLog(in_radians(uncertain(q), arm.prismatic), uncertain(tau), samples),
+        base=base,
+    )
+    return raw, found, measured
 
 
 def _other_names(description: CampaignDescription, names: Sequence[str]) -> tuple[str, ...]:
@@ -142,14 +203,10 @@ class _Screen:
     columns: RawColumns
     arm: Arm
     file: RawFile | TwoLogs
-    rows: PoseRows  # those left
-    quarantined: list[Quarantined]
+    line: NDArray[np.int64]  # (N,) of the rows that remain
+    found: Observations  # the same as readings
+    quarantined: list[Quarantined]  # to which those are added that do not
     warnings: tuple[str, ...] = ()
-
-    @property
-    def found(self) -> Observations:
-        """Return the readings left."""
-        return self.rows.observations
 
     @property
     def T_base_ee(self) -> Array:
@@ -181,8 +238,8 @@ class _Screen:
         """Quarantine rows (N,), with what was found in each."""
         where = configurations(self.found.take(off))
         file = self.file.path.name
-        self.quarantined += quarantined(file, self.rows.line[off], reason, values, where)
-        self.rows = self.rows.take(~off)
+        self.quarantined += quarantined(file, self.line[off], reason, values, where)
+        self.line, self.found = self.line[~off], self.found.take(~off)
 
     def _each(self, judge: Callable[[Array, Mask], Mask]) -> Mask:
         """Judge the targets one by one, by where each was measured: (N, B)."""
@@ -243,8 +300,8 @@ class _Screen:
         if not screens.may_be_radians(logged, self.arm):
             screens.refuse_wrong_length_unit(scale, what, where, column, words)
         screens.refuse_wrong_angle_unit(
-            (self.rows.time_s, logged),
-            (self.rows.time_s[seen], 1e3 * places_m[seen, best]),
+            (found.states.time_s, logged),
+            (found.states.time_s[seen], 1e3 * places_m[seen, best]),
             self.arm,
             0.0,
             self._where_joints,
@@ -293,10 +350,10 @@ class _Screen:
         places_m = measured.places_m
         if places_m.shape[2] != 3 or not steps_agree(T_base_ee, places_m[:, best]):
             return
-        rows = len(self.rows)
+        rows = len(self.line)
         found = shifted(np.arange(rows), rows, nominal_fit(measured, T_base_ee))
         if found is not None:
-            refuse_shifted(found, self.file.path, self.rows.line, "as they stand", "")
+            refuse_shifted(found, self.file.path, self.line, "as they stand", "")
 
     def _constant(self) -> tuple[str, ...]:
         """Name joints whose column has the same number in all rows, where the arm does not fit."""
