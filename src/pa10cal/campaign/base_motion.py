@@ -12,8 +12,8 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
+from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.campaign.own_words import OwnWords
-from pa10cal.campaign.screens import misfit_of
 from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, base_motion
 from pa10cal.observe.instrument import BaseTargets, Instrument, Knocked, Misread, MotionFound

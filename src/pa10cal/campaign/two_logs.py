@@ -17,10 +17,10 @@ from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_target_names
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
 from pa10cal.campaign.dwells import Samples, dwell_readings, find_dwells, offset_ranges, phase_at
+from pa10cal.campaign.nominal_fit import EXPECTED_M, Fit, nominal_fit, refuse_shifted, shifted
 from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
-from pa10cal.campaign.shifted_rows import EXPECTED_M, Fit, nominal_fit, refuse_shifted, shifted
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import RawColumns
 
