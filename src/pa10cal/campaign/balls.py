@@ -54,15 +54,14 @@ class LocatedBalls:
 def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) -> LocatedBalls:
     """Find the centres of all balls and the touches that are suspected outliers.
 
+    Touches that in general do not lie on spheres of this radius are refused, and other balls than
+    those of the tool.
+
     Args:
         p_instr_mm: (C, B, T, 3) touches, padded.
         valid: (C, B, T) which of them are there.
         tool: the balls and the probe.
         where: file of the touches, for messages.
-
-    Raises:
-        RawDataError: when touches in general do not lie on spheres of this radius, or the balls
-            are not those of the tool.
     """
     outlier = _far_off(p_instr_mm, valid, tool)
     near = valid & ~outlier
@@ -204,13 +203,7 @@ def commonest(of_touch: Index, dwell: Index) -> Index:
 
 
 def unusable_balls(valid: Mask, coplanar: Mask, names: tuple[str, ...]) -> NDArray[np.object_]:
-    """Return (C,) why a configuration's balls cannot all be located; "" where they can.
-
-    Args:
-        valid: (C, B, T) touches that are there.
-        coplanar: (C, B) balls whose touches lie in one plane.
-        names: names of the balls.
-    """
+    """Return (C,) why balls cannot all be located of touches (C, B, T); "" where they can."""
     count = valid.sum(axis=2)
     bad = (count < LEAST_TOUCHES) | coplanar
     reasons = np.full(len(valid), "", dtype=object)
@@ -261,18 +254,10 @@ class Spheres:
 
 
 def fit_spheres(p_mm: Array, valid: Mask, radius_mm: float) -> Spheres:
-    """Fit spheres of known radius by least squares of the touches' distances (Gauss-Newton).
+    """Fit spheres of known radius to touches (G, T, 3), padded, by least squares (Gauss-Newton).
 
     The start is the linear fit of a sphere of free radius, which four touches not in one plane
-    determine.
-
-    Args:
-        p_mm: (G, T, 3) touches, padded.
-        valid: (G, T) which of them are there.
-        radius_mm: radius of the balls.
-
-    Returns:
-        Centres and residuals. Where `coplanar`, they are of no use.
+    determine. Where `coplanar`, centres and residuals are of no use.
     """
     weight = valid.astype(float)
     count = valid.sum(axis=1)

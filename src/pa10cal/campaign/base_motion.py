@@ -48,11 +48,7 @@ def base_columns(names: Sequence[str]) -> list[str]:
 def refuse_base_targets(
     description: CampaignDescription, path: Path, words: OwnWords, names: Sequence[str]
 ) -> None:
-    """Refuse base targets where the instrument cannot use them, or that are not on the base.
-
-    Raises:
-        RawDataError: saying which.
-    """
+    """Refuse base targets where the instrument cannot use them, or that are not on the base."""
     if not names:
         return
     kind = description.instrument.kind
@@ -96,18 +92,17 @@ def base_targets(names: tuple[str, ...], values: Array, u: Array, u_m: float) ->
 def steadied(
     every: Observations, where: str, T_base_ee: Array
 ) -> tuple[Observations, tuple[str, ...], tuple[str, ...]]:
-    """Take the motion that base targets show out of readings.
+    """Take the motion that base targets show out of readings in order of time.
+
+    Two base targets that are one, and an instrument that was set up anew, are refused.
 
     Args:
-        every: single readings in order of time.
+        every: single readings.
         where: file, for messages.
         T_base_ee: (P, 4, 4) poses of the nominal arm, which must not fit worse for it.
 
     Returns:
         The readings as of an instrument that stands still; notes; and warnings.
-
-    Raises:
-        RawDataError: when two base targets are one, or when the instrument was set up anew.
     """
     base = every.base
     if base is None:

@@ -134,8 +134,7 @@ class Bounds:
 def within_bounds(raw: RawRows, names: list[str], bounds: Bounds) -> RawRows:
     """Quarantine the rows with a number outside the bounds of its column; blanks are let through.
 
-    Raises:
-        RawDataError: when temperatures are in kelvin, or numbers in another unit than is stated.
+    Temperatures in kelvin, and numbers in another unit than is stated, are refused.
     """
     _refuse_own_unit(raw, names, bounds)
     for name in names:
@@ -200,11 +199,7 @@ def _refuse_own_unit(raw: RawRows, names: list[str], bounds: Bounds) -> None:
 
 
 def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
-    """Stop when the tool is heavier than any that the arm carries: its mass is in grams.
-
-    Raises:
-        RawDataError: naming both masses.
-    """
+    """Stop when the tool is heavier than any that the arm carries: its mass is in grams."""
     of_arm = None if arm.mass_kg is None else float(np.sum(arm.mass_kg))
     largest_kg = TOOL_KG_PER_M * arm.reach_m if of_arm is None else of_arm
     if mass_kg <= largest_kg:
@@ -222,11 +217,7 @@ def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
 
 
 def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: str) -> None:
-    """Stop when gravity is not of the size that it has on Earth; zero is not stated.
-
-    Raises:
-        RawDataError: naming its size.
-    """
+    """Stop when gravity is not of the size that it has on Earth; zero is not stated."""
     size = float(np.linalg.norm(gravity_m_s2))
     if size == 0.0 or GRAVITY_M_S2[0] <= size <= GRAVITY_M_S2[1]:
         return
@@ -247,11 +238,7 @@ def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: s
 
 
 def refuse_impossible_temperature(temperature_C: float, where: str) -> None:
-    """Stop when a stated temperature is in kelvin, or none of a laboratory.
-
-    Raises:
-        RawDataError: naming it.
-    """
+    """Stop when a stated temperature is in kelvin, or none of a laboratory."""
     if TEMPERATURES_C[0] <= temperature_C <= TEMPERATURES_C[1]:
         return
     set_to = f"set reference_temperature_C: {temperature_C - 273.15:.4g}"

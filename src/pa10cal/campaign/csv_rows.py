@@ -402,11 +402,7 @@ class Sniffed:
 
 
 def sniff(path: Path) -> Sniffed:
-    """Find out how a file of rows of numbers is written.
-
-    Raises:
-        RawDataError: when it cannot be read, or holds no rows of numbers.
-    """
+    """Find out how a file of rows of numbers is written; refuse one without such rows."""
     lines = [(line.number, line.text) for line in islice(lines_of(path), LINES)]
     if not lines:
         raise _refusal(path, 1, "the file is empty", "a header and rows", "export it again")

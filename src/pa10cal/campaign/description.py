@@ -257,11 +257,7 @@ def read_description(folder: Path) -> CampaignDescription:
 
 
 def check_joints(campaign: CampaignDescription, joints: int, where: str) -> None:
-    """Refuse signs or offsets that are not one for each joint of the arm.
-
-    Raises:
-        RawDataError: naming the key, and how many the arm has.
-    """
+    """Refuse signs or offsets that are not one for each joint of the arm."""
     for key in ("joint_signs", "joint_offsets_deg"):
         stated = getattr(campaign, key)
         if stated is not None and len(stated) != joints:
@@ -442,11 +438,7 @@ def describe_group(
 
 
 def check_names(name: str, names: Sequence[str], where: str) -> None:
-    """Refuse a group that is none.
-
-    Raises:
-        RawDataError: when it has fewer than two campaigns, or names that are not apart.
-    """
+    """Refuse a group of fewer than two campaigns, or of names that are not apart."""
     twice = sorted({each for each in names if list(names).count(each) > 1})
     if len(names) < 2:
         what, value = "a group has fewer than two campaigns", ", ".join(names) or "none"

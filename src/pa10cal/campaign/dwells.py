@@ -78,15 +78,7 @@ class ClockOffset:
 
 
 def find_dwells(samples: Samples, still_speed_deg_s: float) -> Dwells:
-    """Find where all joints were slower than the still speed.
-
-    Args:
-        samples: the log, in order of time.
-        still_speed_deg_s: `ingest.still_speed_deg_s`.
-
-    Returns:
-        Dwells of at least two samples, in order of time.
-    """
+    """Find where all joints were slower than `ingest.still_speed_deg_s`: two samples long."""
     time_s, q_deg = samples.time_s, samples.q_deg
     steps_s = np.diff(time_s)
     travel = np.abs(np.diff(q_deg, axis=0))
@@ -134,15 +126,9 @@ def dwell_readings(samples: Samples, dwells: Dwells) -> DwellReadings:
 
 
 def best_clock_offset(time_s: Array, dwells: Dwells) -> ClockOffset:
-    """Find the offset of the touches' clock that brings most touches into dwells.
+    """Find the offset of the clock of touches (N,) that brings most of them into dwells.
 
-    Args:
-        time_s: (N,) times of touches, N >= 1.
-        dwells: dwells on the other clock, at least one.
-
-    Returns:
-        The offset that brings in the most touches; where a range of them does, its middle, and of
-        several ranges that nearest to zero.
+    Where a range of offsets does, it is its middle, and of several ranges that nearest to zero.
     """
     ranges = offset_ranges(dwells.start_s, dwells.end_s, time_s)
     offset = min((0.5 * (low + high) for low, high in ranges), key=abs)

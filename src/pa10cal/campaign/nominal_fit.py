@@ -161,11 +161,8 @@ def _as_they_stand(left: Array) -> bool:
 def steps_agree(T_base_ee: Array, p_m: Array) -> bool:
     """Return whether the steps from row to row agree a row away, and not as they stand.
 
-    It takes no fit, so it says where the fits of `shifted` are worth while.
-
-    Args:
-        T_base_ee: (N, 4, 4) the nominal end at each row [m].
-        p_m: (N, 3) where a target was measured there; nan where it was not.
+    It takes no fit, so it says where the fits of `shifted` are worth while. A target was measured
+    at p_m (N, 3), nan where it was not.
     """
     moved_m = np.linalg.norm(np.diff(T_base_ee[:, :3, 3], axis=0), axis=1)
     seen_m = np.linalg.norm(np.diff(p_m, axis=0), axis=1)
@@ -189,10 +186,7 @@ def _correlation(one: Array, two: Array) -> float:
 def nominal_fit(seen: Instrument, T_base_ee: Array, usable: NDArray[np.bool_] | None = None) -> Fit:
     """Return how far readings are from the nominal arm at stations, base and target fitted.
 
-    Args:
-        seen: the readings.
-        T_base_ee: (K, 4, 4) the nominal end at each station [m].
-        usable: (N,) readings to look at; None for all.
+    The arm stands at (K, 4, 4) there; only usable readings (N,) are looked at, None for all.
     """
     usable = np.ones(len(seen), dtype=bool) if usable is None else usable
 
@@ -220,9 +214,6 @@ def refuse_shifted(
         lines: (N,) line of each reading.
         joined: how they were joined, in words.
         other_file: name of the file of the joints; empty where it is the same.
-
-    Raises:
-        RawDataError: naming the line.
     """
     line = int(lines[shift.first])
     place = "from the first row on" if shift.first == 0 else f"from line {line} on"

@@ -170,16 +170,14 @@ def refuse_too_many(
 ) -> None:
     """Stop when more of a file's rows are quarantined than the settings allow, or all of them.
 
-    Rows that campaign.yaml excludes do not count.
+    Rows that campaign.yaml excludes do not count. The message names the file, the commonest reason
+    and the first line it struck.
 
     Args:
         rows: rows quarantined.
         totals: rows in each file.
         max_fraction: `ingest.max_quarantined_fraction`.
         words: what the files call their columns.
-
-    Raises:
-        RawDataError: naming the file, the commonest reason and the first line it struck.
     """
     by_file: dict[str, list[Quarantined]] = {name: [] for name in totals}
     totals = dict(totals)

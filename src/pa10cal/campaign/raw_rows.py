@@ -112,12 +112,7 @@ class RawRows:
         return replace(self, columns=columns, line=self.line[rows])
 
     def finite(self, names: Sequence[str], *, may_be_blank: bool = False) -> RawRows:
-        """Quarantine the rows in which a column holds no finite number.
-
-        Args:
-            names: columns.
-            may_be_blank: whether an empty field is nan, rather than none.
-        """
+        """Quarantine the rows in which a column holds no finite number; a blank may be nan."""
         wrong: dict[int, str] = {}
         for name in names:
             for line, text in self.odd.get(name, {}).items():
@@ -213,8 +208,7 @@ def quarantine_csv(rows: Iterable[Quarantined]) -> str:
 def joined_listings(listings: Mapping[str, Path]) -> str:
     """Return the quarantine tables of a group's campaigns as one, files by `campaign/file`.
 
-    Args:
-        listings: of each campaign by its name; one that is not there has no rows.
+    A listing that is not there has no rows.
     """
     rows = []
     for name, path in listings.items():
@@ -329,14 +323,10 @@ SAME_COMMAND = 1e-4
 
 
 def same_commands(q: Array, tolerance: float) -> NDArray[np.intp]:
-    """Number the places (N,) of joint positions from 0 in the order in which they first appear.
+    """Number the places (N,) of joint positions [deg, mm] from 0, as they first appear.
 
     Positions within a tolerance of each other are one place: what is read back scatters. Where
     poses lie so densely that a chain of them would be one, only equal ones are.
-
-    Args:
-        q: (N, n) joint positions [deg, mm].
-        tolerance: `repeat_tolerance_deg` [deg, mm].
     """
     group = _joined(q, tolerance)
     of_group = pd.DataFrame(q).groupby(group)

@@ -184,10 +184,7 @@ def read_campaign(
 def places_of(every: Observations, prismatic: NDArray[np.bool_], tolerance: float) -> Index:
     """Number the places (N,) that readings are of: one label, or joint positions that agree.
 
-    Args:
-        every: readings.
-        prismatic: (n,) which joints slide.
-        tolerance: `repeat_tolerance_deg` [deg; mm of a joint that slides].
+    They agree within `repeat_tolerance_deg` [deg; mm of a joint that slides].
     """
     q = every.states.q_rad
     by_joints = same_commands(np.where(prismatic, 1e3 * q, np.degrees(q)), tolerance)
@@ -220,9 +217,6 @@ def hold_out(every: Observations, rule: Holdout, where: str, places: Index) -> O
         rule: which poses.
         where: file and key, for the message.
         places: (N,) see `places_of`.
-
-    Raises:
-        RawDataError: when rows already state that they are held out.
     """
     if "holdout" in every.kind:
         raise RawDataError(

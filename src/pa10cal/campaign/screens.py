@@ -109,12 +109,9 @@ def out_of_reach(p_m: Array, arm: Arm) -> Mask:
 
 
 def off_repeats(p_m: Array, pose: NDArray[np.str_], load_N: Array) -> Mask:
-    """Return readings far from the median of their pose and load, where there are enough.
+    """Return readings (N, 3), or distances (N, 1), far from the median of their pose and load.
 
-    Args:
-        p_m: (N, 3) positions, or (N, 1) distances.
-        pose: (N,) labels.
-        load_N: (N,) loads.
+    There must be enough of these.
     """
     groups = pd.DataFrame(p_m).groupby([pose, load_N])
     distance = np.linalg.norm(p_m - groups.transform("median").to_numpy(), axis=1)
@@ -128,11 +125,8 @@ def off_repeats(p_m: Array, pose: NDArray[np.str_], load_N: Array) -> Mask:
 def off_model(misfit: Misfit, held_out: Mask | None = None) -> Mask:
     """Return targets (N, B) far from where the nominal model, fitted to all, puts them.
 
-    Of rows that are fitted a calibration finds smaller errors; those held out nothing else screens.
-
-    Args:
-        misfit: of all rows.
-        held_out: (N,) rows that are held out; None for none.
+    Of rows that are fitted a calibration finds smaller errors; those held out (N,) nothing else
+    screens.
     """
 
     def far(off: Array, always: float, held_out_always: float) -> Mask:
@@ -277,10 +271,7 @@ def refuse_wrong_length_unit(
 def count_warnings(stated: int | None, logged: int, file: str) -> tuple[str, ...]:
     """Say how many configurations a log lacks of those stated, or has beyond them.
 
-    Args:
-        stated: configurations measured, as campaign.yaml states; None where it does not.
-        logged: configurations in the file, whether they can be used or not.
-        file: its name.
+    Those count that cannot be used, too; campaign.yaml may state none.
     """
     if stated is None or logged == stated:
         return ()

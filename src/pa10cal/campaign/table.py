@@ -45,12 +45,8 @@ def write_pose_table(
 ) -> None:
     """Write single readings as a Parquet table, the same bytes for the same readings.
 
-    Args:
-        path: where to write.
-        every: single readings of all kinds.
-        prismatic: (n,) which joints slide.
-        campaign: name of the campaign, kept in the file's metadata.
-        findings: what was found wrong of rows that are not in it, likewise.
+    The file's metadata hold the name of the campaign, and what was found wrong of rows that are
+    not in it.
     """
     table = pa.table(_columns(every, prismatic))
     metadata = {"schema": SCHEMA, "campaign": campaign}
@@ -65,11 +61,7 @@ def write_pose_table(
 
 
 def read_observations(path: Path, description: CampaignDescription) -> Observations:
-    """Read the table of poses as single readings of all kinds, in the order of the table.
-
-    Args:
-        path: the file.
-        description: of the campaign that it must be of.
+    """Read the table of poses of a campaign as single readings of all kinds, in its order.
 
     Raises:
         RawDataError: when the file is missing, is no such table, or is of another campaign.
@@ -102,11 +94,7 @@ def arm_of(
 ) -> Arm:
     """Return the arm of a campaign with weights, from the folder that describes it.
 
-    Args:
-        campaign: its description.
-        folder: the campaign's folder.
-        every: single readings of all kinds.
-        arm: the arm as it is described, where it was read already.
+    Its single readings weigh it where torques were logged; the arm may have been read already.
 
     Raises:
         ArmError: when there is no arm of that name, or its file cannot be used.
@@ -123,11 +111,6 @@ def as_in_table(
     """Return single readings of a campaign as they are read back from its table.
 
     An orientation is a quaternion there: what is calculated with it has other last digits.
-
-    Args:
-        every: single readings of all kinds.
-        prismatic: (n,) which joints slide.
-        description: of the campaign.
     """
     columns = {name: np.asarray(values) for name, values in _columns(every, prismatic).items()}
     found = None if every.base is None else every.base.found
@@ -149,11 +132,7 @@ def read_findings(path: Path) -> tuple[InputFinding, ...]:
 def read_pose_table(path: Path, campaign: str | None = None) -> pd.DataFrame:
     """Read the table of poses; see the column list in docs/architecture.md.
 
-    The name of the campaign is in `table.attrs["campaign"]`.
-
-    Args:
-        path: the file.
-        campaign: name of the campaign it must be of; None for any.
+    The name of the campaign is in `table.attrs["campaign"]`; it must be the one given, if any.
 
     Raises:
         RawDataError: when the file is missing, is no such table, or is of another campaign.

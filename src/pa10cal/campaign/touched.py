@@ -43,16 +43,7 @@ LOST = "a dwell whose configuration is quarantined"
 def read_touched(
     campaign: CampaignDescription, arm: Arm, folder: Path, settings: IngestOptions
 ) -> Ingested:
-    """Read a campaign of a touch-trigger instrument.
-
-    Args:
-        campaign: its description.
-        arm: the nominal arm.
-        folder: its folder.
-        settings: the `ingest` section.
-
-    Returns:
-        One entry a configuration, and every row that is quarantined.
+    """Read a campaign of a touch-trigger instrument: one reading a configuration.
 
     Raises:
         RawDataError: when a file, or too much of it, cannot be used.

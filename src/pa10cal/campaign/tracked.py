@@ -46,12 +46,6 @@ def read_tracked(
 ) -> Ingested:
     """Read a campaign of an instrument that gives one row a configuration.
 
-    Args:
-        description: of the campaign.
-        arm: the nominal arm.
-        folder: its folder.
-        options: how to ingest.
-
     Raises:
         RawDataError: when the file, or too much of it, cannot be used.
     """

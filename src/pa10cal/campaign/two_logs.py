@@ -70,10 +70,7 @@ class Clocks:
 def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations:
     """Return where the arm stood: the dwells of a log of motion, or every row of a list of poses.
 
-    Args:
-        samples: the log of the joints, in order of time; torques and temperature may be nan.
-        readings: how many readings there are.
-        still_deg_s: `ingest.still_speed_deg_s`; raised to what the joints' read-back scatters.
+    There are so many readings. The still speed is raised to what the joints' read-back scatters.
     """
     if len(samples) >= DENSE * readings:
         dwells = find_dwells(samples, max(still_deg_s, _scatter_deg_s(samples)))
@@ -113,16 +110,11 @@ def _scatter_deg_s(samples: Samples) -> float:
 
 
 def by_time(stations: Stations, time_s: Array, fit: Fit, offset_s: float | None = None) -> Clocks:
-    """Join readings to where the arm stood, whatever their clocks differ by.
+    """Join readings (N,), timed by their own clock, to where the arm stood.
 
     Offsets that bring most readings into steady phases are compared by the nominal arm: a plan
-    whose poses take equally long fits as well a pose later, the positions do not.
-
-    Args:
-        stations: where the arm stood.
-        time_s: (N,) times of the readings, on their own clock.
-        fit: the nominal arm fitted to readings at stations.
-        offset_s: what to add to the readings' time; None to find it.
+    whose poses take equally long fits as well a pose later, the positions do not. An offset that
+    is given is not looked for.
     """
     if offset_s is not None:
         station = phase_at(stations.start_s, stations.end_s, time_s + offset_s)
@@ -221,12 +213,7 @@ class TwoLogs:
     def read(
         self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
     ) -> RawRows:
-        """Read columns of the contract, joined; see `RawFile.read`.
-
-        Raises:
-            RawDataError: as `RawFile.read`; when the logs cannot be joined, or when readings are
-                a row away from their joints.
-        """
+        """Read columns of the contract, joined; see `RawFile.read`."""
         self._refuse_exchanged()
         q = position_columns(self.arm.prismatic)
         of_joints = {*q, *together, *(f"u_{name}" for name in (*q, *together))}
