@@ -56,25 +56,28 @@ class Dwells:
 
 
 @dataclass(frozen=True)
-class DwellReadings:
-    """What the log contains of each of D dwells of an arm with n joints."""
+class Stations:
+    """Where an arm with n joints stood, K places in order, and what was logged there."""
 
-    samples: NDArray[np.int64]  # (D,) samples in the dwell
-    q_rad: Array  # (D, n) mean joint positions
-    q_u_rad: Array  # (D, n) standard uncertainty of that mean, from the scatter in the dwell
-    tau_Nm: Array  # (D, n) mean torques
-    tau_u_Nm: Array  # (D, n) standard uncertainty of that mean
-    temperature_C: Array  # (D,) mean temperature
-    # (D, n) sign of each joint's last real movement in the logged approach; 0 where it made none
+    start_s: Array  # (K,) when it came
+    end_s: Array  # (K,) when it went on
+    first: Index  # (K,) sample at which each begins
+    samples: NDArray[np.int64]  # (K,) samples of it
+    q_deg: Array  # (K, n) mean joint positions [deg, mm]
+    # (K, n) standard uncertainties of these means, from the scatter; nan of a single sample
+    q_u_deg: Array
+    tau_Nm: Array  # (K, n) mean torques; nan where not logged
+    tau_u_Nm: Array  # (K, n) standard uncertainties of these means
+    temperature_C: Array  # (K,) mean temperature; nan where not logged
+    # (K, n) sign of each joint's last real movement in the logged approach; 0 where it made none
     arrival: Array
 
+    def __len__(self) -> int:
+        return len(self.first)
 
-@dataclass(frozen=True)
-class ClockOffset:
-    """What to add to the touches' times to bring them into dwells."""
-
-    seconds: float  # the offset
-    inside: float  # part of the touches that would then lie in dwells
+    def at(self, time_s: Array) -> Index:
+        """Return the station at each time, -1 where the arm moved or nothing was logged."""
+        return phase_at(self.start_s, self.end_s, time_s)
 
 
 def find_dwells(samples: Samples, still_speed_deg_s: float) -> Dwells:
@@ -101,7 +104,7 @@ def find_dwells(samples: Samples, still_speed_deg_s: float) -> Dwells:
     return Dwells(time_s[first], time_s[last], first, last, of_sample, real)
 
 
-def dwell_readings(samples: Samples, dwells: Dwells) -> DwellReadings:
+def dwell_readings(samples: Samples, dwells: Dwells) -> Stations:
     """Average the samples of every dwell and find how each joint arrived.
 
     The direction of arrival is that of the last movement larger than noise: the sign of the dwell's
@@ -114,26 +117,29 @@ def dwell_readings(samples: Samples, dwells: Dwells) -> DwellReadings:
     q_deg, q_u_deg = _mean(samples.q_deg[standing], dwell, count)
     tau_Nm, tau_u_Nm = _mean(samples.tau_Nm[standing], dwell, count)
     temperature_C, _ = _mean(samples.temperature_C[standing, None], dwell, count)
-    return DwellReadings(
-        samples=count,
-        q_rad=np.radians(q_deg),
-        q_u_rad=np.radians(q_u_deg),
-        tau_Nm=tau_Nm,
-        tau_u_Nm=tau_u_Nm,
-        temperature_C=temperature_C[:, 0],
-        arrival=_arrival(samples.q_deg, dwells, q_deg),
+    return Stations(
+        dwells.start_s,
+        dwells.end_s,
+        dwells.first,
+        count,
+        q_deg,
+        q_u_deg,
+        tau_Nm,
+        tau_u_Nm,
+        temperature_C[:, 0],
+        _arrival(samples.q_deg, dwells, q_deg),
     )
 
 
-def best_clock_offset(time_s: Array, dwells: Dwells) -> ClockOffset:
+def best_clock_offset(time_s: Array, dwells: Dwells) -> tuple[float, float]:
     """Find the offset of the clock of touches (N,) that brings most of them into dwells.
 
-    Where a range of offsets does, it is its middle, and of several ranges that nearest to zero.
+    Where a range of offsets does, it is its middle, and of several ranges that nearest to zero. The
+    part of the touches that then lies in dwells is returned with it.
     """
     ranges = offset_ranges(dwells.start_s, dwells.end_s, time_s)
-    offset = min((0.5 * (low + high) for low, high in ranges), key=abs)
-    inside = float(np.mean(dwells.at(time_s + offset) >= 0))
-    return ClockOffset(offset, inside)
+    offset_s = min((0.5 * (low + high) for low, high in ranges), key=abs)
+    return offset_s, float(np.mean(dwells.at(time_s + offset_s) >= 0))
 
 
 def offset_ranges(

@@ -94,10 +94,10 @@ def read_touched(
     located = balls.locate_balls(p_instr_mm, groups.valid, tool, str(cmm.path))
     readings = dwells.dwell_readings(samples, stood)
     dwell = dwell[groups.first]
-    named = touches.at(groups.first)
-    off = screens.off_command(named.text_of("pose"), readings.q_rad[dwell], arm.prismatic)
+    named, q_rad = touches.at(groups.first), np.radians(readings.q_deg[dwell])
+    off = screens.off_command(named.text_of("pose"), q_rad, arm.prismatic)
     reason = np.where((located.reason == "") & off, screens.OTHER_COMMAND, located.reason)
-    T_base_ee = Chain.of(arm).forward(readings.q_rad[dwell])
+    T_base_ee = Chain.of(arm).forward(q_rad)
     reason = _off_the_arm(reason, located, T_base_ee, named["kind"] == "holdout", tool)
     listed += _unused_touches(touches, groups, located, reason, settings)
     refuse_too_many_lost()
@@ -110,7 +110,7 @@ def read_touched(
     poses = Observations(
         pose=named.text_of("pose"),
         states=PoseStates(
-            q_rad=readings.q_rad[at],
+            q_rad=q_rad[good],
             tau_Nm=readings.tau_Nm[at],
             arrival=readings.arrival[at],
             load_N=named["load_N"],
@@ -127,7 +127,7 @@ def read_touched(
         kind=named.text_of("kind"),
         repeat=named["repeat"],
         readings=np.ones(len(good), dtype=np.int64),
-        log=JointLog(readings.q_u_rad[at], readings.tau_u_Nm[at], readings.samples[at]),
+        log=JointLog(np.radians(readings.q_u_deg[at]), readings.tau_u_Nm[at], readings.samples[at]),
     )
     idle, idle_notes = _idle_samples(samples, stood, touched, at, log.file)
     notes = [*touches.notes, *log.notes]
@@ -202,8 +202,8 @@ def _check_clocks(
     outside = touched < 0
     if outside.mean() <= FEW_OUTSIDE:
         return
-    offset = dwells.best_clock_offset(touches["time_s"], stood)
-    explained = 1.0 - offset.inside <= OFFSET_LEAVES * outside.mean()
+    offset_s, inside = dwells.best_clock_offset(touches["time_s"], stood)
+    explained = 1.0 - inside <= OFFSET_LEAVES * outside.mean()
     if not explained:
         _refuse_cut_log(touches, outside, log_s, where_log)
     if 2 * outside.sum() <= len(touched) and not explained:
@@ -212,8 +212,8 @@ def _check_clocks(
         f"{outside.sum()} of {len(touched)} touches lie outside any dwell of the arm",
         where=f"{where}:{touches.line[np.argmax(outside)]}",
         allowed="touches while the arm is at rest, on the clock of the resolver log",
-        remedy=f"the clocks seem to differ: adding {offset.seconds:+.1f} s to time_s would bring "
-        f"{offset.inside:.0%} of the touches into dwells"
+        remedy=f"the clocks seem to differ: adding {offset_s:+.1f} s to time_s would bring "
+        f"{inside:.0%} of the touches into dwells"
         if explained
         else "check both clocks and ingest.still_speed_deg_s; no constant offset matches",
     )

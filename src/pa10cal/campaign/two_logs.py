@@ -16,7 +16,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_target_names
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
-from pa10cal.campaign.dwells import Samples, dwell_readings, find_dwells, offset_ranges, phase_at
+from pa10cal.campaign.dwells import Samples, Stations, dwell_readings, find_dwells, offset_ranges
 from pa10cal.campaign.nominal_fit import EXPECTED_M, Fit, nominal_fit, refuse_shifted, shifted
 from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_file import RawFile
@@ -41,23 +41,6 @@ CANDIDATES = 12
 
 
 @dataclass(frozen=True)
-class Stations:
-    """Where the arm stood, by the log of its joints: K places in order."""
-
-    start_s: Array  # (K,) when it came, on the clock of the joints
-    end_s: Array  # (K,) when it went on
-    first: Index  # (K,) row of the log at which each begins
-    q_deg: Array  # (K, n) joint positions [deg, mm]
-    q_u_deg: Array  # (K, n) their standard uncertainties, nan where one row is all there is
-    tau_Nm: Array  # (K, n) torques, nan where not logged
-    temperature_C: Array  # (K,) temperature, nan where not logged
-    arrival: Array  # (K, n) sign of each joint's last motion; 0 where it is not known
-
-    def __len__(self) -> int:
-        return len(self.start_s)
-
-
-@dataclass(frozen=True)
 class Clocks:
     """Readings joined by time."""
 
@@ -75,27 +58,20 @@ def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations
     if len(samples) >= DENSE * readings:
         dwells = find_dwells(samples, max(still_deg_s, _scatter_deg_s(samples)))
         if len(dwells) >= 2:
-            read = dwell_readings(samples, dwells)
-            return Stations(
-                dwells.start_s,
-                dwells.end_s,
-                dwells.first,
-                np.degrees(read.q_rad),
-                np.degrees(read.q_u_rad),
-                read.tau_Nm,
-                read.temperature_C,
-                read.arrival,
-            )
+            return dwell_readings(samples, dwells)
     half_s = 0.45 * np.diff(samples.time_s, prepend=np.nan, append=np.nan)
     usual = float(np.nanmedian(half_s)) if len(samples) > 1 else 1.0
     before, after = (np.where(np.isfinite(side), side, usual) for side in (half_s[:-1], half_s[1:]))
+    unknown = np.full(samples.q_deg.shape, np.nan)
     return Stations(
         samples.time_s - np.minimum(before, usual),
         samples.time_s + np.minimum(after, usual),
         np.arange(len(samples)),
+        np.ones(len(samples), dtype=np.int64),
         samples.q_deg,
-        np.full(samples.q_deg.shape, np.nan),
+        unknown,
         samples.tau_Nm,
+        unknown,
         samples.temperature_C,
         np.zeros(samples.q_deg.shape),
     )
@@ -117,13 +93,13 @@ def by_time(stations: Stations, time_s: Array, fit: Fit, offset_s: float | None 
     is given is not looked for.
     """
     if offset_s is not None:
-        station = phase_at(stations.start_s, stations.end_s, time_s + offset_s)
+        station = stations.at(time_s + offset_s)
         return Clocks(station, offset_s, 0.0, int((station >= 0).sum()))
     tried = []
     allowed = offset_ranges(stations.start_s, stations.end_s, time_s, NEARLY)
     for low, high in allowed[:CANDIDATES]:
         middle = 0.5 * (low + high)
-        station = phase_at(stations.start_s, stations.end_s, time_s + middle)
+        station = stations.at(time_s + middle)
         inside = np.flatnonzero(station >= 0)
         left_m = fit(inside, station[inside], len(inside)) if len(allowed) > 1 else None
         size = np.inf if left_m is None else float(np.median(left_m))
