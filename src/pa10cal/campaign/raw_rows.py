@@ -242,13 +242,10 @@ class Exclusions:
     def lines(self, raw: RawRows) -> RawRows:
         """Leave out rows by their lines in the file."""
         for k, (where, why) in enumerate(self.stated):
-            if (found := _LINES.fullmatch(where)) is None:
-                continue
-            first, last = int(found["first"]), int(found["last"] or found["first"])
-            struck = (raw.line >= first) & (raw.line <= last)
-            if struck.any() or any(first <= row.line <= last for row in raw.quarantined):
-                self.met.add(k)
-            raw = self._without(raw, struck, why)
+            if (found := _LINES.fullmatch(where)) is not None:
+                first, last = int(found["first"]), int(found["last"] or found["first"])
+                lost = any(first <= row.line <= last for row in raw.quarantined)
+                raw = self._without(raw, (raw.line >= first) & (raw.line <= last), k, why, met=lost)
         return raw
 
     def labels(self, raw: RawRows) -> RawRows:
@@ -261,9 +258,7 @@ class Exclusions:
             for name, number in (("load_N", found["load"]), ("repeat", found["repeat"])):
                 if number is not None:
                     struck &= raw[name] == float(number)
-            if struck.any():
-                self.met.add(k)
-            raw = self._without(raw, struck, why)
+            raw = self._without(raw, struck, k, why)
         missed = [where for k, (where, _) in enumerate(self.stated) if k not in self.met]
         if missed:
             raise RawDataError(
@@ -276,7 +271,11 @@ class Exclusions:
             )
         return raw
 
-    def _without(self, raw: RawRows, struck: NDArray[np.bool_], why: str) -> RawRows:
+    def _without(
+        self, raw: RawRows, struck: NDArray[np.bool_], k: int, why: str, *, met: bool = False
+    ) -> RawRows:
+        if met or struck.any():
+            self.met.add(k)
         poses = raw.text_of("pose")[struck] if "pose" in raw.columns else None
         return raw.take(~struck, f"{EXCLUDED}: {why}", poses)
 

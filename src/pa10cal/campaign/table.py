@@ -83,7 +83,7 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
         }
         each.append(_observations(own, campaign))
         rows.append(here)
-    known = json.loads((pq.read_schema(path).metadata or {}).get(b"targets", b"{}"))
+    known = json.loads(_metadata(path).get(b"targets", b"{}"))
     targets = {name: np.array(R) for name, R in known.items()}
     whole = joined(each, tuple(campaign.name for campaign in description.campaigns), targets)
     return whole.take(np.argsort(np.concatenate(rows), kind="stable"))
@@ -119,14 +119,18 @@ def as_in_table(
 
 def read_base_motion(path: Path) -> MotionFound | None:
     """Read how the motion of targets on the base was found; None where there are none."""
-    text = (pq.read_schema(path).metadata or {}).get(b"base_motion")
+    text = _metadata(path).get(b"base_motion")
     return None if text is None else TypeAdapter(MotionFound).validate_json(text)
 
 
 def read_findings(path: Path) -> tuple[InputFinding, ...]:
     """Read what was found wrong of rows that are not in a table of poses."""
-    metadata = pq.read_schema(path).metadata or {}
-    return tuple(InputFinding(**each) for each in json.loads(metadata.get(b"findings", b"[]")))
+    findings = json.loads(_metadata(path).get(b"findings", b"[]"))
+    return tuple(InputFinding(**each) for each in findings)
+
+
+def _metadata(path: Path) -> Mapping[bytes, bytes]:
+    return pq.read_schema(path).metadata or {}
 
 
 def read_pose_table(path: Path, campaign: str | None = None) -> pd.DataFrame:

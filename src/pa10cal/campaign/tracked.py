@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,7 @@ def read_tracked(
     unread = sum(row.reason != REPEATED for row in raw.quarantined)
     of_row = raw.configurations
     first = np.unique(of_row, return_index=True)[1]
+    raw = replace(raw, columns={})  # the readings have them
     logged = len(first) + unread
     again = np.ones(len(raw), dtype=bool)
     again[first] = False

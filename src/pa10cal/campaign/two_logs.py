@@ -96,7 +96,10 @@ def by_time(stations: Stations, time_s: Array, fit: Fit, offset_s: float | None 
         station = stations.at(time_s + offset_s)
         return Clocks(station, offset_s, 0.0, int((station >= 0).sum()))
     tried = []
-    allowed = offset_ranges(stations.start_s, stations.end_s, time_s, NEARLY)
+    known_s = time_s[np.isfinite(time_s)]
+    if not len(known_s):
+        return Clocks(np.full(len(time_s), -1), 0.0, 0.0, 0)
+    allowed = offset_ranges(stations.start_s, stations.end_s, known_s, NEARLY)
     for low, high in allowed[:CANDIDATES]:
         middle = 0.5 * (low + high)
         station = stations.at(time_s + middle)
@@ -340,7 +343,7 @@ class TwoLogs:
         """Return how far readings are from the nominal arm, base and target fitted."""
         measured, instrument = self.measured, self.campaign.instrument.type
         values = read.numbers_of(measured.names)
-        usable = np.ones(len(values), dtype=bool)
+        usable = np.asarray(measured.may_be_blank | np.isfinite(values).all(axis=1))
         for found in instrument.unusable(measured, values):
             usable &= ~found.rows
         unknown = np.full(values.shape, np.nan)
