@@ -481,10 +481,8 @@ class _Proposing:
         angles = {"unit": unit} if len(names) == 3 else {}
         R_ee = None
         if T_base_ee is not None:
-            rows = np.isfinite(np.column_stack([values, p_m, T_base_ee.reshape(-1, 16)])).all(
-                axis=1
-            )
-            some = np.flatnonzero(rows)
+            every = np.column_stack([values, p_m, T_base_ee.reshape(-1, 16)])
+            some = np.flatnonzero(np.isfinite(every).all(axis=1))
             some = some[np.linspace(0, len(some) - 1, min(len(some), JUDGED)).astype(int)]
             R_ee = modelled_attitudes(T_base_ee[some], p_m[some])
         if R_ee is None:
@@ -494,9 +492,8 @@ class _Proposing:
             )
             return given | {"convention": convention} | angles | u
         tried: list[tuple[float, dict[str, Any]]] = []
-        for inverse, word in product(
-            (False, True), {3: THREE, 4: FOUR, 9: ("matrix",)}[len(names)]
-        ):
+        words = {3: THREE, 4: FOUR, 9: ("matrix",)}[len(names)]
+        for inverse, word in product((False, True), words):
             chosen = given | {"convention": word} | angles | ({"inverse": True} if inverse else {})
             quaternion = quaternions(values[some], RotationColumns.model_validate(chosen))
             R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
