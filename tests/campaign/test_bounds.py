@@ -12,7 +12,6 @@ from pa10cal.campaign import csv_rows, text_file
 from pa10cal.campaign.bounds import Bounds
 from pa10cal.campaign.csv_rows import read_rows
 from pa10cal.campaign.labels import exchanged, not_rigid, stated_shape
-from pa10cal.campaign.raw_rows import numbers
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
@@ -280,10 +279,10 @@ def test_large_files_are_refused_unpacked(tmp_path, monkeypatch):
 def test_rows_are_the_same_in_whatever_parts_they_are_read(tmp_path, monkeypatch):
     lines = [f"{k},{'x' if k % 7 == 3 else k / 3}" for k in range(50)]
     (tmp_path / "t.csv").write_text("a,b\n" + "\n".join(lines) + "\n")
-    whole, found = numbers(read_rows(tmp_path / "t.csv", ["a", "b"]), ["a", "b"])
+    whole = read_rows(tmp_path / "t.csv", ["a", "b"]).finite(["a", "b"])
     monkeypatch.setattr(csv_rows, "ROWS_A_PART", 4)
-    parts, again = numbers(read_rows(tmp_path / "t.csv", ["a", "b"]), ["a", "b"])
-    np.testing.assert_array_equal(found, again)
+    parts = read_rows(tmp_path / "t.csv", ["a", "b"]).finite(["a", "b"])
+    np.testing.assert_array_equal(whole.numbers_of(["a", "b"]), parts.numbers_of(["a", "b"]))
     assert whole.quarantined == parts.quarantined
     assert [row.value for row in whole.quarantined] == ["b = 'x'"] * 7
 

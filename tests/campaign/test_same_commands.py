@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.campaign.rows import labels, same_commands
+from pa10cal.campaign.raw_rows import labels, same_commands
 
 
 def test_labels_sort_as_text_in_order_of_their_numbers():

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 import pa10cal
-from pa10cal.campaign.weighed_arm import weighed_arm
 from pa10cal.cell.campaign import measure_campaign, robot_of
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.fit.weighed_arm import weighed_arm
 from pa10cal.studies.simulated import as_read
 
 
@@ -27,7 +27,8 @@ def test_joints_of_an_arm_without_masses_give_way_and_nothing_else_is_named():
     settings = SimulateOptions(random_seed=1, robot="ur10", without_touches=plan)
     campaign = as_read(measure_campaign("sagging", settings, robot_of(arm, settings)))
     bare = replace(arm, mass_kg=None, com_m=None)
-    campaign = replace(campaign, arm=weighed_arm(campaign.description, bare, campaign.observations))
+    arm = weighed_arm(bare, campaign.observations, campaign.description.payload)
+    campaign = replace(campaign, arm=arm)
     found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
     assert found.effects == ()
     assert {"joint 2", "joint 3"} <= {finding.of for finding in found.gives_way}

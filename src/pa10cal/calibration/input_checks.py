@@ -25,9 +25,9 @@ from pa10cal.campaign.labels import exchange_text, stated_order, stated_shape
 from pa10cal.campaign.own_columns import RotationColumns
 from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_file import words_of
-from pa10cal.campaign.weighed_arm import weights_finding
 from pa10cal.errors import CalibrationError, Pa10calError
 from pa10cal.fit.loads import statics_of
+from pa10cal.fit.weighed_arm import weights_finding
 from pa10cal.frame.hand_eye import LEVER_M
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.labels import exchange_text, stated_shape
-from pa10cal.campaign.rows import Touches
+from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import fit_rigid
 
@@ -54,15 +54,14 @@ class LocatedBalls:
 def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) -> LocatedBalls:
     """Find the centres of all balls and the touches that are suspected outliers.
 
+    Touches that in general do not lie on spheres of this radius are refused, and other balls than
+    those of the tool.
+
     Args:
         p_instr_mm: (C, B, T, 3) touches, padded.
         valid: (C, B, T) which of them are there.
         tool: the balls and the probe.
         where: file of the touches, for messages.
-
-    Raises:
-        RawDataError: when touches in general do not lie on spheres of this radius, or the balls
-            are not those of the tool.
     """
     outlier = _far_off(p_instr_mm, valid, tool)
     near = valid & ~outlier
@@ -70,25 +69,23 @@ def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) 
     _refuse_flat(spheres, where)
     reason = unusable_balls(near, spheres.coplanar.reshape(valid.shape[:2]), tool.names)
     whole = np.flatnonzero(reason == "")
-    sigma_mm = pooled_mm = float("nan")
+    sigma_mm = float("nan")
     if len(whole):
         spheres = _fit(p_instr_mm[whole], near[whole], tool)
         sigma_mm = touch_sigma_mm(spheres, tool.centre_uncertainty_mm)
         limit_mm = tool.outlier_sigma * sigma_mm
         _refuse_other_radius(spheres, limit_mm, tool, where)
         shape_mm = _shape(spheres.centre_mm.reshape(len(whole), -1, 3), tool, where)
-        outliers = find_outliers(
+        touch, undecided = find_outliers(
             p_instr_mm[whole], near[whole], shape_mm, tool.radius_mm, limit_mm, sigma_mm
         )
-        outlier[whole] |= outliers.touch
-        reason[whole[outliers.undecided]] = UNDECIDED
+        outlier[whole] |= touch
+        reason[whole[undecided]] = UNDECIDED
     used = valid & ~outlier
     spheres = _fit(p_instr_mm, used, tool)
     without = unusable_balls(used, spheres.coplanar.reshape(valid.shape[:2]), tool.names)
     reason = np.where(reason == "", without, reason)
-    fit = np.repeat(reason == "", len(tool.names))
-    if fit.any():
-        pooled_mm = pooled_touch_sigma_mm(spheres.take(fit))
+    pooled_mm = pooled_touch_sigma_mm(spheres, np.repeat(reason == "", len(tool.names)))
     C, B = valid.shape[:2]
     return LocatedBalls(
         p_instr_mm=spheres.centre_mm.reshape(C, B, 3),
@@ -179,11 +176,11 @@ class TouchGroups:
     valid: Mask  # (C, B, T) where there is one
 
 
-def group_touches(touches: Touches, balls: int) -> TouchGroups:
-    """Gather touches, which are in order of time, by configuration and ball."""
+def group_touches(touches: RawRows, balls: int) -> TouchGroups:
+    """Gather touches, which are in order of time, by configuration and number of the ball."""
     of_touch = touches.configurations
     count = int(of_touch.max(initial=-1)) + 1
-    key = of_touch * balls + touches.ball
+    key = of_touch * balls + touches["ball"]
     order = np.argsort(key, kind="stable")
     sizes = np.bincount(key, minlength=count * balls)
     place = np.arange(len(key)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
@@ -206,13 +203,7 @@ def commonest(of_touch: Index, dwell: Index) -> Index:
 
 
 def unusable_balls(valid: Mask, coplanar: Mask, names: tuple[str, ...]) -> NDArray[np.object_]:
-    """Return (C,) why a configuration's balls cannot all be located; "" where they can.
-
-    Args:
-        valid: (C, B, T) touches that are there.
-        coplanar: (C, B) balls whose touches lie in one plane.
-        names: names of the balls.
-    """
+    """Return (C,) why balls cannot all be located of touches (C, B, T); "" where they can."""
     count = valid.sum(axis=2)
     bad = (count < LEAST_TOUCHES) | coplanar
     reasons = np.full(len(valid), "", dtype=object)
@@ -261,24 +252,12 @@ class Spheres:
     # (G,) whether the touches lie in one plane, so that the centre is not determined
     coplanar: Mask
 
-    def take(self, balls: Mask) -> Spheres:
-        """Return some of the balls."""
-        return Spheres(*(getattr(self, field.name)[balls] for field in fields(self)))
-
 
 def fit_spheres(p_mm: Array, valid: Mask, radius_mm: float) -> Spheres:
-    """Fit spheres of known radius by least squares of the touches' distances (Gauss-Newton).
+    """Fit spheres of known radius to touches (G, T, 3), padded, by least squares (Gauss-Newton).
 
     The start is the linear fit of a sphere of free radius, which four touches not in one plane
-    determine.
-
-    Args:
-        p_mm: (G, T, 3) touches, padded.
-        valid: (G, T) which of them are there.
-        radius_mm: radius of the balls.
-
-    Returns:
-        Centres and residuals. Where `coplanar`, they are of no use.
+    determine. Where `coplanar`, centres and residuals are of no use.
     """
     weight = valid.astype(float)
     count = valid.sum(axis=1)
@@ -300,13 +279,7 @@ def fit_spheres(p_mm: Array, valid: Mask, radius_mm: float) -> Spheres:
         if np.abs(step).max(initial=0.0) <= STEP_TOLERANCE_MM:
             break
     _, residual, cofactor = _linearise(p_mm, weight, centre, radius_mm)
-    return Spheres(
-        centre_mm=centre,
-        residual_mm=residual,
-        cofactor=cofactor,
-        touches=count,
-        coplanar=coplanar,
-    )
+    return Spheres(centre, residual, cofactor, count, coplanar)
 
 
 def touch_sigma_mm(spheres: Spheres, centre_uncertainty_mm: float) -> float:
@@ -321,14 +294,14 @@ def touch_sigma_mm(spheres: Spheres, centre_uncertainty_mm: float) -> float:
     return float(centre_uncertainty_mm / np.sqrt(variance))
 
 
-def pooled_touch_sigma_mm(spheres: Spheres) -> float:
-    """Return the standard deviation of one touch from all residuals; nan without redundancy.
+def pooled_touch_sigma_mm(spheres: Spheres, of: Mask) -> float:
+    """Return the standard deviation of one touch of some balls (G,); nan without redundancy.
 
     It holds the probing noise alone; what the instrument states also covers errors that all touches
     on a ball share. Hence it is compared with the statement and does not replace it.
     """
-    dof = int((spheres.touches - 3).clip(min=0).sum())
-    return float(np.sqrt((spheres.residual_mm**2).sum() / dof)) if dof else float("nan")
+    dof = int((spheres.touches[of] - 3).clip(min=0).sum())
+    return float(np.sqrt((spheres.residual_mm[of] ** 2).sum() / dof)) if dof else float("nan")
 
 
 def _linearise(
@@ -344,17 +317,9 @@ def _linearise(
     return normals, residual, np.linalg.inv(normal_matrix + 1e-12 * np.eye(3))
 
 
-@dataclass(frozen=True)
-class TouchOutliers:
-    """Suspected outliers among the touches of C configurations."""
-
-    touch: Mask  # (C, B, T) single touches that are
-    undecided: Mask  # (C,) configurations that do not fit the tool, no one touch being to blame
-
-
 def find_outliers(
     p_mm: Array, valid: Mask, balls_mm: Array, radius_mm: float, limit_mm: float, sigma_mm: float
-) -> TouchOutliers:
+) -> tuple[Mask, Mask]:
     """Find touches that do not lie on the balls of a rigid tool, omitting each in turn.
 
     A configuration is suspect when a touch is further off than `limit_mm`, as judged by the other
@@ -369,6 +334,10 @@ def find_outliers(
         radius_mm: radius of the balls.
         limit_mm: largest departure that noise is allowed.
         sigma_mm: standard uncertainty of one touch.
+
+    Returns:
+        (C, B, T) suspected outliers; (C,) configurations that do not fit the tool, no one touch
+        being to blame.
     """
     C, B, T = valid.shape
     fits, _ = _fits(p_mm, valid, balls_mm, radius_mm, limit_mm, sigma_mm)
@@ -376,7 +345,7 @@ def find_outliers(
     undecided = np.zeros(C, dtype=bool)
     suspects = np.flatnonzero(~fits)
     if not len(suspects):
-        return TouchOutliers(touch, undecided)
+        return touch, undecided
     owner, out = np.nonzero(valid[suspects].reshape(len(suspects), B * T))
     others = valid[suspects][owner].reshape(-1, B * T)
     others[np.arange(len(owner)), out] = False
@@ -391,7 +360,7 @@ def find_outliers(
     found[found] = (ranked[found, 1] - ranked[found, 0]) > (limit_mm / sigma_mm) ** 2
     undecided[suspects] = ~found
     touch.reshape(C, B * T)[suspects[found], best[found]] = True
-    return TouchOutliers(touch, undecided)
+    return touch, undecided
 
 
 def _fits(

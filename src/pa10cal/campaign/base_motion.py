@@ -6,13 +6,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
-from pa10cal.campaign.raw_file import PoseFile
-from pa10cal.campaign.screens import misfit_of
+from pa10cal.campaign.nominal_fit import misfit_of
+from pa10cal.campaign.own_words import OwnWords
 from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, base_motion
 from pa10cal.observe.instrument import BaseTargets, Instrument, Knocked, Misread, MotionFound
@@ -45,13 +46,9 @@ def base_columns(names: Sequence[str]) -> list[str]:
 
 
 def refuse_base_targets(
-    description: CampaignDescription, file: PoseFile, names: Sequence[str]
+    description: CampaignDescription, path: Path, words: OwnWords, names: Sequence[str]
 ) -> None:
-    """Refuse base targets where the instrument cannot use them, or that are not on the base.
-
-    Raises:
-        RawDataError: saying which.
-    """
+    """Refuse base targets where the instrument cannot use them, or that are not on the base."""
     if not names:
         return
     kind = description.instrument.kind
@@ -59,8 +56,8 @@ def refuse_base_targets(
         able = [word for word, each in instruments().items() if each.sees_base]
         raise RawDataError(
             f"the instrument {kind} does not see targets on the base",
-            where=str(file.path),
-            value=", ".join(file.words.column(f"{name}_x_mm") for name in names),
+            where=str(path),
+            value=", ".join(words.column(f"{name}_x_mm") for name in names),
             allowed=f"columns base1_x_mm … under {' and '.join(able)}",
             remedy="remove these columns, or correct instrument.kind",
         )
@@ -68,7 +65,7 @@ def refuse_base_targets(
     if clash:
         raise RawDataError(
             f"{', '.join(clash)} is both on the tool and on the base",
-            where=f"{file.path.parent / DESCRIPTION_FILE}: tool.balls_mm",
+            where=f"{path.parent / DESCRIPTION_FILE}: tool.balls_mm",
             value=", ".join(clash),
             allowed="names base1, base2, … for targets on the base alone",
             remedy="give the target on the tool another name, in its columns too",
@@ -95,18 +92,17 @@ def base_targets(names: tuple[str, ...], values: Array, u: Array, u_m: float) ->
 def steadied(
     every: Observations, where: str, T_base_ee: Array
 ) -> tuple[Observations, tuple[str, ...], tuple[str, ...]]:
-    """Take the motion that base targets show out of readings.
+    """Take the motion that base targets show out of readings in order of time.
+
+    Two base targets that are one, and an instrument that was set up anew, are refused.
 
     Args:
-        every: single readings in order of time.
+        every: single readings.
         where: file, for messages.
         T_base_ee: (P, 4, 4) poses of the nominal arm, which must not fit worse for it.
 
     Returns:
         The readings as of an instrument that stands still; notes; and warnings.
-
-    Raises:
-        RawDataError: when two base targets are one, or when the instrument was set up anew.
     """
     base = every.base
     if base is None:

@@ -134,8 +134,7 @@ class Bounds:
 def within_bounds(raw: RawRows, names: list[str], bounds: Bounds) -> RawRows:
     """Quarantine the rows with a number outside the bounds of its column; blanks are let through.
 
-    Raises:
-        RawDataError: when temperatures are in kelvin, or numbers in another unit than is stated.
+    Temperatures in kelvin, and numbers in another unit than is stated, are refused.
     """
     _refuse_own_unit(raw, names, bounds)
     for name in names:
@@ -150,6 +149,21 @@ def within_bounds(raw: RawRows, names: list[str], bounds: Bounds) -> RawRows:
                 values = [raw.shown(name, int(row)) for row in np.flatnonzero(off)]
                 return within_bounds(raw.take(~off, reason, values), names, bounds)
     return raw
+
+
+def whole(raw: RawRows, name: str, bounds: Bounds) -> RawRows:
+    """Quarantine the rows whose column holds no whole number within its bounds."""
+    raw = within_bounds(raw.finite([name]), [name], bounds)
+    keep = raw[name] == np.round(raw[name])
+    values = [f"{raw.name_of(name)} = {value:g}" for value in raw[name][~keep]]
+    raw = raw.take(keep, "not a whole number", values)
+    return raw.with_columns({name: raw[name].astype(np.int64)})
+
+
+def labelled(raw: RawRows, bounds: Bounds) -> RawRows:
+    """Quarantine the rows that lack a label, a load or the number of the repeat."""
+    raw = whole(within_bounds(raw, ["load_N"], bounds), "repeat", bounds)
+    return raw.take(raw.text_of("pose") != "", "the pose has no label")
 
 
 def _refuse_own_unit(raw: RawRows, names: list[str], bounds: Bounds) -> None:
@@ -185,11 +199,7 @@ def _refuse_own_unit(raw: RawRows, names: list[str], bounds: Bounds) -> None:
 
 
 def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
-    """Stop when the tool is heavier than any that the arm carries: its mass is in grams.
-
-    Raises:
-        RawDataError: naming both masses.
-    """
+    """Stop when the tool is heavier than any that the arm carries: its mass is in grams."""
     of_arm = None if arm.mass_kg is None else float(np.sum(arm.mass_kg))
     largest_kg = TOOL_KG_PER_M * arm.reach_m if of_arm is None else of_arm
     if mass_kg <= largest_kg:
@@ -207,11 +217,7 @@ def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
 
 
 def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: str) -> None:
-    """Stop when gravity is not of the size that it has on Earth; zero is not stated.
-
-    Raises:
-        RawDataError: naming its size.
-    """
+    """Stop when gravity is not of the size that it has on Earth; zero is not stated."""
     size = float(np.linalg.norm(gravity_m_s2))
     if size == 0.0 or GRAVITY_M_S2[0] <= size <= GRAVITY_M_S2[1]:
         return
@@ -232,11 +238,7 @@ def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: s
 
 
 def refuse_impossible_temperature(temperature_C: float, where: str) -> None:
-    """Stop when a stated temperature is in kelvin, or none of a laboratory.
-
-    Raises:
-        RawDataError: naming it.
-    """
+    """Stop when a stated temperature is in kelvin, or none of a laboratory."""
     if TEMPERATURES_C[0] <= temperature_C <= TEMPERATURES_C[1]:
         return
     set_to = f"set reference_temperature_C: {temperature_C - 273.15:.4g}"

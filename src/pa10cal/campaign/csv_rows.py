@@ -176,12 +176,12 @@ def read_rows(
         below = (line for line in below if line.number >= layout.first)
     parts, last = [], first
     while part := list(islice(below, ROWS_A_PART)):
-        parts.append(_Part.of(part, header, used, layout))
+        parts.append(_read_part(part, header, used, layout))
         last = part[-1]
     if not parts:
         raise _refusal(path, first.number, "there is no row under the header", "rows", "export it")
     line, widths, hashes, decimals = (
-        np.concatenate([getattr(part, name) for part in parts])
+        np.concatenate([known[name] for known, _, _ in parts])
         for name in ("line", "widths", "hashes", "decimals")
     )
     _refuse_systematic_width(path, widths, len(header), line, layout)
@@ -194,9 +194,10 @@ def read_rows(
         *quarantined(path.name, line[-1:] if cut else [], CUT, [last.text] if cut else []),
     )
     unused = tuple(name for name in header if name not in used)
-    columns = {name: np.concatenate([part.columns.pop(name) for part in parts]) for name in used}
-    odd = {name: dict(ChainMap(*(part.odd[name] for part in parts))) for name in used}
-    raw = RawRows(path.name, columns, line[right], len(line), unused, listed, odd)
+    columns = {name: np.concatenate([read.pop(name) for _, read, _ in parts]) for name in used}
+    odd = {name: dict(ChainMap(*(odd[name] for _, _, odd in parts))) for name in used}
+    totals = {path.name: len(line)}
+    raw = RawRows(path.name, columns, line[right], totals, unused, listed, odd)
     if not last.ended and right[-1] and _cut_last(decimals):
         kept = np.arange(len(hashes)) < len(hashes) - 1
         raw = raw.take(kept, CUT, [layout.row(last.text, len(header))[-1]])
@@ -207,43 +208,37 @@ def read_rows(
     return raw.take(once, REPEATED)
 
 
-@dataclass(frozen=True)
-class _Part:
-    """Some lines of a file: their columns, and what is known of each."""
+def _read_part(
+    lines: Sequence[Line], header: Sequence[str], used: Sequence[str], layout: Layout
+) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]], dict[str, dict[int, str]]]:
+    """Read some lines of a file.
 
-    line: NDArray[np.int64]  # (N,) physical line
-    widths: NDArray[np.int64]  # (N,) number of fields
-    # hashes and decimals: of the rows as wide as the header: of all fields, and digits of the last
-    hashes: NDArray[np.int64]
-    decimals: NDArray[np.int64]
-    columns: dict[str, NDArray[Any]]  # text as it is, and numbers, nan where there is none
-    odd: dict[str, dict[int, str]]  # what stands there, by line
-
-    @classmethod
-    def of(
-        cls, lines: Sequence[Line], header: Sequence[str], used: Sequence[str], layout: Layout
-    ) -> _Part:
-        """Read lines."""
-        every = [layout.row(line.text, len(header)) for line in lines]
-        number = np.array([line.number for line in lines], dtype=np.int64)
-        widths = np.array([len(row) for row in every], dtype=np.int64)
-        rows = [row for row in every if len(row) == len(header)]
-        right = number[widths == len(header)]
-        columns: dict[str, NDArray[Any]] = {}
-        odd: dict[str, dict[int, str]] = {name: {} for name in used}
-        for name in used:
-            at = header.index(name)
-            fields = [row[at] for row in rows]
-            if name in layout.text:
-                columns[name] = np.array(list(map(sys.intern, fields)), dtype=object)
-                continue
-            values = columns[name] = _numbers(fields, layout)
-            unread = np.flatnonzero(np.isnan(values)).tolist()
-            odd[name] = {int(right[k]): fields[k] for k in unread}
-        hashes = np.array([hash(tuple(row)) for row in rows], dtype=np.int64)
-        after = [row[-1].partition(layout.decimal)[2] for row in rows]
-        decimals = np.array(list(map(len, after)), dtype=np.int64)
-        return cls(number, widths, hashes, decimals, columns, odd)
+    Returns:
+        What is known of them: their numbers, how many fields each has, and of the rows as wide as
+        the header a hash of all fields and the digits of the last; the columns, text as it is and
+        numbers, nan where there is none; and what stands there, by line.
+    """
+    every = [layout.row(line.text, len(header)) for line in lines]
+    number = np.array([line.number for line in lines], dtype=np.int64)
+    widths = np.array([len(row) for row in every], dtype=np.int64)
+    rows = [row for row in every if len(row) == len(header)]
+    right = number[widths == len(header)]
+    columns: dict[str, NDArray[Any]] = {}
+    odd: dict[str, dict[int, str]] = {name: {} for name in used}
+    for name in used:
+        at = header.index(name)
+        fields = [row[at] for row in rows]
+        if name in layout.text:
+            columns[name] = np.array(list(map(sys.intern, fields)), dtype=object)
+            continue
+        values = columns[name] = _numbers(fields, layout)
+        unread = np.flatnonzero(np.isnan(values)).tolist()
+        odd[name] = {int(right[k]): fields[k] for k in unread}
+    hashes = np.array([hash(tuple(row)) for row in rows], dtype=np.int64)
+    after = [row[-1].partition(layout.decimal)[2] for row in rows]
+    decimals = np.array(list(map(len, after)), dtype=np.int64)
+    known = {"line": number, "widths": widths, "hashes": hashes, "decimals": decimals}
+    return known, columns, odd
 
 
 def _numbers(fields: Sequence[str], layout: Layout) -> Array:
@@ -401,11 +396,7 @@ class Sniffed:
 
 
 def sniff(path: Path) -> Sniffed:
-    """Find out how a file of rows of numbers is written.
-
-    Raises:
-        RawDataError: when it cannot be read, or holds no rows of numbers.
-    """
+    """Find out how a file of rows of numbers is written; refuse one without such rows."""
     lines = [(line.number, line.text) for line in islice(lines_of(path), LINES)]
     if not lines:
         raise _refusal(path, 1, "the file is empty", "a header and rows", "export it again")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,7 +12,6 @@ import numpy as np
 import yaml
 from pydantic import AfterValidator, Field, FiniteFloat, StringConstraints
 
-from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
@@ -22,8 +21,7 @@ from pa10cal.campaign.raw_rows import Exclusions
 from pa10cal.errors import RawDataError, remedy_for
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind, instruments
-from pa10cal.observe.observations import Observations, average_repeats
-from pa10cal.observe.quantities import Start, Stated
+from pa10cal.observe.quantities import Stated
 from pa10cal.options import Section
 from pa10cal.settings_reading import parse_section
 from pa10cal.yaml_file import read_yaml
@@ -259,11 +257,7 @@ def read_description(folder: Path) -> CampaignDescription:
 
 
 def check_joints(campaign: CampaignDescription, joints: int, where: str) -> None:
-    """Refuse signs or offsets that are not one for each joint of the arm.
-
-    Raises:
-        RawDataError: naming the key, and how many the arm has.
-    """
+    """Refuse signs or offsets that are not one for each joint of the arm."""
     for key in ("joint_signs", "joint_offsets_deg"):
         stated = getattr(campaign, key)
         if stated is not None and len(stated) != joints:
@@ -416,35 +410,35 @@ class GroupDescription(CampaignDescription):
         return replace(known[0], of_campaigns=known) if differ else known[0]
 
 
-@dataclass(frozen=True)
-class MemberRead:
-    """A campaign of a group, as it was read."""
-
-    description: CampaignDescription
-    arm: Arm  # the nominal arm that it names
-    observations: Observations  # single readings of all kinds
-
-
-def describe_group(name: str, members: Sequence[MemberRead]) -> GroupDescription:
-    """Describe a group of campaigns.
+def describe_group(
+    name: str, members: Sequence[tuple[CampaignDescription, Arm]]
+) -> GroupDescription:
+    """Describe a group of campaigns, each with its nominal arm.
 
     Raises:
         RawDataError: when there are fewer than two, one is there twice or has the group's name, or
             they are not of one robot.
     """
-    names = [member.description.name for member in members]
+    described = [description for description, _ in members]
+    names = [each.name for each in described]
     check_names(name, names, f"group {name}")
-    for member, of in zip(members[1:], names[1:], strict=True):
-        _refuse_another_robot(members[0], member, f"group {name}: {names[0]} and {of}")
-    return _described(name, [member.description for member in members])
+    for (other, arm), of in zip(members[1:], names[1:], strict=True):
+        one, two = described[0].robot, other.robot
+        differ = _difference(members[0][1], arm) if one == two else f"robot: {one} and {two}"
+        if differ is not None:
+            raise RawDataError(
+                "the campaigns of a group are not of one robot",
+                where=f"group {name}: {names[0]} and {of}",
+                value=differ,
+                allowed="campaigns of one robot, described by the same nominal rows",
+                remedy="take the other campaign out of the group, or describe the robot alike in "
+                "both",
+            )
+    return _described(name, described)
 
 
 def check_names(name: str, names: Sequence[str], where: str) -> None:
-    """Refuse a group that is none.
-
-    Raises:
-        RawDataError: when it has fewer than two campaigns, or names that are not apart.
-    """
+    """Refuse a group of fewer than two campaigns, or of names that are not apart."""
     twice = sorted({each for each in names if list(names).count(each) > 1})
     if len(names) < 2:
         what, value = "a group has fewer than two campaigns", ", ".join(names) or "none"
@@ -501,13 +495,6 @@ def group_text(group: CampaignDescription) -> str:
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
 
 
-def start_by_nominal(member: MemberRead) -> Start:
-    """Find about where base and targets of a campaign are, by its nominal arm."""
-    grid = average_repeats(member.observations.of_kind("grid"))
-    unloaded = grid.take(grid.states.load_N == grid.states.load_N.min())
-    return unloaded.measured.find_start(Chain.of(member.arm).forward(unloaded.states.q_rad))
-
-
 def _described(name: str, members: Sequence[CampaignDescription]) -> GroupDescription:
     first = {key: getattr(members[0], key) for key in CampaignDescription.model_fields}
     provenance = "; ".join(dict.fromkeys(member.provenance for member in members))
@@ -515,21 +502,6 @@ def _described(name: str, members: Sequence[CampaignDescription]) -> GroupDescri
     own = {"name": name, "provenance": provenance, "members": tuple(members)}
     own["joints"] = "commanded" if commanded else "logged"
     return GroupDescription(**first | {"holdout": None, "columns": None} | own)
-
-
-def _refuse_another_robot(first: MemberRead, other: MemberRead, where: str) -> None:
-    """Refuse campaigns of two robots, or of one described by two nominal tables."""
-    one, two = first.description.robot, other.description.robot
-    same = one == two
-    differ = _difference(first.arm, other.arm) if same else f"robot: {one} and {two}"
-    if differ is not None:
-        raise RawDataError(
-            "the campaigns of a group are not of one robot",
-            where=where,
-            value=differ,
-            allowed="campaigns of one robot, described by the same nominal rows",
-            remedy="take the other campaign out of the group, or describe the robot alike in both",
-        )
 
 
 def _difference(first: Arm, other: Arm) -> str | None:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index
-from pa10cal.campaign.rows import Samples
 
 #: Speeds are taken over at least this time, so that noise of a fast log is no movement.
 SPEED_WINDOW_S = 0.3
@@ -21,6 +20,20 @@ REAL_SIGMAS = 10.0
 REAL_S = 0.1
 #: Times by which clocks are compared, where there are more.
 COMPARED = 250
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of the log of an arm with n joints, in order of time."""
+
+    line: NDArray[np.int64]  # (N,) physical line in the file
+    time_s: Array  # (N,) time
+    q_deg: Array  # (N, n) motor-side joint positions after the gear ratio
+    tau_Nm: Array  # (N, n) torques that hold the arm; nan where not logged
+    temperature_C: Array  # (N,) temperature; nan where not logged
+
+    def __len__(self) -> int:
+        return len(self.line)
 
 
 @dataclass(frozen=True)
@@ -43,37 +56,32 @@ class Dwells:
 
 
 @dataclass(frozen=True)
-class DwellReadings:
-    """What the log contains of each of D dwells of an arm with n joints."""
+class Stations:
+    """Where an arm with n joints stood, K places in order, and what was logged there."""
 
-    samples: NDArray[np.int64]  # (D,) samples in the dwell
-    q_rad: Array  # (D, n) mean joint positions
-    q_u_rad: Array  # (D, n) standard uncertainty of that mean, from the scatter in the dwell
-    tau_Nm: Array  # (D, n) mean torques
-    tau_u_Nm: Array  # (D, n) standard uncertainty of that mean
-    temperature_C: Array  # (D,) mean temperature
-    # (D, n) sign of each joint's last real movement in the logged approach; 0 where it made none
+    start_s: Array  # (K,) when it came
+    end_s: Array  # (K,) when it went on
+    first: Index  # (K,) sample at which each begins
+    samples: NDArray[np.int64]  # (K,) samples of it
+    q_deg: Array  # (K, n) mean joint positions [deg, mm]
+    # (K, n) standard uncertainties of these means, from the scatter; nan of a single sample
+    q_u_deg: Array
+    tau_Nm: Array  # (K, n) mean torques; nan where not logged
+    tau_u_Nm: Array  # (K, n) standard uncertainties of these means
+    temperature_C: Array  # (K,) mean temperature; nan where not logged
+    # (K, n) sign of each joint's last real movement in the logged approach; 0 where it made none
     arrival: Array
 
+    def __len__(self) -> int:
+        return len(self.first)
 
-@dataclass(frozen=True)
-class ClockOffset:
-    """What to add to the touches' times to bring them into dwells."""
-
-    seconds: float  # the offset
-    inside: float  # part of the touches that would then lie in dwells
+    def at(self, time_s: Array) -> Index:
+        """Return the station at each time, -1 where the arm moved or nothing was logged."""
+        return phase_at(self.start_s, self.end_s, time_s)
 
 
 def find_dwells(samples: Samples, still_speed_deg_s: float) -> Dwells:
-    """Find where all joints were slower than the still speed.
-
-    Args:
-        samples: the log, in order of time.
-        still_speed_deg_s: `ingest.still_speed_deg_s`.
-
-    Returns:
-        Dwells of at least two samples, in order of time.
-    """
+    """Find where all joints were slower than `ingest.still_speed_deg_s`: two samples long."""
     time_s, q_deg = samples.time_s, samples.q_deg
     steps_s = np.diff(time_s)
     travel = np.abs(np.diff(q_deg, axis=0))
@@ -96,7 +104,7 @@ def find_dwells(samples: Samples, still_speed_deg_s: float) -> Dwells:
     return Dwells(time_s[first], time_s[last], first, last, of_sample, real)
 
 
-def dwell_readings(samples: Samples, dwells: Dwells) -> DwellReadings:
+def dwell_readings(samples: Samples, dwells: Dwells) -> Stations:
     """Average the samples of every dwell and find how each joint arrived.
 
     The direction of arrival is that of the last movement larger than noise: the sign of the dwell's
@@ -109,32 +117,29 @@ def dwell_readings(samples: Samples, dwells: Dwells) -> DwellReadings:
     q_deg, q_u_deg = _mean(samples.q_deg[standing], dwell, count)
     tau_Nm, tau_u_Nm = _mean(samples.tau_Nm[standing], dwell, count)
     temperature_C, _ = _mean(samples.temperature_C[standing, None], dwell, count)
-    return DwellReadings(
-        samples=count,
-        q_rad=np.radians(q_deg),
-        q_u_rad=np.radians(q_u_deg),
-        tau_Nm=tau_Nm,
-        tau_u_Nm=tau_u_Nm,
-        temperature_C=temperature_C[:, 0],
-        arrival=_arrival(samples.q_deg, dwells, q_deg),
+    return Stations(
+        dwells.start_s,
+        dwells.end_s,
+        dwells.first,
+        count,
+        q_deg,
+        q_u_deg,
+        tau_Nm,
+        tau_u_Nm,
+        temperature_C[:, 0],
+        _arrival(samples.q_deg, dwells, q_deg),
     )
 
 
-def best_clock_offset(time_s: Array, dwells: Dwells) -> ClockOffset:
-    """Find the offset of the touches' clock that brings most touches into dwells.
+def best_clock_offset(time_s: Array, dwells: Dwells) -> tuple[float, float]:
+    """Find the offset of the clock of touches (N,) that brings most of them into dwells.
 
-    Args:
-        time_s: (N,) times of touches, N >= 1.
-        dwells: dwells on the other clock, at least one.
-
-    Returns:
-        The offset that brings in the most touches; where a range of them does, its middle, and of
-        several ranges that nearest to zero.
+    Where a range of offsets does, it is its middle, and of several ranges that nearest to zero. The
+    part of the touches that then lies in dwells is returned with it.
     """
     ranges = offset_ranges(dwells.start_s, dwells.end_s, time_s)
-    offset = min((0.5 * (low + high) for low, high in ranges), key=abs)
-    inside = float(np.mean(dwells.at(time_s + offset) >= 0))
-    return ClockOffset(offset, inside)
+    offset_s = min((0.5 * (low + high) for low, high in ranges), key=abs)
+    return offset_s, float(np.mean(dwells.at(time_s + offset_s) >= 0))
 
 
 def offset_ranges(

@@ -45,14 +45,9 @@ class ShapeOff:
 
 
 def stated_shape(p_mm: Array, stated_mm: Array) -> ShapeOff | None:
-    """Compare distances between measured targets with those of their stated places.
+    """Compare distances between measured targets (P, B, 3) with those of stated places (B, 3).
 
-    Args:
-        p_mm: (P, B, 3) measured, nan where not seen.
-        stated_mm: (B, 3) stated.
-
-    Returns:
-        None with fewer than two targets seen together.
+    What was not seen is nan. None with fewer than two targets seen together.
     """
     found = _distances(p_mm)
     stated = _distances(stated_mm[None])[0]
@@ -88,15 +83,14 @@ def _other_order(middle: Array, stated: Array, pairs: Index) -> tuple[int, ...] 
 
 
 def stated_order(T_base_ee: Array, p_m: Array, stated_mm: Array) -> tuple[int, ...] | None:
-    """Return the order of the stated places in which the nominal arm carries the targets.
+    """Return the order of the stated places (B, 3) in which the nominal arm carries the targets.
+
+    None where it is the order stated, or where no order fits much better.
 
     Args:
         T_base_ee: (P, 4, 4) nominal end-effector [m].
         p_m: (P, B, 3) measured targets, nan where not seen.
         stated_mm: (B, 3) stated.
-
-    Returns:
-        None where it is the order stated, or where no order fits much better.
     """
     if not 2 <= len(stated_mm) <= MOST_TARGETS or len(p_m) < LEAST_POSES:
         return None
@@ -114,8 +108,7 @@ def stated_order(T_base_ee: Array, p_m: Array, stated_mm: Array) -> tuple[int, .
 def not_rigid(p_m: Array) -> Mask:
     """Return (P, B) targets whose distances from the others are not those of the other poses.
 
-    Args:
-        p_m: (P, B, 3) measured, nan where not seen.
+    They were measured at (P, B, 3), nan where not seen.
     """
     count, targets = p_m.shape[:2]
     off = np.zeros((count, targets), dtype=bool)
@@ -165,11 +158,8 @@ def exchange_text(order: tuple[int, ...], names: tuple[str, ...]) -> str:
 def nominal_places(T_base_ee: Array, p_m: Array) -> Array | None:
     """Return where the nominal arm, fitted towards least distances, puts the targets (P, B, 3).
 
-    None where the poses do not determine base and targets.
-
-    Args:
-        T_base_ee: (P, 4, 4) nominal end-effector [m].
-        p_m: (P, B, 3) measured targets, nan where not seen.
+    They were measured at p_m (P, B, 3), nan where not seen. None where the poses (P, 4, 4) do not
+    determine base and targets.
     """
     if len(p_m) < LEAST_POSES:
         return None

@@ -164,22 +164,20 @@ def _format(values: Sequence[str]) -> str | None:
 
 def refuse_too_many(
     rows: Iterable[Quarantined],
-    totals: dict[str, int],
+    totals: Mapping[str, int],
     max_fraction: float,
     words: OwnWords = CONTRACT_WORDS,
 ) -> None:
     """Stop when more of a file's rows are quarantined than the settings allow, or all of them.
 
-    Rows that campaign.yaml excludes do not count.
+    Rows that campaign.yaml excludes do not count. The message names the file, the commonest reason
+    and the first line it struck.
 
     Args:
         rows: rows quarantined.
         totals: rows in each file.
         max_fraction: `ingest.max_quarantined_fraction`.
         words: what the files call their columns.
-
-    Raises:
-        RawDataError: naming the file, the commonest reason and the first line it struck.
     """
     by_file: dict[str, list[Quarantined]] = {name: [] for name in totals}
     totals = dict(totals)

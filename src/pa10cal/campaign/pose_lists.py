@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.csv_rows import CUT, column_names, read_rows
-from pa10cal.campaign.raw_rows import RawRows, numbers
-from pa10cal.campaign.rows import in_radians, position_columns
+from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
 from pa10cal.errors import RawDataError
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
@@ -219,9 +218,7 @@ def _whole(path: Path, raw: RawRows) -> RawRows:
 
 
 def _finite(path: Path, raw: RawRows, names: list[str], *, may_be_blank: bool = False) -> Array:
-    kept, found = numbers(raw, names, may_be_blank=may_be_blank)
-    _whole(path, kept)
-    return found
+    return _whole(path, raw.finite(names, may_be_blank=may_be_blank)).numbers_of(names)
 
 
 def _loads(path: Path, raw: RawRows) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from pa10cal.campaign.own_columns import (
     RotationColumns,
 )
 from pa10cal.campaign.raw_file import own_columns, quaternions
+from pa10cal.campaign.raw_rows import in_radians, position_columns
 from pa10cal.campaign.recognise import (
     JUDGED,
     Roles,
@@ -38,7 +40,6 @@ from pa10cal.campaign.recognise import (
     standing,
     unit_of,
 )
-from pa10cal.campaign.rows import in_radians, position_columns
 from pa10cal.campaign.two_logs import LABELS, TwoLogs
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import scale_of_points
@@ -451,7 +452,8 @@ class _Proposing:
             if best is not None and near[best] < np.log(1.5):
                 return best
         far = np.abs(p[seen]).max(initial=0.0)  # of what stands still, too
-        unit = "mm" if max(np.ptp(p[seen], axis=0).max(initial=0.0), 0.2 * far) > 20.0 else "m"
+        extent = np.ptp(p[seen], axis=0).max() if seen.any() else 0.0
+        unit = "mm" if max(extent, 0.2 * far) > 20.0 else "m"
         self.checks.append(f"unit of {names[0]} …: {unit}, by the size of the numbers")
         return unit
 
@@ -473,54 +475,37 @@ class _Proposing:
         values = self.sniffed.columns(names)
         size = "deg" if float(np.nanmax(np.abs(values))) > 7.0 else "rad"
         unit = self._stated(names, ANGLES) or size
-        given = {"names": list(names)}
+        given: dict[str, Any] = {"names": list(names)}
         turned = [self.roles.uncertain.get(name) for name in names]
         u = {"u": turned} if all(name is not None for name in turned) else {}
         angles = {"unit": unit} if len(names) == 3 else {}
-        best: tuple[float, dict[str, Any]] | None = None
+        R_ee = None
         if T_base_ee is not None:
-            best = self._best(T_base_ee, p_m, values, given, angles)
-        if best is None:
+            every = np.column_stack([values, p_m, T_base_ee.reshape(-1, 16)])
+            some = np.flatnonzero(np.isfinite(every).all(axis=1))
+            some = some[np.linspace(0, len(some) - 1, min(len(some), JUDGED)).astype(int)]
+            R_ee = modelled_attitudes(T_base_ee[some], p_m[some])
+        if R_ee is None:
             self.checks.append(
                 f"rotation.convention: {convention}, by the names alone; check it in the manual of "
                 "the software that wrote the file"
             )
             return given | {"convention": convention} | angles | u
-        scatter, chosen = best
+        tried: list[tuple[float, dict[str, Any]]] = []
+        words = {3: THREE, 4: FOUR, 9: ("matrix",)}[len(names)]
+        for inverse, word in product((False, True), words):
+            chosen = given | {"convention": word} | angles | ({"inverse": True} if inverse else {})
+            quaternion = quaternions(values[some], RotationColumns.model_validate(chosen))
+            R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+            tried.append((attitude_scatter(R_ee, R), chosen))
+        # The first of equals: the plainest.
+        scatter, chosen = min(tried, key=lambda each: round(each[0], 3))
         if scatter > AGREES_RAD:
             self.checks.append(
                 f"rotation.convention: none agrees with the nominal arm; the nearest is "
                 f"{np.degrees(scatter):.1f} deg off: check it, the joints' order and signs"
             )
         return chosen | u
-
-    def _best(
-        self,
-        T_base_ee: Array,
-        p_m: Array,
-        values: Array,
-        given: dict[str, Any],
-        angles: dict[str, str],
-    ) -> tuple[float, dict[str, Any]] | None:
-        """Return the convention nearest to the nominal arm, and how far it is off [rad]."""
-        good = np.isfinite(values).all(axis=1) & np.isfinite(p_m).all(axis=1)
-        good &= np.isfinite(T_base_ee).all(axis=(1, 2))
-        rows = np.flatnonzero(good)
-        rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), JUDGED)).astype(int)]
-        R_ee = modelled_attitudes(T_base_ee[rows], p_m[rows])
-        if R_ee is None:
-            return None
-        words = {3: THREE, 4: FOUR, 9: ("matrix",)}[values.shape[1]]
-        tried: list[tuple[float, dict[str, Any]]] = []
-        for inverse in (False, True):
-            for word in words:
-                chosen = given | {"convention": word} | angles
-                chosen |= {"inverse": True} if inverse else {}
-                turned = quaternions(values[rows], RotationColumns.model_validate(chosen))
-                R = Rotation.from_quat(turned, scalar_first=True).as_matrix()
-                tried.append((attitude_scatter(R_ee, R), chosen))
-        # The first of equals: the plainest.
-        return min(tried, key=lambda each: round(each[0], 3), default=None)
 
 
 def _unless(unit: str, usual: str) -> dict[str, str]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,13 +28,7 @@ from pa10cal.campaign.own_columns import (
     Time,
 )
 from pa10cal.campaign.own_words import OwnWords
-from pa10cal.campaign.raw_rows import (
-    TEXT,
-    OwnColumn,
-    RawRows,
-    finite,
-    numbers,
-)
+from pa10cal.campaign.raw_rows import TEXT, OwnColumn, RawRows, position_columns
 from pa10cal.campaign.recognise import moments_of
 from pa10cal.errors import RawDataError
 
@@ -49,27 +43,6 @@ FILLED = {
 }
 
 
-class PoseFile(Protocol):
-    """A file of poses, or two logs that are read as one."""
-
-    @property
-    def path(self) -> Path:
-        """Return where it is; of two logs, that of the readings."""
-
-    @property
-    def names(self) -> list[str]:
-        """Return the columns of the contract that it has, or stands for."""
-
-    def read(
-        self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
-    ) -> RawRows:
-        """Read columns of the contract."""
-
-    @property
-    def words(self) -> OwnWords:
-        """Return what it calls its columns."""
-
-
 @dataclass(frozen=True)
 class RawFile:
     """A raw file of a campaign."""
@@ -80,16 +53,6 @@ class RawFile:
     columns: FileColumns | None = None  # what its columns are; None where it follows the contract
     signs: tuple[int, ...] | None = None  # `joint_signs` of campaign.yaml
     offsets_deg: tuple[float, ...] | None = None  # `joint_offsets_deg`
-
-    @property
-    def totals(self) -> dict[str, int]:
-        """Return the rows of further files that are read with it, by their names."""
-        return {}
-
-    @property
-    def notes(self) -> Sequence[str]:
-        """Return how it is read, one clause each."""
-        return ()
 
     @property
     def in_degrees(self) -> Sequence[str]:
@@ -121,23 +84,12 @@ class RawFile:
 
     @cached_property
     def sources(self) -> dict[str, OwnColumn]:
-        """Return the file's own columns, by the contract's names; empty without `columns`.
-
-        Raises:
-            RawDataError: when a mapping has another number of columns than what it maps.
-        """
+        """Return the file's own columns, by the contract's names; empty without `columns`."""
         if self.columns is None:
             return {}
         self._check_counts(self.columns)
         self._check_twice(self.columns)
-        return dict(self._mapped(self.columns))
-
-    def _mapped(self, columns: FileColumns) -> Iterator[tuple[str, OwnColumn]]:
-        """Yield the columns of the contract, and what each is read from, by which key."""
-        for name, own in own_columns(columns, self.prismatic):
-            key = rule_of(name.removeprefix("u_")).key
-            target = f".{name.removeprefix('u_').split('_')[0]}" if key == "targets" else ""
-            yield name, replace(own, key=f"columns.{self.key}.{key}{target}")
+        return dict(own_columns(self.columns, self.prismatic, f"columns.{self.key}"))
 
     @property
     def words(self) -> OwnWords:
@@ -147,11 +99,7 @@ class RawFile:
     def read(
         self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
     ) -> RawRows:
-        """Read columns of the contract; see `read_rows`.
-
-        Raises:
-            RawDataError: as `read_rows`; when `columns` maps nothing to a column that is required.
-        """
+        """Read columns of the contract; see `read_rows`. All required must be mapped."""
         if self.columns is None:
             # Poses without times are numbered.
             timed = self.key != "poses" or "time_s" in self.names
@@ -242,10 +190,10 @@ class RawFile:
         """Return rows under the contract's names, in its units."""
         turned = columns.rotation if wanted & set(QUATERNION) else None
         if turned is not None:
-            raw, values = numbers(raw, turned.names)
-            off = no_rotation(values, turned)
+            raw = raw.finite(turned.names)
+            off = no_rotation(raw.numbers_of(turned.names), turned)
             raw = raw.take(~off, f"{', '.join(turned.names[:2])} …: no rotation")
-            raw = raw if turned.u is None else finite(raw, turned.u, may_be_blank=True)
+            raw = raw if turned.u is None else raw.finite(turned.u, may_be_blank=True)
         made: dict[str, NDArray[Any]] = {}
         odd: dict[str, dict[int, str]] = {}
         for name in sorted(wanted - {*QUATERNION, *(f"u_{each}" for each in QUATERNION)}):
@@ -267,10 +215,10 @@ class RawFile:
             stated = raw.text_of(self.sources["kind"].name).tolist()
             made["kind"] = np.array([words.get(each, each) for each in stated], dtype=np.object_)
         if turned is not None:
-            _, values = numbers(raw, turned.names)
+            values = raw.numbers_of(turned.names)
             made |= zip(QUATERNION, quaternions(values, turned).T, strict=True)
             if turned.u is not None:
-                _, u = numbers(raw, turned.u, may_be_blank=True)
+                u = raw.numbers_of(turned.u)
                 u = quaternion_uncertainty(values, np.where(u > 0.0, u, np.nan), turned)
                 u = np.maximum(u, LEAST_U)
                 made |= {f"u_{name}": u[:, k] for k, name in enumerate(QUATERNION)}
@@ -302,7 +250,7 @@ class RawFile:
         """Refuse a column that is mapped to two quantities."""
         where = f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}"
         uses: dict[str, dict[str, str]] = {}
-        for ours, source in self._mapped(columns):
+        for ours, source in own_columns(columns, self.prismatic, f"columns.{self.key}"):
             if not ours.startswith("u_"):  # one uncertainty may be that of several
                 for name in source.name.split(", "):
                     of = "rotation" if ours in QUATERNION else ours
@@ -345,41 +293,49 @@ def words_of(campaign: CampaignDescription, prismatic: NDArray[np.bool_]) -> Own
 
 
 def own_columns(
-    columns: FileColumns, prismatic: NDArray[np.bool_]
+    columns: FileColumns, prismatic: NDArray[np.bool_], section: str = ""
 ) -> Iterator[tuple[str, OwnColumn]]:
-    """Yield the columns of the contract, and what each is read from."""
+    """Yield the columns of the contract, and what each is read from.
+
+    Args:
+        columns: what campaign.yaml says of a file.
+        prismatic: (n,) which joints slide.
+        section: where it says it, such as columns.poses.
+    """
+
+    def at(key: str, name: str, unit: str = "") -> OwnColumn:
+        return OwnColumn(name, unit, FACTORS[unit], OFFSETS.get(unit, 0.0), f"{section}.{key}")
+
     if (time := columns.time) is not None:
-        unit = "" if time.format else time.unit
-        yield "time_s", OwnColumn(", ".join(time.names), unit, FACTORS[unit])
-    for name in ("pose", "repeat", "ball", "touch"):
-        if (one := getattr(columns, name)) is not None:
-            yield name, OwnColumn(one[0])
+        yield "time_s", at("time", ", ".join(time.names), "" if time.format else time.unit)
+    for key in ("pose", "repeat", "ball", "touch"):
+        if (one := getattr(columns, key)) is not None:
+            yield key, at(key, one[0])
     if columns.kind is not None:
-        yield "kind", OwnColumn(columns.kind.names[0])
-    torques = () if columns.torques is None else columns.torques.names
-    joints = enumerate(prismatic, start=1)
-    places = {"": columns.position} | {f"{name}_": at for name, at in columns.targets.items()}
-    mapped: list[tuple[Any, Sequence[str]]] = [
-        (columns.load, ["load_N"]),
-        (columns.temperature, ["temperature_C"]),
-        (columns.joints, [f"q{k}_{'mm' if slides else 'deg'}" for k, slides in joints]),
-        (columns.torques, [f"tau{k}_Nm" for k in range(1, len(torques) + 1)]),
-        *((at, [f"{before}{axis}_mm" for axis in "xyz"]) for before, at in places.items()),
-        (columns.distance, ["d_mm"]),
+        yield "kind", at("kind", columns.kind.names[0])
+    count = 0 if columns.torques is None else len(columns.torques.names)
+    targets = ((f"targets.{name}", f"{name}_", each) for name, each in columns.targets.items())
+    places = (("position", "", columns.position), *targets)
+    mapped: list[tuple[str, Any, Sequence[str]]] = [
+        ("load", columns.load, ["load_N"]),
+        ("temperature", columns.temperature, ["temperature_C"]),
+        ("joints", columns.joints, position_columns(prismatic)),
+        ("torques", columns.torques, [f"tau{k}_Nm" for k in range(1, count + 1)]),
+        *((key, each, [f"{before}{axis}_mm" for axis in "xyz"]) for key, before, each in places),
+        ("distance", columns.distance, ["d_mm"]),
     ]
-    for section, ours in mapped:
-        for k, name in enumerate(ours if section is not None else ()):
-            stroke = section is columns.joints and name.endswith("_mm")
-            unit = section.stroke_unit if stroke else section.unit
-            own = OwnColumn(section.names[k], unit, FACTORS[unit], OFFSETS.get(unit, 0.0))
-            yield name, own
-            if (u := getattr(section, "u", None)) is not None:
-                yield f"u_{name}", replace(own, name=u[k])
+    for key, part, ours in mapped:
+        for k, name in enumerate(ours if part is not None else ()):
+            slides = key == "joints" and name.endswith("_mm")
+            unit = part.stroke_unit if slides else part.unit
+            yield name, at(key, part.names[k], unit)
+            if (u := getattr(part, "u", None)) is not None:
+                yield f"u_{name}", at(key, u[k], unit)
     if (turned := columns.rotation) is not None:
         for name in QUATERNION:
-            yield name, OwnColumn(", ".join(turned.names))
+            yield name, at("rotation", ", ".join(turned.names))
             if turned.u is not None:
-                yield f"u_{name}", OwnColumn(", ".join(turned.u))
+                yield f"u_{name}", at("rotation", ", ".join(turned.u))
 
 
 def _clock(raw: RawRows, time: Time, *, from_first: bool) -> tuple[Array, list[str]]:
@@ -437,12 +393,7 @@ def no_rotation(values: Array, columns: RotationColumns) -> NDArray[np.bool_]:
 def quaternion_uncertainty(values: Array, u: Array, columns: RotationColumns) -> Array:
     """Return the standard uncertainties (N, 4) of the quaternions' components.
 
-    The numbers err independently of each other.
-
-    Args:
-        values: (N, k) numbers of the columns.
-        u: (N, k) their standard uncertainties, in the same unit.
-        columns: what they are.
+    The numbers (N, k) err independently, by u (N, k) in the same unit.
     """
     square = np.zeros((len(values), 4))
     for k in range(values.shape[1]):

@@ -11,12 +11,141 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.errors import RawDataError
 from pa10cal.files.output import csv_cell
 from pa10cal.observe.observations import Observations
+
+#: Columns of text; all others hold numbers.
+TEXT = ("id", "kind", "pose", "ball")
+COMMA = " (a decimal comma)"
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+")
+
+
+@dataclass(frozen=True)
+class OwnColumn:
+    """What a column of the contract was read from, where the file has names of its own."""
+
+    name: str  # the file's own name of it; of several columns all of them
+    unit: str = ""  # the file's own unit
+    # factor and offset: what the file's number is multiplied by, and what is added then
+    factor: float = 1.0
+    offset: float = 0.0
+    key: str = ""  # the key of campaign.yaml that maps it, such as columns.poses.joints
+
+
+@dataclass(frozen=True)
+class RawRows:
+    """Rows of one file, or of two that were joined: numbers where a column holds them, else text.
+
+    Whatever is done with rows between the file and `Observations` is done with these.
+    """
+
+    file: str  # name of the file; of two that of the readings
+    # (N,) the columns requested: numbers, nan where a field holds none; those of `TEXT` as text
+    columns: dict[str, NDArray[Any]]
+    line: NDArray[np.int64]  # (N,) physical line of every row, the header being line 1
+    totals: Mapping[str, int]  # rows in each file, quarantined ones included, by its name
+    unused: tuple[str, ...]  # columns that were not requested
+    quarantined: tuple[Quarantined, ...]  # rows that are not used
+    # what stands where a column of numbers holds no finite one, by its name and the line
+    odd: dict[str, dict[int, str]] = field(default_factory=dict)
+    # the file's own columns, by the contract's names; empty where it has those
+    own: Mapping[str, OwnColumn] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # what the reader should know, one clause each
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self.columns[name]
+
+    def text_of(self, name: str) -> NDArray[np.str_]:
+        """Return a column of text."""
+        return self.columns[name].astype(str)
+
+    def numbers_of(self, names: Sequence[str]) -> Array:
+        """Return columns of numbers (N, len(names)); of one that is not there nan."""
+        stacked = np.full((len(self), len(names)), np.nan)
+        for k, name in enumerate(names):
+            stacked[:, k] = self.columns.get(name, np.nan)
+        return stacked
+
+    def with_columns(self, columns: Mapping[str, NDArray[Any]]) -> RawRows:
+        """Return the rows with further columns, or others."""
+        return replace(self, columns={**self.columns, **columns})
+
+    def name_of(self, name: str) -> str:
+        """Return the file's own name of a column."""
+        return self.own[name].name if name in self.own else name
+
+    def shown(self, name: str, row: int) -> str:
+        """Return a column's name and what stands in a row, as the file has both."""
+        value, odd = float(self.columns[name][row]), self.odd.get(name, {})
+        line = int(self.line[row])
+        text = repr(odd[line]) if line in odd else f"{value:.10g}"
+        if name not in self.own:
+            return f"{name} = {text}"
+        own = self.own[name]
+        if not np.isfinite(value) or (own.factor, own.offset) == (1.0, 0.0):
+            return f"{own.name} = {text}"
+        return f"{own.name} = {(value - own.offset) / own.factor:.10g} {own.unit} ({name} = {text})"
+
+    def take(
+        self, keep: NDArray[np.bool_], reason: str, values: Iterable[object] | None = None
+    ) -> RawRows:
+        """Keep some rows; quarantine the others with a reason and (for each of them) a value."""
+        if keep.all():
+            return self
+        lost = quarantined(self.file, self.line[~keep], reason, values)
+        return replace(self.at(np.flatnonzero(keep)), quarantined=(*self.quarantined, *lost))
+
+    def at(self, rows: NDArray[np.intp]) -> RawRows:
+        """Return rows in the order given."""
+        columns = {name: column[rows] for name, column in self.columns.items()}
+        return replace(self, columns=columns, line=self.line[rows])
+
+    def finite(self, names: Sequence[str], *, may_be_blank: bool = False) -> RawRows:
+        """Quarantine the rows in which a column holds no finite number; a blank may be nan."""
+        wrong: dict[int, str] = {}
+        for name in names:
+            for line, text in self.odd.get(name, {}).items():
+                if text != "" or not may_be_blank:
+                    comma = COMMA if _DECIMAL_COMMA.fullmatch(text) else ""
+                    wrong.setdefault(line, f"{self.name_of(name)} = {text!r}{comma}")
+        keep = ~np.isin(self.line, list(wrong))
+        values = [wrong[line] for line in self.line[~keep].tolist()]
+        return self.take(keep, "not a finite number", values)
+
+    def choices(self, name: str, allowed: Sequence[str]) -> RawRows:
+        """Keep the rows whose column holds one of the allowed words."""
+        column = self.text_of(name)
+        keep = np.isin(column, list(allowed))
+        values = [f"{self.name_of(name)} = {str(value)!r}" for value in column[~keep]]
+        return self.take(keep, f"{name} is none of {', '.join(allowed)}", values)
+
+    def in_time(self) -> RawRows:
+        """Return the rows in order of time, with notes of what was out of order and is not used."""
+        time_s = self.columns["time_s"]
+        late = time_s[1:] < np.maximum.accumulate(time_s)[:-1] if len(time_s) else np.zeros(0, bool)
+        rows = self.at(np.argsort(time_s, kind="stable")) if late.any() else self
+        said = (f"rows of {self.file} out of order: {late.sum()}",) if late.any() else ()
+        unused = (f"column {name} of {self.file} is not used" for name in self.unused)
+        return replace(rows, notes=(*self.notes, *said, *unused))
+
+    @property
+    def configurations(self) -> Index:
+        """Return the number of each row's configuration, in the order of their appearance."""
+        keys = {name: self.columns[name] for name in ("kind", "pose", "load_N", "repeat")}
+        groups = pd.DataFrame(keys).groupby(list(keys), sort=False)
+        return np.asarray(groups.ngroup(), dtype=np.intp)
+
 
 # Rows of raw files that are not used, each with its file, line and reason.
 
@@ -79,8 +208,7 @@ def quarantine_csv(rows: Iterable[Quarantined]) -> str:
 def joined_listings(listings: Mapping[str, Path]) -> str:
     """Return the quarantine tables of a group's campaigns as one, files by `campaign/file`.
 
-    Args:
-        listings: of each campaign by its name; one that is not there has no rows.
+    A listing that is not there has no rows.
     """
     rows = []
     for name, path in listings.items():
@@ -114,13 +242,10 @@ class Exclusions:
     def lines(self, raw: RawRows) -> RawRows:
         """Leave out rows by their lines in the file."""
         for k, (where, why) in enumerate(self.stated):
-            if (found := _LINES.fullmatch(where)) is None:
-                continue
-            first, last = int(found["first"]), int(found["last"] or found["first"])
-            struck = (raw.line >= first) & (raw.line <= last)
-            if struck.any() or any(first <= row.line <= last for row in raw.quarantined):
-                self.met.add(k)
-            raw = self._without(raw, struck, why)
+            if (found := _LINES.fullmatch(where)) is not None:
+                first, last = int(found["first"]), int(found["last"] or found["first"])
+                lost = any(first <= row.line <= last for row in raw.quarantined)
+                raw = self._without(raw, (raw.line >= first) & (raw.line <= last), k, why, met=lost)
         return raw
 
     def labels(self, raw: RawRows) -> RawRows:
@@ -132,10 +257,8 @@ class Exclusions:
             struck = raw.text_of("pose") == found["label"]
             for name, number in (("load_N", found["load"]), ("repeat", found["repeat"])):
                 if number is not None:
-                    struck &= raw.columns[name] == float(number)
-            if struck.any():
-                self.met.add(k)
-            raw = self._without(raw, struck, why)
+                    struck &= raw[name] == float(number)
+            raw = self._without(raw, struck, k, why)
         missed = [where for k, (where, _) in enumerate(self.stated) if k not in self.met]
         if missed:
             raise RawDataError(
@@ -148,117 +271,84 @@ class Exclusions:
             )
         return raw
 
-    def _without(self, raw: RawRows, struck: NDArray[np.bool_], why: str) -> RawRows:
+    def _without(
+        self, raw: RawRows, struck: NDArray[np.bool_], k: int, why: str, *, met: bool = False
+    ) -> RawRows:
+        if met or struck.any():
+            self.met.add(k)
         poses = raw.text_of("pose")[struck] if "pose" in raw.columns else None
         return raw.take(~struck, f"{EXCLUDED}: {why}", poses)
 
 
-#: Columns of text; all others hold numbers.
-TEXT = ("id", "kind", "pose", "ball")
+# Joint positions as raw files have them: readings of the same ones are repeats of one pose.
 
 
-@dataclass(frozen=True)
-class OwnColumn:
-    """What a column of the contract was read from, where the file has names of its own."""
-
-    name: str  # the file's own name of it; of several columns all of them
-    unit: str = ""  # the file's own unit
-    # factor and offset: what the file's number is multiplied by, and what is added then
-    factor: float = 1.0
-    offset: float = 0.0
-    key: str = ""  # the key of campaign.yaml that maps it, such as columns.poses.joints
+def position_columns(prismatic: NDArray[np.bool_]) -> list[str]:
+    """Return the raw columns of joint positions: q1_deg …, or q1_mm of a prismatic joint."""
+    units = np.where(prismatic, "mm", "deg")
+    return [f"q{joint}_{unit}" for joint, unit in enumerate(units, start=1)]
 
 
-@dataclass(frozen=True)
-class RawRows:
-    """Rows of one CSV file: numbers where a column holds them, else text."""
-
-    file: str  # name of the file
-    # (N,) the columns requested: numbers, nan where a field holds none; those of `TEXT` as text
-    columns: dict[str, NDArray[Any]]
-    line: NDArray[np.int64]  # (N,) physical line of every row, the header being line 1
-    total: int  # rows in the file, quarantined ones included
-    unused: tuple[str, ...]  # columns that were not requested
-    quarantined: tuple[Quarantined, ...]  # rows that are not used
-    # what stands where a column of numbers holds no finite one, by its name and the line
-    odd: dict[str, dict[int, str]] = field(default_factory=dict)
-    # the file's own columns, by the contract's names; empty where it has those
-    own: dict[str, OwnColumn] = field(default_factory=dict)
-
-    def name_of(self, name: str) -> str:
-        """Return the file's own name of a column."""
-        return self.own[name].name if name in self.own else name
-
-    def shown(self, name: str, row: int) -> str:
-        """Return a column's name and what stands in a row, as the file has both."""
-        value, odd = float(self.columns[name][row]), self.odd.get(name, {})
-        line = int(self.line[row])
-        text = repr(odd[line]) if line in odd else f"{value:.10g}"
-        if name not in self.own:
-            return f"{name} = {text}"
-        own = self.own[name]
-        if not np.isfinite(value) or (own.factor, own.offset) == (1.0, 0.0):
-            return f"{own.name} = {text}"
-        return f"{own.name} = {(value - own.offset) / own.factor:.10g} {own.unit} ({name} = {text})"
-
-    def take(
-        self, keep: NDArray[np.bool_], reason: str, values: Iterable[object] | None = None
-    ) -> RawRows:
-        """Keep some rows; quarantine the others with a reason and (for each of them) a value."""
-        if keep.all():
-            return self
-        lost = quarantined(self.file, self.line[~keep], reason, values)
-        return replace(self.at(np.flatnonzero(keep)), quarantined=(*self.quarantined, *lost))
-
-    def at(self, rows: NDArray[np.intp]) -> RawRows:
-        """Return rows in the order given."""
-        columns = {name: column[rows] for name, column in self.columns.items()}
-        return replace(self, columns=columns, line=self.line[rows])
-
-    def text_of(self, name: str) -> NDArray[np.str_]:
-        """Return a column of text."""
-        return self.columns[name].astype(str)
+def in_radians(q: Array, prismatic: NDArray[np.bool_]) -> Array:
+    """Return logged joint positions (N, n) in radians; in metres of prismatic joints."""
+    return np.asarray(np.where(prismatic, 1e-3 * q, np.radians(q)))
 
 
-def numbers(
-    raw: RawRows, names: Sequence[str], *, may_be_blank: bool = False
-) -> tuple[RawRows, Array]:
-    """Read columns as finite numbers; rows where one is none are quarantined.
+def with_labels(raw: RawRows, q: Sequence[str], same_deg: float) -> RawRows:
+    """Label rows whose own file does not: equal joint positions are one pose, its repeats counted.
 
-    Args:
-        raw: the rows.
-        names: columns.
-        may_be_blank: whether an empty field is nan, rather than none.
-
-    Returns:
-        The remaining rows and their numbers (N, len(names)).
+    Poses and repeats are numbered in order of time.
     """
-    raw = finite(raw, names, may_be_blank=may_be_blank)
-    parsed = np.empty((len(raw.line), len(names)))
-    for k, name in enumerate(names):
-        parsed[:, k] = raw.columns[name]
-    return raw, parsed
+    if {"pose", "repeat"} <= set(raw.columns):
+        return raw
+    table = raw.numbers_of(["time_s", "load_N", *q])
+    order = np.argsort(table[:, 0], kind="stable")
+    if "pose" not in raw.columns:
+        pose = np.empty(len(order), dtype=object)
+        pose[order] = labels(same_commands(table[order, 2:], same_deg))
+        raw.columns["pose"] = pose
+    if "repeat" not in raw.columns:
+        keys = pd.DataFrame({"pose": raw.text_of("pose"), "load": table[:, 1]}).iloc[order]
+        counted = keys.groupby(["pose", "load"], sort=False).cumcount().to_numpy() + 1.0
+        raw.columns["repeat"] = np.empty(len(order))
+        raw.columns["repeat"][order] = counted
+    return raw
 
 
-COMMA = " (a decimal comma)"
-_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+")
+#: Places that a chain of neighbours joins over more than so many tolerances are told apart anew.
+CHAIN = 3.0
+#: Commands that differ by less are one however fine the poses lie [deg, mm].
+SAME_COMMAND = 1e-4
 
 
-def finite(raw: RawRows, names: Sequence[str], *, may_be_blank: bool = False) -> RawRows:
-    """Quarantine the rows in which a column holds no finite number; see `numbers`."""
-    wrong: dict[int, str] = {}
-    for name in names:
-        for line, text in raw.odd.get(name, {}).items():
-            if text != "" or not may_be_blank:
-                comma = COMMA if _DECIMAL_COMMA.fullmatch(text) else ""
-                wrong.setdefault(line, f"{raw.name_of(name)} = {text!r}{comma}")
-    keep = ~np.isin(raw.line, list(wrong))
-    return raw.take(keep, "not a finite number", [wrong[line] for line in raw.line[~keep].tolist()])
+def same_commands(q: Array, tolerance: float) -> NDArray[np.intp]:
+    """Number the places (N,) of joint positions [deg, mm] from 0, as they first appear.
+
+    Positions within a tolerance of each other are one place: what is read back scatters. Where
+    poses lie so densely that a chain of them would be one, only equal ones are.
+    """
+    group = _joined(q, tolerance)
+    of_group = pd.DataFrame(q).groupby(group)
+    spread = (of_group.max() - of_group.min()).max(axis=1)
+    dense = np.isin(group, spread.index[spread > CHAIN * tolerance])
+    if dense.any():
+        group[dense] = group.max() + 1 + _joined(q[dense], min(SAME_COMMAND, tolerance))
+    return np.asarray(pd.factorize(group)[0], dtype=np.intp)
 
 
-def choices(raw: RawRows, name: str, allowed: Sequence[str]) -> RawRows:
-    """Keep the rows whose column holds one of the allowed words."""
-    column = raw.text_of(name)
-    keep = np.isin(column, list(allowed))
-    values = [f"{raw.name_of(name)} = {str(value)!r}" for value in column[~keep]]
-    return raw.take(keep, f"{name} is none of {', '.join(allowed)}", values)
+def _joined(q: Array, tolerance: float) -> NDArray[np.intp]:
+    """Number the groups of positions (N, n) that neighbours join."""
+    pairs = cKDTree(q).query_pairs(tolerance, p=np.inf, output_type="ndarray")
+    return groups_joined(pairs[:, 0], pairs[:, 1], len(q))
+
+
+def groups_joined(one: Index, other: Index, count: int) -> Index:
+    """Return the number of each of so many things' group, where each of one is joined to other."""
+    graph = coo_array((np.ones(len(one), dtype=np.int8), (one, other)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
+
+
+def labels(number: NDArray[np.intp]) -> list[str]:
+    """Return labels of commands, which sort as text in the order of their numbers."""
+    digits = max(5, len(str(number.max(initial=0) + 1)))
+    return [f"P{k:0{digits}d}" for k in number + 1]

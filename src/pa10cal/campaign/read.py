@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Index
 from pa10cal.campaign.bounds import refuse_impossible_tool
@@ -18,22 +19,19 @@ from pa10cal.campaign.description import (
     DESCRIPTION_FILE,
     CampaignDescription,
     Holdout,
-    MemberRead,
     describe_group,
     read_description,
-    start_by_nominal,
 )
 from pa10cal.campaign.labels import EXCHANGED, NOT_RIGID
-from pa10cal.campaign.raw_rows import Ingested, Quarantined
-from pa10cal.campaign.rows import groups_joined, same_commands
+from pa10cal.campaign.raw_rows import Quarantined, groups_joined, same_commands
 from pa10cal.campaign.screens import OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH
+from pa10cal.campaign.table import arm_of
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
-from pa10cal.campaign.weighed_arm import arm_of, weighed_arm
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.joined import Member, join
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import with_what_tells_time
 from pa10cal.options import IngestOptions
 from pa10cal.results.health import InputFinding
@@ -82,10 +80,8 @@ class Campaign:
     @property
     def summary(self) -> str:
         """Return in one line what was read."""
-        repeatability = ", ".join(
-            f"{spread:.3f} mm at {load:g} N"
-            for load, spread in repeatability_mm(self.calibration).items()
-        )
+        spreads_mm = repeatability_mm(self.calibration).items()
+        repeatability = ", ".join(f"{spread:.3f} mm at {load:g} N" for load, spread in spreads_mm)
         parts = [
             f"{len(self.observations)} configurations",
             *self.observations.measured.counts,
@@ -100,17 +96,16 @@ class Campaign:
 
     def _repr_html_(self) -> str:
         """Return a table for notebooks: kinds of poses, instrument, arm, and what is not used."""
+
+        def count(readings: Observations) -> str:
+            return f"{len(readings)} readings of {len(set(readings.pose))} poses"
+
         rows = {
             "robot": self.arm.title,
             "instrument": self.description.instrument.kind,
-            **{
-                name: f"{len(found)} readings of {len(set(found.pose))} poses"
-                for name, found in (
-                    ("calibration", self.calibration),
-                    ("held out", self.held_out),
-                    ("straight moves", self.lines[0]),
-                )
-            },
+            "calibration": count(self.calibration),
+            "held out": count(self.held_out),
+            "straight moves": count(self.lines[0]),
             "quarantined": f"{len(self.quarantined)} rows",
             "notes": "; ".join(self.notes) or "none",
         }
@@ -143,24 +138,8 @@ def read_campaign(
             remedy="give the folders of its campaigns to read_group, or to pa10cal join",
         )
     arm = load_arm(description.robot, folder, None if arms is None else Path(arms))
-    found = ingest_campaign(description, arm, folder, options or IngestOptions())
-    return Campaign(
-        folder,
-        description,
-        weighed_arm(description, arm, found.observations),
-        found.observations,
-        found.quarantined,
-        found.notes,
-        found.warnings,
-    )
-
-
-def ingest_campaign(
-    description: CampaignDescription, arm: Arm, folder: Path, options: IngestOptions
-) -> Ingested:
-    """Read the raw files of a campaign; see `read_campaign`."""
-    instrument = description.instrument.type
     refuse_impossible_tool(description.tool.mass_kg, arm, str(folder / DESCRIPTION_FILE))
+    instrument, options = description.instrument.type, options or IngestOptions()
     if instrument.from_touches and arm.prismatic.any():
         raise RawDataError(
             "the arm has prismatic joints",
@@ -171,9 +150,8 @@ def ingest_campaign(
         )
     read = read_touched if instrument.from_touches else read_tracked
     ingested = read(description, arm, folder, options)
-    every = ingested.observations
+    every, warnings = ingested.observations, ingested.warnings
     places = places_of(every, arm.prismatic, description.repeat_tolerance_deg)
-    warnings = ingested.warnings
     if description.holdout is not None:
         where = f"{folder / DESCRIPTION_FILE}: holdout"
         every = hold_out(every, description.holdout, where, places)
@@ -191,23 +169,22 @@ def ingest_campaign(
             remedy="; ".join((*ingested.warnings, "check the column kind")),
         )
     useful = (*(LINES if instrument.uses_lines else ()), "holdout")
-    missing = [kind for kind in useful if kind not in kinds]
-    return replace(
-        ingested,
-        warnings=warnings,
-        observations=every,
-        quarantined=tuple(sorted(ingested.quarantined)),
-        notes=(*ingested.notes, *of_time, *(f"no {kind} rows" for kind in missing)),
+    missing = [f"no {kind} rows" for kind in useful if kind not in kinds]
+    return Campaign(
+        folder,
+        description,
+        arm_of(description, folder, every, arm),
+        every,
+        tuple(sorted(ingested.quarantined)),
+        (*ingested.notes, *of_time, *missing),
+        warnings,
     )
 
 
 def places_of(every: Observations, prismatic: NDArray[np.bool_], tolerance: float) -> Index:
     """Number the places (N,) that readings are of: one label, or joint positions that agree.
 
-    Args:
-        every: readings.
-        prismatic: (n,) which joints slide.
-        tolerance: `repeat_tolerance_deg` [deg; mm of a joint that slides].
+    They agree within `repeat_tolerance_deg` [deg; mm of a joint that slides].
     """
     q = every.states.q_rad
     by_joints = same_commands(np.where(prismatic, 1e3 * q, np.degrees(q)), tolerance)
@@ -240,9 +217,6 @@ def hold_out(every: Observations, rule: Holdout, where: str, places: Index) -> O
         rule: which poses.
         where: file and key, for the message.
         places: (N,) see `places_of`.
-
-    Raises:
-        RawDataError: when rows already state that they are held out.
     """
     if "holdout" in every.kind:
         raise RawDataError(
@@ -270,15 +244,14 @@ def repeatability_mm(single: Observations) -> dict[float, float]:
     """
     places_mm = 1e3 * single.measured.places_m
     targets, axes = places_mm.shape[1:]
-    table = pd.DataFrame(places_mm.reshape(-1, axes))
-    target = np.tile(np.arange(targets), len(single))
-    load_N = np.repeat(single.states.load_N, targets)
-    keys = [load_N, np.repeat(single.pose, targets), target]
-    groups = table[table[0].notna()].groupby([key[table[0].notna()] for key in keys])
-    repeated = groups.size().to_numpy() > 1
-    square: NDArray[np.float64] = groups.var().sum(axis=1).to_numpy()[repeated]
-    load = groups.size().index.get_level_values(0).to_numpy()[repeated]
-    return {float(at): float(np.sqrt(square[load == at]).mean()) for at in np.unique(load)}
+    table = pd.DataFrame(places_mm.reshape(-1, axes)).assign(
+        load_N=np.repeat(single.states.load_N, targets),
+        pose=np.repeat(single.pose, targets),
+        target=np.tile(np.arange(targets), len(single)),
+    )
+    groups = table.dropna(subset=[0]).groupby(["load_N", "pose", "target"])
+    spread_mm = np.sqrt(groups.var()[groups.size() > 1].sum(axis=1))
+    return {float(load): float(mm) for load, mm in spread_mm.groupby(level=0).mean().items()}
 
 
 # Several campaigns' folders to the readings of one robot.
@@ -304,12 +277,13 @@ def read_group(
         CalibrationError: when the poses of one do not determine its base and targets.
     """
     read = [read_campaign(folder, options) for folder in folders]
-    members = [MemberRead(each.description, each.arm, each.observations) for each in read]
-    description = describe_group(name, members)
-    placed = [
-        Member(each.name, each.observations, start_by_nominal(member))
-        for each, member in zip(read, members, strict=True)
-    ]
+    description = describe_group(name, [(each.description, each.arm) for each in read])
+    placed = []
+    for each in read:
+        grid = average_repeats(each.calibration)
+        unloaded = grid.take(grid.states.load_N == grid.states.load_N.min())
+        start = unloaded.measured.find_start(Chain.of(each.arm).forward(unloaded.states.q_rad))
+        placed.append(Member(each.name, each.observations, start))
     together = join(placed)
     quarantined = (
         replace(row, file=f"{each.name}/{row.file}") for each in read for row in each.quarantined
@@ -338,20 +312,22 @@ def wrong_rows(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:
     """Return the configurations that were quarantined because they are wrong, each once."""
     found: dict[tuple[str, str], InputFinding] = {}
     for row in sorted(rows):
-        exchanged = row.reason.startswith(EXCHANGED)
-        if not exchanged and row.reason not in _WRONG:
-            continue
         where = f"{row.file}: {row.place or f'line {row.line}'}"
-        if exchanged:
+        if row.reason.startswith(EXCHANGED):
             labels = row.reason.removeprefix(EXCHANGED).removeprefix(": ") or row.value
             kind, what = "target_label", f"the labels of {labels} seem exchanged there"
             remedy = "correct the labels of this configuration"
-        else:
+        elif row.reason in _WRONG:
             kind, what = "outlier", row.reason
             remedy = "look at the raw reading, and measure it again or leave it out"
-        what += "; its rows are quarantined"
+        else:
+            continue
         finding = InputFinding(
-            kind=kind, where=where, what=what, remedy=remedy, would_leave_mm=None
+            kind=kind,
+            where=where,
+            what=f"{what}; its rows are quarantined",
+            remedy=remedy,
+            would_leave_mm=None,
         )
         found.setdefault((where, kind), finding)
     return tuple(found.values())

@@ -171,12 +171,7 @@ class Roles:
 
 
 def roles_of(names: Sequence[str], joints: int | None) -> Roles:
-    """Return what columns may be.
-
-    Args:
-        names: of all columns.
-        joints: how many joints the arm has; None where that is not known.
-    """
+    """Return what columns may be; `joints` is how many the arm has, None where not known."""
     words = {name: _words(name) for name in names}
     of = _uncertain(words)
     certain = [
@@ -386,14 +381,9 @@ _ENCODINGS = ("utf-8", "cp1252", "cp850", "mac_roman")
 
 
 def mistaken_encoding(name: str, names: Sequence[str]) -> tuple[str, str, str] | None:
-    """Return what of some names a name is in another encoding, and both encodings.
+    """Return which of some names a name is in another encoding, and both encodings.
 
-    Args:
-        name: as it was read.
-        names: those that it may be.
-
-    Returns:
-        The other name, the encoding that was taken to read `name`, and that which it has.
+    They are that which was taken to read `name`, and that which it has.
     """
     for taken in _ENCODINGS:
         for right in _ENCODINGS:

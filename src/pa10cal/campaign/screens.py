@@ -6,25 +6,51 @@ the nominal model, and against the joints' own motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
+from pa10cal.campaign.conventions import STILL_WRONG, OtherAxes, other_axes
+from pa10cal.campaign.labels import (
+    EXCHANGED,
+    NOT_RIGID,
+    exchange_text,
+    exchanged,
+    nominal_places,
+    not_rigid,
+)
+from pa10cal.campaign.nominal_fit import (
+    misfit_of,
+    nominal_fit,
+    refuse_shifted,
+    shifted,
+    steps_agree,
+)
 from pa10cal.campaign.own_columns import LENGTHS
 from pa10cal.campaign.own_words import CONTRACT_WORDS, UNIT_WORDS, OwnWords
-from pa10cal.errors import CalibrationError, RawDataError
-from pa10cal.observe.instrument import Instrument
-from pa10cal.observe.quantities import Misfit
+from pa10cal.campaign.raw_file import RawFile
+from pa10cal.campaign.raw_rows import (
+    Quarantined,
+    configurations,
+    in_radians,
+    position_columns,
+    quarantined,
+)
+from pa10cal.campaign.two_logs import TwoLogs
+from pa10cal.errors import RawDataError
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Misfit, RawColumns
 
-#: Times [s], and joint positions or places at them.
+#: Times [s], and at them joint positions (N, n) in what should be degrees (millimetres of a
+#: prismatic joint), or places (M, 3) [mm], or distances (M, 1) from a fixed point.
 TimedJoints = tuple[Array, Array]
 TimedPlaces = tuple[Array, Array]
-#: Rows to fit and their weights, to the misfit of all rows.
-Fit = Callable[[NDArray[np.intp], Array], Misfit]
 
 #: Distances that are always allowed from repeats and from the nominal model, in robust sigmas and
 #: typical residuals too.
@@ -40,12 +66,6 @@ HELD_OUT_RAD = np.radians(2.0)
 BESIDE_ANOTHER = 0.5
 #: Repeats of which a median shows the one that is off.
 LEAST_REPEATS = 3
-#: Reweighted fits towards least distances, rows fitted, and the distance below which all weigh
-#: the same.
-FITS = 10
-FITTED_ROWS = 300
-ALIKE_M = 1e-3
-
 #: Part of the rows at either end that may be outliers when the extent of a motion is taken.
 TAIL = 0.02
 #: Excess over the largest possible motion that deflections, noise and ball radii may explain.
@@ -89,12 +109,9 @@ def out_of_reach(p_m: Array, arm: Arm) -> Mask:
 
 
 def off_repeats(p_m: Array, pose: NDArray[np.str_], load_N: Array) -> Mask:
-    """Return readings far from the median of their pose and load, where there are enough.
+    """Return readings (N, 3), or distances (N, 1), far from the median of their pose and load.
 
-    Args:
-        p_m: (N, 3) positions, or (N, 1) distances.
-        pose: (N,) labels.
-        load_N: (N,) loads.
+    There must be enough of these.
     """
     groups = pd.DataFrame(p_m).groupby([pose, load_N])
     distance = np.linalg.norm(p_m - groups.transform("median").to_numpy(), axis=1)
@@ -105,46 +122,11 @@ def off_repeats(p_m: Array, pose: NDArray[np.str_], load_N: Array) -> Mask:
     return np.asarray(judged & (distance > max(REPEATS_M, ROBUST_SIGMAS * sigma_m)))
 
 
-def robust_misfit(fit: Fit, rows: int) -> Misfit | None:
-    """Fit the nominal model to what was measured, towards least distances, not least squares.
-
-    Args:
-        fit: the model fitted to some rows with weights, and its misfit in all of them.
-        rows: number of rows.
-
-    Returns:
-        The misfit of every row; None where the rows do not determine a frame.
-    """
-    used = np.sort(np.random.default_rng(0).permutation(rows)[:FITTED_ROWS])
-    weights = np.ones(len(used))
-    try:
-        for _ in range(FITS):
-            misfit = fit(used, weights)
-            # In millimetres, so that weights are about one.
-            before, weights = weights, 1e-3 / np.maximum(misfit.size_m[used], ALIKE_M)
-            if np.array_equal(weights, before):
-                break  # the next fit would be this one
-    except CalibrationError:
-        return None
-    return misfit
-
-
-def misfit_of(measured: Instrument, T_base_ee: Array) -> Misfit | None:
-    """Return how far readings are from the nominal end (P, 4, 4), however placed; see above."""
-    count = len(T_base_ee)
-    if count < measured.least_rows:
-        return None
-    return robust_misfit(lambda used, weights: measured.misfit(T_base_ee, used, weights), count)
-
-
 def off_model(misfit: Misfit, held_out: Mask | None = None) -> Mask:
     """Return targets (N, B) far from where the nominal model, fitted to all, puts them.
 
-    Of rows that are fitted a calibration finds smaller errors; those held out nothing else screens.
-
-    Args:
-        misfit: of all rows.
-        held_out: (N,) rows that are held out; None for none.
+    Of rows that are fitted a calibration finds smaller errors; those held out (N,) nothing else
+    screens.
     """
 
     def far(off: Array, always: float, held_out_always: float) -> Mask:
@@ -166,72 +148,14 @@ def off_command(pose: NDArray[np.str_], q_rad: Array, prismatic: Mask) -> Mask:
     The same label is the same command, so a difference means that the label or the dwell is
     another's.
     """
-    if not len(pose):
-        return np.zeros(0, dtype=bool)
-    q = pd.DataFrame(q_rad)
-    usual = q.groupby(pose).transform("median")
+    usual = pd.DataFrame(q_rad).groupby(pose).transform("median").to_numpy()
+    return not_one_command(q_rad, usual, prismatic)
+
+
+def not_one_command(q_rad: Array, other_rad: Array, prismatic: Mask) -> Mask:
+    """Return (C,) whether joint positions (C, n) differ by more than those of one command do."""
     allowed = np.where(prismatic, SAME_COMMAND_M, SAME_COMMAND_RAD)
-    return np.asarray(((q - usual).abs() > allowed).any(axis=1), dtype=bool)
-
-
-def off_first(
-    q_rad: Array, configuration: NDArray[np.intp], first: NDArray[np.intp], prismatic: Mask
-) -> Mask:
-    """Return (N,) rows whose joints are not those of the first row of their configuration.
-
-    Args:
-        q_rad: (N, n) joint positions.
-        configuration: (N,) number of each row's configuration.
-        first: first row of every configuration.
-        prismatic: (n,) joints that slide.
-    """
-    allowed = np.where(prismatic, SAME_COMMAND_M, SAME_COMMAND_RAD)
-    return np.asarray((np.abs(q_rad - q_rad[first[configuration]]) > allowed).any(axis=1))
-
-
-def refuse_one_attitude(
-    R: Array | None,
-    T_base_ee: Array,
-    where: object,
-    in_degrees: Sequence[str] = (),
-    words: OwnWords = CONTRACT_WORDS,
-) -> None:
-    """Stop when all orientations are the same, or nearly, though the arm turned its flange.
-
-    Args:
-        R: (N, 3, 3) measured orientations; None where none are.
-        T_base_ee: (N, 4, 4) nominal poses of the end-effector.
-        where: file, for the message.
-        in_degrees: columns of angles that are said to be in degrees; none of quaternions.
-        words: what the file calls its columns.
-
-    Raises:
-        RawDataError: naming both spreads.
-    """
-    if R is None or len(R) < LEAST_REPEATS:
-        return
-    seen, turned = _spread_rad(R), _spread_rad(T_base_ee[:, :3, :3])
-    if turned < TURNED_RAD:
-        return
-    if in_degrees and ONE_ATTITUDE_RAD < seen < min(RADIANS_RAD, turned / LIKE_RADIANS):
-        raise RawDataError(
-            "the angles of the orientations look like radians",
-            where=f"{where}: {', '.join(f'`{name}`' for name in in_degrees)}",
-            value=f"orientations within {np.degrees(seen):.2g} deg as degrees, flange turned by "
-            f"{np.degrees(turned):.0f} deg",
-            allowed="angles in the unit that columns states: deg",
-            remedy=words.set_unit("qw", "rad", "degrees"),
-        )
-    if seen > ONE_ATTITUDE_RAD:
-        return
-    raise RawDataError(
-        "every row has the same orientation, though the arm turned",
-        where=f"{where}: {words.column('qw') if 'qw' in words else 'qw, qx, qy, qz'}",
-        value=f"orientations within {np.degrees(seen):.2g} deg, flange turned by "
-        f"{np.degrees(turned):.0f} deg",
-        allowed="the measured orientation of every row",
-        remedy="export the orientations; where none are measured, use instrument.kind points",
-    )
+    return np.asarray((np.abs(q_rad - other_rad) > allowed).any(axis=1))
 
 
 def _spread_rad(R: Array) -> float:
@@ -257,17 +181,12 @@ def refuse_wrong_angle_unit(
     places too.
 
     Args:
-        log: logged times [s] and joint positions (N, n) in what should be degrees (millimetres of
-            a prismatic joint).
-        places: times [s] and places (M, 3) [mm] of one point of the tool, or its distances (M, 1)
-            from a fixed point, both in order of time.
+        log: logged times and joint positions.
+        places: times and places of one point of the tool, in order of time.
         arm: the nominal arm.
         tool_reach_mm: distance of that point from the flange.
         where: file and columns, for the message.
         words: what the file calls its columns.
-
-    Raises:
-        RawDataError: naming both motions.
     """
     reach_mm = 1e3 * arm.reach_m + tool_reach_mm
     lever_mm = np.where(arm.prismatic, 1.0, np.radians(reach_mm))
@@ -317,7 +236,7 @@ def refuse_wrong_length_unit(
     column: str = "",
     words: OwnWords = CONTRACT_WORDS,
 ) -> None:
-    """Stop when measured lengths are in another unit than they are read in.
+    """Stop when positions, or distances, are in another unit than they are read in.
 
     Args:
         scale: how far the nominal model moves for one that was measured; None where that is not
@@ -326,9 +245,6 @@ def refuse_wrong_length_unit(
         where: file and columns, for the message.
         column: one of them, as the contract calls it.
         words: what the file calls its columns.
-
-    Raises:
-        RawDataError: naming the scale, and the unit where it is likely.
     """
     if scale is None or 1.0 / SCALE_RATIO <= scale <= SCALE_RATIO:
         return
@@ -355,10 +271,7 @@ def refuse_wrong_length_unit(
 def count_warnings(stated: int | None, logged: int, file: str) -> tuple[str, ...]:
     """Say how many configurations a log lacks of those stated, or has beyond them.
 
-    Args:
-        stated: configurations measured, as campaign.yaml states; None where it does not.
-        logged: configurations in the file, whether they can be used or not.
-        file: its name.
+    Those count that cannot be used, too; campaign.yaml may state none.
     """
     if stated is None or logged == stated:
         return ()
@@ -370,4 +283,281 @@ def count_warnings(stated: int | None, logged: int, file: str) -> tuple[str, ...
     return (
         f"{file} has {logged} configurations, and campaign.yaml states {stated}: correct that "
         "number, or remove rows of another campaign",
+    )
+
+
+# The pipeline of an instrument that touches nothing.
+
+#: The nominal model fitted in another unit of joint positions must be this much nearer to count,
+#: and as logged be further off than this.
+BETTER = 5.0
+BAD_M = 2e-3
+#: Logged positions of prismatic joints that never exceed the longest stroke in metres may be in
+#: metres.
+LONGEST_STROKE_M = 10.0
+#: Median misfits of the nominal model, fitted, that are worth a warning.
+WARN_MM = 50.0
+WARN_DEG = 10.0
+
+
+@dataclass
+class Screen:
+    """Refuses wrong units, and quarantines single readings that cannot be of their pose."""
+
+    columns: RawColumns
+    arm: Arm
+    file: RawFile | TwoLogs
+    line: NDArray[np.int64]  # (N,) of the rows that remain
+    found: Observations  # the same as readings
+    quarantined: list[Quarantined]  # to which those are added that do not
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def T_base_ee(self) -> Array:
+        """Return the nominal end at each."""
+        return Chain.of(self.arm).forward(self.found.states.q_rad)
+
+    def run(self) -> None:
+        """Screen the rows."""
+        self._leave_out(self._each(lambda p_m, _: out_of_reach(p_m, self.arm)), OUT_OF_REACH)
+        self._refuse_units()
+        self._leave_out_exchanged()
+        pose, load_N = self.found.pose, self.found.states.load_N
+        far = self._each(lambda p_m, seen: off_repeats(p_m, pose[seen], load_N[seen]))
+        self._leave_out(far, OFF_REPEATS)
+        misfit = misfit_of(self.found.measured, self.T_base_ee)
+        if misfit is not None:
+            if poor := _poor_fit(misfit):
+                self._refuse_shifted()
+                self.warnings = (*poor, *self._other_axes(), *self._constant())
+            self._leave_out(off_model(misfit, self.found.kind == "holdout"), OFF_MODEL)
+        self._leave_out(not_rigid(self.found.measured.places_m), NOT_RIGID)
+
+    def leave_out(self, off: Mask, reason: str, values: Iterable[object]) -> None:
+        """Quarantine rows (N,), with what was found in each."""
+        where = configurations(self.found.take(off))
+        file = self.file.path.name
+        self.quarantined += quarantined(file, self.line[off], reason, values, where)
+        self.line, self.found = self.line[~off], self.found.take(~off)
+
+    def _each(self, judge: Callable[[Array, Mask], Mask]) -> Mask:
+        """Judge the targets one by one, by where each was measured: (N, B)."""
+        places_m = self.found.measured.places_m
+        judged = np.zeros(places_m.shape[:2], dtype=bool)
+        for b in range(places_m.shape[1]):
+            seen = np.isfinite(places_m[:, b, 0])
+            judged[seen, b] = judge(places_m[seen, b], seen)
+        return judged
+
+    def _leave_out(self, off: Mask, reason: str) -> None:
+        """Quarantine rows with a target (N, B) that is off, naming the first of them."""
+        lost, first = np.asarray(off.any(axis=1)), off.argmax(axis=1)
+        values = []
+        for row in np.flatnonzero(lost):
+            place_mm = 1e3 * self.found.measured.places_m[row, first[row]]
+            numbers = ", ".join(f"{value:g}" for value in place_mm)
+            values.append(f"{self._target(int(first[row]))} = {numbers}")
+        self.leave_out(lost, reason, values)
+
+    def _leave_out_exchanged(self) -> None:
+        """Quarantine rows whose targets are exchanged; refuse columns that are, in most rows."""
+        names, places_m = self.found.measured.target_names, self.found.measured.places_m
+        modelled = nominal_places(self.T_base_ee, places_m) if len(names) > 1 else None
+        if modelled is None:
+            return
+        orders = exchanged(places_m, modelled)
+        swapped = np.array([order is not None for order in orders])
+        said = [exchange_text(order, names) for order in orders[swapped]]
+        if 2 * swapped.sum() > len(swapped):
+            raise RawDataError(
+                f"the columns of targets {said[0]} are exchanged",
+                where=str(self.file.path),
+                value=f"{swapped.sum()} of {len(swapped)} rows fit the arm with their labels "
+                "exchanged",
+                allowed="every target under its own name",
+                remedy="rename the columns",
+            )
+        self.leave_out(swapped, EXCHANGED, said)
+
+    def _most_seen(self) -> tuple[int, Mask]:
+        """Return the target that most rows have, and which these are."""
+        seen = np.isfinite(self.found.measured.places_m[..., 0])
+        best = int(seen.sum(axis=0).argmax())
+        return best, seen[:, best]
+
+    def _refuse_units(self) -> None:
+        found, T_base_ee, words = self.found, self.T_base_ee, self.file.words
+        self._refuse_one_attitude()
+        places_m = found.measured.places_m
+        best, seen = self._most_seen()
+        what = "distances" if places_m.shape[2] == 1 else "positions"
+        where, column = f"{self.file.path}: {self._target(best)}", self.columns.targets[best][0]
+        scale, logged = found.measured.scale(T_base_ee), self._logged
+        # Of joints that may be in radians the scale says nothing yet.
+        if not may_be_radians(logged, self.arm):
+            refuse_wrong_length_unit(scale, what, where, column, words)
+        time_s, p_mm = found.states.time_s, 1e3 * places_m[seen, best]
+        refuse_wrong_angle_unit(
+            (time_s, logged), (time_s[seen], p_mm), self.arm, 0.0, self._where_joints, words
+        )
+        self._refuse_better_unit()
+        refuse_wrong_length_unit(scale, what, where, column, words)
+
+    def _refuse_one_attitude(self) -> None:
+        """Stop when all orientations are the same, or nearly, though the arm turned its flange."""
+        R, words, angles = self.found.measured.attitudes, self.file.words, self.file.in_degrees
+        if R is None or len(R) < LEAST_REPEATS:
+            return
+        seen, turned = _spread_rad(R), _spread_rad(self.T_base_ee[:, :3, :3])
+        if turned < TURNED_RAD:
+            return
+        flange = f"flange turned by {np.degrees(turned):.0f} deg"
+        if angles and ONE_ATTITUDE_RAD < seen < min(RADIANS_RAD, turned / LIKE_RADIANS):
+            raise RawDataError(
+                "the angles of the orientations look like radians",
+                where=f"{self.file.path}: {', '.join(f'`{name}`' for name in angles)}",
+                value=f"orientations within {np.degrees(seen):.2g} deg as degrees, {flange}",
+                allowed="angles in the unit that columns states: deg",
+                remedy=words.set_unit("qw", "rad", "degrees"),
+            )
+        if seen <= ONE_ATTITUDE_RAD:
+            name = words.column("qw") if "qw" in words else "qw, qx, qy, qz"
+            raise RawDataError(
+                "every row has the same orientation, though the arm turned",
+                where=f"{self.file.path}: {name}",
+                value=f"orientations within {np.degrees(seen):.2g} deg, {flange}",
+                allowed="the measured orientation of every row",
+                remedy="export the orientations; where none are measured, use instrument.kind "
+                "points",
+            )
+
+    def _refuse_better_unit(self) -> None:
+        """Stop when angles in radians, or strokes in metres, explain the measurements."""
+        slides, q = self.arm.prismatic, self._logged
+        tried = []
+        if may_be_radians(q, self.arm):
+            tried.append(("angles", "rad", "deg", np.where(slides, 1.0, np.degrees(1.0))))
+        if slides.any() and np.abs(q[:, slides]).max() <= LONGEST_STROKE_M:
+            tried.append(("strokes", "m", "mm", np.where(slides, 1e3, 1.0)))
+        if not tried:
+            return
+        measured = self.found.measured
+        logged = misfit_of(measured, self.T_base_ee)
+        if logged is None or np.median(logged.size_m) <= BAD_M:
+            return
+        for what, unit, right_unit, factor in tried:
+            moved = Chain.of(self.arm).forward(in_radians(q * factor, slides))
+            misfit = misfit_of(measured, moved)
+            if misfit is None or BETTER * np.median(misfit.size_m) > np.median(logged.size_m):
+                continue
+            named, right = UNIT_WORDS[unit], UNIT_WORDS[right_unit]
+            first = next(
+                name for name in position_columns(slides) if name.endswith(f"_{right_unit}")
+            )
+            raise RawDataError(
+                f"the joint {what} look like {named}",
+                where=self._where_joints,
+                value="a median misfit of the nominal model of "
+                f"{1e3 * np.median(logged.size_m):.0f} mm, and of "
+                f"{1e3 * np.median(misfit.size_m):.0f} mm with {named}",
+                allowed=f"joint {what} in {right}",
+                remedy=self.file.words.set_unit(first, unit, right),
+            )
+
+    def _refuse_shifted(self) -> None:
+        """Stop when the readings stand a row away from their joints."""
+        T_base_ee, measured = self.T_base_ee, self.found.measured
+        best, _ = self._most_seen()
+        places_m = measured.places_m
+        if places_m.shape[2] != 3 or not steps_agree(T_base_ee, places_m[:, best]):
+            return
+        rows = len(self.line)
+        found = shifted(np.arange(rows), rows, nominal_fit(measured, T_base_ee))
+        if found is not None:
+            refuse_shifted(found, self.file.path, self.line, "as they stand", "")
+
+    def _constant(self) -> tuple[str, ...]:
+        """Name joints whose column has the same number in all rows, where the arm does not fit."""
+        same = np.ptp(self.found.states.q_rad, axis=0) == 0.0
+        names = position_columns(self.arm.prismatic)
+        return tuple(
+            f"{self.file.path.name}: {self.file.words.column(names[k])}: the same number in all "
+            "rows: if that joint moved, export what was logged of it"
+            for k in np.flatnonzero(same)
+        )
+
+    def _other_axes(self) -> tuple[str, ...]:
+        """Stop when exchanged or mirrored axes of the instrument explain what is far off.
+
+        Where they explain a part of it, that is returned.
+        """
+        measured = self.found.measured
+        if measured.places_m.shape[2] != 3:
+            return ()
+        best, seen = self._most_seen()
+        R = None if measured.attitudes is None else measured.attitudes[seen]
+        found = other_axes(self.T_base_ee[seen], measured.places_m[seen, best], R)
+        if found is None:
+            return ()
+        value = (
+            f"the nominal arm, base and target fitted, is {1e3 * found.left_m:.0f} mm off, "
+            f"and {1e3 * found.would_leave_m:.2g} mm with these axes"
+        )
+        if not found.puts_right:
+            return (f"if the instrument's axes are {found.name}: {value}, {STILL_WRONG}",)
+        raise RawDataError(
+            f"the instrument's axes are {found.name}",
+            where=f"{self.file.path}: {self._target(best)}",
+            value=value,
+            allowed="positions in a right-handed frame, orientations in the same",
+            remedy=self._remedy_of_axes(found, self.columns.targets[best]),
+        )
+
+    def _remedy_of_axes(self, found: OtherAxes, names: Sequence[str]) -> str:
+        """Return what to state, or to change in the file, for other axes of the instrument."""
+        words, remedy = self.file.words, []
+        if sorted(found.order) != list(found.order):
+            meant = [names[found.order.index(k)] for k in range(3)]
+            remedy.append(
+                words.set_names(meant)
+                if words.key(names[0])
+                else f"rename the columns {', '.join(names)}: they hold {', '.join(meant)}"
+            )
+        if found.turned:
+            turned = [words.column(names[k]) for k in found.turned]
+            which = f"one of {', '.join(turned)}" if found.any_one else " and of ".join(turned)
+            remedy.append(
+                f"turn the sign of {which} in the instrument's software, or of the numbers in the "
+                "file"
+            )
+        return " and ".join(remedy)
+
+    @property
+    def _logged(self) -> Array:
+        """Return joint positions (N, n) as they were logged: degrees, or millimetres."""
+        q_rad = self.found.states.q_rad
+        return np.asarray(np.where(self.arm.prismatic, 1e3 * q_rad, np.degrees(q_rad)))
+
+    @property
+    def _where_joints(self) -> str:
+        names = position_columns(self.arm.prismatic)
+        first, last = map(self.file.words.column, (names[0], names[-1]))
+        return f"{self.file.path}: {first} … {last}"
+
+    def _target(self, b: int) -> str:
+        """Return the columns of a target."""
+        return self.file.words.text(", ".join(self.columns.targets[b]))
+
+
+def _poor_fit(misfit: Misfit) -> tuple[str, ...]:
+    """Describe where the nominal model, however placed, is far from most of what was measured."""
+    length_mm = 1e3 * float(np.nanmedian(misfit.length_m))
+    turn_deg = float(np.degrees(np.median(misfit.turn_rad)))
+    off = [f"{length_mm:.0f} mm"] if length_mm > WARN_MM else []
+    off += [f"{turn_deg:.0f} deg"] if turn_deg > WARN_DEG else []
+    if not off:
+        return ()
+    return (
+        f"the nominal model, base and target fitted, is {' and '.join(off)} off in the median: "
+        "check robot, and order, signs and zeros of the joints and of the quaternion",
     )

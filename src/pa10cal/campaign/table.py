@@ -15,10 +15,13 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import RawDataError
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.weighed_arm import weighed_arm
 from pa10cal.observe.instrument import BaseTargets, MotionFound
 from pa10cal.observe.joined import joined
 from pa10cal.observe.observations import JointLog, Observations
@@ -42,12 +45,8 @@ def write_pose_table(
 ) -> None:
     """Write single readings as a Parquet table, the same bytes for the same readings.
 
-    Args:
-        path: where to write.
-        every: single readings of all kinds.
-        prismatic: (n,) which joints slide.
-        campaign: name of the campaign, kept in the file's metadata.
-        findings: what was found wrong of rows that are not in it, likewise.
+    The file's metadata hold the name of the campaign, and what was found wrong of rows that are
+    not in it.
     """
     table = pa.table(_columns(every, prismatic))
     metadata = {"schema": SCHEMA, "campaign": campaign}
@@ -62,11 +61,7 @@ def write_pose_table(
 
 
 def read_observations(path: Path, description: CampaignDescription) -> Observations:
-    """Read the table of poses as single readings of all kinds, in the order of the table.
-
-    Args:
-        path: the file.
-        description: of the campaign that it must be of.
+    """Read the table of poses of a campaign as single readings of all kinds, in its order.
 
     Raises:
         RawDataError: when the file is missing, is no such table, or is of another campaign.
@@ -88,10 +83,26 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
         }
         each.append(_observations(own, campaign))
         rows.append(here)
-    known = json.loads((pq.read_schema(path).metadata or {}).get(b"targets", b"{}"))
+    known = json.loads(_metadata(path).get(b"targets", b"{}"))
     targets = {name: np.array(R) for name, R in known.items()}
     whole = joined(each, tuple(campaign.name for campaign in description.campaigns), targets)
     return whole.take(np.argsort(np.concatenate(rows), kind="stable"))
+
+
+def arm_of(
+    campaign: CampaignDescription, folder: Path, every: Observations, arm: Arm | None = None
+) -> Arm:
+    """Return the arm of a campaign with weights, from the folder that describes it.
+
+    Its single readings weigh it where torques were logged; the arm may have been read already.
+
+    Raises:
+        ArmError: when there is no arm of that name, or its file cannot be used.
+        SettingsError: when a key of its file is unknown, missing or of the wrong kind.
+    """
+    total_kg = None if campaign.masses is None else campaign.masses.total_kg
+    arm = load_arm(campaign.robot, folder) if arm is None else arm
+    return weighed_arm(arm, every, campaign.payload, total_kg)
 
 
 def as_in_table(
@@ -100,11 +111,6 @@ def as_in_table(
     """Return single readings of a campaign as they are read back from its table.
 
     An orientation is a quaternion there: what is calculated with it has other last digits.
-
-    Args:
-        every: single readings of all kinds.
-        prismatic: (n,) which joints slide.
-        description: of the campaign.
     """
     columns = {name: np.asarray(values) for name, values in _columns(every, prismatic).items()}
     found = None if every.base is None else every.base.found
@@ -113,24 +119,24 @@ def as_in_table(
 
 def read_base_motion(path: Path) -> MotionFound | None:
     """Read how the motion of targets on the base was found; None where there are none."""
-    text = (pq.read_schema(path).metadata or {}).get(b"base_motion")
+    text = _metadata(path).get(b"base_motion")
     return None if text is None else TypeAdapter(MotionFound).validate_json(text)
 
 
 def read_findings(path: Path) -> tuple[InputFinding, ...]:
     """Read what was found wrong of rows that are not in a table of poses."""
-    metadata = pq.read_schema(path).metadata or {}
-    return tuple(InputFinding(**each) for each in json.loads(metadata.get(b"findings", b"[]")))
+    findings = json.loads(_metadata(path).get(b"findings", b"[]"))
+    return tuple(InputFinding(**each) for each in findings)
+
+
+def _metadata(path: Path) -> Mapping[bytes, bytes]:
+    return pq.read_schema(path).metadata or {}
 
 
 def read_pose_table(path: Path, campaign: str | None = None) -> pd.DataFrame:
     """Read the table of poses; see the column list in docs/architecture.md.
 
-    The name of the campaign is in `table.attrs["campaign"]`.
-
-    Args:
-        path: the file.
-        campaign: name of the campaign it must be of; None for any.
+    The name of the campaign is in `table.attrs["campaign"]`; it must be the one given, if any.
 
     Raises:
         RawDataError: when the file is missing, is no such table, or is of another campaign.

@@ -63,13 +63,10 @@ def lines_of(path: Path) -> Iterator[Line]:
 
 
 def encoding_of(path: Path) -> str:
-    """Return the encoding of a file of text, told from its bytes.
+    """Return the encoding of a file of text, told from its bytes; see `lines_of`.
 
     A byte-order mark says it; text that is valid UTF-8 is UTF-8; of one byte a letter it is the
     encoding whose letters are such as units, German, French and Spanish have.
-
-    Raises:
-        RawDataError: see `lines_of`.
     """
     decoder = codecs.getincrementaldecoder("utf-8")()
     valid, size, odd, head = True, 0, bytearray(), b""

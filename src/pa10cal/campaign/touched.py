@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,32 +12,15 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.campaign import screens
-from pa10cal.campaign.balls import (
-    LEAST_TOUCHES,
-    LocatedBalls,
-    TouchedTool,
-    TouchGroups,
-    commonest,
-    group_touches,
-    locate_balls,
-)
-from pa10cal.campaign.bounds import Bounds
+from pa10cal.campaign import balls, dwells, screens
+from pa10cal.campaign.bounds import Bounds, labelled, whole, within_bounds
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
-from pa10cal.campaign.dwells import (
-    DwellReadings,
-    Dwells,
-    best_clock_offset,
-    dwell_readings,
-    find_dwells,
-)
 from pa10cal.campaign.labels import EXCHANGED, exchange_text, exchanged, misfit_mm, nominal_places
 from pa10cal.campaign.own_words import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile, words_of
-from pa10cal.campaign.raw_rows import Ingested, Quarantined, quarantined
-from pa10cal.campaign.rows import Samples, Touches, read_samples, read_touches
+from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
 from pa10cal.errors import RawDataError
-from pa10cal.observe.observations import JointLog, Observations
+from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import Misfit
 from pa10cal.observe.touched import Touched
 from pa10cal.options import IngestOptions
@@ -48,6 +32,8 @@ SCATTER_NOTE = 1.5
 FEW_OUTSIDE = 0.05
 OFFSET_LEAVES = 0.2
 
+_PLACE = ("x_mm", "y_mm", "z_mm")
+
 OUTSIDE = "touched outside any dwell: the arm moved, or the clocks differ"
 OTHER_DWELL = "touched in another dwell than the rest of its configuration"
 NOT_TOUCHED = "a dwell in which nothing was touched"
@@ -57,91 +43,146 @@ LOST = "a dwell whose configuration is quarantined"
 def read_touched(
     campaign: CampaignDescription, arm: Arm, folder: Path, settings: IngestOptions
 ) -> Ingested:
-    """Read a campaign of a touch-trigger instrument.
-
-    Args:
-        campaign: its description.
-        arm: the nominal arm.
-        folder: its folder.
-        settings: the `ingest` section.
-
-    Returns:
-        One entry a configuration, and every row that is quarantined.
+    """Read a campaign of a touch-trigger instrument: one reading a configuration.
 
     Raises:
         RawDataError: when a file, or too much of it, cannot be used.
     """
-    files = [RawFile.of(campaign, folder, key, arm.prismatic) for key in ("cmm", "resolver")]
-    cmm, resolver = (file.path for file in files)
-    touches, cmm_read = read_touches(
-        files[0], campaign.ball_names, Bounds(arm), exclusions_of(campaign, folder)
+    cmm, resolver = (
+        RawFile.of(campaign, folder, key, arm.prismatic) for key in ("cmm", "resolver")
     )
-    samples, resolver_read = read_samples(files[1], Bounds(arm))
+    bounds, names = Bounds(arm), campaign.ball_names
+    touches = _read_touches(cmm, names, bounds, exclusions_of(campaign, folder))
+    samples, log = _read_samples(resolver, bounds)
     logged = len(np.unique(touches.configurations))
-    reads = (cmm_read, resolver_read)
-    totals = {read.file: read.total for read in reads}
-    listed = [*cmm_read.quarantined, *resolver_read.quarantined]
+    listed = [*touches.quarantined, *log.quarantined]
     words = words_of(campaign, arm.prismatic)
-    refuse_too_many(listed, totals, settings.max_quarantined_fraction, words)
+
+    def refuse_too_many_lost() -> None:
+        totals = {**touches.totals, **log.totals}
+        refuse_too_many(listed, totals, settings.max_quarantined_fraction, words)
+
+    refuse_too_many_lost()
     # The joints' motion beside that of one ball's touches.
-    one = touches.ball == np.bincount(touches.ball).argmax()
+    one = touches["ball"] == np.bincount(touches["ball"]).argmax()
     screens.refuse_wrong_angle_unit(
         (samples.time_s, samples.q_deg),
-        (touches.time_s[one], touches.p_instr_mm[one]),
+        (touches["time_s"][one], touches.numbers_of(_PLACE)[one]),
         arm,
         float(np.linalg.norm(campaign.p_ee_balls_mm, axis=1).max()),
-        f"{resolver}: {words.column('q1_deg')} … {words.column(f'q{arm.n}_deg')}",
+        f"{resolver.path}: {words.column('q1_deg')} … {words.column(f'q{arm.n}_deg')}",
         words,
     )
 
-    dwells = find_dwells(samples, settings.still_speed_deg_s)
-    touched = dwells.at(touches.time_s)
+    stood = dwells.find_dwells(samples, settings.still_speed_deg_s)
+    touched = stood.at(touches["time_s"])
     log_s = float(samples.time_s[0]), float(samples.time_s[-1])
-    _check_clocks(touches, touched, dwells, log_s, str(cmm), str(resolver))
-    touches, dwell, outside = _in_one_dwell(touches, touched, cmm.name)
+    _check_clocks(touches, touched, stood, log_s, str(cmm.path), str(resolver.path))
+    touches, dwell, outside = _in_one_dwell(touches, touched)
     listed += outside
-    refuse_too_many(listed, totals, settings.max_quarantined_fraction, words)
+    refuse_too_many_lost()
 
-    groups = group_touches(touches, len(campaign.ball_names))
-    tool = TouchedTool(
-        names=campaign.ball_names,
+    groups = balls.group_touches(touches, len(names))
+    tool = balls.TouchedTool(
+        names=names,
         p_ee_balls_mm=campaign.p_ee_balls_mm,
         radius_mm=0.5 * float(campaign.ball_diameter_mm or np.nan),
         centre_uncertainty_mm=campaign.instrument.uncertainty_mm,
         outlier_sigma=settings.stray_touch_sigma,
     )
-    balls = locate_balls(touches.p_instr_mm[groups.row], groups.valid, tool, str(cmm))
-    readings = dwell_readings(samples, dwells)
+    p_instr_mm = touches.numbers_of(_PLACE)[groups.row]
+    located = balls.locate_balls(p_instr_mm, groups.valid, tool, str(cmm.path))
+    readings = dwells.dwell_readings(samples, stood)
     dwell = dwell[groups.first]
-    off = screens.off_command(touches.pose[groups.first], readings.q_rad[dwell], arm.prismatic)
-    late = (balls.reason == "") & off
-    reason = np.where(late, screens.OTHER_COMMAND, balls.reason)
-    T_base_ee = Chain.of(arm).forward(readings.q_rad[dwell])
-    held_out = touches.kind[groups.first] == "holdout"
-    reason = _off_the_arm(reason, balls, T_base_ee, held_out, tool)
-    listed += _unused_touches(touches, groups, balls, reason, cmm.name, settings)
-    refuse_too_many(listed, totals, settings.max_quarantined_fraction, words)
+    named, q_rad = touches.at(groups.first), np.radians(readings.q_deg[dwell])
+    off = screens.off_command(named.text_of("pose"), q_rad, arm.prismatic)
+    reason = np.where((located.reason == "") & off, screens.OTHER_COMMAND, located.reason)
+    T_base_ee = Chain.of(arm).forward(q_rad)
+    reason = _off_the_arm(reason, located, T_base_ee, named["kind"] == "holdout", tool)
+    listed += _unused_touches(touches, groups, located, reason, settings)
+    refuse_too_many_lost()
 
     good = np.flatnonzero(reason == "")
-    poses = _assemble(tool, touches, groups, balls, readings, dwell, good)
-    idle, idle_notes = _idle_samples(samples, dwells, touched, dwell[good], resolver.name)
-    notes = [note for read in reads for note in read.notes]
-    if balls.pooled_sigma_mm > SCATTER_NOTE * balls.touch_sigma_mm:
+    used, time_s = located.used[good], touches["time_s"][groups.row[good]]
+    begin = np.where(used, time_s, np.inf).min(axis=(1, 2), initial=np.inf)
+    end = np.where(used, time_s, -np.inf).max(axis=(1, 2), initial=-np.inf)
+    named, at = named.at(good), dwell[good]
+    poses = Observations(
+        pose=named.text_of("pose"),
+        states=PoseStates(
+            q_rad=q_rad[good],
+            tau_Nm=readings.tau_Nm[at],
+            arrival=readings.arrival[at],
+            load_N=named["load_N"],
+            temperature_C=readings.temperature_C[at],
+            time_s=0.5 * (begin + end),
+        ),
+        measured=Touched.of_balls(
+            tool.names,
+            tool.p_ee_balls_mm,
+            located.p_instr_mm[good],
+            located.cov_mm2[good],
+            used.sum(axis=2),
+        ),
+        kind=named.text_of("kind"),
+        repeat=named["repeat"],
+        readings=np.ones(len(good), dtype=np.int64),
+        log=JointLog(np.radians(readings.q_u_deg[at]), readings.tau_u_Nm[at], readings.samples[at]),
+    )
+    idle, idle_notes = _idle_samples(samples, stood, touched, at, log.file)
+    notes = [*touches.notes, *log.notes]
+    if located.pooled_sigma_mm > SCATTER_NOTE * located.touch_sigma_mm:
         notes.append(
-            f"touches scatter by {balls.pooled_sigma_mm:.4f} mm where the stated uncertainty "
-            f"implies {balls.touch_sigma_mm:.4f} mm"
+            f"touches scatter by {located.pooled_sigma_mm:.4f} mm where the stated uncertainty "
+            f"implies {located.touch_sigma_mm:.4f} mm"
         )
     warnings = (
-        *screens.count_warnings(campaign.configurations, logged, cmm.name),
-        *_cut_touches(dwells, touched, cmm.name),
+        *screens.count_warnings(campaign.configurations, logged, touches.file),
+        *_cut_touches(stood, touched, touches.file),
     )
     return Ingested(poses, (*listed, *idle), (*notes, *idle_notes), warnings)
 
 
+def _read_touches(
+    file: RawFile, ball_names: tuple[str, ...], bounds: Bounds, exclusions: Exclusions
+) -> RawRows:
+    """Read the touches in order of time, each with the number of its ball."""
+    raw = file.read(["time_s", "kind", "pose", "load_N", "repeat", "ball", "touch", *_PLACE])
+    raw = exclusions.labels(exclusions.lines(raw))
+    raw = raw.choices("kind", KINDS).choices("ball", ball_names)
+    raw = raw.finite(["time_s", "load_N", *_PLACE])
+    raw = within_bounds(raw, ["time_s", *_PLACE], bounds)
+    raw = labelled(whole(raw, "touch", bounds), bounds)
+    ball = np.argmax(raw.text_of("ball")[:, None] == np.array(ball_names), axis=1)
+    return raw.with_columns({"ball": ball}).in_time()
+
+
+def _read_samples(file: RawFile, bounds: Bounds) -> tuple[dwells.Samples, RawRows]:
+    """Read the resolver and torque log; samples at the time of an earlier one are quarantined.
+
+    Returns:
+        The samples in order of time, and the rows that they were read from, without columns.
+    """
+    joints = range(1, bounds.arm.n + 1)
+    q, tau = [f"q{j}_deg" for j in joints], [f"tau{j}_Nm" for j in joints]
+    names = ["time_s", *q, *tau, "temperature_C"]
+    raw = within_bounds(file.read(names).finite(names), names, bounds)
+    time_s = raw["time_s"]
+    order = np.argsort(time_s, kind="stable")
+    first = np.ones(len(time_s), dtype=bool)
+    first[order[1:]] = np.diff(time_s[order]) > 0.0
+    raw = raw.take(first, "another sample has this time", [f"{t:g} s" for t in time_s[~first]])
+    raw = raw.in_time()
+    samples = dwells.Samples(
+        raw.line, raw["time_s"], raw.numbers_of(q), raw.numbers_of(tau), raw["temperature_C"]
+    )
+    return samples, replace(raw, columns={})
+
+
 def _check_clocks(
-    touches: Touches,
+    touches: RawRows,
     touched: Index,
-    dwells: Dwells,
+    stood: dwells.Dwells,
     log_s: tuple[float, float],
     where: str,
     where_log: str,
@@ -151,7 +192,7 @@ def _check_clocks(
     That is when most touches lie outside the dwells, or when an offset of the clocks would bring in
     nearly all of those that do.
     """
-    if not len(dwells):
+    if not len(stood):
         raise RawDataError(
             "the arm is never at rest in the log",
             where=where_log,
@@ -161,8 +202,8 @@ def _check_clocks(
     outside = touched < 0
     if outside.mean() <= FEW_OUTSIDE:
         return
-    offset = best_clock_offset(touches.time_s, dwells)
-    explained = 1.0 - offset.inside <= OFFSET_LEAVES * outside.mean()
+    offset_s, inside = dwells.best_clock_offset(touches["time_s"], stood)
+    explained = 1.0 - inside <= OFFSET_LEAVES * outside.mean()
     if not explained:
         _refuse_cut_log(touches, outside, log_s, where_log)
     if 2 * outside.sum() <= len(touched) and not explained:
@@ -171,18 +212,19 @@ def _check_clocks(
         f"{outside.sum()} of {len(touched)} touches lie outside any dwell of the arm",
         where=f"{where}:{touches.line[np.argmax(outside)]}",
         allowed="touches while the arm is at rest, on the clock of the resolver log",
-        remedy=f"the clocks seem to differ: adding {offset.seconds:+.1f} s to time_s would bring "
-        f"{offset.inside:.0%} of the touches into dwells"
+        remedy=f"the clocks seem to differ: adding {offset_s:+.1f} s to time_s would bring "
+        f"{inside:.0%} of the touches into dwells"
         if explained
         else "check both clocks and ingest.still_speed_deg_s; no constant offset matches",
     )
 
 
 def _refuse_cut_log(
-    touches: Touches, outside: NDArray[np.bool_], log_s: tuple[float, float], where_log: str
+    touches: RawRows, outside: NDArray[np.bool_], log_s: tuple[float, float], where_log: str
 ) -> None:
     """Stop when touches lie outside dwells because the log does not cover them."""
-    beyond = (touches.time_s < log_s[0]) | (touches.time_s > log_s[1])
+    time_s = touches["time_s"]
+    beyond = (time_s < log_s[0]) | (time_s > log_s[1])
     if (outside & ~beyond).sum() > FEW_OUTSIDE * len(touches):
         return
     numbers = touches.configurations
@@ -192,36 +234,41 @@ def _refuse_cut_log(
         where=where_log,
         value=f"{missing} of {every} configurations were touched before it begins or after it "
         f"ends; it covers {log_s[0]:g} to {log_s[1]:g} s",
-        allowed=f"a log from {touches.time_s[0]:g} to {touches.time_s[-1]:g} s",
+        allowed=f"a log from {time_s[0]:g} to {time_s[-1]:g} s",
         remedy="export the whole log, or leave out the touches that it does not cover",
     )
 
 
 def _in_one_dwell(
-    touches: Touches, touched: Index, file: str
-) -> tuple[Touches, Index, tuple[Quarantined, ...]]:
+    touches: RawRows, touched: Index
+) -> tuple[RawRows, Index, tuple[Quarantined, ...]]:
     """Keep the touches of each configuration that were made in one and the same dwell."""
-    outside = touched < 0
-    rows = quarantined(file, touches.line[outside], OUTSIDE, _seconds(touches.time_s[outside]))
-    touches, touched = touches.take(~outside), touched[~outside]
+
+    def lost(off: NDArray[np.bool_], why: str) -> tuple[Quarantined, ...]:
+        seconds = [f"time_s = {value:g}" for value in touches["time_s"][off]]
+        return quarantined(touches.file, touches.line[off], why, seconds)
+
+    rows = lost(touched < 0, OUTSIDE)
+    inside = np.flatnonzero(touched >= 0)
+    touches, touched = touches.at(inside), touched[inside]
     of_touch = touches.configurations
-    other = touched != commonest(of_touch, touched)[of_touch]
-    rows += quarantined(file, touches.line[other], OTHER_DWELL, _seconds(touches.time_s[other]))
-    return touches.take(~other), touched[~other], rows
+    other = touched != balls.commonest(of_touch, touched)[of_touch]
+    rows += lost(other, OTHER_DWELL)
+    return touches.at(np.flatnonzero(~other)), touched[~other], rows
 
 
 def _off_the_arm(
     reason: NDArray[np.object_],
-    balls: LocatedBalls,
+    located: balls.LocatedBalls,
     T_base_ee: Array,
     held_out: NDArray[np.bool_],
-    tool: TouchedTool,
+    tool: balls.TouchedTool,
 ) -> NDArray[np.object_]:
     """Name configurations whose labels are exchanged, and those far off the nominal arm."""
-    located = np.isfinite(balls.p_instr_mm).all(axis=(1, 2))
-    located &= (balls.used.sum(axis=2) >= LEAST_TOUCHES).all(axis=1)
-    rows = np.flatnonzero(located)
-    p_m, found = 1e-3 * balls.p_instr_mm[rows], reason.copy()
+    usable = np.isfinite(located.p_instr_mm).all(axis=(1, 2))
+    usable &= (located.used.sum(axis=2) >= balls.LEAST_TOUCHES).all(axis=1)
+    rows = np.flatnonzero(usable)
+    p_m, found = 1e-3 * located.p_instr_mm[rows], reason.copy()
     modelled = nominal_places(T_base_ee[rows], p_m)
     if modelled is None:
         return found
@@ -235,78 +282,37 @@ def _off_the_arm(
 
 
 def _unused_touches(
-    touches: Touches,
-    groups: TouchGroups,
-    balls: LocatedBalls,
+    touches: RawRows,
+    groups: balls.TouchGroups,
+    located: balls.LocatedBalls,
     reason: NDArray[np.object_],
-    file: str,
     settings: IngestOptions,
 ) -> tuple[Quarantined, ...]:
     """List touches that are outliers, and touches of configurations that cannot be used."""
     off = np.zeros(len(touches), dtype=bool)
-    off[groups.row[balls.outlier]] = True
-    why = np.where(off, "", reason[groups.of_touch])
-    lost = np.flatnonzero(why != "")
-    parts = (touches.pose, touches.load_N, touches.repeat)
+    off[groups.row[located.outlier]] = True
+    why = np.where(off, "", reason[groups.of_touch]).astype(str)
+    parts = (touches.text_of("pose"), touches["load_N"], touches["repeat"])
     words = [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
-    labels = np.array(words, dtype=object)
-    where = np.array([f"pose {label}" for label in labels], dtype=object)
+    label = np.array(words, dtype=object)
     outlier = f"suspected outlier: more than {settings.stray_touch_sigma:g} sigmas off its ball"
-    rows = quarantined(file, touches.line[off], outlier, labels[off])
-    for text in np.unique(why[lost].astype(str)):
+    rows = quarantined(touches.file, touches.line[off], outlier, label[off])
+    for text in np.unique(why[why != ""]).tolist():
         these = why == text
-        rows += quarantined(file, touches.line[these], str(text), labels[these], where[these])
+        places = [f"pose {each}" for each in label[these]]
+        rows += quarantined(touches.file, touches.line[these], text, label[these], places)
     return rows
 
 
-def _assemble(
-    tool: TouchedTool,
-    touches: Touches,
-    groups: TouchGroups,
-    balls: LocatedBalls,
-    readings: DwellReadings,
-    dwell: Index,
-    good: Index,
-) -> Observations:
-    """Fit the end-effector to the balls of the good configurations and gather their readings."""
-    first, at = groups.first[good], dwell[good]
-    used, time_s = balls.used[good], touches.time_s[groups.row[good]]
-    begin = np.where(used, time_s, np.inf).min(axis=(1, 2), initial=np.inf)
-    end = np.where(used, time_s, -np.inf).max(axis=(1, 2), initial=-np.inf)
-    states = PoseStates(
-        q_rad=readings.q_rad[at],
-        tau_Nm=readings.tau_Nm[at],
-        arrival=readings.arrival[at],
-        load_N=touches.load_N[first],
-        temperature_C=readings.temperature_C[at],
-        time_s=0.5 * (begin + end),
-    )
-    return Observations(
-        pose=touches.pose[first],
-        states=states,
-        measured=Touched.of_balls(
-            tool.names,
-            tool.p_ee_balls_mm,
-            balls.p_instr_mm[good],
-            balls.cov_mm2[good],
-            used.sum(axis=2),
-        ),
-        kind=touches.kind[first],
-        repeat=touches.repeat[first],
-        readings=np.ones(len(good), dtype=np.int64),
-        log=JointLog(readings.q_u_rad[at], readings.tau_u_Nm[at], readings.samples[at]),
-    )
-
-
 def _idle_samples(
-    samples: Samples, dwells: Dwells, touched: Index, used: Index, file: str
+    samples: dwells.Samples, stood: dwells.Dwells, touched: Index, used: Index, file: str
 ) -> tuple[tuple[Quarantined, ...], list[str]]:
     """List the samples of dwells that serve no configuration; the arm may have waited there."""
-    serves, seen = np.zeros(len(dwells), dtype=bool), np.zeros(len(dwells), dtype=bool)
+    serves, seen = np.zeros(len(stood), dtype=bool), np.zeros(len(stood), dtype=bool)
     serves[used] = True
     seen[touched[touched >= 0]] = True
-    standing = dwells.of_sample >= 0
-    dwell = np.where(standing, dwells.of_sample, 0)
+    standing = stood.of_sample >= 0
+    dwell = np.where(standing, stood.of_sample, 0)
     lost = standing & seen[dwell] & ~serves[dwell]
     idle = standing & ~seen[dwell]
     rows = quarantined(file, samples.line[idle], NOT_TOUCHED)
@@ -315,16 +321,12 @@ def _idle_samples(
     return rows, [f"dwells without touches: {count}"] if count else []
 
 
-def _cut_touches(dwells: Dwells, touched: Index, file: str) -> tuple[str, ...]:
+def _cut_touches(stood: dwells.Dwells, touched: Index, file: str) -> tuple[str, ...]:
     """Say how many configurations are missing where the arm stood in many more than these."""
-    without = len(dwells) - len(np.unique(touched[touched >= 0]))
-    if 3 * without <= len(dwells):
+    without = len(stood) - len(np.unique(touched[touched >= 0]))
+    if 3 * without <= len(stood):
         return ()
     return (
-        f"nothing was touched in {without} of the {len(dwells)} dwells of the log: {file} seems "
+        f"nothing was touched in {without} of the {len(stood)} dwells of the log: {file} seems "
         f"cut short, {without} configurations are missing",
     )
-
-
-def _seconds(time_s: Array) -> list[str]:
-    return [f"time_s = {value:g}" for value in time_s]

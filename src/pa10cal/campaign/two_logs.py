@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -15,15 +16,13 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_target_names
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
-from pa10cal.campaign.dwells import dwell_readings, find_dwells, offset_ranges, phase_at
+from pa10cal.campaign.dwells import Samples, Stations, dwell_readings, find_dwells, offset_ranges
+from pa10cal.campaign.nominal_fit import EXPECTED_M, Fit, nominal_fit, refuse_shifted, shifted
 from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_file import RawFile
-from pa10cal.campaign.raw_rows import RawRows, finite
-from pa10cal.campaign.rows import Samples, in_radians, position_columns
-from pa10cal.campaign.shifted_rows import EXPECTED_M, Fit, nominal_fit, refuse_shifted, shifted
+from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
 from pa10cal.errors import RawDataError
-from pa10cal.observe.instrument import Instrument
-from pa10cal.observe.quantities import RawColumns, Stated
+from pa10cal.observe.quantities import RawColumns
 
 #: Times beyond are counted from 1970, not from the first reading [s].
 SINCE_1970 = 1e8
@@ -42,23 +41,6 @@ CANDIDATES = 12
 
 
 @dataclass(frozen=True)
-class Stations:
-    """Where the arm stood, by the log of its joints: K places in order."""
-
-    start_s: Array  # (K,) when it came, on the clock of the joints
-    end_s: Array  # (K,) when it went on
-    first: Index  # (K,) row of the log at which each begins
-    q_deg: Array  # (K, n) joint positions [deg, mm]
-    q_u_deg: Array  # (K, n) their standard uncertainties, nan where one row is all there is
-    tau_Nm: Array  # (K, n) torques, nan where not logged
-    temperature_C: Array  # (K,) temperature, nan where not logged
-    arrival: Array  # (K, n) sign of each joint's last motion; 0 where it is not known
-
-    def __len__(self) -> int:
-        return len(self.start_s)
-
-
-@dataclass(frozen=True)
 class Clocks:
     """Readings joined by time."""
 
@@ -71,35 +53,25 @@ class Clocks:
 def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations:
     """Return where the arm stood: the dwells of a log of motion, or every row of a list of poses.
 
-    Args:
-        samples: the log of the joints, in order of time; torques and temperature may be nan.
-        readings: how many readings there are.
-        still_deg_s: `ingest.still_speed_deg_s`; raised to what the joints' read-back scatters.
+    There are so many readings. The still speed is raised to what the joints' read-back scatters.
     """
     if len(samples) >= DENSE * readings:
         dwells = find_dwells(samples, max(still_deg_s, _scatter_deg_s(samples)))
         if len(dwells) >= 2:
-            read = dwell_readings(samples, dwells)
-            return Stations(
-                dwells.start_s,
-                dwells.end_s,
-                dwells.first,
-                np.degrees(read.q_rad),
-                np.degrees(read.q_u_rad),
-                read.tau_Nm,
-                read.temperature_C,
-                read.arrival,
-            )
+            return dwell_readings(samples, dwells)
     half_s = 0.45 * np.diff(samples.time_s, prepend=np.nan, append=np.nan)
     usual = float(np.nanmedian(half_s)) if len(samples) > 1 else 1.0
     before, after = (np.where(np.isfinite(side), side, usual) for side in (half_s[:-1], half_s[1:]))
+    unknown = np.full(samples.q_deg.shape, np.nan)
     return Stations(
         samples.time_s - np.minimum(before, usual),
         samples.time_s + np.minimum(after, usual),
         np.arange(len(samples)),
+        np.ones(len(samples), dtype=np.int64),
         samples.q_deg,
-        np.full(samples.q_deg.shape, np.nan),
+        unknown,
         samples.tau_Nm,
+        unknown,
         samples.temperature_C,
         np.zeros(samples.q_deg.shape),
     )
@@ -114,25 +86,23 @@ def _scatter_deg_s(samples: Samples) -> float:
 
 
 def by_time(stations: Stations, time_s: Array, fit: Fit, offset_s: float | None = None) -> Clocks:
-    """Join readings to where the arm stood, whatever their clocks differ by.
+    """Join readings (N,), timed by their own clock, to where the arm stood.
 
     Offsets that bring most readings into steady phases are compared by the nominal arm: a plan
-    whose poses take equally long fits as well a pose later, the positions do not.
-
-    Args:
-        stations: where the arm stood.
-        time_s: (N,) times of the readings, on their own clock.
-        fit: the nominal arm fitted to readings at stations.
-        offset_s: what to add to the readings' time; None to find it.
+    whose poses take equally long fits as well a pose later, the positions do not. An offset that
+    is given is not looked for.
     """
     if offset_s is not None:
-        station = phase_at(stations.start_s, stations.end_s, time_s + offset_s)
+        station = stations.at(time_s + offset_s)
         return Clocks(station, offset_s, 0.0, int((station >= 0).sum()))
     tried = []
-    allowed = offset_ranges(stations.start_s, stations.end_s, time_s, NEARLY)
+    known_s = time_s[np.isfinite(time_s)]
+    if not len(known_s):
+        return Clocks(np.full(len(time_s), -1), 0.0, 0.0, 0)
+    allowed = offset_ranges(stations.start_s, stations.end_s, known_s, NEARLY)
     for low, high in allowed[:CANDIDATES]:
         middle = 0.5 * (low + high)
-        station = phase_at(stations.start_s, stations.end_s, time_s + middle)
+        station = stations.at(time_s + middle)
         inside = np.flatnonzero(station >= 0)
         left_m = fit(inside, station[inside], len(inside)) if len(allowed) > 1 else None
         size = np.inf if left_m is None else float(np.median(left_m))
@@ -165,25 +135,23 @@ def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
 
 # Two files read as one: rows of the readings, each with the joints it was taken at.
 
-#: Why a reading has no joint positions.
-MOVING = "the arm did not stand still then, by the log of its joints"
-NO_LABEL = "the log of the joints has no such label"
-NO_ROW = "the log of the joints has no such row"
+#: Why a reading has no joint positions, by what joins the two logs.
+NOT_JOINED = {
+    "time": "the arm did not stand still then, by the log of its joints",
+    "label": "the log of the joints has no such label",
+    "row": "the log of the joints has no such row",
+}
 
 
-@dataclass
+@dataclass(frozen=True)
 class TwoLogs:
     """The joints' log and the readings' log of a campaign, read as one file of poses."""
 
     joints: RawFile
     readings: RawFile
+    campaign: CampaignDescription
     arm: Arm
-    instrument: type[Instrument]
-    stated: Stated
-    still_deg_s: float
-    join: Join
-    notes: list[str] = field(default_factory=list)  # how they were joined
-    totals: dict[str, int] = field(default_factory=dict)  # rows of the joints' log
+    still_deg_s: float  # `ingest.still_speed_deg_s`
 
     @classmethod
     def of(
@@ -193,8 +161,7 @@ class TwoLogs:
         joints, readings = (
             RawFile.of(campaign, folder, key, arm.prismatic) for key in ("joints", "readings")
         )
-        measured_by, join = campaign.instrument.type, campaign.join or Join()
-        return cls(joints, readings, arm, measured_by, campaign.stated, still_deg_s, join)
+        return cls(joints, readings, campaign, arm, still_deg_s)
 
     @property
     def path(self) -> Path:
@@ -210,7 +177,7 @@ class TwoLogs:
     def measured(self) -> RawColumns:
         """Return the columns that hold what was measured."""
         names = [name for name in self.readings.names if base_target_names([name]) == ()]
-        return self.instrument.raw_columns(names)
+        return self.campaign.instrument.type.raw_columns(names)
 
     @property
     def in_degrees(self) -> Sequence[str]:
@@ -225,55 +192,49 @@ class TwoLogs:
     def read(
         self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
     ) -> RawRows:
-        """Read columns of the contract, joined; see `RawFile.read`.
-
-        Raises:
-            RawDataError: as `RawFile.read`; when the logs cannot be joined, or when readings are
-                a row away from their joints.
-        """
+        """Read columns of the contract, joined; see `RawFile.read`."""
         self._refuse_exchanged()
         q = position_columns(self.arm.prismatic)
         of_joints = {*q, *together, *(f"u_{name}" for name in (*q, *together))}
-        own = set(self.readings.names)
+        own, theirs = set(self.readings.names), set(self.joints.names)
         there = [name for name in required if name not in of_joints]
-        either = own | set(self.joints.names)
+        # Labels that the joints' log has, or that are made; of the kinds of rows none is.
         labels = [
             name
             for name in there
-            if name in LABELS and name not in own and (name != "kind" or name in either)
+            if name in LABELS and name not in own and (name != "kind" or name in theirs)
         ]
         read = self.readings.read(
             [name for name in there if name not in labels],
             [name for name in optional if name not in of_joints],
         )
         logged, samples = self._joints_logged(q, together)
-        station, stations = self._joined(read, logged, samples)
-        lost = station < 0
-        reason = {"time": MOVING, "label": NO_LABEL, "row": NO_ROW}[self._by(read, logged)]
-        self.totals = {logged.file: logged.total}
-        columns, odd = dict(read.columns), dict(read.odd)
-        at = np.maximum(station, 0)
-        torques = dict(zip(together, stations.tau_Nm.T, strict=False))
-        for name, values in (dict(zip(q, stations.q_deg.T, strict=True)) | torques).items():
-            if name in q or np.isfinite(values).any():
-                columns[name] = values[at]
+        by = self._by(read, logged)
+        station, stations, note = self._joined(by, read, logged, samples)
+        columns, odd, at = {}, dict(read.odd), np.maximum(station, 0)
+        made = {name: (values, True) for name, values in zip(q, stations.q_deg.T, strict=True)}
+        made |= {name: (v, False) for name, v in zip(together, stations.tau_Nm.T, strict=False)}
         for name, values in zip(q, stations.q_u_deg.T, strict=True):
-            if f"u_{name}" in optional and np.isfinite(values).any():
-                columns[f"u_{name}"] = values[at]
-        wanted = "temperature_C" in optional and "temperature_C" not in columns
-        if wanted and np.isfinite(stations.temperature_C).all():
-            columns["temperature_C"] = stations.temperature_C[at]
+            if f"u_{name}" in optional:
+                made[f"u_{name}"] = values, False
+        if "temperature_C" in optional and "temperature_C" not in read.columns:
+            known = bool(np.isfinite(stations.temperature_C).all())
+            made |= {"temperature_C": (stations.temperature_C, True)} if known else {}
+        for name, (values, always) in made.items():
+            if always or np.isfinite(values).any():
+                columns[name] = values[at]
         first = stations.first[at]
-        made = {"load_N": 0.0 * first, "time_s": np.arange(float(len(first)))}
+        counted = {"load_N": 0.0 * first, "time_s": np.arange(float(len(first)))}
         for name in labels:
             # Poses and repeats that neither log has are made of the joint positions.
             if name in logged.columns:
-                columns[name] = logged.columns[name][first]
+                columns[name] = logged[name][first]
                 unread, lines = logged.odd.get(name, {}), logged.line[first].tolist()
                 of_row = zip(read.line.tolist(), lines, strict=True)
                 odd[name] = {row: unread[line] for row, line in of_row if line in unread}
-            elif name in made:
-                columns[name] = made[name]
+            elif name in counted:
+                columns[name] = counted[name]
+        columns = {**read.columns, **columns}
         if "time_s" in columns and np.nanmin(columns["time_s"], initial=np.inf) >= SINCE_1970:
             columns["time_s"] = columns["time_s"] - np.nanmin(columns["time_s"])
         for k, values in enumerate(stations.arrival.T, start=1):
@@ -282,11 +243,13 @@ class TwoLogs:
             read,
             columns=columns,
             odd=odd,
+            totals={**read.totals, **logged.totals},
             unused=(*read.unused, *logged.unused),
             quarantined=(*read.quarantined, *logged.quarantined),
             own={**logged.own, **read.own},
+            notes=(note,),
         )
-        return whole.take(~lost, reason)
+        return whole.take(station >= 0, NOT_JOINED[by])
 
     def _refuse_exchanged(self) -> None:
         """Stop when each of the two files has the columns that are mapped of the other."""
@@ -308,13 +271,11 @@ class TwoLogs:
 
     def _joints_logged(self, q: Sequence[str], together: Sequence[str]) -> tuple[RawRows, Samples]:
         """Read the joints' log, in order of time where it has one."""
-        own = set(self.joints.names)
-        text = [name for name in ("time_s", "pose", "load_N", "repeat", "kind") if name in own]
+        text = [name for name in LABELS if name in self.joints.names]
         raw = self.joints.read([*q, *text], ["temperature_C"], together)
         logged = [*q, *(name for name in together if name in raw.columns)]
-        raw = finite(raw, [*logged, *(["time_s"] if "time_s" in text else [])])
-        count, unknown = len(raw.line), np.full(len(raw.line), np.nan)
-        if count == 0:
+        raw = raw.finite([*logged, *(["time_s"] if "time_s" in text else [])])
+        if not len(raw):
             raise RawDataError(
                 "no row of the joints' log can be used",
                 where=str(self.joints.path),
@@ -322,52 +283,49 @@ class TwoLogs:
                 allowed="rows of joint positions",
                 remedy="correct columns.joints",
             )
-        time_s = raw.columns["time_s"] if "time_s" in text else np.arange(float(count))
+        time_s = raw["time_s"] if "time_s" in text else np.arange(float(len(raw)))
         order = np.argsort(time_s, kind="stable")
         raw = raw.at(order)
-        values = {
-            name: raw.columns[name] for name in (*logged, "temperature_C") if name in raw.columns
-        }
-        samples = Samples(
-            raw.line,
-            time_s[order],
-            np.column_stack([values[name] for name in q]),
-            np.column_stack([values.get(f"tau{k}_Nm", unknown) for k in range(1, len(q) + 1)]),
-            values.get("temperature_C", unknown),
-        )
-        return raw, samples
+        tau_Nm = raw.numbers_of([f"tau{k}_Nm" for k in range(1, len(q) + 1)])
+        temperature_C = raw.numbers_of(["temperature_C"])[:, 0]
+        return raw, Samples(raw.line, time_s[order], raw.numbers_of(q), tau_Nm, temperature_C)
 
-    def _by(self, read: RawRows, logged: RawRows) -> str:
+    @property
+    def _join(self) -> Join:
+        return self.campaign.join or Join()
+
+    def _by(self, read: RawRows, logged: RawRows) -> Literal["row", "label", "time"]:
         """Return what joins the two: what campaign.yaml says, else labels, times or rows."""
-        if self.join.by is not None:
-            return self.join.by
+        if self._join.by is not None:
+            return self._join.by
         if "pose" in read.columns and "pose" in logged.columns:
             return "label"
         timed = "time_s" in self.joints.names and "time_s" in self.readings.names
         return "time" if timed else "row"
 
-    def _joined(self, read: RawRows, logged: RawRows, samples: Samples) -> tuple[Index, Stations]:
-        """Return where the arm stood at each reading, and say how that was found."""
-        by, count = self._by(read, logged), len(read.line)
+    def _joined(
+        self, by: str, read: RawRows, logged: RawRows, samples: Samples
+    ) -> tuple[Index, Stations, str]:
+        """Return where the arm stood at each reading, and how that was found, in one clause."""
+        count = len(read)
         stations = stations_of(samples, count if by == "time" else len(samples), self.still_deg_s)
         fit = self._fit(read, stations)
         files = f"{self.joints.path.name} and {self.readings.path.name}"
         if by == "time":
-            time_s = read.columns["time_s"]
-            clocks = by_time(stations, time_s, fit, self.join.clock_offset_s)
-            self._refuse_apart(clocks.inside, count, stations, time_s, fit)
-            found = "" if self.join.clock_offset_s is not None else f" ± {2.0 * clocks.u_s:.2g} s"
-            self.notes.append(
+            stated_s = self._join.clock_offset_s
+            clocks = by_time(stations, read["time_s"], fit, stated_s)
+            self._refuse_apart(clocks.inside, count, stations, read["time_s"], fit)
+            u = "" if stated_s is not None else f" ± {2.0 * clocks.u_s:.2g} s"
+            note = (
                 f"{files} joined by time: the joints' clock is that of the readings "
-                f"{clocks.offset_s:+.2f} s{found}; {clocks.inside} of {count} readings lie in "
+                f"{clocks.offset_s:+.2f} s{u}; {clocks.inside} of {count} readings lie in "
                 f"{len(stations)} steady phases"
             )
-            return clocks.station, stations
+            return clocks.station, stations, note
         if by == "label":
             station = by_label(logged.text_of("pose"), read.text_of("pose"))
         else:
             station = np.where(np.arange(count) < len(stations), np.arange(count), -1)
-        self.notes.append(f"{files} joined by {by}")
         if (shift := shifted(station, len(stations), fit)) is not None:
             joints, joined = self.joints.path.name, f"as they are joined by {by}"
             refuse_shifted(shift, self.readings.path, read.line, joined, joints)
@@ -379,17 +337,17 @@ class TwoLogs:
                 allowed="one row of joints for each reading, or labels or times in both",
                 remedy="exclude the rows that the other lacks, or map a time or a label",
             )
-        return station, stations
+        return station, stations, f"{files} joined by {by}"
 
     def _fit(self, read: RawRows, stations: Stations) -> Fit:
         """Return how far readings are from the nominal arm, base and target fitted."""
-        measured = self.measured
-        values = np.column_stack([read.columns[name] for name in measured.names])
-        unknown = np.full(values.shape, np.nan)
-        usable = np.ones(len(values), dtype=bool)
-        for found in self.instrument.unusable(measured, values):
+        measured, instrument = self.measured, self.campaign.instrument.type
+        values = read.numbers_of(measured.names)
+        usable = np.asarray(measured.may_be_blank | np.isfinite(values).all(axis=1))
+        for found in instrument.unusable(measured, values):
             usable &= ~found.rows
-        seen = self.instrument.from_raw(measured, values, unknown, self.stated)
+        unknown = np.full(values.shape, np.nan)
+        seen = instrument.from_raw(measured, values, unknown, self.campaign.stated)
         T_base_ee = Chain.of(self.arm).forward(in_radians(stations.q_deg, self.arm.prismatic))
         return nominal_fit(seen, T_base_ee, usable)
 
@@ -398,7 +356,7 @@ class TwoLogs:
     ) -> None:
         if 2 * inside > count:
             return
-        stated = self.join.clock_offset_s
+        stated = self._join.clock_offset_s
         found = None if stated is None else by_time(stations, time_s, fit)
         other = found is not None and 2 * found.inside > count
         raise RawDataError(

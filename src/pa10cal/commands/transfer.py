@@ -32,8 +32,7 @@ def transfer(
     """
     from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.description import read_description
-    from pa10cal.campaign.table import read_observations
-    from pa10cal.campaign.weighed_arm import arm_of
+    from pa10cal.campaign.table import arm_of, read_observations
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.errors import CalibrationError, RecordError
     from pa10cal.evaluation.compared import Evaluation, said_of_parts, transfer_record

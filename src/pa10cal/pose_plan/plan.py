@@ -13,7 +13,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.room import Candidates
 from pa10cal.arrays import Array, Index
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.rows import position_columns
+from pa10cal.campaign.raw_rows import position_columns
 from pa10cal.errors import CalibrationError, SettingsError
 from pa10cal.files.output import whole_files
 from pa10cal.numerics.exchange import (

@@ -64,8 +64,7 @@ def calibrate(
     from pa10cal.calibration.load_case import LoadCase, load_cases
     from pa10cal.calibration.options import takes_general_model
     from pa10cal.campaign.description import read_description
-    from pa10cal.campaign.table import read_observations
-    from pa10cal.campaign.weighed_arm import arm_of
+    from pa10cal.campaign.table import arm_of, read_observations
     from pa10cal.errors import CalibrationError, DiscoveryError
     from pa10cal.fit.fitted_model import load_model
     from pa10cal.results.calibration import BaseFrameRecord, GeneralCalibrationRecord

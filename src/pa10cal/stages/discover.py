@@ -39,8 +39,7 @@ def discover(
     """
     from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.description import read_description
-    from pa10cal.campaign.table import read_findings, read_observations
-    from pa10cal.campaign.weighed_arm import arm_of
+    from pa10cal.campaign.table import arm_of, read_findings, read_observations
     from pa10cal.discovery import discover as search
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.discovery.records import discovery_records, summary

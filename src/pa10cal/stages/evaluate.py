@@ -30,8 +30,7 @@ def evaluate(
     """
     from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.description import read_description
-    from pa10cal.campaign.table import read_observations
-    from pa10cal.campaign.weighed_arm import arm_of
+    from pa10cal.campaign.table import arm_of, read_observations
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.evaluation.compared import (
         Evaluation,

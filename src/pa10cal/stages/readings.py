@@ -75,7 +75,6 @@ def join(
     from pa10cal.calibration.general.calibrate import start_of
     from pa10cal.campaign.description import (
         DESCRIPTION_FILE,
-        MemberRead,
         describe_group,
         group_text,
         read_description,
@@ -103,7 +102,7 @@ def join(
         description = read_description(folder)
         every = read_observations(table, description)
         seed = read(BaseFrameRecord, frame, description.name)
-        members.append(MemberRead(description, load_arm(description.robot, folder), every))
+        members.append((description, load_arm(description.robot, folder)))
         start = start_of(seed, every.measured)
         placed.append(Member(description.name, every, start))
     group = describe_group(name, members)
@@ -121,7 +120,7 @@ def join(
     copy_description(group.robot, campaign_dir[0], out_dir)
     outputs = [out_dir / file for file in ("poses.parquet", "quarantine.csv", DESCRIPTION_FILE)]
     with whole_files(*outputs) as (table, listing, text):
-        write_pose_table(table, together, members[0].arm.prismatic, name, findings)
+        write_pose_table(table, together, members[0][1].prismatic, name, findings)
         listing.write_text(joined_listings(listings), encoding="utf-8", newline="\n")
         text.write_text(group_text(group), encoding="utf-8", newline="\n")
     counts = ", ".join(f"{each.name} {len(each.observations)}" for each in placed)

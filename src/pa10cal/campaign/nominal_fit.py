@@ -1,4 +1,4 @@
-"""Readings that stand a row away from the joints they were taken at, by the nominal arm."""
+"""Readings beside the nominal arm: how far off they are, and whether they stand a row away."""
 
 from __future__ import annotations
 
@@ -10,9 +10,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index
-from pa10cal.campaign.screens import robust_misfit
-from pa10cal.errors import RawDataError
+from pa10cal.errors import CalibrationError, RawDataError
 from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.quantities import Misfit
+
+#: Reweighted fits towards least distances, rows fitted, and the distance below which all weigh
+#: the same.
+FITS = 10
+FITTED_ROWS = 300
+ALIKE_M = 1e-3
+
+
+def misfit_of(measured: Instrument, T_base_ee: Array, fitted: int | None = None) -> Misfit | None:
+    """Return how far readings are from the nominal end (P, 4, 4), however placed.
+
+    Base and target are fitted towards least distances, not least squares, to the first so many of
+    them; None for all. The misfit is None where these do not determine a frame.
+    """
+    rows = len(T_base_ee) if fitted is None else fitted
+    if rows < measured.least_rows:
+        return None
+    used = np.sort(np.random.default_rng(0).permutation(rows)[:FITTED_ROWS])
+    weights = np.ones(len(used))
+    try:
+        for _ in range(FITS):
+            misfit = measured.misfit(T_base_ee, used, weights)
+            # In millimetres, so that weights are about one.
+            before, weights = weights, 1e-3 / np.maximum(misfit.size_m[used], ALIKE_M)
+            if np.array_equal(weights, before):
+                break  # the next fit would be this one
+    except CalibrationError:
+        return None
+    return misfit
+
+
+# Readings that stand a row away from the joints they were taken at.
 
 #: Joints fit the nominal arm so many times better when shifted by a row, or it is not said.
 BETTER = 4.0
@@ -129,11 +161,8 @@ def _as_they_stand(left: Array) -> bool:
 def steps_agree(T_base_ee: Array, p_m: Array) -> bool:
     """Return whether the steps from row to row agree a row away, and not as they stand.
 
-    It takes no fit, so it says where the fits of `shifted` are worth while.
-
-    Args:
-        T_base_ee: (N, 4, 4) the nominal end at each row [m].
-        p_m: (N, 3) where a target was measured there; nan where it was not.
+    It takes no fit, so it says where the fits of `shifted` are worth while. A target was measured
+    at p_m (N, 3), nan where it was not.
     """
     moved_m = np.linalg.norm(np.diff(T_base_ee[:, :3, 3], axis=0), axis=1)
     seen_m = np.linalg.norm(np.diff(p_m, axis=0), axis=1)
@@ -157,21 +186,14 @@ def _correlation(one: Array, two: Array) -> float:
 def nominal_fit(seen: Instrument, T_base_ee: Array, usable: NDArray[np.bool_] | None = None) -> Fit:
     """Return how far readings are from the nominal arm at stations, base and target fitted.
 
-    Args:
-        seen: the readings.
-        T_base_ee: (K, 4, 4) the nominal end at each station [m].
-        usable: (N,) readings to look at; None for all.
+    The arm stands at (K, 4, 4) there; only usable readings (N,) are looked at, None for all.
     """
     usable = np.ones(len(seen), dtype=bool) if usable is None else usable
 
     def fit(rows: Index, station: Index, fitted: int) -> Array | None:
         keep = usable[rows]
-        fitted = int(keep[:fitted].sum())
         here = seen.take(rows[keep])
-        if fitted < here.least_rows:
-            return None
-        T = T_base_ee[station[keep]]
-        found = robust_misfit(lambda used, weights: here.misfit(T, used, weights), fitted)
+        found = misfit_of(here, T_base_ee[station[keep]], int(keep[:fitted].sum()))
         if found is None:
             return None
         left_m = np.full(len(rows), np.nan)
@@ -192,9 +214,6 @@ def refuse_shifted(
         lines: (N,) line of each reading.
         joined: how they were joined, in words.
         other_file: name of the file of the joints; empty where it is the same.
-
-    Raises:
-        RawDataError: naming the line.
     """
     line = int(lines[shift.first])
     place = "from the first row on" if shift.first == 0 else f"from line {line} on"

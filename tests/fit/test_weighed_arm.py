@@ -11,9 +11,9 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.campaign.description import CampaignDescription, Masses
-from pa10cal.campaign.weighed_arm import weighed_arm, weights_finding
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.loads import statics_of
+from pa10cal.fit.weighed_arm import weighed_arm, weights_finding
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
@@ -37,6 +37,12 @@ def described(**more):
     )
 
 
+def weighed(campaign, arm, every):
+    """Return the arm of a campaign with weights."""
+    total_kg = None if campaign.masses is None else campaign.masses.total_kg
+    return weighed_arm(arm, every, campaign.payload, total_kg)
+
+
 def readings(arm=ARM, *, logged=True, noise_Nm=0.3, gain=1.0, count=120):
     """Return poses of an arm whose torques were logged, as its weights make them."""
     rng = np.random.default_rng(3)
@@ -58,7 +64,7 @@ def readings(arm=ARM, *, logged=True, noise_Nm=0.3, gain=1.0, count=120):
 
 def test_an_arm_without_masses_gets_assumed_ones():
     bare = replace(ARM, mass_kg=None, com_m=None)
-    arm = weighed_arm(described(), bare, readings(logged=False))
+    arm = weighed(described(), bare, readings(logged=False))
     assert weights_known(arm).origin == "assumed"
     assert weights_finding(arm) == ()
 
@@ -67,13 +73,13 @@ def test_the_mass_of_the_whole_arm_is_taken():
     bare = replace(ARM, mass_kg=None, com_m=None)
     campaign = described(masses={"total_kg": 28.9})
     assert campaign.masses == Masses(total_kg=28.9)
-    arm = weighed_arm(campaign, bare, readings(logged=False))
+    arm = weighed(campaign, bare, readings(logged=False))
     assert arm.mass_kg.sum() == pytest.approx(28.9)
 
 
 @pytest.mark.parametrize("masses", [np.zeros(6), np.ones(6), np.array([0.0, 1, 1, 1, 1, 0])])
 def test_placeholders_of_a_drawing_program_are_no_masses(masses):
-    arm = weighed_arm(described(), replace(ARM, mass_kg=masses), readings(logged=False))
+    arm = weighed(described(), replace(ARM, mass_kg=masses), readings(logged=False))
     assert weights_known(arm).origin == "assumed"
     (finding,) = weights_finding(arm)
     assert "0 or 1 kg" in finding.what
@@ -82,16 +88,16 @@ def test_placeholders_of_a_drawing_program_are_no_masses(masses):
 
 def test_a_total_that_contradicts_the_parts_makes_both_unknown():
     campaign = described(masses={"total_kg": 290.0})
-    arm = weighed_arm(campaign, ARM, readings(logged=False))
+    arm = weighed(campaign, ARM, readings(logged=False))
     assert weights_known(arm).origin == "assumed"
     (finding,) = weights_finding(arm)
     assert "290 kg" in finding.what
-    assert weighed_arm(described(masses={"total_kg": 30.0}), ARM, readings(logged=False)) is ARM
+    assert weighed(described(masses={"total_kg": 30.0}), ARM, readings(logged=False)) is ARM
 
 
 def test_logged_torques_weigh_an_arm_that_states_nothing():
     bare = replace(ARM, mass_kg=None, com_m=None)
-    arm = weighed_arm(described(), bare, readings())
+    arm = weighed(described(), bare, readings())
     assert weights_known(arm).origin == "logged"
     poses = readings(logged=False)
     payload = described().payload(ARM)
@@ -106,13 +112,13 @@ def test_logged_torques_weigh_an_arm_that_states_nothing():
 
 @pytest.mark.parametrize("gain", [1.0, 0.9])
 def test_torques_that_fit_leave_stated_masses_alone(gain):
-    assert weighed_arm(described(), ARM, readings(gain=gain)) is ARM
+    assert weighed(described(), ARM, readings(gain=gain)) is ARM
 
 
 def test_a_mass_that_torques_contradict_is_told_and_taken_from_them():
     stated = ARM.mass_kg.copy()
     stated[4] = 1000.05
-    arm = weighed_arm(described(), replace(ARM, mass_kg=stated), readings())
+    arm = weighed(described(), replace(ARM, mass_kg=stated), readings())
     (finding,) = weights_finding(arm)
     assert "link 5 is stated with 1000 kg" in finding.what
     assert arm.mass_kg[4] < 20.0
@@ -121,7 +127,7 @@ def test_a_mass_that_torques_contradict_is_told_and_taken_from_them():
 def test_a_centre_that_torques_contradict_is_told():
     com_m = ARM.com_m.copy()
     com_m[2, 0] += 0.6
-    arm = weighed_arm(described(), replace(ARM, com_m=com_m), readings())
+    arm = weighed(described(), replace(ARM, com_m=com_m), readings())
     (finding,) = weights_finding(arm)
     assert "link 3" in finding.what
 
@@ -130,7 +136,7 @@ def test_a_centre_that_torques_contradict_is_told():
 def test_a_centre_so_far_off_that_torques_no_longer_follow_is_told(away_m, said):
     com_m = ARM.com_m.copy()
     com_m[2, 0] += away_m
-    arm = weighed_arm(described(), replace(ARM, com_m=com_m), readings())
+    arm = weighed(described(), replace(ARM, com_m=com_m), readings())
     (found,) = weights_finding(arm)
     assert "of link 3" in found.what
     assert said in found.what
@@ -142,6 +148,6 @@ def test_a_centre_so_far_off_that_torques_no_longer_follow_is_told(away_m, said)
 def test_torques_of_the_other_sign_are_no_weights():
     logged = readings()
     states = replace(logged.states, tau_Nm=-logged.states.tau_Nm)
-    arm = weighed_arm(described(), ARM, replace(logged, states=states))
+    arm = weighed(described(), ARM, replace(logged, states=states))
     assert not weights_finding(arm)
     np.testing.assert_array_equal(arm.mass_kg, ARM.mass_kg)

@@ -7,9 +7,9 @@ they set weights that nobody stated, and show which link is stated wrongly.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, WeightsKnown, weights_known
 from pa10cal.arm.statics import CENTRE, DRIVES, Payload, with_assumed_weights
 from pa10cal.arrays import Array
-from pa10cal.campaign.description import CampaignDescription
-from pa10cal.files.arms import load_arm
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.observations import Observations, average_repeats
@@ -51,30 +49,20 @@ _LEAST_PART = 1e-3
 _MOST_POSES = 400
 
 
-def arm_of(campaign: CampaignDescription, folder: Path, every: Observations) -> Arm:
-    """Return the arm of a campaign with weights, from the folder that describes it.
-
-    Args:
-        campaign: its description.
-        folder: the campaign's folder.
-        every: single readings of all kinds.
-
-    Raises:
-        ArmError: when there is no arm of that name, or its file cannot be used.
-        SettingsError: when a key of its file is unknown, missing or of the wrong kind.
-    """
-    return weighed_arm(campaign, load_arm(campaign.robot, folder), every)
-
-
-def weighed_arm(campaign: CampaignDescription, arm: Arm, every: Observations) -> Arm:
+def weighed_arm(
+    arm: Arm,
+    every: Observations,
+    payload_of: Callable[[Arm], Payload | None],
+    total_kg: float | None = None,
+) -> Arm:
     """Return the arm of a campaign with weights, and how well these are known.
 
     Args:
-        campaign: its description.
         arm: the nominal arm, as it is described.
         every: single readings of all kinds.
+        payload_of: what an arm carries; None of one without masses.
+        total_kg: the mass of the whole arm, as a catalogue states it; None where it is not stated.
     """
-    total_kg = None if campaign.masses is None else campaign.masses.total_kg
     why = _not_meant(arm, total_kg)
     if why:
         if arm.mass_kg is not None and total_kg is not None:
@@ -83,13 +71,15 @@ def weighed_arm(campaign: CampaignDescription, arm: Arm, every: Observations) ->
     arm = with_assumed_weights(arm, total_kg)
     if why and arm.weights_known is not None:
         arm = replace(arm, weights_known=replace(arm.weights_known, why=why))
-    payload = campaign.payload(arm)
+    payload = payload_of(arm)
     grid = every.of_kind("grid")
     if payload is None or not len(grid) or not np.isfinite(grid.states.tau_Nm).all():
         return arm
     if not np.linalg.norm(payload.gravity_m_s2):
         return arm
-    poses = _some(average_repeats(grid))
+    poses = average_repeats(grid)
+    some = np.linspace(0, len(poses) - 1, min(len(poses), _MOST_POSES)).astype(int)
+    poses = poses.take(np.unique(some))
     rows = _Torques.of(arm, payload, poses)
     if not rows.of_weights:
         return arm
@@ -143,12 +133,6 @@ def _not_meant(arm: Arm, total_kg: float | None) -> str:
             f"{sum_kg:.4g} kg: both are treated as not known"
         )
     return ""
-
-
-def _some(poses: Observations) -> Observations:
-    count = len(poses)
-    rows = np.unique(np.linspace(0, count - 1, min(count, _MOST_POSES)).astype(int))
-    return poses.take(rows)
 
 
 @dataclass(frozen=True)
@@ -305,7 +289,8 @@ class _Torques:
     @cached_property
     def _noise_Nm(self) -> Array:
         """Return the scatter (n,) of logged torques about weights of any kind."""
-        sizes = weight_sizes(with_assumed_weights(_bare(self.arm)), self.payload).columns(self.arm)
+        bare = replace(self.arm, mass_kg=None, com_m=None, weights_known=None)
+        sizes = weight_sizes(with_assumed_weights(bare), self.payload).columns(self.arm)
         sizes = np.maximum(sizes, 1e-3 * sizes.max())
         columns = np.concatenate([self.by_weights * sizes, self.nuisance], axis=2)
         count = columns.shape[2]
@@ -335,10 +320,6 @@ class _Torques:
             why,
         )
         return replace(arm, mass_kg=mass_kg, com_m=com_m / least_kg[:, None], weights_known=known)
-
-
-def _bare(arm: Arm) -> Arm:
-    return replace(arm, mass_kg=None, com_m=None, weights_known=None)
 
 
 def _spread(left_Nm: Array) -> Array:
