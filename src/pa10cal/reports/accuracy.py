@@ -21,6 +21,7 @@ from pa10cal.reports.formatting import (
 )
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.analysis import ParameterShift
+from pa10cal.results.calibration import GeneralCalibrationRecord, GroupOfCampaigns
 from pa10cal.results.discovery import Reduction, VerdictRecord
 from pa10cal.results.evaluation import (
     BeforeAfter,
@@ -204,6 +205,12 @@ def parameters(results: ResultsBundle) -> Iterator[Block]:
             "usually off. The poses fitted do not identify them."
         )
     yield from parameter_grids(shown)
+    if isinstance(results.calibration, GeneralCalibrationRecord):
+        if results.calibration.redundant:
+            redundant = redundant_grid(results.calibration)
+            yield Folded(redundant.caption, (redundant,))
+        if results.calibration.group is not None:
+            yield from campaign_grids(results.calibration.group)
     if shifts:
         title = "Parameters that had absorbed part of the effects"
         header = ("parameter", "without the effects", "with them, 95 % interval", "unit", "change")
@@ -219,6 +226,56 @@ def parameter_grids(parameters: Mapping[str, Parameter]) -> Iterator[Grid]:
         if names:
             rows = [_row(name, remaining.pop(name)) for name in names]
             yield grid(title, header, rows, (1, 3))
+
+
+def redundant_grid(case: GeneralCalibrationRecord) -> Grid:
+    """Return parameters that were not fitted, and what does the same in any pose."""
+    rows = []
+    for entry in case.redundant:
+        parts = [f"{part:.4g} × {written(name)}" for name, part in entry.replaced_by.items()]
+        same = " + ".join(parts).replace("+ -", "− ")
+        rows.append((written(entry.name), same or "nothing: it has no effect"))
+    return grid("Omitted: redundant parameters", ("omitted", "the same as"), rows)
+
+
+def campaign_grids(group: GroupOfCampaigns) -> Iterator[Grid]:
+    """Yield where every shared parameter comes from, and each campaign against the others."""
+    names = tuple(group.campaigns)
+    cells, compared = [], []
+    for name, found in group.parameters.items():
+        unit, scale = shown_in(found.unit)
+        alone = [
+            f"{scale * found.std_alone[each]:.4f}" if each in found.determined_by else NOT_KNOWN
+            for each in names
+        ]
+        by = ", ".join(found.determined_by) or "all together"
+        cells.append((written(name), unit, f"{scale * found.std:.4f}", *alone, by))
+    for name, each in group.campaigns.items():
+        unit, scale = shown_in(each.worst.unit)
+        off, u = scale * each.worst.value, scale * each.worst.std
+        compared.append(
+            (
+                *(name, str(each.poses), mm(each.rms_mm), mm(each.alone_rms_mm)),
+                *(f"{each.chi_square:.1f} for {each.dof:.0f}", f"{each.p_value:.2g}"),
+                f"{written(each.worst.name)}: {off:.3g} ± {u:.2g} {unit}",
+                "yes" if each.contradicts else "no",
+            )
+        )
+    header = ("parameter", "unit", "std", *(f"std {name}" for name in names), "determined by")
+    yield grid(
+        "Standard uncertainty of shared parameters, by all campaigns and by each alone",
+        header,
+        cells,
+        range(2, 3 + len(names)),
+    )
+    header = ("campaign", "poses", "rms [mm]", "alone [mm]", "χ²", "p", "most by", "contradicts")
+    yield grid(
+        "Each campaign against the others: they contradict each other where chance does not "
+        "explain the difference and parameters of its own take away a tenth of the squared error",
+        header,
+        compared,
+        (1, 2, 3),
+    )
 
 
 def _shifts(results: ResultsBundle) -> list[ParameterShift]:

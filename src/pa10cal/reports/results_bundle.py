@@ -22,6 +22,7 @@ from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record
+from pa10cal.results.fleet import PicturesRecord
 from pa10cal.results.record import CampaignRecord, MeasuredRecord, Record
 
 if TYPE_CHECKING:
@@ -141,6 +142,7 @@ class ResultsBundle:
     extended = cached_property(_record(ExtendedRecord))  # the model with the effects found
     held_out = cached_property(_record(HoldoutRecord))  # errors of held-out poses
     iso9283 = cached_property(_record(Iso9283Record))  # accuracy and repeatability
+    pictures = cached_property(_record(PicturesRecord))  # which were drawn, with their captions
 
     @cached_property
     def calibration(self) -> CalibrationRecord | None:

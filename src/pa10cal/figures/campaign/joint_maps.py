@@ -44,6 +44,7 @@ class _Map:
 @picture(
     title="Where: error maps of the joints",
     needs=("verdict",),
+    section="verdict",
     caption="""
 Errors that depend on a joint angle, as discovery found them in ``{name}``: the position error
 of each joint over a whole turn, with a 95 % band from the uncertainty of the knots. A constant
@@ -155,6 +156,7 @@ _LINES: tuple[tuple[str, Literal["-", "--", "-."]], ...] = (
 @picture(
     title="Where: one robot, several campaigns",
     needs=("verdict",),
+    section="verdict",
     caption="""
 The errors by joint angles that discovery found in ``{name}``, as each campaign alone has them,
 where it has poses. Where campaigns lie on top of each other the error
