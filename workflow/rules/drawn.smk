@@ -9,7 +9,7 @@ def found_of(*names):
 # The files behind what modules call their needs; what is left out is a property of the campaign.
 NEEDS = {
     **dict.fromkeys(
-        ("calibration", "papers_calibration", "general_calibration", "general"),
+        ("papers_calibration", "general"),
         found_of("calibration/combined.json"),
     ),
     "poses": found_of("ingest/poses.parquet"),

@@ -36,14 +36,15 @@ _R = TypeVar("_R", bound=Record)
 COMBINED = "combined"
 #: The general model beside the paper's.
 GENERAL = "general"
-CONVERGED = "converged"
 #: What pictures call the models.
 MODELS = {"paper": "paper's model", "general": "general model"}
+_REMEDIES = {
+    "paper": "draw the pictures of the general model, or calibrate with calibration.model: paper",
+    "general": "run pa10cal calibrate --load general",
+}
 #: Where results are, by the names that pictures need them by.
 FILES = {
-    "calibration": "calibration/combined.json",
     "papers_calibration": "calibration/combined.json",
-    "general_calibration": "calibration/combined.json",
     "general": "calibration/combined.json",
     "poses": "ingest/poses.parquet",
     "base_frame": "seed/base_frame.json",
@@ -96,30 +97,29 @@ class Results:
             return f"effects were not sought: {verdict.why}"
         if not (self.folder / FILES[need]).exists():
             return f"there is no {FILES[need]}"
-        if need in ("papers_calibration", "general_calibration"):
+        if need == "papers_calibration" or (
+            need == "general" and not (self.folder / "calibration/general.json").exists()
+        ):
             model = self.any_calibration().model
-            return None if need.startswith(model) else f"calibrated with the {MODELS[model]}"
-        if need == "general" and not (self.folder / "calibration/general.json").exists():
-            return self.lacks("general_calibration")
+            of = "general" if need == "general" else "paper"
+            return None if model == of else f"calibrated with the {MODELS[model]}"
         if need == "held_out" and not self.held_out().models:
             return "no configuration was held out"
         return None
 
     @property
     def footer(self) -> str:
-        """What a picture was drawn from: the provenance in its own words, the first of many."""
-        text = self.description.provenance.strip()
-        kind = " Synthetic data." if is_synthetic(text) else ""
-        campaign = f"Campaign {self.description.name}.{self._mark}{kind}"
-        return f"{campaign} Provenance: {_first_sentences(text)}"
+        """What a picture was drawn from: the provenance in its own words, the first of many.
 
-    @property
-    def _mark(self) -> str:
-        """Return what marks pictures of a calibration that is drawn because of `force` alone."""
-        if not self.force or not (self.folder / FILES["calibration"]).exists():
-            return ""
-        grade = self.any_calibration().health.grade
-        return "" if grade in UNRESERVED else f" Grade of the calibration: {grade}."
+        Pictures of a calibration that is drawn because of `force` alone are marked by its grade.
+        """
+        text, mark = self.description.provenance.strip(), ""
+        if self.force and (self.folder / FILES["papers_calibration"]).exists():
+            grade = self.any_calibration().health.grade
+            mark = "" if grade in UNRESERVED else f" Grade of the calibration: {grade}."
+        kind = " Synthetic data." if is_synthetic(text) else ""
+        campaign = f"Campaign {self.description.name}.{mark}{kind}"
+        return f"{campaign} Provenance: {_first_sentences(text)}"
 
     @property
     def is_paper_arm(self) -> bool:
@@ -146,10 +146,7 @@ class Results:
         Raises:
             RecordError: when it did not converge, or is of the general model.
         """
-        remedy = (
-            "draw the pictures of the general model, or calibrate with calibration.model: paper"
-        )
-        return self._of_model(PaperCalibrationRecord, "paper", load, remedy)
+        return self._of_model(PaperCalibrationRecord, "paper", load)
 
     def general(self) -> GeneralCalibrationRecord:
         """Read the calibration of all loads with the general model.
@@ -160,10 +157,9 @@ class Results:
             RecordError: when it did not converge, or is not of the general model.
         """
         load = COMBINED if self.any_calibration().model == "general" else GENERAL
-        remedy = "run pa10cal calibrate --load general"
-        return self._of_model(GeneralCalibrationRecord, "general", load, remedy)
+        return self._of_model(GeneralCalibrationRecord, "general", load)
 
-    def _of_model(self, kind: type[_R], model: str, load: str, remedy: str) -> _R:
+    def _of_model(self, kind: type[_R], model: str, load: str) -> _R:
         found = self.any_calibration(load)
         if isinstance(found, kind):
             return found
@@ -172,7 +168,7 @@ class Results:
             where=str(self.folder / "calibration" / f"{load}.json"),
             value=f"a calibration with the {MODELS[found.model]}",
             allowed=f"a calibration with the {MODELS[model]}",
-            remedy=remedy,
+            remedy=_REMEDIES[model],
         )
 
     def any_calibration(self, load: str = COMBINED) -> CalibrationRecord:
@@ -187,12 +183,12 @@ class Results:
         if self.force:
             return found
         for key, fit in found.fits.items():
-            if fit.status != CONVERGED:
+            if fit.status != "converged":
                 raise RecordError(
                     "the fit did not converge, so nothing is drawn of it",
                     where=f"{path}: {key}" if key else str(path),
                     value=f"{fit.status}: {fit.reason}",
-                    allowed=f"a calibration whose status is {CONVERGED}",
+                    allowed="a calibration whose status is converged",
                     remedy="allow more steps (calibration.max_iterations), free fewer parameters "
                     "or measure more poses, and run pa10cal calibrate again",
                 )
@@ -205,11 +201,6 @@ class Results:
                 remedy="follow the remedy in the line, or draw it with --force",
             )
         return found
-
-    def calibrations(self) -> tuple[CalibrationRecord, ...]:
-        """Read the calibrations of all loads: one, or the paper's and the general one beside."""
-        combined = self.any_calibration()
-        return (combined,) if combined.model == "general" else (combined, self.general())
 
     def load_cases(self) -> dict[str, PaperCalibrationRecord]:
         """Read the calibration of each single load, by its key in `errors`: `0N`, `22N`, …."""
@@ -230,11 +221,7 @@ class Results:
         return found.model_copy(update={"models": models})
 
     def analysis(self) -> AnalysisRecord:
-        """Read `discovery/analysis.json`.
-
-        Raises:
-            RecordError: when the calibration it began with did not converge.
-        """
+        """Read `discovery/analysis.json`; errors are those of `verdict`."""
         self.any_calibration(self.settings.evaluation.calibration)
         return self._read(AnalysisRecord)
 
@@ -264,21 +251,15 @@ class Results:
             RecordError: when it is missing, or the instrument measured no end-effector.
         """
         path = self.folder / POSES
-        if not path.is_file():
+        poses = read_pose_table(path, self.description.name) if path.is_file() else None
+        absent = [] if poses is None else [name for name in PLACE_MM if name not in poses]
+        if poses is None or absent:
             raise RecordError(
-                "the table of poses is missing",
+                "the table of poses has no column" if absent else "the table of poses is missing",
                 where=str(path),
-                allowed="a file that pa10cal ingest wrote",
+                value=absent[0] if absent else None,
+                allowed=f"a file that pa10cal ingest wrote, with {', '.join(PLACE_MM)}",
                 remedy="run pa10cal ingest first",
-            )
-        poses = read_pose_table(path, self.description.name)
-        if absent := [name for name in PLACE_MM if name not in poses]:
-            raise RecordError(
-                "the table of poses has no column",
-                where=str(path),
-                value=absent[0],
-                allowed=f"all of {', '.join(PLACE_MM)}",
-                remedy="run pa10cal ingest again",
             )
         return poses.sort_values("time_s")
 

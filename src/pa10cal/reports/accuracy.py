@@ -41,11 +41,12 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
     ends = pictures.headline(results)
     if ends is not None:
         before, after = ends
+        apart = f"; {told}" if (told := after.with_flagged("rms_mm")) else ""
         yield Paragraph(
             f"Over the {before.kind} poses the position error fell from "
             f"{mm(before.counted.rms_mm)} mm to {mm(after.counted.rms_mm)} mm rms, its peak from "
             f"{mm(before.counted.peak_mm)} mm to {mm(after.counted.peak_mm)} mm"
-            f"{after.flagged_apart}.",
+            f"{apart}.",
             lead=True,
         )
     yield Paragraph(

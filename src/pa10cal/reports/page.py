@@ -225,11 +225,12 @@ def _glances(results: ResultsBundle) -> Iterator[Glance]:
     ends = headline(results)
     if ends is not None:
         before, after = ends
+        apart = f"; {told}" if (told := after.with_flagged("rms_mm")) else ""
         first, last = before.counted, after.counted
         over = f"rms over {count(first.configurations, f'{before.kind} configuration')}"
         peaks = f"peak {mm(first.peak_mm)} to {mm(last.peak_mm)} mm"
         said = f"{mm(first.rms_mm)} → {mm(last.rms_mm)} mm"
-        yield Glance("Position error", said, f"{over}; {peaks}{after.flagged_apart}.")
+        yield Glance("Position error", said, f"{over}; {peaks}{apart}.")
 
 
 def _draws(part: Section | Folded) -> bool:

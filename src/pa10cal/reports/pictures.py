@@ -333,13 +333,16 @@ class Errors:
         """Return the errors that a headline gives: without readings flagged as wrong."""
         return self.trusted or self.of
 
-    @property
-    def flagged_apart(self) -> str:
-        """Return what a headline adds: the error with flagged readings; nothing without any."""
+    def with_flagged(self, key: str) -> str:
+        """Return what a headline adds: the error with flagged readings; nothing without any.
+
+        Args:
+            key: `rms_mm` or `mean_mm`.
+        """
         if self.trusted is None:
             return ""
         count = self.of.configurations - self.trusted.configurations
-        return f"; with {flagged(count)} {self.of.rms_mm:.3f} mm"
+        return f"with {flagged(count)} {getattr(self.of, key):.3f} mm"
 
 
 def errors_of(results: ResultsBundle) -> list[Errors]:
