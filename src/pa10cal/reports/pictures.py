@@ -11,11 +11,12 @@ import numpy as np
 
 from pa10cal.reports import theme
 from pa10cal.reports.blocks import Drawing
-from pa10cal.reports.formatting import HALF_WIDTH_95, written
+from pa10cal.reports.formatting import written
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.evaluation import Accuracy, HoldoutRecord, Parameter, flagged
 from pa10cal.results.health import PosesNeeded
+from pa10cal.results.record import HALF_WIDTH_95
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -15,10 +15,10 @@ from pa10cal.arrays import Array
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import legend_at, new_figure, note, panel
-from pa10cal.reports.formatting import HALF_WIDTH_95
 from pa10cal.reports.theme import AFTER, BLUE, GREEN, GREY, ORANGE, PURPLE, SEPARATOR, SKY
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import FoundEffect
+from pa10cal.results.record import HALF_WIDTH_95
 
 _TITLE = "Errors that depend on a joint angle, as found"
 _MAPS = ("joint_error_map", "sensor_error", "gear_error")

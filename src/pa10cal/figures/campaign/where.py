@@ -13,11 +13,11 @@ from pa10cal.figures import style
 from pa10cal.figures.registry import picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.table import Table, frame_of
-from pa10cal.reports.formatting import HALF_WIDTH_95
 from pa10cal.reports.theme import AFTER, BEFORE, BLACK, BLUE, GREY, ORANGE
 from pa10cal.reports.trust import outliers_grid
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.record import HALF_WIDTH_95
 
 _S_PER_H = 3600.0
 _BEFORE: dict[str, Any] = {"color": BEFORE, "marker": "s", "linestyle": "none"}
