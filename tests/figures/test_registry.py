@@ -9,7 +9,7 @@ import pytest
 from pa10cal.figures.draw import draw_all, of_campaign, summary
 from pa10cal.figures.registry import FOLDERS, entries, picture
 from pa10cal.figures.results import FILES
-from pa10cal.reports.page import _SECTIONS
+from pa10cal.reports.page import SECTIONS
 
 PACKAGE = Path(__file__).parents[2] / "src/pa10cal/figures"
 EVERY = [(folder, name) for folder in FOLDERS for name in entries(folder)]
@@ -50,7 +50,7 @@ def test_captions_are_short_and_state_no_result(folder, name):
 @pytest.mark.parametrize("name", entries("campaign"))
 def test_every_figure_of_a_campaign_has_its_section_of_the_page(name):
     entry = entries("campaign")[name]
-    known = {id for id, _, _ in _SECTIONS}
+    known = {id for id, _, _ in SECTIONS}
     assert (entry.section in known) if entry.kind == "figure" else entry.section == ""
 
 

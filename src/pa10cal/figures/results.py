@@ -13,7 +13,6 @@ import pandas as pd
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import CampaignDescription, read_description
-from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures import published
@@ -131,7 +130,7 @@ class Results:
         """Return the verdict where it is that effects cannot be sought."""
         if not (self.folder / FILES["verdict"]).exists():
             return None
-        found = self._read(VerdictRecord)
+        found = self.bundle.read(VerdictRecord)
         return found if found.verdict == "not_sought" else None
 
     def published(self, parameter: str) -> float | None:
@@ -179,7 +178,7 @@ class Results:
         """
         name = f"calibration/{load}.json"
         path = self.folder / name
-        found = self._read(CalibrationRecord, name)
+        found = self.bundle.read(CalibrationRecord, name)
         if self.force:
             return found
         for key, fit in found.fits.items():
@@ -213,7 +212,7 @@ class Results:
         Raises:
             RecordError: when what was evaluated did not converge.
         """
-        found = self._read(HoldoutRecord)
+        found = self.bundle.read(HoldoutRecord)
         self.any_calibration(found.calibration)
         if self._not_sought is None:
             return found
@@ -223,7 +222,7 @@ class Results:
     def analysis(self) -> AnalysisRecord:
         """Read `discovery/analysis.json`; errors are those of `verdict`."""
         self.any_calibration(self.settings.evaluation.calibration)
-        return self._read(AnalysisRecord)
+        return self.bundle.read(AnalysisRecord)
 
     def verdict(self) -> VerdictRecord:
         """Read `discovery/verdict.json`.
@@ -232,16 +231,16 @@ class Results:
             RecordError: when the calibration it began with did not converge.
         """
         self.any_calibration(self.settings.evaluation.calibration)
-        return self._read(VerdictRecord)
+        return self.bundle.read(VerdictRecord)
 
     def base_frame(self) -> Array:
         """Read T_instr_base (4, 4) of `seed/base_frame.json` [m]."""
-        return self._read(BaseFrameRecord).T_instr_base
+        return self.bundle.read(BaseFrameRecord).T_instr_base
 
     def planes(self) -> list[PlaneRecord]:
         """Read `montecarlo/z<mm>.json` for every plane of the settings, from low to high."""
         heights = sorted(set(self.settings.montecarlo.planes_mm))
-        return [self._read(PlaneRecord, f"montecarlo/z{height}.json") for height in heights]
+        return [self.bundle.read(PlaneRecord, f"montecarlo/z{height}.json") for height in heights]
 
     def places(self) -> pd.DataFrame:
         """Read the table of poses in order of time, with the end-effector in `PLACE_MM`.
@@ -250,13 +249,12 @@ class Results:
             RawDataError: when it cannot be used.
             RecordError: when it is missing, or the instrument measured no end-effector.
         """
-        path = self.folder / POSES
-        poses = read_pose_table(path, self.description.name) if path.is_file() else None
+        poses = self.bundle.poses
         absent = [] if poses is None else [name for name in PLACE_MM if name not in poses]
         if poses is None or absent:
             raise RecordError(
                 "the table of poses has no column" if absent else "the table of poses is missing",
-                where=str(path),
+                where=str(self.folder / POSES),
                 value=absent[0] if absent else None,
                 allowed=f"a file that pa10cal ingest wrote, with {', '.join(PLACE_MM)}",
                 remedy="run pa10cal ingest first",
@@ -267,10 +265,6 @@ class Results:
     def scatter(self) -> dict[str, Scatter]:
         """The scatter of repeats at each load that has some, by load as `0N`, `22N`, …."""
         return scatter_by_load(self.places())
-
-    def _read(self, kind: type[_R], name: str | None = None) -> _R:
-        """Read a record of this campaign."""
-        return self.bundle.read(kind, name, self.description.name)
 
 
 def _first_sentences(text: str) -> str:

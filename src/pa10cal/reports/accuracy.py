@@ -54,8 +54,6 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
         "Repeats of a configuration are averaged. Held-out poses are only used "
         "to judge."
     )
-    whole = [each for each in every if each.load == each.part == pictures.ALL]
-    yield pictures.errors_drawing(whole, _noise_mm(results))
     first, *by_load = errors_grids(every)
     yield first
     for each in by_load:
@@ -79,15 +77,6 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
     elif results.verdict is not None:
         floor = results.verdict.gap.noise_floor_mm
         yield Paragraph(f"Noise alone would leave a mean error of {mm(floor)} mm.")
-
-
-def _noise_mm(results: ResultsBundle) -> dict[str, float]:
-    """Return the mean error that noise alone leaves, of fitted and of held-out poses."""
-    if results.verdict is None:
-        return {}
-    gap = results.verdict.gap
-    sets = {pictures.FITTED: gap.train, pictures.HELD_OUT: gap.holdout}
-    return {poses: of.noise_floor_mm for poses, of in sets.items() if of is not None}
 
 
 def errors_grids(every: Iterable[pictures.Errors]) -> list[Grid]:

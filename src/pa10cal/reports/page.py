@@ -41,7 +41,7 @@ from pa10cal.results.codec import read
 from pa10cal.results.fleet import FleetCampaign, FleetRecord, PicturesRecord
 
 #: The sections in the order of reading: id in the page, heading, and what yields their blocks.
-_SECTIONS = (
+SECTIONS = (
     ("measured", "What was measured", measured),
     ("grade", "Grade of the calibration", grade),
     ("verdict", "Verdict: what the model lacks", verdict),
@@ -98,7 +98,7 @@ def page_text(results: ResultsBundle) -> str:
                 Section(
                     id, title, (*blocks(results), *images(results.pictures, results.folder, id))
                 )
-                for id, title, blocks in _SECTIONS
+                for id, title, blocks in SECTIONS
             )
         ),
         synthetic=results.synthetic,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -21,73 +20,9 @@ from pa10cal.results.record import HALF_WIDTH_95
 if TYPE_CHECKING:
     import pandas as pd
 
-_ROW_PX, _ROOM_PX = 44, 110
+_ROOM_PX = 110
 #: Marks of a logarithmic axis, each written out: digits without their decade are not read.
 _TICKS = [digit * 10.0**decade for decade in range(-4, 5) for digit in (1, 2, 5)]
-
-
-def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Drawing:
-    """Return root mean square and largest errors of every model, fitted and held out.
-
-    Args:
-        every: errors, in the order of the rows.
-        noise_mm: mean error that noise alone leaves, by which poses it is of.
-    """
-    smallest = min(*(each.of.rms_mm for each in every), *noise_mm.values(), 1e9)
-    largest = max(each.of.peak_mm for each in every)
-    ends = [math.log10(max(smallest, 1e-6)) - 0.2, math.log10(max(largest, 1e-6)) + 0.2]
-    rows = len(every)
-    figure = theme.new_figure(
-        _ROOM_PX + _ROW_PX * rows,
-        {"type": "log", "title": {"text": "position error [mm]"}, "dtick": 1, "range": ends},
-        {"range": [rows - 0.4, -0.75], "visible": False},
-    )
-    for row, each in enumerate(every):
-        place = {"xref": "paper", "x": 0, "xanchor": "left", "y": row, "yshift": 19}
-        figure.add_annotation(text=f"{each.poses}, {each.model}", showarrow=False, **place)
-        figure.add_scatter(
-            x=[each.of.rms_mm, each.of.peak_mm],
-            y=[row, row],
-            mode="lines",
-            line={"color": theme.GREY, "width": 1},
-            hoverinfo="skip",
-            showlegend=False,
-        )
-        # At the right end of the row's title: beside the marks numbers would lie on others.
-        numbers = f"{each.of.rms_mm:.3f}, largest {each.of.peak_mm:.3f} mm"
-        place |= {"x": 1, "xanchor": "right"}
-        figure.add_annotation(text=numbers, showarrow=False, **place)
-    looks = (
-        ("root mean square", "circle", theme.BLUE, "rms_mm"),
-        ("largest", "triangle-right", theme.VERMILLION, "peak_mm"),
-    )
-    for name, symbol, color, key in looks:
-        values = [getattr(each.of, key) for each in every]
-        figure.add_scatter(
-            x=values,
-            y=list(range(rows)),
-            mode="markers",
-            marker={"color": color, "size": 10, "symbol": symbol},
-            name=name,
-            hovertemplate=f"{name} %{{x:.4f}} mm<extra></extra>",
-        )
-    noisy = {k: noise_mm[each.poses] for k, each in enumerate(every) if each.poses in noise_mm}
-    if noisy:
-        figure.add_scatter(
-            x=list(noisy.values()),
-            y=list(noisy),
-            mode="markers",
-            marker={"color": theme.GREY, "size": 12, "symbol": "line-ns", "line": {"width": 2}},
-            name="noise alone, mean",
-            hovertemplate="noise alone, mean %{x:.4f} mm<extra></extra>",
-        )
-    return Drawing(
-        figure,
-        "Position error of every model",
-        "Circles: root mean square; triangles: largest; upright strokes: mean error that noise "
-        "alone leaves. The scale is logarithmic. The table below has the numbers.",
-        "errors",
-    )
 
 
 def tolerances_drawing(
