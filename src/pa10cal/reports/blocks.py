@@ -87,6 +87,7 @@ class Image(Block):
     title: str  # what it shows, in a few words
     caption: str  # what to see in it
     id: str  # of its element in the page
+    saved_as: tuple[str, ...]  # what it can be saved as
 
 
 @dataclass(frozen=True)

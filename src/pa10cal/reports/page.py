@@ -108,11 +108,12 @@ def page_text(results: ResultsBundle) -> str:
 def images(pictures: PicturesRecord | None, folder: Path, section: str) -> Iterator[Image]:
     """Yield the figures and films of a results folder that one section shows."""
     for name, of in ((pictures and pictures.captions) or {}).items():
-        for ending, kind in (("svg", "svg+xml"), ("gif", "gif")):
-            path = folder / f"figures/{name}.{ending}"
+        for kind, endings in (("svg+xml", ("svg", "png")), ("gif", ("gif",))):
+            path = folder / f"figures/{name}.{endings[0]}"
             if of.section == section and path.exists():
                 content = b64encode(path.read_bytes()).decode()
-                yield Image(f"data:image/{kind};base64,{content}", of.title, of.text, name)
+                source = f"data:image/{kind};base64,{content}"
+                yield Image(source, of.title, of.text, name, endings)
 
 
 # The page of all results: where the page of every campaign is, and the pictures of every study.

@@ -14,7 +14,7 @@ document.addEventListener("click", async event => {
     const size = {width: plot.offsetWidth, height: plot.offsetHeight, scale: kind === "png" ? 2 : 1};
     link.href = await Plotly.toImage({data: plot.data, layout}, {format: kind, ...size});
   } else {
-    link.href = kind === "svg" ? image.src : asPng(image);
+    link.href = kind === "png" ? asPng(image) : image.src;
   }
   link.click();
 });
