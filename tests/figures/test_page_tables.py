@@ -10,9 +10,9 @@ from pa10cal.figures.campaign.where import tabulate_suspected_outliers
 from pa10cal.figures.table import write_table
 from pa10cal.reports.accuracy import accuracy, gap_grid, parameters
 from pa10cal.reports.blocks import Folded, Grid
+from pa10cal.reports.errors import errors_of
 from pa10cal.reports.formatting import with_interval
 from pa10cal.reports.outcome import verdict
-from pa10cal.reports.pictures import errors_of
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.trust import missing, trust
 

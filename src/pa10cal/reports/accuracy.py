@@ -9,6 +9,17 @@ from numpy.typing import NDArray
 
 from pa10cal.reports import pictures
 from pa10cal.reports.blocks import Beside, Block, Callout, Folded, Grid, Paragraph, grid
+from pa10cal.reports.errors import (
+    ALL,
+    FITTED,
+    HELD_OUT,
+    PARTS,
+    UNCALIBRATED,
+    Errors,
+    errors_of,
+    headline,
+    model_title,
+)
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     count,
@@ -34,11 +45,11 @@ from pa10cal.results.evaluation import (
 
 def accuracy(results: ResultsBundle) -> Iterator[Block]:
     """Yield what calibration and effects gained."""
-    every = pictures.errors_of(results)
+    every = errors_of(results)
     if not every:
         yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    ends = pictures.headline(results)
+    ends = headline(results)
     if ends is not None:
         before, after = ends
         apart = f"; {told}" if (told := after.with_flagged("rms_mm")) else ""
@@ -68,7 +79,7 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
         )
     else:
         beside = results.held_out.models
-        titles = {name: pictures.model_title(name, results, beside) for name in beside}
+        titles = {name: model_title(name, results, beside) for name in beside}
         shown = {name: title for name, title in titles.items() if title is not None}
         shares = [pictures.shares_drawing(results.held_out, shown, unit) for unit in ("mm", "deg")]
         yield Beside(tuple(each for each in shares if each is not None))
@@ -79,7 +90,7 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
         yield Paragraph(f"Noise alone would leave a mean error of {mm(floor)} mm.")
 
 
-def errors_grids(every: Iterable[pictures.Errors]) -> list[Grid]:
+def errors_grids(every: Iterable[Errors]) -> list[Grid]:
     """Return errors of every model over all loads and, where there are several, at each."""
     title = "Position error [mm] and orientation error [deg]"
     header = (
@@ -95,9 +106,9 @@ def errors_grids(every: Iterable[pictures.Errors]) -> list[Grid]:
         )
         for each in every
     ]
-    whole = [row for row in rows if row[1] == pictures.ALL]
+    whole = [row for row in rows if row[1] == ALL]
     grids = [grid(title, header, whole, range(3, 8))]
-    parts = [row for row in rows if row[1] != pictures.ALL]
+    parts = [row for row in rows if row[1] != ALL]
     if len({row[1] for row in parts}) > 1:
         grids.append(grid(f"{title}, load by load", header, parts, range(3, 8)))
     return grids
@@ -132,18 +143,18 @@ def gap_grid(record: VerdictRecord) -> Grid:
 
 def _gaps(record: VerdictRecord) -> Iterator[tuple[str, str, BeforeAfter, Reduction | None]]:
     for poses, gap in (
-        (pictures.FITTED, record.gap.train),
-        (pictures.HELD_OUT, record.gap.holdout),
+        (FITTED, record.gap.train),
+        (HELD_OUT, record.gap.holdout),
     ):
         if gap is None:
             continue
-        yield poses, pictures.ALL, gap, gap.reduction
+        yield poses, ALL, gap, gap.reduction
         for load, at_load in gap.per_load.items() if len(gap.per_load) > 1 else ():
             yield poses, load, at_load, at_load.reduction
         rivals = gap.with_rivals
         for part, within in (
-            (pictures.PARTS["inside"], gap.inside if gap.outside is not None else None),
-            (pictures.PARTS["extrapolated"], gap.outside if gap.inside is not None else None),
+            (PARTS["inside"], gap.inside if gap.outside is not None else None),
+            (PARTS["extrapolated"], gap.outside if gap.inside is not None else None),
             ("the motion of the base taken out", gap.without_motion),
             (
                 "with what has no name, not written",
@@ -151,7 +162,7 @@ def _gaps(record: VerdictRecord) -> Iterator[tuple[str, str, BeforeAfter, Reduct
             ),
         ):
             if within is not None:
-                yield f"{poses}, {part}", pictures.ALL, within, None
+                yield f"{poses}, {part}", ALL, within, None
 
 
 # Parameters of the final model, with intervals.
@@ -345,10 +356,10 @@ def repeats(results: ResultsBundle) -> Iterator[Block]:
 
 def _accuracy(results: ResultsBundle, record: Iso9283Record) -> Iterator[tuple[str, ...]]:
     for name, of in (record.accuracy or {}).items():
-        title = pictures.model_title(name, results, record.accuracy or {})
+        title = model_title(name, results, record.accuracy or {})
         if title is None:
             continue
-        command = "nominal model" if title == pictures.UNCALIBRATED else f"model {title}"
+        command = "nominal model" if title == UNCALIBRATED else f"model {title}"
         yield (
             f"AP, {command}",
             mm(of.AP_mean_mm),

@@ -29,10 +29,10 @@ from pa10cal.reports.blocks import (
     Section,
     grid,
 )
+from pa10cal.reports.errors import headline
 from pa10cal.reports.formatting import count, mm
 from pa10cal.reports.measured import measured, use
 from pa10cal.reports.outcome import grade, grade_sentence, verdict, verdict_glance
-from pa10cal.reports.pictures import headline
 from pa10cal.reports.residuals import residuals
 from pa10cal.reports.results_bundle import REFUSED, ResultsBundle, is_synthetic, results_bundle
 from pa10cal.reports.theme import BLUE, VERMILLION, drawn, library, new_figure
