@@ -85,6 +85,13 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
         yield Beside(tuple(each for each in shares if each is not None))
     if results.verdict is not None and results.verdict.effects:
         yield gap_grid(results.verdict)
+        yield Paragraph(
+            "Before: the calibrated model. After: the same with the effects found, recalibrated. "
+            "Both are the models that are written. Held-out poses only leave out effects that "
+            "would make them worse. In the interval a pose counts once, with all its loads and "
+            "repeats. Repeatability is the scatter of successive readings from one direction; the "
+            "noise in the grade is larger, of all repeats or as stated."
+        )
     elif results.verdict is not None:
         floor = results.verdict.gap.noise_floor_mm
         yield Paragraph(f"Noise alone would leave a mean error of {mm(floor)} mm.")
