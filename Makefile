@@ -17,7 +17,7 @@ help:
 	@echo "make test-all    all tests: half an hour"
 	@echo "make test-browser   the tests that need Chromium on the machine: reports as a browser shows them"
 	@echo "make figures     figures and tables, and what they stand on where it is not up to date"
-	@echo "make report      results/report.html alone"
+	@echo "make report      results/report.html alone: every campaign's page, pictures of studies"
 	@echo "make docs        the documentation site in build/site; a warning is an error"
 	@echo "make check       lint, format, types, workflow lint"
 	@echo "make bench       measure, and write benchmarks/results.md"
@@ -60,7 +60,7 @@ figures: setup
 	@$(BIN)/pa10cal reproduce --figures --cores $(CORES)
 
 report: setup
-	$(SNAKEMAKE) --report results/report.html
+	@$(BIN)/pa10cal report results --out results/report.html
 
 # Files are shared out in the order of tests/conftest.py, not by how many tests they have.
 PYTEST := $(BIN)/pytest -n $(CORES) --dist loadfile --no-loadscope-reorder --ignore tests/browser

@@ -9,9 +9,6 @@ configfile: f"{workflow.basedir}/config.yaml"
 container: "pa10cal.sif"
 
 
-report: "workflow/report/workflow.rst"
-
-
 # Campaigns that the workflow itself makes, of public data sets, and their files of readings.
 UR10 = {"ur10-a": "measurements_grid.csv", "ur10-c": "measurements_random_poses.csv"}
 IMPORTED = UR10

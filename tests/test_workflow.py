@@ -223,7 +223,7 @@ def test_pictures_wait_for_what_a_campaign_has(checkout, kind):
 @pytest.mark.slow
 def test_one_picture_is_drawn_by_its_path_from_what_it_needs(checkout):
     path = "results/c1/figures/fig4_test_path.svg"
-    code, text = checkout(path, "results/c1/tables/health_summary.csv")
+    code, text = checkout(path, "results/c1/tables/suspected_outliers.csv")
     assert code == 0, text
     results = checkout.place / "results/c1"
     assert {path.suffix for path in (results / "figures").glob("fig4_test_path.*")} == {
@@ -231,7 +231,7 @@ def test_one_picture_is_drawn_by_its_path_from_what_it_needs(checkout):
         ".pdf",
         ".png",
     }
-    assert (results / "tables/health_summary.md").exists()
+    assert (results / "tables/suspected_outliers.md").exists()
     assert not (results / "evaluation").exists()
     assert planned(checkout("-n", "figures")[1])["pictures"] == 1
 
@@ -283,7 +283,7 @@ def test_blind_trials_are_divided_into_jobs_and_scored_together(checkout):
     results = checkout.place / "results/blind_trials_reduced"
     assert (results / "scores.json").read_text() == "null 0 2; null 2 1; pair 0 2"
     assert (results / "figures/drawn.svg").exists()
-    assert (results / "tables/drawn.html").exists()
+    assert (results / "tables/drawn.md").exists()
     assert not (checkout.place / "results/c1").exists()
 
 
@@ -292,7 +292,7 @@ def test_curves_are_laid_drawn_and_the_chain_is_calibrated(checkout):
     code, text = checkout("curve", config=["curve={'individuals': 1}"])
     assert code == 0, text
     results = checkout.place / "results/curve"
-    assert (results / "tables/drawn.html").exists()
+    assert (results / "tables/drawn.md").exists()
     moving = (results / "rolling_helix/figures/drawn.svg").read_text()
     assert json.loads(moving)["gait"]["moves"] == "roll"
     for still in ("helix", "serpenoid"):

@@ -82,11 +82,11 @@ STAND_INS = {
         record = out / "curve.json"
         said = record.read_text() if record.exists() else a.settings
         if a.figure:
-            for ending in ("svg", "pdf", "png", "csv", "md", "html"):
+            for ending in ("svg", "pdf", "png", "csv", "md"):
                 place = "figures" if ending in ("svg", "pdf", "png") else "tables"
                 write_text(out / place / f"{a.figure}.{ending}", said)
         else:
-            for name in ("figures/drawn.svg", "tables/drawn.html", "pictures.json"):
+            for name in ("figures/drawn.svg", "tables/drawn.md", "pictures.json"):
                 write_text(out / name, said)
         """,
     ),

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 from PIL import Image
 
+from pa10cal.commands.command_line import run_command
 from pa10cal.reports.theme import BLUE
+from pa10cal.results.codec import write
+from pa10cal.results.fleet import Caption, PicturesRecord
 
 SIZES = {"wide": (1280, 900, False), "dark": (1280, 900, True), "narrow": (380, 800, False)}
 MOST_BYTES = 6e6
@@ -138,3 +143,40 @@ def test_by_keyboard_the_first_step_skips_to_the_report(browser, page, size):
 def test_prints(tab, tmp_path):
     tab.pdf(tmp_path / "report.pdf")
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_tables_and_figures_can_be_saved_offline(tab, page):
+    csv = tab.evaluate("asCsv(document.querySelector('figure.table table'))")
+    assert csv.splitlines()[0] == "used,load [N],poses,readings,readings of a configuration"
+    assert csv.splitlines()[1].startswith("to fit,0,")
+    saved = """
+    new Promise(done => {
+      HTMLAnchorElement.prototype.click = function() { done([this.download, this.href]); };
+      document.querySelector('.plot').closest('figure').querySelector('[data-save="KIND"]').click();
+    })
+    """
+    for kind, begins in (("png", "data:image/png"), ("svg", "data:image/svg+xml")):
+        name, href = tab.evaluate(saved.replace("KIND", kind))
+        assert name.endswith(f".{kind}")
+        assert href.startswith(begins)
+    assert tab.fetched == [page.absolute().as_uri()]
+
+
+def test_pictures_among_the_results_stand_in_the_page(browser, page, tmp_path):
+    results = shutil.copytree(page.parent, tmp_path / page.parent.name)
+    (results / "figures").mkdir()
+    svg = '<svg xmlns="http://www.w3.org/2000/svg" width="40" height="20"></svg>'
+    (results / "figures/gap_by_step.svg").write_text(svg)
+    said = {"title": "The gap", "text": "Step by step.", "section": "accuracy"}
+    write(
+        PicturesRecord(
+            drawn=("gap_by_step",), omitted={}, captions={"gap_by_step": Caption(**said)}
+        ),
+        results / PicturesRecord.FILE,
+    )
+    assert run_command("report", [str(results), "--out", str(results / "report.html")]) == 0
+    tab = browser.open(results / "report.html", 1280, 900)
+    shown = "document.querySelector('#accuracy .image img')"
+    assert tab.evaluate(f"[{shown}.naturalWidth, {shown}.alt]") == [40, "The gap"]
+    assert tab.evaluate(f"asPng({shown})").startswith("data:image/png")
+    assert tab.complaints == []

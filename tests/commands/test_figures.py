@@ -51,7 +51,7 @@ def test_writes_everything_that_there_is_and_says_what_was_omitted(run, tmp_path
     files = [f"{name}.{ending}" for name in names for ending in ("pdf", "png", "svg")]
     assert written == sorted([*files, "pictures.json"])
     said = capsys.readouterr().out
-    assert "cell-null: verdict: omitted, there is no discovery/verdict.json\n" in said
+    assert "cell-null: where_joints: omitted, there is no discovery/analysis.json\n" in said
     assert f"cell-null: 2 drawn: {', '.join(names)}\n" in said
     record = json.loads((tmp_path / "out/pictures.json").read_text("utf-8"))
     assert record["drawn"] == list(names)

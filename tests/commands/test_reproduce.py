@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from pa10cal.__main__ import main
-from pa10cal.reports import summary
+from pa10cal.reports import page, summary
 from pa10cal.reports.summary import CampaignSummary
 from pa10cal.results.fleet import ChainRecord
 from pa10cal.running import workflow
@@ -28,6 +30,7 @@ def started(monkeypatch):
 
     monkeypatch.setattr(workflow, "run_workflow", run_workflow)
     monkeypatch.setattr(summary, "summarise", summarise)
+    monkeypatch.setattr(page, "write_page", lambda *paths: found.append(paths))
     return found
 
 
@@ -42,10 +45,9 @@ def test_a_line_a_stage_then_one_table_and_the_path_of_the_report(started, capsy
     reports = [f"report  results/{name}/report.html" for name in ("cell-a", "cell-null")]
     assert [line for line in shown.out.splitlines() if line in reports] == reports
     assert shown.out.endswith("every picture  results/report.html\n")
-    whole, report = (work.command for work in started)
-    assert whole[whole.index("--cores") + 1] == "1"
-    assert "--report" not in whole
-    assert report[report.index("--report") + 1] == "results/report.html"
+    whole, report = started
+    assert whole.command[whole.command.index("--cores") + 1] == "1"
+    assert report == (Path("results"), Path("results/report.html"))
 
 
 def test_figures_alone(started, capsys):

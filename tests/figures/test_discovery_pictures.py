@@ -1,6 +1,5 @@
-"""What the pictures and the table of discovery show is what its records say."""
+"""What the pictures of discovery show is what its records say."""
 
-import csv
 from functools import partial
 
 import numpy as np
@@ -8,9 +7,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from pa10cal.figures.campaign import by_joint, tables, where
+from pa10cal.figures.campaign import by_joint, where
 from pa10cal.figures.registry import NothingToShowError
-from pa10cal.figures.table import write_table
 
 pytestmark = pytest.mark.usefixtures("project_looks")
 
@@ -166,103 +164,3 @@ class TestGapOfHeldOut:
         texts = texts_of(where.draw_gap_by_step(changed("discovery/analysis.json", beyond)))
         assert any("mm; all poses are extrapolated." in text for text in texts)
         assert not any("nan" in text for text in texts)
-
-
-class TestVerdictTable:
-    def rows(self, results, folder):
-        write_table(tables.tabulate_verdict(results), results.footer, folder, "verdict")
-        with (folder / "verdict.csv").open(encoding="utf-8", newline="") as file:
-            return list(csv.DictReader(file))
-
-    def test_holds_effects_evidence_and_gap(self, named, tmp_path):
-        rows = self.rows(named, tmp_path)
-        assert rows[0]["value"] == "named"
-        (amplitude,) = (row for row in rows if row["quantity"] == "A")
-        assert (amplitude["effect"], amplitude["of"]) == ("transmission_error", "joint 2")
-        assert float(amplitude["value"]) == pytest.approx(4e-4, rel=0.05)
-        assert amplitude["unit"] == "rad"
-        assert {row["kind"] for row in rows} >= {"effect", "evidence", "not_testable", "gap"}
-        (mean,) = (
-            row
-            for row in rows
-            if (row["of"], row["quantity"], row["remark"]) == ("held out", "after_mean_mm", "all")
-        )
-        assert float(mean["value"]) == pytest.approx(
-            named.verdict().gap.holdout.after.mean_mm, rel=1e-5
-        )
-        page = (tmp_path / "verdict.html").read_text("utf-8")
-        assert "Synthetic data." in page
-        assert "Named: every effect found is distinguishable from all others." in page
-
-    def test_effects_that_cannot_be_shown_have_a_row_each(self, changed, tmp_path):
-        def many(record):
-            why = "the torques were not logged"
-            record["not_testable"] = [
-                {"id": "torque_gain", "of": f"joint {k}", "why": why} for k in (1, 2, 3, 5)
-            ] + [
-                {"id": "thermal_growth", "of": "arm", "why": "no temperature"},
-                {"id": "joint_compliance", "of": "joint 1", "why": "no load"},
-                {"id": "joint_compliance", "of": "joint 2", "why": "too small"},
-            ]
-
-        rows = self.rows(changed("discovery/verdict.json", many), tmp_path)
-        assert sum(row["kind"] == "not_testable" for row in rows) == 7
-        text = (tmp_path / "verdict.md").read_text("utf-8")
-        assert "| torque gain | joints 1 to 3, 5 | the torques were not logged |" in text
-        assert "| thermal growth | arm | no temperature |" in text
-        reasons = "joint 1: no load; joint 2: too small"
-        assert f"| joint compliance | joints 1, 2 | {reasons} |" in text
-
-    def test_a_map_is_summed_up_and_whole_in_the_csv(self, learnt, tmp_path):
-        rows = self.rows(learnt, tmp_path)
-        knots = [row for row in rows if row["of"] == "joint 3" and row["kind"] == "effect"]
-        assert [row["quantity"] for row in knots] == [f"knot_{k:02d}" for k in range(24)]
-        (beyond,) = (
-            row
-            for row in rows
-            if (row["of"], row["quantity"], row["remark"])
-            == ("held out", "after_rms_mm", "extrapolated")
-        )
-        assert float(beyond["value"]) == 0.077
-        text = (tmp_path / "verdict.md").read_text("utf-8")
-        assert "blocks of poses held out of the fit" in text
-        assert "| held out, extrapolated | all |" in text
-        assert (
-            "| joint error map | joint\u00a03 | 24\u00a0values,\u00a0rms\u00a00.212\u00a0mrad |"
-            in text
-        )
-        assert "0.300 mm without, 0.100 mm with it; better in 9 of 10 blocks, z 8.0" in text
-
-    @pytest.mark.parametrize("kind", ["points", "distance"])
-    def test_says_why_effects_were_not_sought_and_what_would_do(self, sighted, kind, tmp_path):
-        found = sighted[kind].verdict()
-        first, *rows = self.rows(sighted[kind], tmp_path)
-        assert (first["value"], first["remark"]) == ("not_sought", f"{found.why}; {found.remedy}")
-        assert {row["kind"] for row in rows} == {"gap"}
-        text = (tmp_path / "verdict.md").read_text("utf-8")
-        assert f"| {found.why} | {found.remedy} |" in text
-        assert "| poses | load | mean | rms | peak |" in text
-        assert "| held out | all |" in text
-        assert "reduction" not in text
-        assert "The noise is that of the instrument's stated uncertainty" in text
-
-    def test_says_when_nothing_was_named(self, results, tmp_path):
-        rows = self.rows(results, tmp_path)
-        assert rows[0]["value"] == "none"
-        assert not any(row["kind"] == "effect" for row in rows)
-        assert "| none | – | – | – | – |" in (tmp_path / "verdict.md").read_text("utf-8")
-
-    def test_names_alternatives_and_what_has_no_name(self, changed, tmp_path):
-        def doubtful(record):
-            record["verdict"] = "unexplained"
-            record["effects"][0]["alternatives"] = [{"id": "backlash", "of": "joint 3"}]
-            place = {"of": "joint 4", "form": None, "shared_error_mm": 0.1}
-            place["why"] = "a smooth function predicts it"
-            record["unexplained"] = {**place, "all": [place]}
-            record["gap"]["holdout"] = None
-
-        rows = self.rows(changed("discovery/verdict.json", doubtful), tmp_path)
-        assert any(row["remark"] == "alternatives: backlash of joint 3" for row in rows)
-        (place,) = (row for row in rows if row["kind"] == "unexplained")
-        assert (place["of"], place["remark"]) == ("joint 4", "a smooth function predicts it")
-        assert not any(row["of"] == "held out" for row in rows)

@@ -5,13 +5,13 @@ import pickle
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from itertools import combinations
 
 import pytest
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.text import Text
 
+from made_up_results import elsewhere
 from pa10cal.figures.registry import entries
 from pa10cal.figures.style import WIDTH_MM, looks, write_figure
 
@@ -118,7 +118,7 @@ def test_says_what_it_was_drawn_from(drawn, case):
 @pytest.mark.slow
 def test_another_process_writes_the_same_bytes(drawn, results, tmp_path):
     place, _ = drawn
-    words = [pickle.dumps(replace(results)).hex(), str(tmp_path), str(DPI), *KINDS]
+    words = [pickle.dumps(elsewhere(results)).hex(), str(tmp_path), str(DPI), *KINDS]
     env = {**os.environ, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo", "SOURCE_DATE_EPOCH": "1"}
     subprocess.run([sys.executable, "-c", DRAW_ALL, *words], check=True, env=env, timeout=120)
     written = sorted(tmp_path.iterdir())

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from pa10cal.figures.draw import draw_all, of_campaign, summary
-from pa10cal.figures.registry import FOLDERS, Captions, caption, entries, picture, titles
+from pa10cal.figures.registry import FOLDERS, entries, picture
 from pa10cal.figures.results import FILES
+from pa10cal.reports.page import SECTIONS
 
 PACKAGE = Path(__file__).parents[2] / "src/pa10cal/figures"
 EVERY = [(folder, name) for folder in FOLDERS for name in entries(folder)]
@@ -39,21 +40,18 @@ def test_names_differ_as_files_do():
 
 
 @pytest.mark.parametrize(("folder", "name"), EVERY, ids=lambda each: each)
-def test_captions_are_short_say_that_data_are_synthetic_and_state_no_result(folder, name):
-    text = caption(folder, name, "some-name")
-    assert 4 <= len(textwrap.wrap(text, 120)) <= 10
-    assert "synthetic data" in " ".join(text.split())
+def test_captions_are_short_and_state_no_result(folder, name):
+    text = entries(folder)[name].caption.replace("{name}", "some-name")
+    assert 3 <= len(textwrap.wrap(text, 120)) <= 10
     assert not re.search(r"\d\.\d", text), "a number that a run could change"
-    assert "{" not in text
+    assert not re.search(r"[{`*]", text)
 
 
-def test_the_report_reads_captions_and_titles_of_a_picture():
-    class Wildcards:
-        campaign, picture = "cell-q", "health_summary"
-
-    assert "``cell-q``" in Captions("campaign", "campaign").of(Wildcards)
-    assert titles("campaign")(Wildcards) == {"picture": "Health of the calibration"}
-    assert repr(Captions("campaign", "campaign")) == "captions of campaign"
+@pytest.mark.parametrize("name", entries("campaign"))
+def test_every_figure_of_a_campaign_has_its_section_of_the_page(name):
+    entry = entries("campaign")[name]
+    known = {id for id, _, _ in SECTIONS}
+    assert (entry.section in known) if entry.kind == "figure" else entry.section == ""
 
 
 def test_a_picture_by_a_function_of_another_name_is_a_fault():
@@ -64,10 +62,9 @@ def test_a_picture_by_a_function_of_another_name_is_a_fault():
             """Return nothing."""
 
 
-#: Pictures of every campaign, of one whose effects are sought, and of the paper's or general model.
-ALWAYS = {"health_summary", "parameters_general", "suspected_outliers"}
-SOUGHT = {"where_breakdown", "where_joints", "gap_by_step", "verdict"}
-GENERAL = {"accuracy_general"}
+#: Pictures of every campaign, of one whose effects are sought, and of the paper's model.
+ALWAYS = {"suspected_outliers"}
+SOUGHT = {"where_breakdown", "where_joints", "gap_by_step"}
 PAPER = {
     "fig4_test_path",
     "fig5_before_after",
@@ -93,8 +90,8 @@ class TestAll:
         ("source", "expected"),
         [
             ("results", ALWAYS | PAPER | SOUGHT | {"where_torque"}),
-            ("points", ALWAYS | GENERAL | {"verdict"}),
-            ("distance", ALWAYS | GENERAL | {"verdict"}),
+            ("points", ALWAYS),
+            ("distance", ALWAYS),
         ],
     )
     def test_what_is_drawn_follows_from_what_the_campaign_is(
@@ -106,7 +103,7 @@ class TestAll:
             else request.getfixturevalue("sighted")[source]
         )
         drawn = draw_all(of_campaign(results), tmp_path, results.settings.figures)
-        listed = ALWAYS | SOUGHT | GENERAL | PAPER | OTHERS
+        listed = ALWAYS | SOUGHT | PAPER | OTHERS
         assert set(drawn.drawn) & listed == expected
         assert set(drawn.drawn) | set(drawn.omitted) == set(entries("campaign")) >= listed
         assert not set(drawn.drawn) & set(drawn.omitted)

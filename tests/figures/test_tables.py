@@ -4,7 +4,6 @@ import csv
 import json
 import shutil
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
@@ -284,23 +283,7 @@ class TestTableOne:
         assert not any("paper" in note for note in table.notes)
 
 
-class Cells(HTMLParser):
-    def __init__(self):
-        super().__init__()
-        self.found, self._inside = [], False
-
-    def handle_starttag(self, tag, attrs):
-        self._inside = tag in ("td", "th")
-
-    def handle_endtag(self, tag):
-        self._inside = False
-
-    def handle_data(self, data):
-        if self._inside:
-            self.found.append(data)
-
-
-def test_csv_markdown_and_html_hold_the_same_cells(tmp_path):
+def test_csv_and_markdown_hold_the_same_cells(tmp_path):
     rows = [("1 < 2", "x | y"), ("ü, é", '"quoted"')]
     data = frame_of(("a", "b"), rows)
     table = Table("T", data, (grid("", ("a", "b"), rows),), ("a note",))
@@ -310,9 +293,6 @@ def test_csv_markdown_and_html_hold_the_same_cells(tmp_path):
     markdown = (tmp_path / "t.md").read_text("utf-8")
     assert "| 1 < 2 | x \\| y |" in markdown
     assert "from here" in markdown
-    cells = Cells()
-    cells.feed((tmp_path / "t.html").read_text("utf-8"))
-    assert cells.found == ["a", "b", "1 < 2", "x | y", "ü, é", '"quoted"']
 
 
 def test_rows_have_as_many_cells_as_the_header():

@@ -205,7 +205,7 @@ def test_the_stage_writes_pictures_and_tables(full, tmp_path):
     written = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.*")}
     names = [draw.__name__.removeprefix("draw_") for draw in DRAWN]
     expected = {f"figures/{name}.{ending}" for name in names for ending in ("svg", "pdf", "png")}
-    expected |= {f"tables/trials_summary.{ending}" for ending in ("csv", "md", "html")}
+    expected |= {f"tables/trials_summary.{ending}" for ending in ("csv", "md")}
     assert written == expected | {"pictures.json"}
     assert "Synthetic data" in (tmp_path / "tables/trials_summary.md").read_text("utf-8")
 

@@ -306,7 +306,7 @@ def test_motion_of_the_base_is_drawn_with_its_bands(watched_poses):
 
 def test_captions_of_synthetic_data_say_so(small, page):
     found = page(small).text
-    assert "has the numbers. Synthetic data." in found
+    assert "have the numbers. Synthetic data." in found
 
 
 def test_a_model_that_is_not_to_be_used_is_marked(copied, page):

@@ -9,6 +9,7 @@ import pytest
 from pydantic import BaseModel
 
 from pa10cal.results import docs
+from pa10cal.results.calibration import BaseFrameRecord
 from pa10cal.results.record import Record
 
 ROOT = Path(__file__).parents[2]
@@ -48,7 +49,7 @@ def test_every_key_is_described() -> None:
 
 
 def test_a_schema_allows_added_keys_and_demands_its_own() -> None:
-    schema = json.loads(docs.schema_text(docs.BaseFrameRecord))
+    schema = json.loads(docs.schema_text(BaseFrameRecord))
     assert schema["properties"]["schema"] == {"const": "pa10cal-base-frame/1"}
     assert "additionalProperties" not in schema
     assert {"schema", "campaign", "T_instr_base"} <= set(schema["required"])

@@ -1,6 +1,3 @@
-OF_TRIALS = {"category": "Blind trials", "subcategory": "{study}"}
-
-
 rule blind_trials:
     """Every blind trial, scored: wrong names, missed names, power, intervals."""
     input:
@@ -111,15 +108,14 @@ for pictures_of, studies in {
             scores=trial_result("scores.json"),
         output:
             index=trial_result("pictures.json"),
-            figures=reported(trial_result("figures"), pictures_of, "{picture}.svg", **OF_TRIALS),
-            tables=reported(trial_result("tables"), pictures_of, "{picture}.html", **OF_TRIALS),
+            figures=directory(trial_result("figures")),
+            tables=directory(trial_result("tables")),
         log:
             trial_result("logs/pictures.log"),
         wildcard_constraints:
             study="|".join(studies),
         params:
             code=code_of("commands.figures", "figures.registry"),
-            captions=Captions(pictures_of, "study"),
             folder=lambda wildcards, input: os.path.dirname(input.scores),
             settings=sections_of("figures"),
         shell:

@@ -19,7 +19,6 @@ CURVES = {
         "gait": {"moves": "roll", "period_s": 2.0, "seconds": 2.0, "shapes": 25},
     },
 }
-OF_CURVES = {"category": "Chain along curves"}
 
 
 rule curve:
@@ -55,16 +54,13 @@ rule draw_curve:
         rules.lay_curve.output,
     output:
         index=curve_result("{shape}/pictures.json"),
-        figures=reported(
-            curve_result("{shape}/figures"), "curve", "{picture}.{ending,svg|gif}", **OF_CURVES
-        ),
+        figures=directory(curve_result("{shape}/figures")),
     log:
         curve_result("logs/draw_{shape}.log"),
     wildcard_constraints:
         shape="|".join(CURVES),
     params:
         code=code_of("commands.figures", "figures.registry"),
-        captions=Captions("curve", "shape"),
         folder=lambda wildcards, input: os.path.dirname(input[0]),
         settings=sections_of("figures"),
     shell:
@@ -93,13 +89,12 @@ rule draw_chain:
         record=curve_result("calibration.json"),
     output:
         index=curve_result("pictures.json"),
-        figures=reported(curve_result("figures"), "chain", "{picture}.svg", **OF_CURVES),
-        tables=reported(curve_result("tables"), "chain", "{picture}.html", **OF_CURVES),
+        figures=directory(curve_result("figures")),
+        tables=directory(curve_result("tables")),
     log:
         curve_result("logs/pictures.log"),
     params:
         code=code_of("commands.figures", "figures.registry"),
-        captions=Captions("chain", "study"),
         folder=lambda wildcards, input: os.path.dirname(input.record),
         settings=sections_of("figures"),
     shell:

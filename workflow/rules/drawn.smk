@@ -1,6 +1,4 @@
-"""What pictures are drawn from, and what the report says of them."""
-
-from pa10cal.figures.registry import Captions, titles
+"""What pictures are drawn from."""
 
 
 def found_of(*names):
@@ -11,7 +9,7 @@ def found_of(*names):
 # The files behind what modules call their needs; what is left out is a property of the campaign.
 NEEDS = {
     **dict.fromkeys(
-        ("calibration", "papers_calibration", "general_calibration", "general"),
+        ("papers_calibration", "general"),
         found_of("calibration/combined.json"),
     ),
     "poses": found_of("ingest/poses.parquet"),
@@ -41,14 +39,3 @@ def results_needed(wildcards):
     found = entries("campaign").get(wildcards.picture)
     names = [name for name in found.needs if name in NEEDS] if found else []
     return sorted({path for name in names for path in NEEDS[name](wildcards.campaign)})
-
-
-def reported(path, folder, pattern, **where):
-    """Mark a folder of pictures for the report."""
-    return report(
-        directory(path),
-        patterns=[pattern],
-        caption="../report/picture.rst",
-        labels=titles(folder),
-        **where,
-    )

@@ -17,15 +17,14 @@ rule pictures:
         results=results_of_campaign,
     output:
         index=result("pictures.json"),
-        figures=reported(result("figures"), "campaign", "{picture}.svg", category="{campaign}"),
-        tables=reported(result("tables"), "campaign", "{picture}.html", category="{campaign}"),
+        figures=directory(result("figures")),
+        tables=directory(result("tables")),
     log:
         result("logs/pictures.log"),
     wildcard_constraints:
         campaign=NO_STUDY,
     params:
         code=code_of("commands.figures", "figures.registry"),
-        captions=Captions("campaign", "campaign"),
         folder=campaign_folder,
         results=results_folder,
         settings=DRAWN_WITH,
@@ -34,7 +33,7 @@ rule pictures:
         " --settings {params.settings:q} --force 2>&1 | tee {log:q} >&2"
 
 
-for kind, endings in {"figures": ["svg", "pdf", "png"], "tables": ["csv", "md", "html"]}.items():
+for kind, endings in {"figures": ["svg", "pdf", "png"], "tables": ["csv", "md"]}.items():
 
     rule:
         name:

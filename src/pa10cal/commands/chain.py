@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from pa10cal.evaluation.options import ChainOptions
 
@@ -41,11 +42,12 @@ def chain(
     import traceback
 
     from pa10cal.errors import OutputError, Pa10calError
-    from pa10cal.fleet.campaigns import became, ended
+    from pa10cal.reports.summary import summarise
     from pa10cal.results.codec import write
     from pa10cal.results.fleet import ChainRecord
 
     name, record = results.name if len(campaign_dir) > 1 else campaign_dir[0].name, ChainRecord.FILE
+    told: dict[str, Any]
     _remove(results, record, *_WRITTEN)
     for stage, written, run in _steps(campaign_dir, results, dataset, source, settings):
         try:
@@ -54,16 +56,17 @@ def chain(
             raise
         except Pa10calError as error:
             _remove(results, *written)
-            found = ended(name, "refused", stage, str(error))
+            told = {"status": "refused", "stage": stage, "message": str(error)}
             break
         except Exception as error:  # a fault of one campaign is not to end the others
             _remove(results, *written)
             traceback.print_exc()
-            told = f"internal fault: {type(error).__name__}: {error}"
-            found = ended(name, "fault", stage, told)
+            message = f"internal fault: {type(error).__name__}: {error}"
+            told = {"status": "fault", "stage": stage, "message": message}
             break
     else:
-        found = became(results, name, settings.evaluation.calibration)
+        told = dict(summarise(results, settings.evaluation.calibration).became)
+    found = ChainRecord(**told | {"campaign": name})
     write(found, results / record)
     if found.message is not None:
         print(f"pa10cal chain: {name}: {found.stage}: {found.message}", file=sys.stderr)

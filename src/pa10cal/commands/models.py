@@ -12,6 +12,7 @@ from pa10cal.errors import ModelError
 if TYPE_CHECKING:
     from pa10cal.arm.exports import Angles
     from pa10cal.arrays import Array
+    from pa10cal.campaign.pose_lists import JointList, TargetList
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.results.comparison import ComparisonRecord
 
@@ -44,23 +45,18 @@ def doubtful(model: FittedModel) -> bool:
     return bool(model.grade) and model.grade not in UNRESERVED
 
 
-def loads_of(given_N: Array, load_N: float) -> Array:
-    """Return the loads of rows, that of the command where a row gives none (nan)."""
-    import numpy as np
-
-    return np.where(np.isnan(given_N), load_N, given_N)
-
-
-def arrivals_of(given: Array, arrival: tuple[float, ...] | None) -> Array:
-    """Return directions of arrival (N, n), those of the command where a row gives none (nan).
+def stated(
+    asked: JointList | TargetList, load_N: float, arrival: tuple[float, ...] | None
+) -> tuple[Array, Array]:
+    """Return loads (N,) and directions of arrival (N, n), the command's where a row gives none.
 
     Raises:
-        ModelError: when the command gives another number than one, or one a joint.
+        ModelError: when the command gives another number of directions than one, or one a joint.
     """
     import numpy as np
 
     sides = arrival or (0.0,)
-    n = given.shape[1]
+    n = asked.arrival.shape[1]
     if len(sides) not in (1, n):
         raise ModelError(
             "directions of arrival of another arm",
@@ -69,7 +65,8 @@ def arrivals_of(given: Array, arrival: tuple[float, ...] | None) -> Array:
             allowed=f"1 number for all joints, or {n}: one a joint",
             remedy="give -1 or 1 for each joint, 0 where it is not known",
         )
-    return np.where(np.isnan(given), np.array(sides), given)
+    loads_N = np.where(np.isnan(asked.load_N), load_N, asked.load_N)
+    return loads_N, np.where(np.isnan(asked.arrival), np.array(sides), asked.arrival)
 
 
 def warn(command: str, path: Path, found: Iterable[str]) -> None:
@@ -119,8 +116,7 @@ def predict(
 
     fitted = model_in_use(model, force=force)
     asked = read_joints(joints, fitted.arm.prismatic)
-    loads_N = loads_of(asked.load_N, load_N)
-    sides = arrivals_of(asked.arrival, arrival)
+    loads_N, sides = stated(asked, load_N, arrival)
     found = fitted.predict(asked.q, frame=frame, load_N=loads_N, arrival=sides, extrapolate=force)
     forced = fitted.grade if doubtful(fitted) else None
     write_text(out, poses_text(asked.ids, found.T, found.u_mm, found.inside, forced))
@@ -193,13 +189,13 @@ def compensate(
     fitted = model_in_use(model, force=force)
     arm = fitted.arm
     asked = read_targets(targets, arm.prismatic)
-    loads_N = loads_of(asked.load_N, load_N)
+    loads_N, sides = stated(asked, load_N, arrival)
     found = fitted.compensate(
         asked.T,
         frame=frame,
         seed=asked.seed,
         load_N=loads_N,
-        arrival=arrivals_of(asked.arrival, arrival),
+        arrival=sides,
         extrapolate=force,
         T_flange_tcp=controller_pose(tcp, form) if tcp else None,
     )

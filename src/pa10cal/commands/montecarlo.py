@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from pa10cal.options import MonteCarloOptions
@@ -41,7 +42,7 @@ def montecarlo(
 
     arm = load_arm(robot, campaign_dir)
     for height_mm in settings.planes_mm if plane_mm is None else (plane_mm,):
-        progress = _Progress(f"montecarlo z = {height_mm} mm", settings.cycles)
+        progress = _progress(f"montecarlo z = {height_mm} mm", settings.cycles)
         record = study_plane(arm, height_mm, settings, campaign, robot, progress)
         write(record, out / f"z{height_mm}.json" if plane_mm is None else out)
         print(
@@ -50,26 +51,24 @@ def montecarlo(
         )
 
 
-class _Progress:
-    """Prints how far the draws are, how fast, and how long they will still take."""
+def _progress(title: str, cycles: int) -> Callable[[int, int], None]:
+    """Return what prints how far the draws are, how fast, and how long they will still take."""
+    began, printed = 0.0, 0
 
-    def __init__(self, title: str, cycles: int) -> None:
-        self._title = title
-        self._cycles = cycles
-        self._began = 0.0
-        self._printed = 0
-
-    def __call__(self, done: int, places: int) -> None:
+    def show(done: int, places: int) -> None:
+        nonlocal began, printed
         if done == 0:
-            self._began = time.monotonic()
+            began = time.monotonic()
         lines = done * _PROGRESS_LINES // places
-        if lines == self._printed:
+        if lines == printed:
             return
-        self._printed = lines
-        seconds = max(time.monotonic() - self._began, 1e-9)
+        printed = lines
+        seconds = max(time.monotonic() - began, 1e-9)
         print(
-            f"{self._title}: {100 * done // places} %, {done * self._cycles / seconds:.1e} "
+            f"{title}: {100 * done // places} %, {done * cycles / seconds:.1e} "
             f"cycles/s, {seconds * (places - done) / done:.0f} s left",
             file=sys.stderr,
             flush=True,
         )
+
+    return show

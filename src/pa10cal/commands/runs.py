@@ -163,7 +163,7 @@ def reproduce(
         cores: how many to use; 0 for all.
         settings: settings over those of config.yaml (.yaml).
         figures: make figures and tables alone, and what they are drawn from; otherwise everything,
-            and the workflow's own report with every picture, as `report.html` among the results.
+            and `report.html` among the results: every campaign's page, and pictures of studies.
         profile: slurm, or a folder with a profile of Snakemake, to run on a cluster.
 
     Examples:
@@ -172,8 +172,8 @@ def reproduce(
         pa10cal reproduce --profile slurm
     """
     import sys
-    from dataclasses import replace
 
+    from pa10cal.reports.page import write_page
     from pa10cal.reports.summary import reports, summarise, table
     from pa10cal.running.display import RunDisplay
     from pa10cal.running.workflow import Workflow, run_workflow, settings_of, workflow_folder
@@ -192,13 +192,11 @@ def reproduce(
             "Snakefile", {}, here, here / results, cores, targets, settings, _QUIET, profile
         )
         run_workflow(whole, display)
-        if not figures:
-            more = ("--quiet", "all", "--report", str(results / "report.html"))
-            run_workflow(replace(whole, more=more, profile=None), display)
     if figures:
         for name in used.campaigns:
             print(f"{results / name / 'figures'}, {results / name / 'tables'}")
         return
+    write_page(results, results / "report.html")
     calibration = used.evaluation.calibration
     print(f"\n{table([summarise(results / name, calibration) for name in used.campaigns])}\n")
     print(f"in all {display.seconds:.0f} s")
@@ -211,10 +209,11 @@ def report(
 ) -> None:
     """Write the report of a campaign: one page for its reader, that needs no network.
 
-    What is missing among the results is named on the page, with the reason.
+    What is missing among the results is named on the page, with the reason. Of a folder of all
+    results the page leads to every campaign's, and shows the pictures of studies.
 
     Args:
-        results: results of a campaign, RESULTS_DIR/CAMPAIGN.
+        results: results of a campaign, RESULTS_DIR/CAMPAIGN; or RESULTS_DIR.
         out: page to write (.html).
         campaign_dir: folder of raw files, for what campaign.yaml says of the instrument.
         calibration: load case that was evaluated.

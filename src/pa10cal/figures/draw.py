@@ -16,7 +16,7 @@ from pa10cal.figures.style import looks, name_in_title, write_figure
 from pa10cal.figures.table import write_table
 from pa10cal.files.output import whole_file
 from pa10cal.results.codec import read, schema_of, write
-from pa10cal.results.fleet import PicturesRecord
+from pa10cal.results.fleet import Caption, PicturesRecord
 from pa10cal.results.studies import CurveCalibrationRecord
 from pa10cal.results.trials import TrialScoresRecord, WildScoresRecord
 
@@ -110,7 +110,8 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesReco
     Raises:
         RecordError, RawDataError: when a result that is there cannot be used.
     """
-    made, omitted = [], {}
+    made, omitted, captions = [], {}, {}
+    kind = " Synthetic data." if "Synthetic data." in source.footer else ""
     every = entries(source.folder).values()
     for place in {_PLACES[entry.kind] for entry in every}:
         (out / place).mkdir(parents=True, exist_ok=True)
@@ -120,6 +121,8 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesReco
             if why is None:
                 _write(entry, source, out, settings)
                 made.append(entry.name)
+                text = entry.caption.replace("{name}", source.name) + kind
+                captions[entry.name] = Caption(title=entry.title, text=text, section=entry.section)
         except NothingToShowError as nothing:
             why = str(nothing)
         if why is not None:
@@ -127,7 +130,9 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesReco
             for path in (out / _PLACES[entry.kind]).glob(f"{entry.name}.*"):
                 path.unlink()
     campaign = source.name if source.folder == "campaign" else None
-    record = PicturesRecord(campaign=campaign, drawn=tuple(made), omitted=omitted)
+    record = PicturesRecord(
+        campaign=campaign, drawn=tuple(made), omitted=omitted, captions=captions
+    )
     write(record, out / "pictures.json")
     return record
 

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -29,12 +30,12 @@ class Picture:
 
     name: str  # of the files
     kind: Kind  # what it makes
-    title: str  # what the report calls it
+    title: str  # what pages call it
     # what it is drawn from, in the names of the results it belongs to; a picture is left out where
     # one of them is not there
     needs: tuple[str, ...]
-    # reStructuredText below it in the report; `{name}` stands for the campaign or study
-    caption: str
+    caption: str  # plain text that pages show below it; `{name}` stands for the campaign or study
+    section: str  # of a campaign's page that shows it
     make: Callable[..., Any]
 
 
@@ -42,7 +43,9 @@ class NothingToShowError(Exception):
     """Results are all there, and hold nothing that a picture could show; says why."""
 
 
-def picture(*, title: str, needs: tuple[str, ...], caption: str) -> Callable[[F], F]:
+def picture(
+    *, title: str, needs: tuple[str, ...], caption: str, section: str = ""
+) -> Callable[[F], F]:
     """Say of a function what it shows; see `Picture`.
 
     Raises:
@@ -53,8 +56,10 @@ def picture(*, title: str, needs: tuple[str, ...], caption: str) -> Callable[[F]
         kind, _, name = function.__name__.partition("_")
         if kind not in _KINDS:
             raise TypeError(f"{function.__name__} must begin with {', '.join(_KINDS)}")
-        found = Picture(name, _KINDS[kind], title, needs, caption, function)
-        function.__dict__["picture"] = found
+        text = " ".join(re.sub(r"``|\*", "", caption).split())
+        function.__dict__["picture"] = Picture(
+            name, _KINDS[kind], title, needs, text, section, function
+        )
         return function
 
     return said
@@ -74,42 +79,3 @@ def _found(folder: str) -> Iterator[Picture]:
             said = getattr(function, "__dict__", {}).get("picture")
             if isinstance(said, Picture) and function.__module__ == module.__name__:
                 yield said
-
-
-# What the report says of pictures: titles and captions, read only when the report is made.
-
-_ORIGIN = {
-    "campaign": "The campaigns shipped with this project are synthetic data. The provenance of the "
-    "data is stated with the picture."
-}
-
-
-class Captions:
-    """Captions of the pictures of a folder.
-
-    A rule's parameter that the template of captions reads. It looks the same whatever the captions
-    say, so that changing one draws nothing anew.
-    """
-
-    def __init__(self, folder: str, name: str) -> None:
-        """Take a folder of `registry.FOLDERS`, and the wildcard with the campaign or study."""
-        self._folder, self._name = folder, name
-
-    def __repr__(self) -> str:
-        return f"captions of {self._folder}"
-
-    def of(self, wildcards: Any) -> str:
-        """Return the caption of the picture `wildcards.picture` in reStructuredText."""
-        name = str(getattr(wildcards, self._name, ""))
-        return caption(self._folder, wildcards.picture, name)
-
-
-def caption(folder: str, picture: str, name: str) -> str:
-    """Return a caption; the name is that of the campaign or study."""
-    text = entries(folder)[picture].caption.strip().replace("{name}", name)
-    return f"{text}\n{_ORIGIN.get(folder, 'All of this is synthetic data.')}"
-
-
-def titles(folder: str) -> Callable[[Any], dict[str, str]]:
-    """Return the function that labels `wildcards.picture` in the report with its title."""
-    return lambda wildcards: {"picture": entries(folder)[wildcards.picture].title}

@@ -13,7 +13,6 @@ import pandas as pd
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import CampaignDescription, read_description
-from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures import published
@@ -36,14 +35,15 @@ _R = TypeVar("_R", bound=Record)
 COMBINED = "combined"
 #: The general model beside the paper's.
 GENERAL = "general"
-CONVERGED = "converged"
 #: What pictures call the models.
 MODELS = {"paper": "paper's model", "general": "general model"}
+_REMEDIES = {
+    "paper": "draw the pictures of the general model, or calibrate with calibration.model: paper",
+    "general": "run pa10cal calibrate --load general",
+}
 #: Where results are, by the names that pictures need them by.
 FILES = {
-    "calibration": "calibration/combined.json",
     "papers_calibration": "calibration/combined.json",
-    "general_calibration": "calibration/combined.json",
     "general": "calibration/combined.json",
     "poses": "ingest/poses.parquet",
     "base_frame": "seed/base_frame.json",
@@ -96,30 +96,29 @@ class Results:
             return f"effects were not sought: {verdict.why}"
         if not (self.folder / FILES[need]).exists():
             return f"there is no {FILES[need]}"
-        if need in ("papers_calibration", "general_calibration"):
+        if need == "papers_calibration" or (
+            need == "general" and not (self.folder / "calibration/general.json").exists()
+        ):
             model = self.any_calibration().model
-            return None if need.startswith(model) else f"calibrated with the {MODELS[model]}"
-        if need == "general" and not (self.folder / "calibration/general.json").exists():
-            return self.lacks("general_calibration")
+            of = "general" if need == "general" else "paper"
+            return None if model == of else f"calibrated with the {MODELS[model]}"
         if need == "held_out" and not self.held_out().models:
             return "no configuration was held out"
         return None
 
     @property
     def footer(self) -> str:
-        """What a picture was drawn from: the provenance in its own words, the first of many."""
-        text = self.description.provenance.strip()
-        kind = " Synthetic data." if is_synthetic(text) else ""
-        campaign = f"Campaign {self.description.name}.{self._mark}{kind}"
-        return f"{campaign} Provenance: {_first_sentences(text)}"
+        """What a picture was drawn from: the provenance in its own words, the first of many.
 
-    @property
-    def _mark(self) -> str:
-        """Return what marks pictures of a calibration that is drawn because of `force` alone."""
-        if not self.force or not (self.folder / FILES["calibration"]).exists():
-            return ""
-        grade = self.any_calibration().health.grade
-        return "" if grade in UNRESERVED else f" Grade of the calibration: {grade}."
+        Pictures of a calibration that is drawn because of `force` alone are marked by its grade.
+        """
+        text, mark = self.description.provenance.strip(), ""
+        if self.force and (self.folder / FILES["papers_calibration"]).exists():
+            grade = self.any_calibration().health.grade
+            mark = "" if grade in UNRESERVED else f" Grade of the calibration: {grade}."
+        kind = " Synthetic data." if is_synthetic(text) else ""
+        campaign = f"Campaign {self.description.name}.{mark}{kind}"
+        return f"{campaign} Provenance: {_first_sentences(text)}"
 
     @property
     def is_paper_arm(self) -> bool:
@@ -131,7 +130,7 @@ class Results:
         """Return the verdict where it is that effects cannot be sought."""
         if not (self.folder / FILES["verdict"]).exists():
             return None
-        found = self._read(VerdictRecord)
+        found = self.bundle.read(VerdictRecord)
         return found if found.verdict == "not_sought" else None
 
     def published(self, parameter: str) -> float | None:
@@ -146,10 +145,7 @@ class Results:
         Raises:
             RecordError: when it did not converge, or is of the general model.
         """
-        remedy = (
-            "draw the pictures of the general model, or calibrate with calibration.model: paper"
-        )
-        return self._of_model(PaperCalibrationRecord, "paper", load, remedy)
+        return self._of_model(PaperCalibrationRecord, "paper", load)
 
     def general(self) -> GeneralCalibrationRecord:
         """Read the calibration of all loads with the general model.
@@ -160,10 +156,9 @@ class Results:
             RecordError: when it did not converge, or is not of the general model.
         """
         load = COMBINED if self.any_calibration().model == "general" else GENERAL
-        remedy = "run pa10cal calibrate --load general"
-        return self._of_model(GeneralCalibrationRecord, "general", load, remedy)
+        return self._of_model(GeneralCalibrationRecord, "general", load)
 
-    def _of_model(self, kind: type[_R], model: str, load: str, remedy: str) -> _R:
+    def _of_model(self, kind: type[_R], model: str, load: str) -> _R:
         found = self.any_calibration(load)
         if isinstance(found, kind):
             return found
@@ -172,7 +167,7 @@ class Results:
             where=str(self.folder / "calibration" / f"{load}.json"),
             value=f"a calibration with the {MODELS[found.model]}",
             allowed=f"a calibration with the {MODELS[model]}",
-            remedy=remedy,
+            remedy=_REMEDIES[model],
         )
 
     def any_calibration(self, load: str = COMBINED) -> CalibrationRecord:
@@ -183,16 +178,16 @@ class Results:
         """
         name = f"calibration/{load}.json"
         path = self.folder / name
-        found = self._read(CalibrationRecord, name)
+        found = self.bundle.read(CalibrationRecord, name)
         if self.force:
             return found
         for key, fit in found.fits.items():
-            if fit.status != CONVERGED:
+            if fit.status != "converged":
                 raise RecordError(
                     "the fit did not converge, so nothing is drawn of it",
                     where=f"{path}: {key}" if key else str(path),
                     value=f"{fit.status}: {fit.reason}",
-                    allowed=f"a calibration whose status is {CONVERGED}",
+                    allowed="a calibration whose status is converged",
                     remedy="allow more steps (calibration.max_iterations), free fewer parameters "
                     "or measure more poses, and run pa10cal calibrate again",
                 )
@@ -206,11 +201,6 @@ class Results:
             )
         return found
 
-    def calibrations(self) -> tuple[CalibrationRecord, ...]:
-        """Read the calibrations of all loads: one, or the paper's and the general one beside."""
-        combined = self.any_calibration()
-        return (combined,) if combined.model == "general" else (combined, self.general())
-
     def load_cases(self) -> dict[str, PaperCalibrationRecord]:
         """Read the calibration of each single load, by its key in `errors`: `0N`, `22N`, …."""
         loads = [f"{load:g}N" for load in self.calibration().loads_fitted]
@@ -222,7 +212,7 @@ class Results:
         Raises:
             RecordError: when what was evaluated did not converge.
         """
-        found = self._read(HoldoutRecord)
+        found = self.bundle.read(HoldoutRecord)
         self.any_calibration(found.calibration)
         if self._not_sought is None:
             return found
@@ -230,13 +220,9 @@ class Results:
         return found.model_copy(update={"models": models})
 
     def analysis(self) -> AnalysisRecord:
-        """Read `discovery/analysis.json`.
-
-        Raises:
-            RecordError: when the calibration it began with did not converge.
-        """
+        """Read `discovery/analysis.json`; errors are those of `verdict`."""
         self.any_calibration(self.settings.evaluation.calibration)
-        return self._read(AnalysisRecord)
+        return self.bundle.read(AnalysisRecord)
 
     def verdict(self) -> VerdictRecord:
         """Read `discovery/verdict.json`.
@@ -245,16 +231,16 @@ class Results:
             RecordError: when the calibration it began with did not converge.
         """
         self.any_calibration(self.settings.evaluation.calibration)
-        return self._read(VerdictRecord)
+        return self.bundle.read(VerdictRecord)
 
     def base_frame(self) -> Array:
         """Read T_instr_base (4, 4) of `seed/base_frame.json` [m]."""
-        return self._read(BaseFrameRecord).T_instr_base
+        return self.bundle.read(BaseFrameRecord).T_instr_base
 
     def planes(self) -> list[PlaneRecord]:
         """Read `montecarlo/z<mm>.json` for every plane of the settings, from low to high."""
         heights = sorted(set(self.settings.montecarlo.planes_mm))
-        return [self._read(PlaneRecord, f"montecarlo/z{height}.json") for height in heights]
+        return [self.bundle.read(PlaneRecord, f"montecarlo/z{height}.json") for height in heights]
 
     def places(self) -> pd.DataFrame:
         """Read the table of poses in order of time, with the end-effector in `PLACE_MM`.
@@ -263,22 +249,15 @@ class Results:
             RawDataError: when it cannot be used.
             RecordError: when it is missing, or the instrument measured no end-effector.
         """
-        path = self.folder / POSES
-        if not path.is_file():
+        poses = self.bundle.poses
+        absent = [] if poses is None else [name for name in PLACE_MM if name not in poses]
+        if poses is None or absent:
             raise RecordError(
-                "the table of poses is missing",
-                where=str(path),
-                allowed="a file that pa10cal ingest wrote",
+                "the table of poses has no column" if absent else "the table of poses is missing",
+                where=str(self.folder / POSES),
+                value=absent[0] if absent else None,
+                allowed=f"a file that pa10cal ingest wrote, with {', '.join(PLACE_MM)}",
                 remedy="run pa10cal ingest first",
-            )
-        poses = read_pose_table(path, self.description.name)
-        if absent := [name for name in PLACE_MM if name not in poses]:
-            raise RecordError(
-                "the table of poses has no column",
-                where=str(path),
-                value=absent[0],
-                allowed=f"all of {', '.join(PLACE_MM)}",
-                remedy="run pa10cal ingest again",
             )
         return poses.sort_values("time_s")
 
@@ -286,10 +265,6 @@ class Results:
     def scatter(self) -> dict[str, Scatter]:
         """The scatter of repeats at each load that has some, by load as `0N`, `22N`, …."""
         return scatter_by_load(self.places())
-
-    def _read(self, kind: type[_R], name: str | None = None) -> _R:
-        """Read a record of this campaign."""
-        return self.bundle.read(kind, name, self.description.name)
 
 
 def _first_sentences(text: str) -> str:

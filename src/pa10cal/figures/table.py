@@ -1,25 +1,17 @@
-"""Tables: as CSV to compute with, as Markdown and HTML to read."""
+"""Tables: as CSV to compute with, as Markdown to read."""
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 
-from pa10cal.files.output import csv_cell, markdown_cell, whole_file
+from pa10cal.files.output import csv_cell, markdown_cell, whole_files, write_text
 from pa10cal.reports.blocks import Grid
 
 Row = tuple[str, ...]
-
-_STYLE = (
-    "body{font:14px/1.4 sans-serif;margin:1.5em}table{border-collapse:collapse;margin:1em 0}"
-    "td,th{border-bottom:1px solid #ccc;padding:.2em .6em;text-align:left;vertical-align:top}"
-    "caption{text-align:left;font-weight:bold}.footer{color:#666}"
-)
 
 
 @dataclass(frozen=True)
@@ -28,7 +20,7 @@ class Table:
 
     title: str  # what it shows
     data: pd.DataFrame  # the CSV; what is not known is missing
-    # what Markdown and HTML show; empty where it is the data as they are
+    # what Markdown shows; empty where it is the data as they are
     shown: tuple[Grid, ...] = ()
     notes: tuple[str, ...] = ()  # said below it
 
@@ -49,16 +41,10 @@ def _parts(table: Table) -> Iterator[tuple[str, Row, Sequence[Row]]]:
 
 
 def write_table(table: Table, footer: str, folder: Path, name: str) -> None:
-    """Write a table as CSV, Markdown and HTML: all three or none."""
-    texts = {
-        "csv": _csv(table.data),
-        "md": _markdown(table, footer),
-        "html": _html(table, footer),
-    }
-    with ExitStack() as stack:
-        for ending, text in texts.items():
-            path = stack.enter_context(whole_file(folder / f"{name}.{ending}"))
-            path.write_text(text, encoding="utf-8", newline="\n")
+    """Write a table as CSV and Markdown: both or none."""
+    with whole_files(folder / f"{name}.csv", folder / f"{name}.md") as (data, shown):
+        write_text(data, _csv(table.data))
+        write_text(shown, _markdown(table, footer))
 
 
 def _csv(data: pd.DataFrame) -> str:
@@ -84,24 +70,3 @@ def _markdown(table: Table, footer: str) -> str:
 
 def _markdown_row(row: Iterable[str]) -> str:
     return "| " + " | ".join(markdown_cell(cell) for cell in row) + " |"
-
-
-def _html(table: Table, footer: str) -> str:
-    title = html.escape(table.title)
-    parts = [
-        f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        f"<style>{_STYLE}</style></head><body><h1>{title}</h1>",
-        f'<p class="footer">{html.escape(footer)}</p>',
-    ]
-    for title_of_part, header, rows in _parts(table):
-        caption = f"<caption>{html.escape(title_of_part)}</caption>" if title_of_part else ""
-        parts.append(f"<table>{caption}<thead>{_html_row(header, 'th')}</thead><tbody>")
-        parts += [_html_row(row, "td") for row in rows]
-        parts.append("</tbody></table>")
-    if table.notes:
-        parts.append("<ul>" + "".join(f"<li>{html.escape(n)}</li>" for n in table.notes) + "</ul>")
-    return "\n".join([*parts, "</body></html>"]) + "\n"
-
-
-def _html_row(row: Iterable[str], tag: str) -> str:
-    return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row) + "</tr>"

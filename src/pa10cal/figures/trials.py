@@ -17,8 +17,8 @@ from scipy.special import ndtri
 from pa10cal.figures import style
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.table import Table, frame_of
-from pa10cal.reports.formatting import HALF_WIDTH_95
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SEPARATOR, SKY, VERMILLION
+from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.results.trials import Bar, JudgedEffect, JudgedTrial, TrialScoresRecord
 
 BAR_HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")

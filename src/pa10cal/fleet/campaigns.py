@@ -15,7 +15,6 @@ from pa10cal.results.codec import read
 from pa10cal.results.fleet import (
     Attention,
     ChainRecord,
-    ChainStatus,
     FleetArm,
     FleetCampaign,
     FleetRecord,
@@ -263,27 +262,3 @@ def _attention(last: FleetCampaign) -> tuple[Attention, str]:
     if became.verdict not in _WHOLE:
         return "incomplete", notes or said
     return "none", said
-
-
-# What became of a campaign, from its results.
-
-
-def became(results: Path, name: str, calibration: str) -> ChainRecord:
-    """Return what a campaign that is done came to.
-
-    Args:
-        results: its folder.
-        name: name of the campaign's folder.
-        calibration: load case that was evaluated.
-
-    Raises:
-        RecordError: when a result is missing.
-    """
-    from pa10cal.reports.summary import summarise  # late: planning a run reads no results
-
-    return summarise(results, calibration).became.model_copy(update={"campaign": name})
-
-
-def ended(name: str, status: ChainStatus, stage: str, message: str) -> ChainRecord:
-    """Return what is known of a campaign that a stage ended."""
-    return ChainRecord(campaign=name, status=status, stage=stage, message=message)

@@ -9,6 +9,17 @@ from numpy.typing import NDArray
 
 from pa10cal.reports import pictures
 from pa10cal.reports.blocks import Beside, Block, Callout, Folded, Grid, Paragraph, grid
+from pa10cal.reports.errors import (
+    ALL,
+    FITTED,
+    HELD_OUT,
+    PARTS,
+    UNCALIBRATED,
+    Errors,
+    errors_of,
+    headline,
+    model_title,
+)
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     count,
@@ -21,6 +32,7 @@ from pa10cal.reports.formatting import (
 )
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.analysis import ParameterShift
+from pa10cal.results.calibration import GeneralCalibrationRecord, GroupOfCampaigns
 from pa10cal.results.discovery import Reduction, VerdictRecord
 from pa10cal.results.evaluation import (
     BeforeAfter,
@@ -33,18 +45,19 @@ from pa10cal.results.evaluation import (
 
 def accuracy(results: ResultsBundle) -> Iterator[Block]:
     """Yield what calibration and effects gained."""
-    every = pictures.errors_of(results)
+    every = errors_of(results)
     if not every:
         yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    ends = pictures.headline(results)
+    ends = headline(results)
     if ends is not None:
         before, after = ends
+        apart = f"; {told}" if (told := after.with_flagged("rms_mm")) else ""
         yield Paragraph(
             f"Over the {before.kind} poses the position error fell from "
             f"{mm(before.counted.rms_mm)} mm to {mm(after.counted.rms_mm)} mm rms, its peak from "
             f"{mm(before.counted.peak_mm)} mm to {mm(after.counted.peak_mm)} mm"
-            f"{after.flagged_apart}.",
+            f"{apart}.",
             lead=True,
         )
     yield Paragraph(
@@ -52,8 +65,6 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
         "Repeats of a configuration are averaged. Held-out poses are only used "
         "to judge."
     )
-    whole = [each for each in every if each.load == each.part == pictures.ALL]
-    yield pictures.errors_drawing(whole, _noise_mm(results))
     first, *by_load = errors_grids(every)
     yield first
     for each in by_load:
@@ -68,27 +79,25 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
         )
     else:
         beside = results.held_out.models
-        titles = {name: pictures.model_title(name, results, beside) for name in beside}
+        titles = {name: model_title(name, results, beside) for name in beside}
         shown = {name: title for name, title in titles.items() if title is not None}
         shares = [pictures.shares_drawing(results.held_out, shown, unit) for unit in ("mm", "deg")]
         yield Beside(tuple(each for each in shares if each is not None))
     if results.verdict is not None and results.verdict.effects:
         yield gap_grid(results.verdict)
+        yield Paragraph(
+            "Before: the calibrated model. After: the same with the effects found, recalibrated. "
+            "Both are the models that are written. Held-out poses only leave out effects that "
+            "would make them worse. In the interval a pose counts once, with all its loads and "
+            "repeats. Repeatability is the scatter of successive readings from one direction; the "
+            "noise in the grade is larger, of all repeats or as stated."
+        )
     elif results.verdict is not None:
         floor = results.verdict.gap.noise_floor_mm
         yield Paragraph(f"Noise alone would leave a mean error of {mm(floor)} mm.")
 
 
-def _noise_mm(results: ResultsBundle) -> dict[str, float]:
-    """Return the mean error that noise alone leaves, of fitted and of held-out poses."""
-    if results.verdict is None:
-        return {}
-    gap = results.verdict.gap
-    sets = {pictures.FITTED: gap.train, pictures.HELD_OUT: gap.holdout}
-    return {poses: of.noise_floor_mm for poses, of in sets.items() if of is not None}
-
-
-def errors_grids(every: Iterable[pictures.Errors]) -> list[Grid]:
+def errors_grids(every: Iterable[Errors]) -> list[Grid]:
     """Return errors of every model over all loads and, where there are several, at each."""
     title = "Position error [mm] and orientation error [deg]"
     header = (
@@ -104,9 +113,9 @@ def errors_grids(every: Iterable[pictures.Errors]) -> list[Grid]:
         )
         for each in every
     ]
-    whole = [row for row in rows if row[1] == pictures.ALL]
+    whole = [row for row in rows if row[1] == ALL]
     grids = [grid(title, header, whole, range(3, 8))]
-    parts = [row for row in rows if row[1] != pictures.ALL]
+    parts = [row for row in rows if row[1] != ALL]
     if len({row[1] for row in parts}) > 1:
         grids.append(grid(f"{title}, load by load", header, parts, range(3, 8)))
     return grids
@@ -141,18 +150,18 @@ def gap_grid(record: VerdictRecord) -> Grid:
 
 def _gaps(record: VerdictRecord) -> Iterator[tuple[str, str, BeforeAfter, Reduction | None]]:
     for poses, gap in (
-        (pictures.FITTED, record.gap.train),
-        (pictures.HELD_OUT, record.gap.holdout),
+        (FITTED, record.gap.train),
+        (HELD_OUT, record.gap.holdout),
     ):
         if gap is None:
             continue
-        yield poses, pictures.ALL, gap, gap.reduction
+        yield poses, ALL, gap, gap.reduction
         for load, at_load in gap.per_load.items() if len(gap.per_load) > 1 else ():
             yield poses, load, at_load, at_load.reduction
         rivals = gap.with_rivals
         for part, within in (
-            (pictures.PARTS["inside"], gap.inside if gap.outside is not None else None),
-            (pictures.PARTS["extrapolated"], gap.outside if gap.inside is not None else None),
+            (PARTS["inside"], gap.inside if gap.outside is not None else None),
+            (PARTS["extrapolated"], gap.outside if gap.inside is not None else None),
             ("the motion of the base taken out", gap.without_motion),
             (
                 "with what has no name, not written",
@@ -160,7 +169,7 @@ def _gaps(record: VerdictRecord) -> Iterator[tuple[str, str, BeforeAfter, Reduct
             ),
         ):
             if within is not None:
-                yield f"{poses}, {part}", pictures.ALL, within, None
+                yield f"{poses}, {part}", ALL, within, None
 
 
 # Parameters of the final model, with intervals.
@@ -204,6 +213,12 @@ def parameters(results: ResultsBundle) -> Iterator[Block]:
             "usually off. The poses fitted do not identify them."
         )
     yield from parameter_grids(shown)
+    if isinstance(results.calibration, GeneralCalibrationRecord):
+        if results.calibration.redundant:
+            redundant = redundant_grid(results.calibration)
+            yield Folded(redundant.caption, (redundant,))
+        if results.calibration.group is not None:
+            yield from campaign_grids(results.calibration.group)
     if shifts:
         title = "Parameters that had absorbed part of the effects"
         header = ("parameter", "without the effects", "with them, 95 % interval", "unit", "change")
@@ -219,6 +234,56 @@ def parameter_grids(parameters: Mapping[str, Parameter]) -> Iterator[Grid]:
         if names:
             rows = [_row(name, remaining.pop(name)) for name in names]
             yield grid(title, header, rows, (1, 3))
+
+
+def redundant_grid(case: GeneralCalibrationRecord) -> Grid:
+    """Return parameters that were not fitted, and what does the same in any pose."""
+    rows = []
+    for entry in case.redundant:
+        parts = [f"{part:.4g} × {written(name)}" for name, part in entry.replaced_by.items()]
+        same = " + ".join(parts).replace("+ -", "− ")
+        rows.append((written(entry.name), same or "nothing: it has no effect"))
+    return grid("Omitted: redundant parameters", ("omitted", "the same as"), rows)
+
+
+def campaign_grids(group: GroupOfCampaigns) -> Iterator[Grid]:
+    """Yield where every shared parameter comes from, and each campaign against the others."""
+    names = tuple(group.campaigns)
+    cells, compared = [], []
+    for name, found in group.parameters.items():
+        unit, scale = shown_in(found.unit)
+        alone = [
+            f"{scale * found.std_alone[each]:.4f}" if each in found.determined_by else NOT_KNOWN
+            for each in names
+        ]
+        by = ", ".join(found.determined_by) or "all together"
+        cells.append((written(name), unit, f"{scale * found.std:.4f}", *alone, by))
+    for name, each in group.campaigns.items():
+        unit, scale = shown_in(each.worst.unit)
+        off, u = scale * each.worst.value, scale * each.worst.std
+        compared.append(
+            (
+                *(name, str(each.poses), mm(each.rms_mm), mm(each.alone_rms_mm)),
+                *(f"{each.chi_square:.1f} for {each.dof:.0f}", f"{each.p_value:.2g}"),
+                f"{written(each.worst.name)}: {off:.3g} ± {u:.2g} {unit}",
+                "yes" if each.contradicts else "no",
+            )
+        )
+    header = ("parameter", "unit", "std", *(f"std {name}" for name in names), "determined by")
+    yield grid(
+        "Standard uncertainty of shared parameters, by all campaigns and by each alone",
+        header,
+        cells,
+        range(2, 3 + len(names)),
+    )
+    header = ("campaign", "poses", "rms [mm]", "alone [mm]", "χ²", "p", "most by", "contradicts")
+    yield grid(
+        "Each campaign against the others: they contradict each other where chance does not "
+        "explain the difference and parameters of its own take away a tenth of the squared error",
+        header,
+        compared,
+        (1, 2, 3),
+    )
 
 
 def _shifts(results: ResultsBundle) -> list[ParameterShift]:
@@ -298,10 +363,10 @@ def repeats(results: ResultsBundle) -> Iterator[Block]:
 
 def _accuracy(results: ResultsBundle, record: Iso9283Record) -> Iterator[tuple[str, ...]]:
     for name, of in (record.accuracy or {}).items():
-        title = pictures.model_title(name, results, record.accuracy or {})
+        title = model_title(name, results, record.accuracy or {})
         if title is None:
             continue
-        command = "nominal model" if title == pictures.UNCALIBRATED else f"model {title}"
+        command = "nominal model" if title == UNCALIBRATED else f"model {title}"
         yield (
             f"AP, {command}",
             mm(of.AP_mean_mm),

@@ -80,6 +80,24 @@ class Drawing(Block):
 
 
 @dataclass(frozen=True)
+class Image(Block):
+    """A picture that lies among the results as a file."""
+
+    source: str  # the file as a data URI
+    title: str  # what it shows, in a few words
+    caption: str  # what to see in it
+    id: str  # of its element in the page
+    saved_as: tuple[str, ...]  # what it can be saved as
+
+
+@dataclass(frozen=True)
+class Links(Block):
+    """Other pages."""
+
+    rows: tuple[tuple[str, str], ...]  # path from this page, and what is there
+
+
+@dataclass(frozen=True)
 class Beside(Block):
     """Figures side by side where there is room."""
 

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 
 from pa10cal.arm.statics import reported_name
 from pa10cal.results.evaluation import EffectParameter, Parameter
-from pa10cal.results.record import EffectName
+from pa10cal.results.record import HALF_WIDTH_95, EffectName
 
 # Numbers with units and intervals.
 
-#: From a standard uncertainty to half of a 95 % interval.
-HALF_WIDTH_95 = 1.96
 #: Smaller values are written as multiples of a power of ten.
 _LEAST_POWER = -2
 NOT_KNOWN = "–"

@@ -27,14 +27,9 @@ _GRADES = {
     "suspect_input": "Something in the input is probably wrong.",
     "not_converged": "The fit did not converge.",
 }
-MEANINGS = {
-    "none": "None: model and measurement agree within the noise.",
+_MEANINGS = {
     "named": "Named: every effect found is distinguishable from all others.",
     "ambiguous": "Ambiguous: at least one effect cannot be distinguished from its alternatives.",
-    "unexplained": "Unexplained: a gap remains that no effect of the vocabulary closes.",
-    "check_the_log": "Check the log: what fits best is a fault of the data. Effects listed stand "
-    "whatever becomes of it.",
-    "not_sought": "Not sought: whether the model lacks an effect is not known.",
 }
 #: Of more parameters only a summary is shown.
 _MOST_PARAMETERS = 6
@@ -94,8 +89,8 @@ def verdict(results: ResultsBundle) -> Iterator[Block]:
         yield faults
     if record.effects:
         yield effects
-    if record.verdict in ("named", "ambiguous"):
-        yield Paragraph(MEANINGS[record.verdict])
+    if record.verdict in _MEANINGS:
+        yield Paragraph(_MEANINGS[record.verdict])
     if record.unexplained is not None:
         part = "Part of the remaining error"
         if lead is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+from base64 import b64encode
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,19 +17,31 @@ from markupsafe import Markup
 
 from pa10cal.files.output import write_text
 from pa10cal.reports.accuracy import accuracy, parameters, repeats
-from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Folded, Paragraph, Section, grid
+from pa10cal.reports.blocks import (
+    Beside,
+    Block,
+    Callout,
+    Drawing,
+    Folded,
+    Image,
+    Links,
+    Paragraph,
+    Section,
+    grid,
+)
+from pa10cal.reports.errors import headline
 from pa10cal.reports.formatting import count, mm
 from pa10cal.reports.measured import measured, use
 from pa10cal.reports.outcome import grade, grade_sentence, verdict, verdict_glance
-from pa10cal.reports.pictures import headline
 from pa10cal.reports.residuals import residuals
 from pa10cal.reports.results_bundle import REFUSED, ResultsBundle, is_synthetic, results_bundle
 from pa10cal.reports.theme import BLUE, VERMILLION, drawn, library, new_figure
 from pa10cal.reports.trust import missing, next_poses, trust
-from pa10cal.results.fleet import FleetCampaign, FleetRecord
+from pa10cal.results.codec import read
+from pa10cal.results.fleet import FleetCampaign, FleetRecord, PicturesRecord
 
 #: The sections in the order of reading: id in the page, heading, and what yields their blocks.
-_SECTIONS = (
+SECTIONS = (
     ("measured", "What was measured", measured),
     ("grade", "Grade of the calibration", grade),
     ("verdict", "Verdict: what the model lacks", verdict),
@@ -55,20 +69,23 @@ class Glance:
 def write_page(
     results: Path, out: Path, campaign_dir: Path | None = None, load_case: str = "combined"
 ) -> tuple[str, int]:
-    """Write the page of a results folder, and return the campaign's name and the size in bytes.
+    """Write the page of a results folder, and return its name and the size in bytes.
 
     Args:
-        results, load_case, campaign_dir: see `results_bundle`.
+        results, load_case, campaign_dir: see `results_bundle`; or the folder of all results.
         out: page to write.
 
     Raises:
         RecordError, RawDataError: as `results_bundle`.
         OutputError: when the page cannot be written.
     """
-    found = results_bundle(results, load_case, campaign_dir)
-    text = page_text(found)
+    if campaign_dir is None and not (results / PicturesRecord.FILE).exists() and pages_in(results):
+        name, text = results.absolute().name, overview_text(results)
+    else:
+        found = results_bundle(results, load_case, campaign_dir)
+        name, text = found.campaign, page_text(found)
     write_text(out, text)
-    return found.campaign, len(text.encode())
+    return name, len(text.encode())
 
 
 def page_text(results: ResultsBundle) -> str:
@@ -78,11 +95,57 @@ def page_text(results: ResultsBundle) -> str:
         list(_glances(results)),
         list(
             _said_once(
-                Section(id, title, tuple(blocks(results))) for id, title, blocks in _SECTIONS
+                Section(
+                    id, title, (*blocks(results), *images(results.pictures, results.folder, id))
+                )
+                for id, title, blocks in SECTIONS
             )
         ),
         synthetic=results.synthetic,
     )
+
+
+def images(pictures: PicturesRecord | None, folder: Path, section: str) -> Iterator[Image]:
+    """Yield the figures and films of a results folder that one section shows."""
+    for name, of in ((pictures and pictures.captions) or {}).items():
+        for kind, endings in (("svg+xml", ("svg", "png")), ("gif", ("gif",))):
+            path = folder / f"figures/{name}.{endings[0]}"
+            if of.section == section and path.exists():
+                content = b64encode(path.read_bytes()).decode()
+                source = f"data:image/{kind};base64,{content}"
+                yield Image(source, of.title, of.text, name, endings)
+
+
+# The page of all results: where the page of every campaign is, and the pictures of every study.
+
+
+def pages_in(folder: Path) -> list[Path]:
+    """Return the pages of the campaigns, and of the fleet, below a folder of results."""
+    return sorted((*folder.glob("*/report.html"), *folder.glob("fleet/fleet.html")))
+
+
+def overview_text(folder: Path) -> str:
+    """Return the page of a folder of results, everything in it that it needs."""
+    links = [(str(page.relative_to(folder)), page.parent.name) for page in pages_in(folder)]
+    sections = [Section("campaigns", "Campaigns", (Links(tuple(links)),))]
+    for path in sorted(folder.rglob(PicturesRecord.FILE)):
+        pictures = read(PicturesRecord, path)
+        if pictures.campaign is None:
+            name = str(path.parent.relative_to(folder))
+            shown = (*images(pictures, path.parent, ""), *_tables(pictures, path.parent))
+            sections.append(Section(name, name.replace("_", " "), shown))
+    return rendered("All results", [], sections, synthetic=False, over="Report")
+
+
+def _tables(pictures: PicturesRecord, folder: Path) -> Iterator[Block]:
+    """Yield the tables of a study, as their CSV files hold them."""
+    for name, of in (pictures.captions or {}).items():
+        path = folder / f"tables/{name}.csv"
+        if path.exists():
+            with path.open(encoding="utf-8", newline="") as file:
+                header, *rows = csv.reader(file)
+            yield grid(of.title, header, rows)
+            yield Paragraph(of.text)
 
 
 def _said_once(sections: Iterable[Section]) -> Iterator[Section]:
@@ -128,7 +191,10 @@ def rendered(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    style = files("pa10cal.reports").joinpath("templates/page.css").read_text(encoding="utf-8")
+    style, script = (
+        files("pa10cal.reports").joinpath(f"templates/page.{ending}").read_text(encoding="utf-8")
+        for ending in ("css", "js")
+    )
     text: str = environment.get_template("page.html.j2").render(
         campaign=title,
         over=over,
@@ -136,6 +202,7 @@ def rendered(
         glances=glances,
         sections=sections,
         style=Markup(style),
+        script=Markup(script),
         library=library() if any(map(_draws, sections)) else None,
         drawn=drawn,
         version=version("pa10cal"),
@@ -159,11 +226,12 @@ def _glances(results: ResultsBundle) -> Iterator[Glance]:
     ends = headline(results)
     if ends is not None:
         before, after = ends
+        apart = f"; {told}" if (told := after.with_flagged("rms_mm")) else ""
         first, last = before.counted, after.counted
         over = f"rms over {count(first.configurations, f'{before.kind} configuration')}"
         peaks = f"peak {mm(first.peak_mm)} to {mm(last.peak_mm)} mm"
         said = f"{mm(first.rms_mm)} → {mm(last.rms_mm)} mm"
-        yield Glance("Position error", said, f"{over}; {peaks}{after.flagged_apart}.")
+        yield Glance("Position error", said, f"{over}; {peaks}{apart}.")
 
 
 def _draws(part: Section | Folded) -> bool:

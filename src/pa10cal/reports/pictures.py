@@ -1,92 +1,25 @@
-"""Figures with two axes: errors of every model, parameters in tolerances, poses needed."""
+"""Figures with two axes: parameters in tolerances, shares of errors, motion, poses needed."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pa10cal.reports import theme
 from pa10cal.reports.blocks import Drawing
-from pa10cal.reports.formatting import HALF_WIDTH_95, written
-from pa10cal.reports.results_bundle import ResultsBundle
-from pa10cal.results.calibration import CalibrationRecord
-from pa10cal.results.evaluation import Accuracy, HoldoutRecord, Parameter, flagged
+from pa10cal.reports.formatting import written
+from pa10cal.results.evaluation import HoldoutRecord, Parameter
 from pa10cal.results.health import PosesNeeded
+from pa10cal.results.record import HALF_WIDTH_95
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_ROW_PX, _ROOM_PX = 44, 110
+_ROOM_PX = 110
 #: Marks of a logarithmic axis, each written out: digits without their decade are not read.
 _TICKS = [digit * 10.0**decade for decade in range(-4, 5) for digit in (1, 2, 5)]
-
-
-def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Drawing:
-    """Return root mean square and largest errors of every model, fitted and held out.
-
-    Args:
-        every: errors, in the order of the rows.
-        noise_mm: mean error that noise alone leaves, by which poses it is of.
-    """
-    smallest = min(*(each.of.rms_mm for each in every), *noise_mm.values(), 1e9)
-    largest = max(each.of.peak_mm for each in every)
-    ends = [math.log10(max(smallest, 1e-6)) - 0.2, math.log10(max(largest, 1e-6)) + 0.2]
-    rows = len(every)
-    figure = theme.new_figure(
-        _ROOM_PX + _ROW_PX * rows,
-        {"type": "log", "title": {"text": "position error [mm]"}, "dtick": 1, "range": ends},
-        {"range": [rows - 0.4, -0.75], "visible": False},
-    )
-    for row, each in enumerate(every):
-        place = {"xref": "paper", "x": 0, "xanchor": "left", "y": row, "yshift": 19}
-        figure.add_annotation(text=f"{each.poses}, {each.model}", showarrow=False, **place)
-        figure.add_scatter(
-            x=[each.of.rms_mm, each.of.peak_mm],
-            y=[row, row],
-            mode="lines",
-            line={"color": theme.GREY, "width": 1},
-            hoverinfo="skip",
-            showlegend=False,
-        )
-        # At the right end of the row's title: beside the marks numbers would lie on others.
-        numbers = f"{each.of.rms_mm:.3f}, largest {each.of.peak_mm:.3f} mm"
-        place |= {"x": 1, "xanchor": "right"}
-        figure.add_annotation(text=numbers, showarrow=False, **place)
-    looks = (
-        ("root mean square", "circle", theme.BLUE, "rms_mm"),
-        ("largest", "triangle-right", theme.VERMILLION, "peak_mm"),
-    )
-    for name, symbol, color, key in looks:
-        values = [getattr(each.of, key) for each in every]
-        figure.add_scatter(
-            x=values,
-            y=list(range(rows)),
-            mode="markers",
-            marker={"color": color, "size": 10, "symbol": symbol},
-            name=name,
-            hovertemplate=f"{name} %{{x:.4f}} mm<extra></extra>",
-        )
-    noisy = {k: noise_mm[each.poses] for k, each in enumerate(every) if each.poses in noise_mm}
-    if noisy:
-        figure.add_scatter(
-            x=list(noisy.values()),
-            y=list(noisy),
-            mode="markers",
-            marker={"color": theme.GREY, "size": 12, "symbol": "line-ns", "line": {"width": 2}},
-            name="noise alone, mean",
-            hovertemplate="noise alone, mean %{x:.4f} mm<extra></extra>",
-        )
-    return Drawing(
-        figure,
-        "Position error of every model",
-        "Circles: root mean square; triangles: largest; upright strokes: mean error that noise "
-        "alone leaves. The scale is logarithmic. The table below has the numbers.",
-        "errors",
-    )
 
 
 def tolerances_drawing(
@@ -290,164 +223,4 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
             else "is wanted."
         ),
         "poses-needed",
-    )
-
-
-# Errors of every model over fitted and held-out poses.
-
-UNCALIBRATED, CALIBRATED, EXTENDED = "not calibrated", "calibrated", "with the effects found"
-FITTED, HELD_OUT, ALL = "fitted", "held out", "all"
-PARTS = {
-    "inside": "angles seen in the fit",
-    "extrapolated": "extrapolated",
-    "trusted": "without readings flagged as wrong",
-}
-_SPRINGS = {
-    "geometry": "calibrated, geometry alone",
-    "linear": "calibrated, linear springs",
-    "cubic": "calibrated, cubic springs",
-}
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Errors of one model over some configurations."""
-
-    poses: str  # `fitted` or `held out`
-    load: str  # `all`, or a load such as `22N`
-    name: str  # of the model in the records
-    model: str  # as readers see it
-    of: Accuracy  # the errors
-    # of a model with effects `inside` the angles fitted or `extrapolated`; or `trusted`: without
-    # configurations that have a reading flagged as wrong
-    part: str = ALL
-    trusted: Accuracy | None = None  # of `all` parts, those of `trusted`; None where all are
-
-    @property
-    def kind(self) -> str:
-        """Return which poses they are of, as it stands before a noun."""
-        return self.poses.replace(" ", "-")
-
-    @property
-    def counted(self) -> Accuracy:
-        """Return the errors that a headline gives: without readings flagged as wrong."""
-        return self.trusted or self.of
-
-    @property
-    def flagged_apart(self) -> str:
-        """Return what a headline adds: the error with flagged readings; nothing without any."""
-        if self.trusted is None:
-            return ""
-        count = self.of.configurations - self.trusted.configurations
-        return f"; with {flagged(count)} {self.of.rms_mm:.3f} mm"
-
-
-def errors_of(results: ResultsBundle) -> list[Errors]:
-    """Return the errors of every model, over all loads first, then load by load."""
-    every = [*_fitted(results), *_held_out(results)]
-    return [each for each in every if each.load == ALL] + [
-        each for each in every if each.load != ALL
-    ]
-
-
-def headline(results: ResultsBundle) -> tuple[Errors, Errors] | None:
-    """Return the errors before and after that count: held out where there are such poses."""
-    every = [each for each in errors_of(results) if each.load == each.part == ALL]
-    for poses in (HELD_OUT, FITTED):
-        of = [each for each in every if each.poses == poses]
-        if of:
-            return of[0], of[-1]
-    return None
-
-
-def model_title(name: str, results: ResultsBundle, beside: Iterable[str]) -> str | None:
-    """Return what readers call a model; None of one that is the calibrated one once more.
-
-    Args:
-        name: in the records.
-        results: of the campaign.
-        beside: names of the models that it is compared with.
-    """
-    if name == "extended":
-        return EXTENDED if results.verdict is None or results.verdict.effects else None
-    if name == "uncalibrated":
-        return UNCALIBRATED
-    return _SPRINGS.get(name, name) if {"geometry", "cubic"} & set(beside) else CALIBRATED
-
-
-def _fitted(results: ResultsBundle) -> Iterator[Errors]:
-    if (record := results.calibration) is None:
-        return
-    sprung = bool(getattr(record, "springs", True))
-    last = "cubic" if record.model == "paper" else "linear"
-    models = {
-        "before": ("uncalibrated", UNCALIBRATED),
-        "geometry": ("geometry", _SPRINGS["geometry"]),
-        "after": (last, _SPRINGS[last] if sprung else CALIBRATED),
-    }
-    for key, (name, title) in models.items():
-        by_load = {load: getattr(each, key, None) for load, each in record.errors.items()}
-        known = {load: each for load, each in by_load.items() if each is not None}
-        if not known or (key == "geometry" and not sprung):
-            continue
-        parts = {"trusted": less} if (less := _trusted(record, key, known)) else {}
-        yield from _model(FITTED, name, title, _together(list(known.values())), known, parts)
-    if results.verdict is not None and results.verdict.effects:
-        gap = results.verdict.gap.train
-        regions = {"inside": gap.inside, "extrapolated": gap.outside}
-        after = {region: of.after for region, of in regions.items() if of is not None}
-        per_load = {load: part.after for load, part in gap.per_load.items()}
-        yield from _model(FITTED, "extended", EXTENDED, gap.after, per_load, after)
-
-
-def _trusted(record: CalibrationRecord, key: str, known: Mapping[str, Accuracy]) -> Accuracy | None:
-    """Return errors before or after without suspected outliers; None where there is none."""
-    less = {load: getattr(record.errors[load].trusted, key, None) for load in known}
-    if not any(less.values()):
-        return None
-    return _together([less[load] or each for load, each in known.items()])
-
-
-def _held_out(results: ResultsBundle) -> Iterator[Errors]:
-    if results.held_out is None:
-        return
-    for name, model in results.held_out.models.items():
-        title = model_title(name, results, results.held_out.models)
-        if title is not None:
-            parts = {
-                "inside": model.inside,
-                "extrapolated": model.outside,
-                "trusted": model.trusted,
-            }
-            known = {part: of for part, of in parts.items() if of is not None}
-            yield from _model(HELD_OUT, name, title, model, model.per_load, known)
-
-
-def _model(
-    poses: str,
-    name: str,
-    title: str,
-    of: Accuracy,
-    per_load: Mapping[str, Accuracy],
-    parts: Mapping[str, Accuracy],
-) -> Iterator[Errors]:
-    """Yield errors over all configurations, over parts of them and at each load."""
-    yield Errors(poses, ALL, name, title, of, trusted=parts.get("trusted"))
-    for part, within in parts.items():
-        yield Errors(poses, ALL, name, f"{title}, {PARTS[part]}", within, part)
-    for load, at_load in per_load.items():
-        yield Errors(poses, load, name, title, at_load)
-
-
-def _together(parts: list[Accuracy]) -> Accuracy:
-    """Return errors over several sets of configurations as over all of them."""
-    count = np.array([part.configurations for part in parts])
-    share = count / count.sum()
-    angles = [part.orientation_deg for part in parts if part.orientation_deg is not None]
-    return Accuracy(
-        mean_mm=float(share @ [part.mean_mm for part in parts]),
-        rms_mm=float(np.sqrt(share @ [part.rms_mm**2 for part in parts])),
-        peak_mm=max(part.peak_mm for part in parts),
-        orientation_deg=float(share @ angles) if len(angles) == len(parts) else None,
-        configurations=int(count.sum()),
     )

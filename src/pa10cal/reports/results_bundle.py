@@ -22,6 +22,7 @@ from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record
+from pa10cal.results.fleet import PicturesRecord
 from pa10cal.results.record import CampaignRecord, MeasuredRecord, Record
 
 if TYPE_CHECKING:
@@ -63,22 +64,23 @@ class ResultsBundle:
     load_case: str = "combined"  # calibration that was evaluated: `combined`, or a load
     # what the campaign says of itself, where its raw files were given
     description: CampaignDescription | None = None
-    _records: dict[tuple[Path, str | None], Record] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
+    _records: dict[str, Record] = field(default_factory=dict, init=False, repr=False, compare=False)
 
-    def read(self, kind: type[_R], file: str | None = None, campaign: str | None = None) -> _R:
-        """Return a record; the errors are those of `codec.read`.
+    def read(self, kind: type[_R], file: str | None = None) -> _R:
+        """Return a record of the campaign described, of any where none is; see `codec.read`.
 
         Args:
             kind: its type.
             file: where it is in the folder; by default where the type says.
-            campaign: whose it must be; None for any.
         """
-        key = self.folder / (file or kind.FILE), campaign
-        if key not in self._records:
-            self._records[key] = read(kind, *key)
-        return cast(_R, self._records[key])
+        name = file or kind.FILE
+        if name not in self._records:
+            self._records[name] = read(kind, self.folder / name, self._described)
+        return cast(_R, self._records[name])
+
+    @property
+    def _described(self) -> str | None:
+        return None if self.description is None else self.description.name
 
     @cached_property
     def campaign(self) -> str:
@@ -107,7 +109,7 @@ class ResultsBundle:
     def poses(self) -> pd.DataFrame | None:
         """The table of poses."""
         path = self.folder / POSES
-        return read_pose_table(path) if path.exists() else None
+        return read_pose_table(path, self._described) if path.exists() else None
 
     @cached_property
     def motion(self) -> MotionFound | None:
@@ -141,6 +143,7 @@ class ResultsBundle:
     extended = cached_property(_record(ExtendedRecord))  # the model with the effects found
     held_out = cached_property(_record(HoldoutRecord))  # errors of held-out poses
     iso9283 = cached_property(_record(Iso9283Record))  # accuracy and repeatability
+    pictures = cached_property(_record(PicturesRecord))  # which were drawn, with their captions
 
     @cached_property
     def calibration(self) -> CalibrationRecord | None:

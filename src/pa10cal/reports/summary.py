@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
+from pa10cal.reports.errors import headline
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord
-from pa10cal.results.evaluation import Accuracy, HoldoutRecord, flagged
+from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal.results.fleet import ChainRecord
 
 _HEAD = ("campaign", "grade", "verdict", "before", "after", "mean error over")
@@ -65,8 +66,11 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
     """
     bundle = ResultsBundle(results, calibration)
     fitted = bundle.read(CalibrationRecord, f"calibration/{calibration}.json")
-    verdict, held_out = bundle.read(VerdictRecord), bundle.read(HoldoutRecord)
-    before, after = _errors(fitted, verdict, held_out)
+    verdict, _ = bundle.read(VerdictRecord), bundle.read(HoldoutRecord)
+    ends = headline(bundle)
+    assert ends is not None  # those of the calibration at least
+    before, after = ends
+    prior = fitted.prior if isinstance(fitted, GeneralCalibrationRecord) else None
     became = ChainRecord(
         campaign=fitted.campaign,
         status="done",
@@ -75,63 +79,15 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
         grade=fitted.health.grade,
         line=fitted.health.line,
         verdict=verdict.verdict,
-        notes=(*_started(fitted), *notes(verdict)),
-        before_mm=before,
-        after_mm=after,
-        over="held-out poses" if held_out.models else "fitted poses",
+        notes=(*(() if prior is None else (prior.line,)), *notes(verdict)),
+        before_mm=before.of.mean_mm,
+        after_mm=after.of.mean_mm,
+        over=f"{before.kind} poses",
     )
-    return CampaignSummary(became, *_trusted(fitted, verdict, held_out))
-
-
-def _started(fitted: CalibrationRecord) -> tuple[str, ...]:
-    """Return what a calibration says of the model that it started from, if it did from one."""
-    prior = fitted.prior if isinstance(fitted, GeneralCalibrationRecord) else None
-    return () if prior is None else (prior.line,)
-
-
-def _errors(
-    fitted: CalibrationRecord, verdict: VerdictRecord, held_out: HoldoutRecord
-) -> tuple[float | None, float | None]:
-    """Return mean errors before and after [mm]: held out, or without such poses as fitted."""
-    if held_out.models:
-        *_, last = held_out.models.values()
-        return held_out.models["uncalibrated"].mean_mm, last.mean_mm
-    before = _mean(each.before for each in fitted.errors.values())
-    gap = verdict.gap.train
-    return before, gap.after.mean_mm if gap else _mean(e.after for e in fitted.errors.values())
-
-
-def _trusted(
-    fitted: CalibrationRecord, verdict: VerdictRecord, held_out: HoldoutRecord
-) -> tuple[tuple[float, float] | None, str]:
-    """Return `_errors` without what is flagged as wrong, and in words the error after with it.
-
-    None where nothing is.
-    """
-    if held_out.models:
-        *_, last = held_out.models.values()
-        first = held_out.models["uncalibrated"].trusted
-        if first is None or last.trusted is None:
-            return None, ""
-        count = last.configurations - last.trusted.configurations
-        apart = f"with {flagged(count)} {last.mean_mm:.3f} mm"
-        return (first.mean_mm, last.trusted.mean_mm), apart
-    every = list(fitted.errors.values())
-    count = sum(e.after.configurations - e.trusted.after.configurations for e in every if e.trusted)
-    before = _mean((each.trusted or each).before for each in every)
-    after = _mean((each.trusted or each).after for each in every)
-    whole = _mean(each.after for each in every)
-    if not count or before is None or after is None:
-        return None, ""
-    # Where effects were found, their search had no readings that it lists as outliers.
-    last_mm = verdict.gap.train.after.mean_mm if verdict.effects else after
-    return (before, last_mm), f"with {flagged(count)} {whole:.3f} mm"
-
-
-def _mean(errors: Iterable[Accuracy]) -> float | None:
-    found = [(each.mean_mm, each.configurations) for each in errors]
-    count = sum(configurations for _, configurations in found)
-    return sum(mean * part for mean, part in found) / count if count else None
+    if before.trusted is None:
+        return CampaignSummary(became)
+    trusted = before.trusted.mean_mm, after.counted.mean_mm
+    return CampaignSummary(became, trusted, after.with_flagged("mean_mm"))
 
 
 def notes(verdict: VerdictKeys) -> tuple[str, ...]:

@@ -43,10 +43,7 @@ _CONFIG = {"responsive": True, "displaylogo": False, "scrollZoom": False, "displ
 _CONFIG_IN_SPACE = {
     **_CONFIG,
     "displayModeBar": True,
-    "modeBarButtons": [
-        ["orbitRotation", "pan3d", "zoom3d", "resetCameraDefault3d"],
-        ["toImage"],
-    ],
+    "modeBarButtons": [["orbitRotation", "pan3d", "zoom3d", "resetCameraDefault3d"]],
 }
 
 

@@ -30,8 +30,11 @@ def trust(results: ResultsBundle) -> Iterator[Block]:
         yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
     yield checks_grid(results.calibration, "calibration")
-    if isinstance(results.calibration, GeneralCalibrationRecord) and results.calibration.prior:
-        yield Callout("note", sentence(results.calibration.prior.line))
+    if isinstance(results.calibration, GeneralCalibrationRecord):
+        if results.calibration.prior:
+            yield Callout("note", sentence(results.calibration.prior.line))
+        if results.calibration.suspected_outliers:
+            yield outliers_grid(results.calibration)
     warnings = dict.fromkeys(results.calibration.warnings)
     if results.extended is not None and results.extended.named:
         warnings |= dict.fromkeys(f"with the effects: {each}" for each in results.extended.warnings)
@@ -58,6 +61,16 @@ def checks_grid(case: CalibrationRecord, what: str) -> Grid:
     """
     title = f"What the grade of the {what} stands on: {case.health.grade.replace('_', ' ')}"
     return grid(title, ("check", "found", "passes"), _checks(case))
+
+
+def outliers_grid(case: GeneralCalibrationRecord) -> Grid:
+    """Return poses far outside the scatter of the others; distances in units of the scatter."""
+    rows = [
+        (each.pose, f"{each.load_N:g}", f"{each.distance:.2f}", f"{each.weight:.3f}", each.why)
+        for each in case.suspected_outliers
+    ]
+    header = ("pose", "load [N]", "distance", "weight", "why")
+    return grid("Suspected outliers, in the fit with less weight", header, rows, (1, 2, 3))
 
 
 def evidence_grid(record: discovery.VerdictRecord) -> Grid:

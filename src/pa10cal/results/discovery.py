@@ -12,6 +12,7 @@ from pa10cal.results.evaluation import Accuracy, BeforeAfter, EffectParameter, P
 from pa10cal.results.explained import Explained, ProposedFormula
 from pa10cal.results.maps import AnglesSeen, Bands, FallsBack, JointWitness, MapForm, PoseScatter
 from pa10cal.results.record import (
+    HALF_WIDTH_95,
     EffectName,
     FaultKind,
     Key,
@@ -97,8 +98,8 @@ class EvidenceOfSag(Part):
             rigid_mm, now_mm = self.held_out_rigid_mm, self.held_out_gives_way_mm
             which = "held-out poses"
         return (
-            f"sags by up to {self.sag_mrad:.2f} ± {1.96 * self.sag_u_mrad:.2g} mrad under the "
-            f"arm's weight; held rigid it leaves {rigid_mm:.3f} mm rms of {which}, as it is "
+            f"sags by up to {self.sag_mrad:.2f} ± {HALF_WIDTH_95 * self.sag_u_mrad:.2g} mrad under "
+            f"the arm's weight; held rigid it leaves {rigid_mm:.3f} mm rms of {which}, as it is "
             f"{now_mm:.3f} mm; log evidence {self.lost_without_it_nats:.3g} nats, "
             f"{self.needed_nats:.3g} needed"
         )

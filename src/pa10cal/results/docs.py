@@ -10,6 +10,7 @@ import re
 import types
 from collections.abc import Iterator, Mapping
 from functools import reduce
+from importlib import import_module
 from inspect import get_annotations
 from operator import or_
 from pathlib import Path
@@ -20,52 +21,21 @@ from pydantic import BaseModel, TypeAdapter
 from pydantic.fields import FieldInfo
 
 from pa10cal.files.output import write_text
-from pa10cal.results.analysis import AnalysisRecord
-from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
-from pa10cal.results.comparison import (
-    ComparisonRecord,
-    DriftRecord,
-)
-from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
-from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record, TransferRecord
-from pa10cal.results.fleet import ChainRecord, FleetRecord, MeasuredRobotsRecord, PicturesRecord
-from pa10cal.results.plan import PlanRecord
 from pa10cal.results.record import Key, Part, Record, Shape, Table
-from pa10cal.results.studies import CoverageRecord, CurveCalibrationRecord, CurveRecord, PlaneRecord
-from pa10cal.results.trials import (
-    TrialScoresRecord,
-    TrialTruthRecord,
-    TrialVerdictRecord,
-    WildScoresRecord,
-)
-from pa10cal.results.truth import TruthRecord
 
-#: Every kind of record, in the order of the docs.
-RECORDS: tuple[type[Record], ...] = (
-    BaseFrameRecord,
-    CalibrationRecord,
-    PlaneRecord,
-    HoldoutRecord,
-    Iso9283Record,
-    TransferRecord,
-    VerdictRecord,
-    ExtendedRecord,
-    AnalysisRecord,
-    ComparisonRecord,
-    DriftRecord,
-    PlanRecord,
-    PicturesRecord,
-    ChainRecord,
-    FleetRecord,
-    MeasuredRobotsRecord,
-    CurveRecord,
-    CurveCalibrationRecord,
-    CoverageRecord,
-    TruthRecord,
-    TrialTruthRecord,
-    TrialVerdictRecord,
-    TrialScoresRecord,
-    WildScoresRecord,
+#: Modules of records, in the order of the docs.
+_MODULES = (
+    *("calibration", "evaluation", "discovery", "analysis", "comparison", "plan", "fleet"),
+    *("studies", "truth", "trials"),
+)
+#: Every kind of record: the classes of these modules that say of themselves where they lie.
+RECORDS: tuple[type[Record], ...] = tuple(
+    record
+    for module in (import_module(f"pa10cal.results.{name}") for name in _MODULES)
+    for record in vars(module).values()
+    if isinstance(record, type)
+    and record.__module__ == module.__name__
+    and "SCHEMA" in vars(record)
 )
 
 SCHEMAS = Path("workflow/schemas/results")

@@ -147,6 +147,14 @@ class MeasuredRobotsRecord(Record):
 # `pictures.json`: which pictures and tables were drawn, and why the others were not.
 
 
+class Caption(Part):
+    """What pages say of a picture."""
+
+    title: str = Field(description="what it is called")
+    text: str = Field(description="what to see in it")
+    section: str = Field(description="section of a campaign's page that shows it")
+
+
 @filed("pa10cal-pictures/1", "pictures.json", by="figures")
 class PicturesRecord(Record):
     """`pictures.json` of a campaign or study."""
@@ -155,4 +163,7 @@ class PicturesRecord(Record):
     drawn: tuple[str, ...] = Field(description="names of the pictures and tables drawn")
     omitted: Mapping[Annotated[str, Key("name")], str] = Field(
         description="why each of the others was not drawn"
+    )
+    captions: Mapping[Annotated[str, Key("name")], Caption] | None = optional(
+        "what pages say of each picture and table drawn"
     )

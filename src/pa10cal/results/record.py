@@ -160,6 +160,10 @@ CountColumn = Annotated[NDArray[np.int64], Shape("rows")]
 FlagColumn = Annotated[NDArray[np.bool_], Shape("rows")]
 
 
+#: From a standard uncertainty to half of a 95 % interval.
+HALF_WIDTH_95 = 1.96
+
+
 def optional(description: str) -> Any:
     """Return a field whose key may be absent, and is where its value is None."""
     return Field(default=None, exclude_if=_is_none, description=description)

@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import pa10cal
 from pa10cal.errors import OutputError, Pa10calError, SettingsError, last_message
@@ -24,6 +24,7 @@ from pa10cal.extras import EXTRAS, MissingPackageError
 from pa10cal.running.alone import PARENTS, alone
 
 if TYPE_CHECKING:
+    from pa10cal.running.display import RunDisplay
     from pa10cal.settings import Settings
 
 #: In the work folder: what Snakemake and the commands print.
@@ -32,22 +33,6 @@ PRINTED = "printed.log"
 _TICK_S = 0.5
 #: With less room than this on the disk nothing can be written [bytes].
 _LEAST_FREE = 1 << 16
-
-
-class Display(Protocol):
-    """Shows how far a run is."""
-
-    def started(self, job: int, rule: str, campaign: str) -> None:
-        """Show that a job has begun."""
-
-    def finished(self, job: int) -> None:
-        """Show that a job has ended."""
-
-    def progress(self, done: int, total: int) -> None:
-        """Show how many jobs are done."""
-
-    def tick(self) -> None:
-        """Show that time has passed."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +124,7 @@ def refuse_without_snakemake(profile: str | None = None) -> None:
             raise MissingPackageError(module)
 
 
-def run_workflow(workflow: Workflow, display: Display) -> None:
+def run_workflow(workflow: Workflow, display: RunDisplay) -> None:
     """Run the workflow to its end, and tell a display what happens.
 
     What Snakemake and the commands print goes to `PRINTED` in the work folder.
@@ -182,7 +167,7 @@ def run_workflow(workflow: Workflow, display: Display) -> None:
             raise _failure(code, failed, workflow, printed.read())
 
 
-def _events(pipe: int, display: Display) -> Iterator[dict[str, Any]]:
+def _events(pipe: int, display: RunDisplay) -> Iterator[dict[str, Any]]:
     """Yield what the workflow tells, until it ends."""
     rest = b""
     while True:
@@ -197,7 +182,7 @@ def _events(pipe: int, display: Display) -> Iterator[dict[str, Any]]:
         yield from map(json.loads, lines)
 
 
-def _tell(display: Display, event: dict[str, Any], failed: list[str]) -> None:
+def _tell(display: RunDisplay, event: dict[str, Any], failed: list[str]) -> None:
     kind = event["event"]
     if kind == "job_info":
         wildcards = event["wildcards"] or {}

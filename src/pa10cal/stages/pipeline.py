@@ -60,36 +60,17 @@ class Stage:
         return shlex.join(words)
 
 
-@dataclass(frozen=True)
 class Places:
     """Where the results of a campaign lie."""
 
-    results: Path  # the folder of all of them
-
-    @property
-    def poses(self) -> Path:
-        """Return the table of poses."""
-        return self.results / "ingest/poses.parquet"
-
-    @property
-    def quarantine(self) -> Path:
-        """Return the list of rows that are not used."""
-        return self.results / "ingest/quarantine.csv"
-
-    @property
-    def base_frame(self) -> Path:
-        """Return the base frame."""
-        return self.results / "seed/base_frame.json"
-
-    @property
-    def verdict(self) -> Path:
-        """Return the verdict."""
-        return self.results / "discovery/verdict.json"
-
-    @property
-    def extended(self) -> Path:
-        """Return the model with the effects found."""
-        return self.results / "discovery/extended.json"
+    def __init__(self, results: Path) -> None:
+        """Take the folder of all of them."""
+        self.results = results
+        self.poses = results / "ingest/poses.parquet"  # the table of poses
+        self.quarantine = results / "ingest/quarantine.csv"  # rows that are not used
+        self.base_frame = results / "seed/base_frame.json"
+        self.verdict = results / "discovery/verdict.json"
+        self.extended = results / "discovery/extended.json"  # the model with the effects found
 
     def calibration(self, load: str = _COMBINED, *, bare: bool = False) -> Path:
         """Return a load case; `bare`: without effects that are those of the verdict."""

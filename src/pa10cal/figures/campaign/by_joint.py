@@ -121,6 +121,7 @@ _Fits = tuple[tuple[LackOfFit, str, float], ...]
 @picture(
     title="Where: error of each joint against its angle",
     needs=("analysis",),
+    section="verdict",
     caption="""
 One column a joint of ``{name}``. Above, the joint angle error, measured minus modelled, against
 the joint angle, in every cell of readings: red before, blue after the named effects were added.
@@ -237,6 +238,7 @@ _SIDES: tuple[tuple[int, dict[str, Any], str], ...] = (
 @picture(
     title="Where: remaining torque at each joint",
     needs=("analysis",),
+    section="residuals",
     caption="""
 Torque of each joint of ``{name}`` as logged, minus the torque of the known weights, against the
 joint angle; above before, below after the named effects were added. Triangles point in the

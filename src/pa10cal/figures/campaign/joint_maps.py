@@ -15,10 +15,10 @@ from pa10cal.arrays import Array
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import legend_at, new_figure, note, panel
-from pa10cal.reports.formatting import HALF_WIDTH_95
 from pa10cal.reports.theme import AFTER, BLUE, GREEN, GREY, ORANGE, PURPLE, SEPARATOR, SKY
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import FoundEffect
+from pa10cal.results.record import HALF_WIDTH_95
 
 _TITLE = "Errors that depend on a joint angle, as found"
 _MAPS = ("joint_error_map", "sensor_error", "gear_error")
@@ -44,6 +44,7 @@ class _Map:
 @picture(
     title="Where: error maps of the joints",
     needs=("verdict",),
+    section="verdict",
     caption="""
 Errors that depend on a joint angle, as discovery found them in ``{name}``: the position error
 of each joint over a whole turn, with a 95 % band from the uncertainty of the knots. A constant
@@ -155,6 +156,7 @@ _LINES: tuple[tuple[str, Literal["-", "--", "-."]], ...] = (
 @picture(
     title="Where: one robot, several campaigns",
     needs=("verdict",),
+    section="verdict",
     caption="""
 The errors by joint angles that discovery found in ``{name}``, as each campaign alone has them,
 where it has poses. Where campaigns lie on top of each other the error

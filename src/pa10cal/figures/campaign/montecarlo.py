@@ -25,6 +25,7 @@ _ASIDE_MM = 18.0
 @picture(
     title="Monte Carlo: error by plane",
     needs=("planes",),
+    section="trust",
     caption="""
 Position error caused by the stated resolver uncertainty alone, in horizontal planes, for the
 nominal arm. Left, the mean over all positions and draws with the standard deviation within a
@@ -136,6 +137,7 @@ _BELOW_MM = 36.0
 @picture(
     title="Monte Carlo: map of the error over the plane",
     needs=("planes",),
+    section="trust",
     caption="""
 Expected position error caused by resolver uncertainty over each plane, from the closed form, in
 one colour scale for all planes. The circles bound the requested reach. Where the ring is white,

@@ -41,6 +41,7 @@ _MARGIN_MM = 60.0
 @picture(
     title="Fig. 4: test path",
     needs=("papers_calibration", "poses", "base_frame"),
+    section="measured",
     caption="""
 Where the arm was measured in ``{name}``, in the robot's base frame (Fig. 4 of the paper). Blue:
 calibration poses, joined in the order measured. Red triangles: held-out poses, which no fit
@@ -163,6 +164,7 @@ class _Column:
 @picture(
     title="Fig. 5: error before and after calibration",
     needs=("papers_calibration", "poses"),
+    section="accuracy",
     caption="""
 Position error (above) and orientation error (below) at each external load in ``{name}`` (Fig. 5
 of the paper). A marker is the mean over the calibration poses, and the bar above it ends at the
@@ -331,6 +333,7 @@ _MOST_NAMES = 45
 @picture(
     title="Fig. 6: error at held-out points and loads",
     needs=("papers_calibration", "held_out"),
+    section="accuracy",
     caption="""
 Errors of ``{name}`` at poses and loads that no fit uses (Fig. 6 of the paper): poses outside
 the calibrated volume, and loads up to about twice the calibrated ones. Above, every

@@ -12,10 +12,12 @@ from matplotlib.lines import Line2D
 from pa10cal.figures import style
 from pa10cal.figures.registry import picture
 from pa10cal.figures.results import Results
-from pa10cal.reports.formatting import HALF_WIDTH_95
+from pa10cal.figures.table import Table, frame_of
 from pa10cal.reports.theme import AFTER, BEFORE, BLACK, BLUE, GREY, ORANGE
+from pa10cal.reports.trust import outliers_grid
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.record import HALF_WIDTH_95
 
 _S_PER_H = 3600.0
 _BEFORE: dict[str, Any] = {"color": BEFORE, "marker": "s", "linestyle": "none"}
@@ -36,6 +38,7 @@ _HEIGHT_MM = 148.0
 @picture(
     title="Where: remaining error by load, axis, joint and direction",
     needs=("analysis", "verdict"),
+    section="residuals",
     caption="""
 Remaining error of ``{name}`` fitted without effects (red) and with the effects of the verdict
 (blue), part by part. The black bar is the error that noise alone leaves in a cell of a few
@@ -193,6 +196,7 @@ _FLOOR_LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "linestyle": "-
 @picture(
     title="Gap: error as effects are named",
     needs=("analysis", "verdict"),
+    section="accuracy",
     caption="""
 Gap between model and measurement in ``{name}`` as the effects of the verdict are added to the
 model, first those without which the model with all of them loses most, all parameters fitted
@@ -265,3 +269,36 @@ def _draw_errors(axes: Axes, y: float, errors: Accuracy, look: dict[str, Any]) -
     axes.plot(errors.mean_mm, y, **look)
     said = f"{errors.mean_mm:.3f} / {errors.rms_mm:.3f} / {errors.peak_mm:.3f}"
     style.write_beside(axes, y, said, 1.035)
+
+
+@picture(
+    title="Suspected outliers",
+    needs=("general",),
+    caption="""
+Poses of ``{name}`` that lie so far outside the scatter of the others that chance hardly
+explains them, each with the quantity that is off and by how much. None was removed: each stayed
+in the fit with a reduced weight, so that it cannot bias the other poses. A single such pose may
+be a wrong reading. Several of them at neighbouring positions or joint angles are more likely an
+effect that the model lacks.
+""",
+)
+def tabulate_suspected_outliers(results: Results) -> Table:
+    """Return every suspected outlier, the worst first."""
+    case = results.general()
+    rows = [
+        (each.pose, each.load_N, round(each.distance, 2), round(each.weight, 3), each.why)
+        for each in case.suspected_outliers
+    ]
+    return Table(
+        title="Suspected outliers",
+        data=frame_of(("pose", "load_N", "distance", "weight", "why"), rows),
+        shown=(outliers_grid(case),),
+        notes=(
+            f"{len(rows)} of {case.health.poses.measured} poses. None was removed: each stayed in "
+            "the fit with the weight given, 1 being that of the others.",
+            "Distance: residual over all readings of the pose, in standard deviations of the "
+            "scatter. Without a wrong pose, one campaign in a hundred has a suspected outlier.",
+            "A suspected outlier may be a wrong reading, or a place where the model lacks an "
+            "effect.",
+        ),
+    )

@@ -1,0 +1,36 @@
+// Saves a table as CSV, a figure as PNG or SVG, on a white ground; nothing is fetched.
+document.addEventListener("click", async event => {
+  const kind = event.target.dataset && event.target.dataset.save;
+  if (!kind) return;
+  const figure = event.target.closest("figure");
+  const plot = figure.querySelector(".js-plotly-plot"), image = figure.querySelector("img");
+  const title = figure.querySelector("h3, figcaption").textContent;
+  const link = document.createElement("a");
+  link.download = `${title.toLowerCase().replace(/[^a-z0-9]+/g, "-").slice(0, 60)}.${kind}`;
+  if (kind === "csv") {
+    link.href = URL.createObjectURL(new Blob(["\ufeff", asCsv(figure.querySelector("table"))]));
+  } else if (plot) {
+    const layout = Object.assign({}, plot.layout, {paper_bgcolor: "white", plot_bgcolor: "white"});
+    const size = {width: plot.offsetWidth, height: plot.offsetHeight, scale: kind === "png" ? 2 : 1};
+    link.href = await Plotly.toImage({data: plot.data, layout}, {format: kind, ...size});
+  } else {
+    link.href = kind === "png" ? asPng(image) : image.src;
+  }
+  link.click();
+});
+
+// A cell that a spreadsheet would run begins with an apostrophe.
+function asCsv(table) {
+  const cell = text => /[",\n]/.test(text) ? `"${text.replace(/"/g, '""')}"` : text;
+  const plain = text => /^[=+@-]/.test(text) && isNaN(text) ? `'${text}` : text;
+  return [...table.rows].map(row => [...row.cells].map(each => cell(plain(each.innerText.trim())))
+    .join(",")).join("\n") + "\n";
+}
+
+function asPng(image) {
+  const canvas = document.createElement("canvas");
+  canvas.width = 2 * image.naturalWidth;
+  canvas.height = 2 * image.naturalHeight;
+  canvas.getContext("2d").drawImage(image, 0, 0, canvas.width, canvas.height);
+  return canvas.toDataURL("image/png");
+}

@@ -1,0 +1,224 @@
+"""What the tables of the page hold is what the records say."""
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+
+from pa10cal.figures.campaign.where import tabulate_suspected_outliers
+from pa10cal.figures.table import write_table
+from pa10cal.reports.accuracy import accuracy, gap_grid, parameters
+from pa10cal.reports.blocks import Folded, Grid
+from pa10cal.reports.errors import errors_of
+from pa10cal.reports.formatting import with_interval
+from pa10cal.reports.outcome import verdict
+from pa10cal.reports.results_bundle import ResultsBundle
+from pa10cal.reports.trust import missing, trust
+
+COMBINED, VERDICT = "calibration/combined.json", "discovery/verdict.json"
+
+
+def lines(section, results):
+    """Return the tables of a section of the page, a line a row."""
+
+    def grids(blocks):
+        for block in blocks:
+            if isinstance(block, Grid):
+                yield block
+            elif isinstance(block, Folded):
+                yield from grids(block.blocks)
+
+    found = list(grids(section(results.bundle)))
+    return [each.caption for each in found] + [
+        f"| {' | '.join(row)} |" for each in found for row in (each.header, *each.rows)
+    ]
+
+
+class TestParameters:
+    def test_shows_units_of_the_workshop_and_what_was_left_out(self, sighted):
+        case = sighted["pose"].general()
+        found = lines(parameters, sighted["pose"])
+        length, angle = case.parameters["delta_a_2"], case.parameters["delta_theta_3"]
+        shown = with_interval(1e3 * length.value, 1e3 * length.std)
+        assert any(line.startswith(f"| δa₂ | {shown} | mm |") for line in found)
+        shown = with_interval(1e3 * angle.value, 1e3 * angle.std)
+        assert any(line.startswith(f"| δθ₃ | {shown} | mrad |") for line in found)
+        (same,) = (entry for entry in case.redundant if entry.name == "delta_a_6")
+        assert same.replaced_by.keys() == {"tool_x"}
+        assert "Omitted: redundant parameters" in found
+        assert "| δa₆ | 1 × tool x |" in found
+
+    def test_a_parameter_that_nothing_tells_has_no_uncertainty(self, sighted):
+        found = lines(parameters, sighted["distance"])
+        assert "| γ_x | – | mrad | – | not identifiable from these poses |" in found
+
+    def test_a_spring_at_its_end_is_rigid(self, changed_from, sighted):
+        def rigid(record):
+            record["parameters"]["K_lin_2"].update(at_bound=True, std=0.0)
+
+        found = lines(parameters, changed_from(sighted["pose"], COMBINED, rigid))
+        assert "| K_lin_2 | rigid | kN m/rad | – | at the end of its physical range |" in found
+
+
+class TestSuspectedOutliers:
+    def test_lists_each_with_why(self, changed_from, sighted, tmp_path):
+        entry = {
+            "row": 6,
+            "pose": "P007",
+            "load_N": 0.0,
+            "distance": 8.25,
+            "weight": 0.4,
+            "why": "position off by 1.452 mm, 5 times the scatter of one axis",
+        }
+        source = changed_from(
+            sighted["pose"], COMBINED, lambda r: r.update(suspected_outliers=[entry])
+        )
+        assert f"| P007 | 0 | 8.25 | 0.400 | {entry['why']} |" in lines(trust, source)
+        table = tabulate_suspected_outliers(source)
+        assert table.data.loc[0].tolist() == ["P007", 0.0, 8.25, 0.4, entry["why"]]
+        assert f"1 of {source.general().health.poses.measured} poses" in table.notes[0]
+
+    def test_none_is_said(self, changed_from, sighted, tmp_path):
+        source = changed_from(sighted["pose"], COMBINED, lambda r: r.update(suspected_outliers=[]))
+        write_table(tabulate_suspected_outliers(source), source.footer, tmp_path, "table")
+        assert "| none | – | – | – | – |" in (tmp_path / "table.md").read_text("utf-8")
+
+
+class TestAccuracy:
+    def one(self, results, poses, model, load="all", part="all"):
+        (each,) = (
+            each
+            for each in errors_of(results.bundle)
+            if (each.poses, each.name, each.load, each.part) == (poses, model, load, part)
+        )
+        return each.of
+
+    def test_errors_of_all_loads_are_pooled(self, sighted):
+        errors = sighted["points"].general().errors
+        assert list(errors) == ["0N", "20N"]
+        parts = [each.after for each in errors.values()]
+        count = np.array([part.configurations for part in parts])
+        pooled = self.one(sighted["points"], "fitted", "linear")
+        rms = np.sqrt(count @ [part.rms_mm**2 for part in parts] / count.sum())
+        assert pooled.rms_mm == pytest.approx(rms, rel=1e-5)
+        assert pooled.peak_mm == pytest.approx(max(p.peak_mm for p in parts), rel=1e-5)
+        assert pooled.configurations == count.sum()
+        alone = self.one(sighted["points"], "fitted", "linear", load="20N")
+        assert alone.mean_mm == errors["20N"].after.mean_mm
+
+    def test_held_out_errors_are_those_of_the_record(self, sighted):
+        for name, model in sighted["pose"].held_out().models.items():
+            found = self.one(sighted["pose"], "held out", name)
+            assert found.rms_mm == model.rms_mm
+            assert found.orientation_deg == model.orientation_deg
+        found = lines(accuracy, sighted["pose"])
+        assert any(line.startswith("| held out | all | calibrated, linear") for line in found)
+
+    def test_a_model_to_which_nothing_was_added_is_not_listed_twice(self, sighted):
+        source = sighted["points"]
+        record = json.loads((source.folder / "evaluation/holdout.json").read_text("utf-8"))
+        assert record["models"]["extended"] == record["models"]["linear"]
+        assert "extended" not in {each.name for each in errors_of(source.bundle)}
+
+    def test_what_is_extrapolated_stands_apart(self, learnt):
+        extended = learnt.held_out().models["extended"]
+        for part, errors in (("inside", extended.inside), ("extrapolated", extended.outside)):
+            assert self.one(learnt, "held out", "extended", part=part).rms_mm == errors.rms_mm
+        fitted = self.one(learnt, "fitted", "extended")
+        assert fitted.rms_mm == learnt.verdict().gap.train.after.rms_mm
+        shown = " ".join(lines(accuracy, learnt))
+        assert "with the effects found, extrapolated" in shown
+        assert "| held out, extrapolated | all |" in shown
+        assert "0.0770 |" in shown
+
+    def test_an_attitude_not_seen_is_a_dash(self, sighted):
+        assert {each.of.orientation_deg for each in errors_of(sighted["distance"].bundle)} == {None}
+        assert any(" | – | " in line for line in lines(accuracy, sighted["distance"]))
+
+
+class TestHealth:
+    def test_is_that_of_the_record(self, results):
+        case = results.calibration()
+        found = lines(trust, results)
+        assert any(line.startswith("What the grade of the calibration stands on") for line in found)
+        rank = f"| rank {case.health.rank} of {case.health.unknowns}, condition number"
+        assert any(rank in line for line in found)
+
+    def test_correlated_pairs_and_what_is_not_known(self, changed_from, sighted):
+        def change(record):
+            pair = {"parameters": ["delta_a_2", "delta_d_4"], "correlation": -0.9876}
+            record["health"].update(correlated_pairs=[pair], noise_mm=None)
+            record["health"]["poses"]["needed"] = None
+
+        source = changed_from(sighted["pose"], COMBINED, change)
+        assert "| δa₂ | δd₄ | -0.988 |" in lines(missing, source)
+        ordered = len(source.general().health.poses.d_optimal_order)
+        said = f"more than {ordered} well-chosen poses"
+        assert any(said in line for line in lines(trust, source))
+
+
+class TestVerdict:
+    @pytest.fixture
+    def changed(self, named, changed_from):
+        return partial(changed_from, named, VERDICT)
+
+    def test_effects_that_cannot_be_shown_have_a_row_each(self, changed):
+        def many(record):
+            why = "the torques were not logged"
+            record["not_testable"] = [
+                {"id": "torque_gain", "of": f"joint {k}", "why": why} for k in (1, 2, 3, 5)
+            ] + [
+                {"id": "thermal_growth", "of": "arm", "why": "no temperature"},
+                {"id": "joint_compliance", "of": "joint 1", "why": "no load"},
+                {"id": "joint_compliance", "of": "joint 2", "why": "too small"},
+            ]
+
+        found = lines(missing, changed(many))
+        assert "| torque gain | joints 1 to 3, 5 | the torques were not logged |" in found
+        assert "| thermal growth | arm | no temperature |" in found
+        reasons = "joint 1: no load; joint 2: too small"
+        assert f"| joint compliance | joints 1, 2 | {reasons} |" in found
+
+    def test_a_map_is_summed_up(self, learnt):
+        size = "24\u00a0values,\u00a0rms\u00a00.212\u00a0mrad"
+        row = f"| joint error map | joint\u00a03 | {size} |"
+        assert any(line.startswith(row) for line in lines(verdict, learnt))
+        said = "0.300 mm without, 0.100 mm with it; better in 9 of 10 blocks, z 8.0"
+        assert any(said in line for line in lines(trust, learnt))
+
+    @pytest.mark.parametrize("kind", ["points", "distance"])
+    def test_where_effects_were_not_sought_there_is_no_before_and_after(self, sighted, kind):
+        found = gap_grid(sighted[kind].verdict())
+        assert found.header == ("poses", "load", "mean", "rms", "peak")
+        assert {row[0] for row in found.rows} == {"fitted", "held out"}
+
+    def test_names_alternatives_and_what_has_no_name(self, changed):
+        def doubtful(record):
+            record["verdict"] = "unexplained"
+            record["effects"][0]["alternatives"] = [{"id": "backlash", "of": "joint 3"}]
+            place = {"of": "joint 4", "form": None, "shared_error_mm": 0.1}
+            place["why"] = "a smooth function predicts it"
+            record["unexplained"] = {**place, "all": [place]}
+            record["gap"]["holdout"] = None
+
+        source = changed(doubtful)
+        found = lines(verdict, source)
+        assert any("| backlash at joint 3 |" in line for line in found)
+        assert "| joint 4 | A smooth function predicts it. |" in found
+        assert "held out" not in {row[0] for row in gap_grid(source.verdict()).rows}
+
+
+def test_the_page_shows_pictures_that_lie_among_the_results(results, tmp_path):
+    from pa10cal.figures.draw import draw_all, of_campaign
+    from pa10cal.reports.page import images
+
+    draw_all(of_campaign(results), tmp_path, results.settings.figures)
+    bundle = ResultsBundle(tmp_path)
+    shown = {each.id: each for each in images(bundle.pictures, tmp_path, "accuracy")}
+    assert set(shown) >= {"fig5_before_after", "gap_by_step"}
+    assert shown["gap_by_step"].source.startswith("data:image/svg+xml;base64,")
+    assert shown["gap_by_step"].caption.endswith("Synthetic data.")
+    assert "cell-null" in shown["gap_by_step"].caption
+    every = {name for name, of in bundle.pictures.captions.items() if of.section}
+    assert every == {path.stem for path in (tmp_path / "figures").glob("*.svg")}
