@@ -373,6 +373,16 @@ class TestCalibrationWithEffects:
                 assert abs(given["value"] - found["value"]) <= 0.1 * found["std"]
                 assert given["std"] == pytest.approx(found["std"], rel=0.05)
 
+    def test_the_base_is_as_uncertain_as_its_motions_along_its_own_axes(self, calibrated):
+        record = read(calibrated)
+        T, x = np.array(record["T_instr_base"]), record["parameters"]
+        covariance = np.array(record["covariance"]["matrix"])[-6:, -6:]
+        origin = -T[:3, :3].T @ T[:3, 3]  # of the instrument, in the frame of the base
+        moved = np.hstack([-np.eye(3), np.cross(origin, np.eye(3)).T])
+        expected = np.sqrt(np.diag(moved @ covariance @ moved.T))
+        found = [x[f"base_p_cmm_{axis}"]["std"] for axis in "xyz"]
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+
     def test_named_are_those_of_a_search(self, work, found, calibrated, tmp_path):
         out = tmp_path / "named.json"
         assert calibrate_with(work, out, "named", "--named", str(found / "extended.json")) == 0

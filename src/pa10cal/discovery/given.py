@@ -15,12 +15,10 @@ import numpy as np
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.health import Evidence, FitSummary, health
-from pa10cal.calibration.levels import report_base
-from pa10cal.calibration.load_case import COMBINED, rows_of_load
+from pa10cal.calibration.load_case import COMBINED, base_parameters, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.calibration.uncertainty import (
     HeldOut,
-    calibrated_parameters,
     reported_keys,
     summarise,
     summarise_by_load,
@@ -345,8 +343,8 @@ def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
             parameters[f"{place}{name}"] = CalibratedParameter(
                 **keys, identifiable=not held, at_bound=False
             )
-    of_base = report_base(model.T_instr_base)
-    return parameters | calibrated_parameters(of_base, model.covariance[-6:, -6:])
+    R = model.T_instr_base[:3, :3]
+    return parameters | base_parameters(model.T_instr_base, model.covariance[-6:, -6:], R)
 
 
 # The calibrated model with the effects that were found missing.

@@ -29,6 +29,7 @@ from pa10cal.fit.forward import Forward
 from pa10cal.fit.loads import statics_of
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations, reading_groups
+from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.term import yields
 
 #: Differences below which nothing can be said of the noise.
@@ -467,8 +468,6 @@ def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeigh
 _ENOUGH_POSES = 1500
 #: Variances are found between these, in [rad²], [m²].
 _LEAST, _MOST = 1e-14, 1e-4
-#: Standard deviations between which 95 of 100 lie.
-INSIDE95 = 1.96
 
 
 @dataclass(frozen=True, eq=False)
@@ -549,5 +548,5 @@ def share_inside(
     own = R @ forward.position_covariance(poses.states, forward.end(poses.states)) @ R.T
     total = variance + np.diagonal(own, axis1=1, axis2=2)
     seen = np.isfinite(off_m) & (total > 0.0)
-    inside = np.abs(off_m[seen]) <= INSIDE95 * np.sqrt(total[seen])
+    inside = np.abs(off_m[seen]) <= HALF_WIDTH_95 * np.sqrt(total[seen])
     return float(inside.mean())

@@ -26,6 +26,7 @@ from pa10cal.fit.forward import Forward, conditions
 from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.results import comparison as results
 from pa10cal.results.health import UNRESERVED
+from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.term import Offsets
 from pa10cal.terms.weights import Weights
 
@@ -398,7 +399,6 @@ def _expected(noise: Array, left: Array) -> tuple[float, float]:
 
 #: Terms of more parameters are curves, which a figure of their own shows.
 _MOST = 24
-_HALF_95 = 1.96
 
 
 def drift(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftRecord:
@@ -471,8 +471,8 @@ def _rows(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftR
             "unit": parameter.unit,
             "value": value,
             "std": std,
-            "low": value - _HALF_95 * std,
-            "high": value + _HALF_95 * std,
+            "low": value - HALF_WIDTH_95 * std,
+            "high": value + HALF_WIDTH_95 * std,
         }
         for model, name in zip(models, names, strict=True)
         for term, parameter, value, std in model.every_reported()

@@ -33,6 +33,7 @@ from pa10cal.fit.moved import (
 )
 from pa10cal.fit.problem import Disagreement
 from pa10cal.results.comparison import MovedThing, WhatMoved
+from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.of_campaign import OfCampaign, small_motion
@@ -46,8 +47,6 @@ _OPEN = 15.0
 #: A hypothesis is an alternative where its evidence is lower by less than the logarithm of the
 #: number of hypotheses over this.
 _LISTED = 0.03
-#: Half-width of a 95 % interval in standard uncertainties.
-_HALF_95 = 1.96
 _PLACES = (BASE_MOVED, TOOL_MOVED)
 _VERDICTS = {JOINT_ZERO: "joint_zero_moved", STIFFNESS: "stiffness_changed"}
 
@@ -164,7 +163,7 @@ def _thing(
         unit=unit,
         interval95=None
         if by is None or std is None
-        else (by - _HALF_95 * std, by + _HALF_95 * std),
+        else (by - HALF_WIDTH_95 * std, by + HALF_WIDTH_95 * std),
         gain=each.gain,
         alternatives=alternatives,
     )

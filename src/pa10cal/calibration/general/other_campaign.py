@@ -49,6 +49,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances
 from pa10cal.results.calibration import Moved, PriorPart
+from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import ArrivalError
 from pa10cal.terms.joint_spring import JointSpring
@@ -362,7 +363,7 @@ def _words(moved: Moved) -> str:
         part = f"{100.0 * moved.by:+.0f} % (95 % interval ±{196.0 * moved.std:.0f} %)"
         return f"the windup of {moved.of} changed by {part}"
     times, unit = {"rad": (1e3, "mrad"), "m": (1e3, "mm")}.get(moved.unit, (1.0, moved.unit))
-    by, half = times * moved.by, 1.96 * times * moved.std
+    by, half = times * moved.by, HALF_WIDTH_95 * times * moved.std
     return f"{what}{moved.of} moved by {by:+.3f} {unit} (95 % interval ±{half:.3f} {unit})"
 
 

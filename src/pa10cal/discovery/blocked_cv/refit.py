@@ -47,6 +47,7 @@ from pa10cal.results.calibration import (
     JointErrorAlone,
     ParameterAlone,
 )
+from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
     Fading,
@@ -382,7 +383,6 @@ _ARC_RAD = np.radians(7.5)
 _LEAST_ARCS = 3
 #: Correlations are kept from one, where their transform has no end.
 _MOST = 1.0 - 1e-9
-_HALF_WIDTH_95 = 1.96
 
 
 def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
@@ -467,7 +467,7 @@ def pair_of(
         whole = of(x, y)
         without = np.array([of(x[arc != k], y[arc != k]) for k in arcs])
         spread = (len(arcs) - 1) / len(arcs) * np.sum((without - without.mean()) ** 2)
-        half = _HALF_WIDTH_95 * float(np.sqrt(spread))
+        half = HALF_WIDTH_95 * float(np.sqrt(spread))
         return whole, whole - half, whole + half
 
     z, z_low, z_high = interval(lambda x, y: float(np.arctanh(_correlation(x, y))))
