@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -99,6 +100,42 @@ def test_springs_of_the_calibration_join_before_the_effects():
         "0.36 mm becomes 0.17 mm."
     )
     assert [each.weights for each in found.of] == ["assumed", "assumed"]
+
+
+@pytest.mark.parametrize(("calibrated_mm", "all_rigid_mm"), [(0.3, 0.6), (0.9, 0.6)])
+def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, all_rigid_mm):
+    # With joints rigid the effects stay in the model, so what they leave may be less than before.
+    def left(rms_mm):
+        return SimpleNamespace(distance_mm=errors(rms_mm))
+
+    spring = SimpleNamespace(
+        id="joint_compliance", of="joint 2", alternatives=(), effect="of 2",
+        proof=SimpleNamespace(
+            weights="stated", without_each_mm=errors(0.4), all_rigid_each_mm=errors(all_rigid_mm)
+        ),
+    )  # fmt: skip
+    eccentric = SimpleNamespace(id="eccentricity", of="joint 3", alternatives=(), effect="of 3")
+    without, last = left(0.25), left(0.12)
+    found = explained(
+        SimpleNamespace(
+            method="evidence", verdict="named", gives_way=(spring,), findings=(eccentric,),
+            prepared=SimpleNamespace(suspected=None), train=None,
+            holdout=SimpleNamespace(
+                poses=range(50), noise_rms_mm=NOISE_MM,
+                found_before=left(calibrated_mm), found_after=last,
+            ),
+            naming=(
+                SimpleNamespace(
+                    effects=("of 3",), on_holdout=last,
+                    without=(SimpleNamespace(on_holdout=without, on_train=None),),
+                ),
+            ),
+        )
+    )  # fmt: skip
+    assert found.before_mm == pytest.approx(max(calibrated_mm, all_rigid_mm))
+    assert found.after_mm == pytest.approx(0.12)
+    assert found.share + found.without_a_name == pytest.approx(1.0)
+    assert {each.of for each in found.of} == {"joint 2", "joint 3"}
 
 
 def test_alternatives_at_other_places_and_effects_without_words_are_told():
