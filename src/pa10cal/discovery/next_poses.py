@@ -58,6 +58,9 @@ LEAST_NATS = 3.0
 _ANY_SIZE = SIZES[-1]
 _POOL, _MOST_PAIRS = 1024, 8
 _MOST_SWEEPS = 2
+#: Poses that separate rivals are sought for models of so many parameters: with maps of six joints,
+#: of a knot for each degree, they would take many times as long as the search itself.
+MOST_UNKNOWNS = 400
 #: Of more poses that were measured, these stand for all.
 _MOST_MEASURED = 1000
 

@@ -39,6 +39,7 @@ from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import by_targets, by_terms, mean_error_of_noise_mm, possible_sizes
 from pa10cal.discovery.motor_ripple import JointCause, agreement, joint_series, witnesses
 from pa10cal.discovery.next_poses import (
+    MOST_UNKNOWNS,
     poses_at_unseen_angles,
     separating_poses,
     unresolved,
@@ -254,7 +255,8 @@ class VerdictByBlocks(Searched[Prediction]):
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
         # What is ambiguous comes first; else joints go to angles not seen.
         rivals, separations = unresolved(self.effects), None
-        if rivals and not self.survey.poses.measured.campaigns:
+        few = len(self.extended.at.x) <= MOST_UNKNOWNS
+        if rivals and few and not self.survey.poses.measured.campaigns:
             problem, found = without_repeats(self.survey, self.extended, self.noise)
             try:
                 told = separating_poses(problem, found, rivals, count, random_seed)
