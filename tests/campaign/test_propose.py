@@ -183,7 +183,9 @@ def test_a_file_of_the_contract_needs_no_mapping(tmp_path, proposed):
         ("", "the file is empty"),
         ("a report\nof no numbers\nat all\n", "no rows of numbers"),
         ("a,b,c,d\n" + "1,2,3,4\n" * 9, "no joint positions were recognised"),
+        ("a,b,c,d\n" + "1,2,3,4\n" * 9, "joint positions are in another: pa10cal columns JOINTS"),
         ("J1,J2,J3,J4,J5,J6\n" + "1,2,3,4,5,6\n" * 9, "no position and no distance"),
+        ("J1,J2,J3,J4,J5,J6\n" + "1,2,3,4,5,6\n" * 9, "readings are in another: pa10cal columns"),
     ],
 )
 def test_a_file_of_something_else_is_refused(tmp_path, capsys, text, message):

@@ -230,6 +230,7 @@ def _refuse_unrecognised(
     measured = measured or bool(roles.positions) or "distance" in roles.single
     if roles.joints and measured:
         return
+    other = "readings are" if roles.joints else "joint positions are"
     raise RawDataError(
         "no joint positions were recognised"
         if not roles.joints
@@ -238,8 +239,9 @@ def _refuse_unrecognised(
         value=", ".join(sniffed.names),
         allowed="a column for each joint of the arm, such as q1, J1 or joint_1, and columns such "
         "as x, y, z",
-        remedy="write columns.poses in campaign.yaml by hand, see docs/raw-data.md; column names "
-        "may also be numbers",
+        remedy=f"give both logs where the {other} in another: pa10cal columns JOINTS READINGS; or "
+        "write columns.poses in campaign.yaml by hand, see docs/raw-data.md; column names may also "
+        "be numbers",
     )
 
 
