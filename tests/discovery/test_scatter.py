@@ -6,12 +6,13 @@ import pytest
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.linear import by_joints
-from pa10cal.discovery.noise import INSIDE95, Scatter, scatter_of, share_inside
+from pa10cal.discovery.noise import Scatter, scatter_of, share_inside
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.joined import joined
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.joint_error_map import Band, SensorError
 from pa10cal.terms.model import Model
 
@@ -73,7 +74,7 @@ def test_intervals_hold_what_they_say(model):
         off[:, :3] -= moved - zero
         shares.append(share_inside(model, TRUE, poses, off))
     assert np.mean(shares) == pytest.approx(0.95, abs=0.02)
-    assert pytest.approx(1.96) == INSIDE95
+    assert pytest.approx(1.96) == HALF_WIDTH_95
 
 
 def test_poses_of_one_campaign_of_a_group_scatter_as_that_one_does(model):
