@@ -6,7 +6,7 @@ import pytest
 from made_up_robot import rebuilt
 from pa10cal.arm.description import Arm
 from pa10cal.cell.campaign import measure_campaign, simulate_campaign
-from pa10cal.cell.effects.effect import InstrumentEffect
+from pa10cal.cell.effects.effect import Effect
 from pa10cal.cell.effects.joint import Backlash, FrictionTorque, TorqueGain, TransmissionError
 from pa10cal.cell.effects.outside import BowedAxis, DressPack, Hysteresis
 from pa10cal.cell.effects.structure import BaseDrift, CmmScale, ThermalGrowth, ToolSag
@@ -377,8 +377,10 @@ def test_a_bow_shows_in_the_touches_alone(hidden):
 
 
 def test_an_effect_without_a_name_can_be_hidden_too(hidden):
-    class Wobble(InstrumentEffect):
+    class Wobble(Effect):
         """A machine that reads ripples."""
+
+        places = ("instrument",)
 
         height: float
 

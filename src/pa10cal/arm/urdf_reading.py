@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import takewhile
@@ -99,8 +98,8 @@ _REFUSALS = {
         "plain URDF",
         "run xacro on it first: xacro robot.urdf.xacro > robot.urdf",
     ),
-    "twice": ("two {}s have one name", "each name once", "rename one"),
-    "link": ("the joint names a link that is not there", "{}", "correct the name"),
+    "twice": ("two {0}s have one name", "each name once", "rename one"),
+    "link": ("the joint names a link that is not there", "{0}", "correct the name"),
     "child": (
         "two joints have the same child link: the arm is not serial",
         "one joint for each link",
@@ -111,27 +110,27 @@ _REFUSALS = {
         "exactly one link without a parent joint",
         "join the parts, or open the loop",
     ),
-    "loop": ("joints form a loop", "links connected by joints from {} on", "cut the circle"),
+    "loop": ("joints form a loop", "links connected by joints from {0} on", "cut the circle"),
     "mass": ("the mass is negative", "0 kg or more", "correct it"),
-    "type": ("unknown type of joint", ", ".join((*MOVING, "fixed")), "{}"),
+    "type": ("unknown type of joint", ", ".join((*MOVING, "fixed")), "{0}"),
     "far": (
         f"the joint is further than {_FAR_M:g} m from the one before",
         "metres",
         "divide by 1000 if these are millimetres",
     ),
     "axis": ("the axis has no direction", "not all zero", "correct it"),
-    "end": ("the joint has no {}", "a link", "give its {}"),
+    "end": ("the joint has no {0}", "a link", "give its {0}"),
     "limits": (
         "the limits allow the joint no motion",
         "the lower limit first, then a higher one",
         "correct the limits",
     ),
-    "number": ("{} cannot be read", "{} with decimal points", "correct it"),
-    "name": ("{} names no link", "{}", "{}"),
-    "beyond": ("the tip is not beyond the base", "a link beyond {}", "name another base or tip"),
+    "number": ("{0} cannot be read", "{1} with decimal points", "correct it"),
+    "name": ("{0} names no link", "{1}", "{2}"),
+    "beyond": ("the tip is not beyond the base", "a link beyond {0}", "name another base or tip"),
     "branches": (
         "the robot branches, and no tip is named",
-        "{}",
+        "{0}",
         "name the end of the arm with --tip",
     ),
     "still": (
@@ -145,7 +144,7 @@ _REFUSALS = {
         "name a base beyond this joint with --base",
     ),
     "mimic": (
-        "the joint follows joint {} (mimic)",
+        "the joint follows joint {0} (mimic)",
         "independent joints",
         "name a base beyond this joint, or a tip before it",
     ),
@@ -153,10 +152,8 @@ _REFUSALS = {
 
 
 def _refusal(kind: str, where: str, value: object = None, *words: str) -> ArmError:
-    """Return a refusal; the words are put in the places that its texts leave, in their order."""
-    left = iter(words)
-    texts = (re.sub("{}", lambda _: next(left), text) for text in _REFUSALS[kind])
-    what, allowed, remedy = texts
+    """Return a refusal; the words go to the places that its texts leave by number."""
+    what, allowed, remedy = (text.format(*words) for text in _REFUSALS[kind])
     return ArmError(what, where=where, value=value, allowed=allowed, remedy=remedy)
 
 
@@ -357,7 +354,7 @@ def _end(element: ElementTree.Element, end: str, where: str) -> str:
     found = element.find(end)
     link = "" if found is None else found.get("link", "")
     if not link:
-        raise _refusal("end", where, None, end, end)
+        raise _refusal("end", where, None, end)
     return link
 
 

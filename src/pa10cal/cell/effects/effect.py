@@ -120,10 +120,14 @@ def directed(usual: float) -> Draw:
     return lambda _site, size, rng: any_direction(size * usual, rng)
 
 
+Quantity = Literal["drive", "windup", "carried", "log"]
+
+
 class Effect(Section):
     """Something that moves the arm, its log or its measurement off the paper's model.
 
-    Its fields are its parameters; `at` puts it in its place.
+    Its fields are its parameters; `at` puts it in its place. It is asked for all that an effect
+    may add, and answers what it does.
     """
 
     id: ClassVar[str]
@@ -144,6 +148,8 @@ class Effect(Section):
     by_spring: ClassVar[bool] = False
     #: Whether it does nothing at constant temperature.
     by_temperature: ClassVar[bool] = False
+    #: Whether it moves the base or the ends of links, by `strain`.
+    strains: ClassVar[bool] = False
     #: How each parameter is drawn, in turn, at some times the size that robots usually have.
     usual: ClassVar[Mapping[str, Draw]] = draws()
     #: The size that the vocabulary holds for plausible, as a factor of the usual size.
@@ -176,8 +182,25 @@ class Effect(Section):
         """Index (from 0) of the joint in which the effect sits."""
         return int(self.of.removeprefix("joint ")) - 1
 
+    def added_to(self, _quantity: Quantity, _motion: Motion) -> Array | None:
+        """Return what it adds to a quantity of the joints, (P, n); None where nothing."""
+        return None
 
-Quantity = Literal["drive", "windup", "carried", "log"]
+    def strain(self, loading: Loading) -> Strain:
+        """Return what it adds to the unloaded shape of base and links."""
+        return loading.none
+
+    def shift_m(self, _R_base_ee: Array) -> Array | None:
+        """Return displacements (P, 3) of the tool along flange axes; None where there are none.
+
+        Args:
+            _R_base_ee: (P, 3, 3) orientations of the flange.
+        """
+        return None
+
+    def read_too_much_m(self, _p_instr_m: Array) -> Array | None:
+        """Return what the instrument adds to true points (..., 3); None where it is right."""
+        return None
 
 
 class JointsEffect(Effect):
@@ -194,6 +217,10 @@ class JointsEffect(Effect):
     @abstractmethod
     def added(self, motion: Motion) -> Array:
         """Return what is added by how the joints stand, (P, n) [rad or N m]."""
+
+    def added_to(self, quantity: Quantity, motion: Motion) -> Array | None:
+        """Return what is added to its quantity."""
+        return self.added(motion) if quantity == self.adds_to else None
 
 
 class JointEffect(JointsEffect):
@@ -224,41 +251,9 @@ class TorqueLogEffect(LoadedJointEffect):
     by_spring: ClassVar[bool] = True
 
 
-def with_added(values: Array, to: str, effects: Sequence[Effect], motion: Motion) -> Array:
+def with_added(values: Array, to: Quantity, effects: Sequence[Effect], motion: Motion) -> Array:
     """Return values (P, n) with what effects add to such a quantity, one after the other."""
     for effect in effects:
-        if isinstance(effect, JointsEffect) and effect.adds_to == to:
-            values = values + effect.added(motion)
+        if (added := effect.added_to(to, motion)) is not None:
+            values = values + added
     return values
-
-
-class StructureEffect(Effect):
-    """Moves the base or the ends of links."""
-
-    @abstractmethod
-    def strain(self, loading: Loading) -> Strain:
-        """Return what the effect adds to the unloaded shape."""
-
-
-class ToolEffect(Effect):
-    """Moves the tool on the flange."""
-
-    places: ClassVar[tuple[str, ...]] = ("tool",)
-
-    @abstractmethod
-    def shift_m(self, R_base_ee: Array) -> Array:
-        """Return the (P, 3) displacements of the tool along flange axes.
-
-        Args:
-            R_base_ee: (P, 3, 3) orientations of the flange.
-        """
-
-
-class InstrumentEffect(Effect):
-    """Falsifies what the instrument reads."""
-
-    places: ClassVar[tuple[str, ...]] = ("instrument",)
-
-    @abstractmethod
-    def read_too_much_m(self, p_instr_m: Array) -> Array:
-        """Return what the instrument adds to the true points `p_instr_m` (..., 3)."""

@@ -11,15 +11,14 @@ from pydantic import Field, ValidationInfo, field_validator
 from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import (
     ARC_SECOND,
+    Effect,
     Finite,
     FinitePositive,
-    InstrumentEffect,
     JointEffect,
     LoadedJointEffect,
     Loading,
     Motion,
     Site,
-    StructureEffect,
     draws,
     either_sign,
     signed,
@@ -42,11 +41,12 @@ class ThirdHarmonic(Harmonic):
     cycles = 3.0
 
 
-class BowedAxis(InstrumentEffect):
+class BowedAxis(Effect):
     """A guideway that is not straight: one axis reads a bow along another."""
 
     id = "bowed_axis"
     named = False
+    places = ("instrument",)
 
     axis: Axis = Field(description="axis that reads wrong, 0 to 2")
     along: Axis = Field(description="axis along which it does, another one, 0 to 2")
@@ -163,13 +163,14 @@ class Sawtooth(JointEffect):
         return error
 
 
-class PedestalTilt(StructureEffect):
+class PedestalTilt(Effect):
     """A pedestal that tilts with the cube of its moment, as one bolted down loosely does."""
 
     id = "pedestal_tilt"
     named = False
     wild = True
     places = ("base",)
+    strains = True
     by_weights = True
     usual = draws(tilt=sized(2e-4))
 

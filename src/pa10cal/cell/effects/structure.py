@@ -11,11 +11,9 @@ from pydantic import Field
 from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import (
     LONG_LINKS,
+    Effect,
     Finite,
-    InstrumentEffect,
     Loading,
-    StructureEffect,
-    ToolEffect,
     Triple,
     directed,
     draws,
@@ -27,9 +25,10 @@ from pa10cal.cell.robot import GRAVITY_M_S2, Strain
 SECONDS_PER_HOUR = 3600.0
 
 
-class LinkEffect(StructureEffect):
+class LinkEffect(Effect):
     """A long link gives way under the moment that it carries at its far joint."""
 
+    strains = True
     by_weights = True
 
     @abstractmethod
@@ -84,11 +83,12 @@ class LinkTorsion(LinkEffect):
         return turn, np.zeros_like(turn)
 
 
-class BaseCompliance(StructureEffect):
+class BaseCompliance(Effect):
     """The base tilts under the overturning moment."""
 
     id = "base_compliance"
     places = ("base",)
+    strains = True
     by_weights = True
     usual = draws(cx=sized(1.5e-6), cy=sized(1.5e-6))
     plausible_size = 2.0
@@ -101,11 +101,12 @@ class BaseCompliance(StructureEffect):
         return replace(loading.none, base_turn_rad=turn)
 
 
-class BaseDrift(StructureEffect):
+class BaseDrift(Effect):
     """The base creeps at a constant rate."""
 
     id = "base_drift"
     places = ("base",)
+    strains = True
     usual = draws(rate=directed(2e-5))
     plausible_size = 2.6  # the plausible rate is that of one axis
 
@@ -116,11 +117,12 @@ class BaseDrift(StructureEffect):
         return replace(loading.none, base_shift_m=shift)
 
 
-class ThermalGrowth(StructureEffect):
+class ThermalGrowth(Effect):
     """Pedestal (the first link) and long links grow with temperature, usually as steel does."""
 
     id = "thermal_growth"
     places = ("arm",)
+    strains = True
     by_temperature = True
     usual = draws(alpha=sized(1.2e-5))
     plausible_size = 1.7
@@ -138,10 +140,11 @@ class ThermalGrowth(StructureEffect):
 # Effects that sit in the tool on the flange and in the measuring instrument.
 
 
-class ToolSag(ToolEffect):
+class ToolSag(Effect):
     """The tool sags across its axis, the flange's z."""
 
     id = "tool_sag"
+    places = ("tool",)
     usual = draws(c=sized(1e-4))
 
     c: Finite = Field(description="sag with the tool held level [m]")
@@ -153,10 +156,11 @@ class ToolSag(ToolEffect):
         return shift
 
 
-class CmmScale(InstrumentEffect):
+class CmmScale(Effect):
     """Scales of the instrument's axes are off, by 5e-5 an axis in the mean."""
 
     id = "cmm_scale"
+    places = ("instrument",)
     usual = draws(s=directed(5e-5 * float(np.sqrt(3.0))))
     plausible_size = 2.0
 
@@ -167,10 +171,11 @@ class CmmScale(InstrumentEffect):
         return extra
 
 
-class CmmSquareness(InstrumentEffect):
+class CmmSquareness(Effect):
     """The instrument's y axis is not square to its x axis."""
 
     id = "cmm_squareness"
+    places = ("instrument",)
     usual = draws(xy=signed(5e-5))
     plausible_size = 2.0
 

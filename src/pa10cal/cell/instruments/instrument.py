@@ -14,11 +14,8 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import (
     Effect,
-    InstrumentEffect,
     Loading,
     Motion,
-    StructureEffect,
-    ToolEffect,
     with_added,
 )
 from pa10cal.cell.options import SimulateOptions
@@ -72,7 +69,7 @@ def rest_poses(
     mechanism, springs = robot.mechanism, robot.springs
     gear_ratio, rated_Nm = robot.arm.gear_ratio, robot.arm.torque_limit_Nm
     arrived = np.zeros_like(drive) if arrival is None else arrival
-    structures = [effect for effect in effects if isinstance(effect, StructureEffect)]
+    structures = [effect for effect in effects if effect.strains]
     strain = Strain.none(*drive.shape) if structures else None
     q, delta = drive, np.zeros_like(drive)
     for _ in range(MAX_ITERATIONS):
@@ -128,16 +125,16 @@ class Truth:
         """(C, 3) displacements of the tool along flange axes."""
         shift = np.zeros((len(self.schedule), 3))
         for effect in self.effects:
-            if isinstance(effect, ToolEffect):
-                shift = shift + effect.shift_m(self.rest.T_base_ee[:, :3, :3])
+            if (own := effect.shift_m(self.rest.T_base_ee[:, :3, :3])) is not None:
+                shift = shift + own
         return shift
 
     def as_read(self, p_instr_m: Array) -> Array:
         """Return points (..., 3) as the instrument reads them, without noise."""
         read = p_instr_m.copy()
         for effect in self.effects:
-            if isinstance(effect, InstrumentEffect):
-                read += effect.read_too_much_m(p_instr_m)
+            if (extra := effect.read_too_much_m(p_instr_m)) is not None:
+                read += extra
         return read
 
     def as_logged(self, tau_Nm: Array, arrival: Array) -> Array:
