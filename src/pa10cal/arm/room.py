@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import qmc
 
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arrays import Array, Mask
@@ -232,6 +231,8 @@ def draw_within(
     """
     low, high = ranges
     unit = np.where(chain.arm.prismatic, 1e-3, np.radians(1.0))
+    from scipy.stats import qmc  # late: half a second, for plans alone
+
     sobol = qmc.Sobol(chain.arm.n, rng=random_seed)
     removed = np.zeros(len(constraints), dtype=np.int64)
     kept: list[Array] = []

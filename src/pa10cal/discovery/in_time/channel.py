@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import rankdata
+import pandas as pd
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Mask
@@ -204,7 +204,7 @@ def _motions_by(rivals: Rivals, at: FittedModel, poses: Observations) -> Array:
     ]
     waves = np.arange(1, _RIVAL_WAVES + 1)
     for driver in dict.fromkeys(map(_driver, rivals)):
-        rank = rankdata(driver.of(states)) / len(poses)
+        rank = pd.Series(driver.of(states)).rank().to_numpy() / len(poses)
         courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
     together = np.column_stack(courses)
     six = np.tile(sizes_of_six(_RIVAL_M, 1.0), together.shape[1])
