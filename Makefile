@@ -133,6 +133,6 @@ lock:
 	  --output-file users.lock pyproject.toml
 
 schema: tools
-	$(BIN)/python -m pa10cal.planning.schema
-	$(BIN)/python -m pa10cal.results.docs
-	$(BIN)/python -m pa10cal.planning.reference docs/python.md
+	$(BIN)/python docs/_site/config_file.py
+	$(BIN)/python docs/_site/record_tables.py
+	$(BIN)/python docs/_site/python_page.py docs/python.md

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from python_page import reference
 
 import pa10cal
-from pa10cal.planning.reference import reference
 
 ROOT = Path(__file__).parents[1]
 RAW = ROOT / "data/raw/cell-a"

@@ -7,7 +7,7 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
-from pydantic import Field, JsonValue
+from pydantic import JsonValue
 
 from pa10cal.results.discovery import SuggestedPose
 from pa10cal.results.record import Key, ParameterKey, Part, Record, Vector3, filed
@@ -16,76 +16,61 @@ from pa10cal.results.record import Key, ParameterKey, Part, Record, Vector3, fil
 class PlannedPose(Part):
     """One pose to measure."""
 
-    id: str = Field(description="its name in the plan")
-    q: tuple[float, ...] = Field(description="joint positions [deg; mm of a sliding joint]")
-    target_mm: Vector3 = Field(description="where the first target comes, in the base frame [mm]")
-    u_tool_mm: float = Field(
-        description="expected standard uncertainty of the target's position there, once all poses "
-        "are measured and calibrated [mm]"
-    )
+    id: str  # its name in the plan
+    q: tuple[float, ...]  # joint positions [deg; mm of a sliding joint]
+    target_mm: Vector3  # where the first target comes, in the base frame [mm]
+    # expected standard uncertainty of the target's position there, once all poses are measured and
+    # calibrated [mm]
+    u_tool_mm: float
 
 
 class ExpectedParameter(Part):
     """What is expected of one parameter of the model."""
 
-    std: float = Field(description="expected standard uncertainty")
-    unit: str = Field(description="its unit")
+    std: float  # expected standard uncertainty
+    unit: str  # its unit
 
 
 class ExpectedEffect(Part):
     """How well the poses would show one missing effect, in its plausible size."""
 
-    id: str = Field(description="of the vocabulary of effects")
-    of: str = Field(description="where it sits")
-    u_alone: float = Field(
-        description="expected standard uncertainty over its plausible size, nothing else missing; "
-        "1 where the poses say nothing"
-    )
-    u_among_all: float = Field(description="the same, every other effect may be there too")
+    id: str  # of the vocabulary of effects
+    of: str  # where it sits
+    # expected standard uncertainty over its plausible size, nothing else missing; 1 where the poses
+    # say nothing
+    u_alone: float
+    u_among_all: float  # the same, every other effect may be there too
 
 
 class ToolExpected(Part):
     """Expected standard uncertainty of the first target's position, over the candidates."""
 
-    plan_mm: float = Field(description="with the plan, root mean square [mm]")
-    random_mm: float = Field(
-        description="with as many of the candidates drawn at random, median of several sets [mm]"
-    )
+    plan_mm: float  # with the plan, root mean square [mm]
+    random_mm: float  # with as many of the candidates drawn at random, median of several sets [mm]
 
 
 @filed("pa10cal-plan/1", "plan.json", by="plan")
 class PlanRecord(Record):
     """`plan.json`."""
 
-    robot: str = Field(description="name of the arm")
-    instrument: str = Field(description="kind of the instrument")
-    poses: tuple[PlannedPose, ...] = Field(description="in the order in which to drive to them")
-    tool: ToolExpected = Field(description="uncertainty of the tool over the candidates")
-    parameters: Mapping[ParameterKey, ExpectedParameter] = Field(
-        description="every unknown of the model"
-    )
-    not_identified: tuple[str, ...] = Field(
-        description="unknowns that these poses hardly determine"
-    )
-    springs: tuple[int, ...] = Field(description="joints to which the model gives a spring, from 1")
-    effects: tuple[ExpectedEffect, ...] = Field(
-        description="missing effects of the vocabulary; those of time, temperature and direction "
-        "of arrival are not in it"
-    )
-    criterion: tuple[float, ...] = Field(
-        description="what the exchange of poses makes larger, at its start and after each [nats]"
-    )
-    candidates: int = Field(description="poses from which the plan was chosen")
-    drawn: int = Field(description="poses that were drawn for them")
-    removed: Mapping[Annotated[str, Key("limit")], int] = Field(
-        description="drawn poses that each limit removed, one after the other"
-    )
-    travel: float = Field(
-        description="sum over moves of the furthest that a joint turns or slides [rad, m]"
-    )
-    options: Mapping[Annotated[str, Key("option")], JsonValue] = Field(
-        description="options of the plan"
-    )
+    robot: str  # name of the arm
+    instrument: str  # kind of the instrument
+    poses: tuple[PlannedPose, ...]  # in the order in which to drive to them
+    tool: ToolExpected  # uncertainty of the tool over the candidates
+    parameters: Mapping[ParameterKey, ExpectedParameter]  # every unknown of the model
+    not_identified: tuple[str, ...]  # unknowns that these poses hardly determine
+    springs: tuple[int, ...]  # joints to which the model gives a spring, from 1
+    # missing effects of the vocabulary; those of time, temperature and direction of arrival are not
+    # in it
+    effects: tuple[ExpectedEffect, ...]
+    # what the exchange of poses makes larger, at its start and after each [nats]
+    criterion: tuple[float, ...]
+    candidates: int  # poses from which the plan was chosen
+    drawn: int  # poses that were drawn for them
+    # drawn poses that each limit removed, one after the other
+    removed: Mapping[Annotated[str, Key("limit")], int]
+    travel: float  # sum over moves of the furthest that a joint turns or slides [rad, m]
+    options: Mapping[Annotated[str, Key("option")], JsonValue]  # options of the plan
 
 
 # Configurations to measure next, as a table.

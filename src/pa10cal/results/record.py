@@ -1,7 +1,8 @@
 """What records are made of: parts with described keys, arrays, tables of rows, and the record.
 
 A record is one JSON file, or one line of a file of them. Every key is a field of a frozen pydantic
-model with a description; the JSON schemas and the key tables of the docs are made from these.
+model; the JSON schemas and the key tables of the docs are made from the fields and the comments
+behind or above them (`docs/_site/record_tables.py`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ from typing import (
     Protocol,
     Self,
     TypeVar,
-    cast,
     get_args,
 )
 
@@ -29,18 +29,15 @@ from pydantic import (
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
-    GetJsonSchemaHandler,
     SerializerFunctionWrapHandler,
     model_serializer,
     model_validator,
 )
-from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 # Arrays in records: nested lists in the file, numpy arrays in memory.
 
 _WORDS = {"f": "finite numbers", "i": "whole numbers", "b": "true or false", "U": "texts"}
-_JSON_TYPES = {"f": "number", "i": "integer", "b": "boolean", "U": "string"}
 #: Kinds of array that are taken for one of a kind: whole numbers for numbers, nothing for texts.
 _TAKEN = {"f": "fiu", "i": "iu", "b": "b", "U": "U"}
 
@@ -76,20 +73,8 @@ class Shape:
         return core_schema.no_info_plain_validator_function(
             partial(self._checked, dtype),
             serialization=core_schema.plain_serializer_function_ser_schema(self._plain),
-            metadata={"kind": dtype.kind},
+            metadata={"shape": self, "kind": dtype.kind},  # for the JSON schema in the docs
         )
-
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        """Describe it as nested lists."""
-        del handler
-        found: JsonSchemaValue = {"type": _JSON_TYPES[schema["metadata"]["kind"]]}
-        for size in reversed(self.sizes[1:]):
-            found = _list_of(found, size)
-        if self.missing:
-            found = {"anyOf": [found, {"type": "null"}]}
-        return _list_of(found, self.sizes[0])
 
     def _checked(self, dtype: np.dtype[Any], value: Any) -> NDArray[Any]:
         found = self._array(dtype, value)
@@ -130,11 +115,6 @@ class Shape:
         return [entry if there else None for entry, there in zip(entries, known, strict=True)]
 
 
-def _list_of(items: JsonSchemaValue, size: int | str) -> JsonSchemaValue:
-    bounds = {"minItems": size, "maxItems": size} if isinstance(size, int) else {}
-    return {"type": "array", "items": items, **bounds}
-
-
 @dataclass(frozen=True)
 class Key:
     """Describes the keys of a mapping, as the docs write them: `dict[Annotated[str, Key(...)]`."""
@@ -164,13 +144,9 @@ FlagColumn = Annotated[NDArray[np.bool_], Shape("rows")]
 HALF_WIDTH_95 = 1.96
 
 
-def optional(description: str) -> Any:
+def optional(description: str | None = None) -> Any:
     """Return a field whose key may be absent, and is where its value is None."""
-    return Field(default=None, exclude_if=_is_none, description=description)
-
-
-def _is_none(value: object) -> bool:
-    return value is None
+    return Field(default=None, exclude_if=lambda value: value is None, description=description)
 
 
 class Part(BaseModel):
@@ -216,19 +192,6 @@ class Table(Part):
         blank = [None] * len(self)
         filled = [blank if column is None else column for column in columns.values()]
         return [dict(zip(columns, row, strict=True)) for row in zip(*filled, strict=True)]
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        """Describe it as what the file holds: a list of objects."""
-        found = handler(core_schema)
-        columns = handler.resolve_ref_schema(found)
-        row = dict(columns)
-        row["properties"] = {key: _entry(of) for key, of in columns["properties"].items()}
-        columns.clear()
-        columns.update({"type": "array", "title": row.pop("title"), "items": row})
-        return found
 
     def __len__(self) -> int:
         return len(next(iter(_given(self).values())))
@@ -289,13 +252,13 @@ class Campaign(Protocol):
 class CampaignRecord(Record):
     """A result of one campaign."""
 
-    campaign: str = Field(description="name of the campaign")
+    campaign: str  # name of the campaign
 
 
 class MeasuredRecord(CampaignRecord):
     """A result that stands on what was measured in a campaign."""
 
-    provenance: str = Field(description="where the campaign's data come from, in its own words")
+    provenance: str  # where the campaign's data come from, in its own words
 
 
 def _equal(one: Any, other: Any) -> bool:
@@ -325,13 +288,6 @@ def _columns(table: type[Table], rows: Any) -> dict[str, Any]:
     return columns
 
 
-def _entry(column: JsonSchemaValue) -> JsonSchemaValue:
-    described: JsonSchemaValue = {k: column[k] for k in ("description", "title") if k in column}
-    if "anyOf" in column:  # a column that may be unknown as a whole
-        return {"anyOf": [_entry(option) for option in column["anyOf"]], **described}
-    return {**cast(JsonSchemaValue, column.get("items", column)), **described}
-
-
 # An effect and where it sits, as records name it.
 
 
@@ -345,8 +301,8 @@ class Name(NamedTuple):
 class EffectName(Part):
     """An effect and where it sits."""
 
-    id: str = Field(description="id of the effect")
-    of: str = Field(description="where it sits: `joint 2`, `forearm`, `base`, ...")
+    id: str  # id of the effect
+    of: str  # where it sits: `joint 2`, `forearm`, `base`, ...
 
     @property
     def name(self) -> Name:

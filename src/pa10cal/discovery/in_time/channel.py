@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Mask
@@ -195,6 +194,8 @@ def _driver(rival: Parting | Driver) -> Driver:
 
 def _motions_by(rivals: Rivals, at: FittedModel, poses: Observations) -> Array:
     """Return how the base's motion by rivals moves the components of poses, (P, b, c)."""
+    from scipy.stats import rankdata  # late: half a second, for few campaigns
+
     states = poses.states
     courses = [np.zeros((len(poses), 0))]
     courses += [
@@ -204,7 +205,7 @@ def _motions_by(rivals: Rivals, at: FittedModel, poses: Observations) -> Array:
     ]
     waves = np.arange(1, _RIVAL_WAVES + 1)
     for driver in dict.fromkeys(map(_driver, rivals)):
-        rank = pd.Series(driver.of(states)).rank().to_numpy() / len(poses)
+        rank = rankdata(driver.of(states)) / len(poses)
         courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
     together = np.column_stack(courses)
     six = np.tile(sizes_of_six(_RIVAL_M, 1.0), together.shape[1])

@@ -4,9 +4,8 @@ import json
 from pathlib import Path
 
 import yaml
+from config_file import CONFIG, SCHEMA, config_text, schema_text, write_generated
 from jsonschema import Draft202012Validator
-
-from pa10cal.planning.schema import CONFIG, SCHEMA, config_text, schema_text, write_generated
 
 ROOT = Path(__file__).parents[2]
 

@@ -1,14 +1,19 @@
-"""Writes the reference page of the Python interface, from its docstrings."""
+"""Writes the reference page of the Python interface, from its docstrings.
+
+python docs/_site/python_page.py docs/python.md
+"""
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 import inspect
 import sys
 import textwrap
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+from field_comments import comments
 
 import pa10cal
 
@@ -98,25 +103,14 @@ def _fields(thing: Any) -> list[str]:
     return ["", "Attributes:", *(line for part in reversed(_own(thing)) for line in _said(part))]
 
 
-def _said(part: type) -> list[str]:
-    lines = inspect.getsource(part).splitlines()
-    said: list[str] = []
-    for statement in ast.parse(textwrap.dedent("\n".join(lines))).body[0].body:  # type: ignore[attr-defined]
-        if not isinstance(statement, ast.AnnAssign):
-            continue
-        row = statement.lineno - 2
-        above = ""
-        while lines[row].lstrip().startswith("# "):
-            above = f"{lines[row].lstrip()[2:]} {above}"
-            row -= 1
-        behind = lines[(statement.end_lineno or statement.lineno) - 1].partition("  # ")[2]
-        said += textwrap.wrap(
-            f"{ast.unparse(statement.target)}: {above or behind}".strip().removesuffix(":"),
+def _said(part: type) -> Iterator[str]:
+    for name, said in comments(part).items():
+        yield from textwrap.wrap(
+            f"{name}: {said}".removesuffix(": "),
             _LINE - 20,
             initial_indent="    ",
             subsequent_indent="        ",
         )
-    return said
 
 
 def _signature(thing: Any) -> str:

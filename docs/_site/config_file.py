@@ -1,4 +1,7 @@
-"""What is generated from the types of the settings: config.yaml and its JSON schema."""
+"""What is generated from the types of the settings: config.yaml and its JSON schema.
+
+python docs/_site/config_file.py        (from the root of the repository)
+"""
 
 from __future__ import annotations
 
