@@ -21,7 +21,6 @@ from pa10cal.planning.campaign import (
     by_general_model as planned_by_general_model,
 )
 from pa10cal.planning.code import code_digest
-from pa10cal.planning.campaign import trial_counts
 from pa10cal.running.alone import SHARED, WORK_FOLDER, hold
 from pa10cal.running.alone import PARENTS, end_with_parents
 from pa10cal.settings import parse_settings
@@ -103,17 +102,17 @@ wildcard_constraints:
 # Studies of blind trials: what measures, and how many of each kind. The first of the full one are
 # part of the default target.
 TRIAL_STUDIES = {
-    "blind_trials": ("touched", trial_counts(SETTINGS.blind_trials.full)),
-    "blind_trials_reduced": ("touched", trial_counts(SETTINGS.blind_trials.reduced)),
-    "blind_trials_tracked": ("tracked", trial_counts(SETTINGS.blind_trials.tracked)),
-    "wild_trials": ("wild", trial_counts(SETTINGS.blind_trials.wild)),
-    "drive_trials": ("drives", trial_counts(SETTINGS.blind_trials.drives)),
-    "blind_trials_unstated": ("wild", trial_counts(SETTINGS.blind_trials.unstated)),
-    "blind_trials_sorted": ("wild", trial_counts(SETTINGS.blind_trials.sorted_by_joint)),
+    "blind_trials": ("touched", dict(SETTINGS.blind_trials.full)),
+    "blind_trials_reduced": ("touched", dict(SETTINGS.blind_trials.reduced)),
+    "blind_trials_tracked": ("tracked", dict(SETTINGS.blind_trials.tracked)),
+    "wild_trials": ("wild", dict(SETTINGS.blind_trials.wild)),
+    "drive_trials": ("drives", dict(SETTINGS.blind_trials.drives)),
+    "blind_trials_unstated": ("wild", dict(SETTINGS.blind_trials.unstated)),
+    "blind_trials_sorted": ("wild", dict(SETTINGS.blind_trials.sorted_by_joint)),
 }
 # The same of instruments that measure no attitude.
 REFLECTOR_STUDIES = {
-    f"blind_trials_{measured}": (measured, trial_counts(SETTINGS.blind_trials.reflectors))
+    f"blind_trials_{measured}": (measured, dict(SETTINGS.blind_trials.reflectors))
     for measured in ("points_one", "points_three", "distance")
 }
 TRIAL_STUDIES |= REFLECTOR_STUDIES
@@ -286,12 +285,14 @@ def trial_chunks(kind_of_file):
     """The files of all jobs of a study: so many trials each, numbered from the first of a kind."""
 
     def files(wildcards):
+        from pa10cal.cell.wild_trials import trial_counts  # late: half a second of every start
+
         size = SETTINGS.blind_trials.trials_a_job
         return [
             trial_result(f"trials/{kind}_{first}_{min(size, count - first)}.{kind_of_file}").format(
                 study=wildcards.study
             )
-            for kind, count in TRIAL_STUDIES[wildcards.study][1].items()
+            for kind, count in trial_counts(TRIAL_STUDIES[wildcards.study][1].items()).items()
             for first in range(0, count, size)
         ]
 

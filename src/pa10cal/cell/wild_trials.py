@@ -6,14 +6,14 @@ into the raw files besides (`cell/disturbances.py`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from pa10cal.cell.disturbances import DISTURBANCES, Disturbance, Need
 from pa10cal.cell.effects.effect import Effect, TorqueLogEffect
-from pa10cal.cell.effects.vocabulary import nameless, vocabulary
+from pa10cal.cell.effects.vocabulary import nameless, outside, vocabulary
 from pa10cal.cell.measured_trials import (
     SUBJECTS,
     draw_measured_trial,
@@ -267,3 +267,21 @@ def _parameters(
 ) -> list[dict[str, Any]]:
     """Draw the parameters of disturbances, for an arm of so many joints."""
     return [{"id": each.id, "parameters": each.drawn(joints, rng)} for each in put]
+
+
+def trial_counts(counts: Iterable[tuple[str, int]]) -> dict[str, int]:
+    """Return the number of trials of each kind, for Snakemake to divide into jobs.
+
+    Args:
+        counts: kinds and their numbers, as in the settings: rounds, of kinds that go through
+            effects or disturbances in turn.
+    """
+    rounds = {
+        "single": len(vocabulary()),
+        "outside": len(outside()),
+        "effect": len(vocabulary()),
+        "stressed": len(subjects_of("stressed")),
+        "beyond": len(subjects_of("beyond")),
+        "fault": len(subjects_of("fault")),
+    }
+    return {kind: number * rounds.get(kind, 1) for kind, number in counts}

@@ -6,19 +6,11 @@ file, line and remedy. A glance at an unusable file therefore gives a plan in wh
 
 from __future__ import annotations
 
-import ast
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from pa10cal.errors import RawDataError, SettingsError, fits_a_folder
-from pa10cal.evaluation.options import (
-    DriveCounts,
-    SortedCounts,
-    TrialCounts,
-    UnstatedCounts,
-    WildCounts,
-)
 from pa10cal.files import own_description
 from pa10cal.yaml_file import read_yaml
 
@@ -131,81 +123,3 @@ def _content(path: Path, changed_ns: int) -> dict[str, Any]:
     except RawDataError:
         return {}
     return content if isinstance(content, dict) else {}
-
-
-# How many blind trials a study has, for Snakemake to divide into jobs.
-
-_CELL = Path(__file__).parents[1] / "cell"
-
-
-def trial_counts(
-    counts: TrialCounts | WildCounts | DriveCounts | UnstatedCounts | SortedCounts,
-) -> dict[str, int]:
-    """Return the number of trials of each kind.
-
-    Args:
-        counts: as in the settings, where kinds that go through effects or disturbances in turn
-            count their rounds.
-    """
-    return {kind: number * _rounds().get(kind, 1) for kind, number in counts}
-
-
-def all_effects() -> int:
-    """Return the number of effects that trials other than wild ones draw."""
-    return sum(not stated.get("wild", False) for stated in _declared_effects())
-
-
-def named_effects() -> int:
-    """Return the number of those in the vocabulary."""
-    return sum(stated.get("named", True) is not False for stated in _declared_effects())
-
-
-def _rounds() -> dict[str, int]:
-    """Return what kinds of trials go through in turn, and how many there are."""
-    stressors, faults = _disturbances()
-    return {
-        "single": named_effects(),
-        "outside": all_effects() - named_effects(),
-        "effect": named_effects(),
-        "beyond": len(_declared_effects()) - named_effects(),
-        "stressed": stressors,
-        "fault": faults,
-    }
-
-
-@cache
-def _disturbances() -> tuple[int, int]:
-    """Return how many stressors and how many faults the virtual cell knows, by its source."""
-    source = ast.parse((_CELL / "disturbances.py").read_text(encoding="utf-8"))
-    entered = [
-        {word.arg for word in each.keywords}
-        for node in source.body
-        if isinstance(node, ast.FunctionDef)
-        for each in node.decorator_list
-        if isinstance(each, ast.Call) and isinstance(each.func, ast.Name)
-    ]
-    stressors = sum("stressor" in words for words in entered)
-    return stressors, len(entered) - stressors
-
-
-@cache
-def _declared_effects() -> tuple[dict[str, bool], ...]:
-    """Return what the classes of effects that trials draw state of themselves, by the source.
-
-    Importing them would take half a second of every start of the workflow.
-    """
-    found = []
-    for path in sorted((_CELL / "effects").glob("*.py")):
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ClassDef):
-                stated = {
-                    name.id: entry.value.value
-                    for entry in node.body
-                    if isinstance(entry, ast.Assign | ast.AnnAssign)
-                    and isinstance(entry.value, ast.Constant)
-                    for name in ast.walk(entry)
-                    if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
-                }
-                if isinstance(stated.get("id"), str) and stated.get("drawn") is not False:
-                    found.append({name: value is True for name, value in stated.items()})
-    return tuple(found)

@@ -1,14 +1,8 @@
-"""Numbers of blind trials, counted without importing the effects."""
+"""Numbers of blind trials."""
 
 from pa10cal.cell.effects.vocabulary import outside, vocabulary
-from pa10cal.cell.wild_trials import subjects_of
+from pa10cal.cell.wild_trials import subjects_of, trial_counts
 from pa10cal.evaluation.options import BlindTrialsOptions, TrialCounts, WildCounts
-from pa10cal.planning.campaign import all_effects, named_effects, trial_counts
-
-
-def test_effects_are_counted_as_the_cell_finds_them():
-    assert named_effects() == len(vocabulary())
-    assert all_effects() == len(vocabulary()) + len(outside())
 
 
 def test_singles_and_effects_outside_count_their_rounds():
