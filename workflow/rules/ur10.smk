@@ -13,7 +13,7 @@ rule transfer:
     log:
         result("logs/transfer_{source}.log"),
     params:
-        code=code_of("commands.transfer"),
+        code=code_of("stages.evaluate"),
         folder=campaign_folder,
     shell:
         "python -m pa10cal transfer --calibration {input.calibration:q} --extended {input.extended:q}"

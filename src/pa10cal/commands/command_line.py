@@ -76,7 +76,8 @@ _MODULES = {
     "commands.simulate": ("simulate", "draw_trials"),
     "commands.studies": ("coverage", "curve", "curve_calibration"),
     "stages.readings": ("ingest", "join", "seed"),
-    **{f"stages.{name}": (name,) for name in ("calibrate", "discover", "evaluate", "export")},
+    "stages.evaluate": ("evaluate", "transfer"),
+    **{f"stages.{name}": (name,) for name in ("calibrate", "discover", "export")},
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 #: Commands whose function cannot have their name, since it is a word of Python.

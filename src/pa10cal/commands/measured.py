@@ -27,12 +27,12 @@ def measured(
         pa10cal measured --campaign-dir data/measured/titan-fixed --results results/measured \\
           --out results/measured
     """
-    from pa10cal.commands.transfer import transfer
     from pa10cal.datasets.measured import CARRIED, csv_text, markdown, measured_record
     from pa10cal.errors import OutputError, Pa10calError, SettingsError
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.results.codec import read, write
     from pa10cal.results.fleet import ChainRecord
+    from pa10cal.stages.evaluate import transfer
 
     if not campaign_dir:
         raise SettingsError(

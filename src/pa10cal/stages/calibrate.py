@@ -5,20 +5,13 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.options import DiscoveryOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from pa10cal.arm.description import Arm
-    from pa10cal.campaign.description import CampaignDescription
-    from pa10cal.observe.observations import Observations
     from pa10cal.results.calibration import CalibrationRecord
-    from pa10cal.terms.effects.effect import Effect
-
 
 #: Load case of the general model beside the paper's: all loads together.
 GENERAL = "general"
@@ -61,18 +54,22 @@ def calibrate(
     from pa10cal.calibration.general.case import as_load
     from pa10cal.calibration.general.other_campaign import refuse_unsound
     from pa10cal.calibration.input_checks import check_input, explained
-    from pa10cal.calibration.load_case import LoadCase, load_cases
+    from pa10cal.calibration.load_case import COMBINED, LoadCase, load_cases
     from pa10cal.calibration.options import takes_general_model
-    from pa10cal.campaign.description import read_description
-    from pa10cal.campaign.table import arm_of, read_observations
+    from pa10cal.discovery.given import calibrated_with, listed
     from pa10cal.errors import CalibrationError, DiscoveryError
     from pa10cal.fit.fitted_model import load_model
-    from pa10cal.results.calibration import BaseFrameRecord, GeneralCalibrationRecord
-    from pa10cal.results.codec import read, write
+    from pa10cal.results.calibration import (
+        BaseFrameRecord,
+        CalibrationRecord,
+        GeneralCalibrationRecord,
+    )
+    from pa10cal.results.codec import read, schema_of, write
+    from pa10cal.results.discovery import ExtendedRecord
+    from pa10cal.stages.inputs import read_extended, read_measured
+    from pa10cal.terms.effects.effect import Effect
 
-    campaign = read_description(campaign_dir)
-    every = read_observations(poses, campaign)
-    arm = arm_of(campaign, campaign_dir, every)
+    campaign, arm, every = read_measured(campaign_dir, poses)
     seed = read(BaseFrameRecord, base_frame, campaign.name)
     general = takes_general_model(settings.model, from_touches=campaign.from_touches)
     beside = () if general else (GENERAL,)
@@ -83,19 +80,29 @@ def calibrate(
         known = load_model(given)
         refuse_unsound(known, force=force)
         refuse_prior(None if general else known)
+    effects: Any = ()
+    if settings.effects == "named" and named is not None:
+        terms = read_extended(named, campaign.name).model.model.terms
+        effects = [term for term in terms if isinstance(term, Effect)]
     records: dict[str, CalibrationRecord] = {}
     for case in cases:
-        by_general, began = general or case == GENERAL, time.perf_counter()
-        before = next(iter(records.values()), None)
+        began, before = time.perf_counter(), next(iter(records.values()), None)
         if isinstance(before, GeneralCalibrationRecord) and len(cases) == 2:
             records[case] = as_load(before, case)  # of one load: the same poses
             _say(f"{campaign.name} {case}", records[case], time.perf_counter() - began)
             continue
         try:
             whole = LoadCase(campaign, arm, every, case, settings, findings, known)
-            record = calibration_record(whole, seed, general=by_general)
-            records[case] = _with_effects(
-                record, campaign, arm, every, case, settings, discovery, named
+            record = calibration_record(whole, seed, general=general or case == GENERAL)
+            if settings.effects != "named" or named is None:
+                effects = listed(settings)
+            elif not effects:
+                word = read(ExtendedRecord, named, campaign.name).verdict
+                print(
+                    f"{campaign.name} {case}: the verdict {word} names no effects to calibrate with"
+                )
+            records[case] = calibrated_with(
+                effects, record, campaign, arm, every, case, settings, discovery
             )
         except (CalibrationError, DiscoveryError) as error:
             place = error.within(str(given)) if error.where == "prior" else error
@@ -104,54 +111,14 @@ def calibrate(
         _say(f"{campaign.name} {case}", records[case], time.perf_counter() - began)
     if load:
         write(records[load], out)
-    else:
-        _write_all(records, out)
-
-
-def _write_all(records: dict[str, CalibrationRecord], folder: Path) -> None:
-    """Write every load case, that of all loads last: where it is, all are.
-
-    Those of loads that the campaign no longer has are removed.
-    """
-    from pa10cal.calibration.load_case import COMBINED
-    from pa10cal.results.calibration import CalibrationRecord
-    from pa10cal.results.codec import schema_of, write
-
-    for path in folder.glob("*.json"):
+        return
+    # Those of loads that the campaign no longer has are removed; that of all loads is written last:
+    # where it is, all are.
+    for path in out.glob("*.json"):
         if path.stem not in records and schema_of(path) == CalibrationRecord.SCHEMA:
             path.unlink()
     for case in sorted(records, key=lambda case: case == COMBINED):
-        write(records[case], folder / f"{case}.json")
-
-
-def _with_effects(
-    record: CalibrationRecord,
-    campaign: CampaignDescription,
-    arm: Arm,
-    every: Observations,
-    load: str,
-    options: CalibrationOptions,
-    discovery: DiscoveryOptions,
-    named: Path | None,
-) -> CalibrationRecord:
-    """Calibrate a load case once more with the effects that the options list."""
-    if not options.effects:
-        return record
-
-    from pa10cal.discovery.given import calibrated_with, listed
-    from pa10cal.results.codec import read
-    from pa10cal.results.discovery import ExtendedRecord
-    from pa10cal.stages.extended import effects_of, read_extended
-
-    if options.effects == "named" and named is not None:
-        known = read_extended(named, campaign.name).model
-        effects: Sequence[EffectOfPlace | Effect] = effects_of(known)
-    else:
-        effects = listed(options)
-    if named is not None and not effects:
-        word = read(ExtendedRecord, named, campaign.name).verdict
-        print(f"{campaign.name} {load}: the verdict {word} names no effects to calibrate with")
-    return calibrated_with(effects, record, campaign, arm, every, load, options, discovery)
+        write(records[case], out / f"{case}.json")
 
 
 def _say(title: str, record: CalibrationRecord, seconds: float) -> None:

@@ -37,33 +37,22 @@ def discover(
           calibration/combined.json --verdict verdict.json --analysis analysis.json \\
           --extended extended.json --suggested suggested_poses.csv
     """
-    from pa10cal.calibration.options import CalibrationOptions
-    from pa10cal.campaign.description import read_description
-    from pa10cal.campaign.table import arm_of, read_findings, read_observations
+    from pa10cal.campaign.table import read_findings
     from pa10cal.discovery import discover as search
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.discovery.records import discovery_records, summary
     from pa10cal.files.output import whole_files, write_text
-    from pa10cal.fit.fitted_model import models_of
     from pa10cal.fit.model_file import covariance_path, write_covariance
-    from pa10cal.results.calibration import CalibrationRecord
-    from pa10cal.results.codec import read, write
+    from pa10cal.results.codec import write
     from pa10cal.results.plan import suggestion_table
-    from pa10cal.settings_reading import parse_section
+    from pa10cal.stages.inputs import read_calibrated, read_measured
 
     began = time.perf_counter()
-    campaign = read_description(campaign_dir)
-    every = read_observations(poses, campaign)
-    arm = arm_of(campaign, campaign_dir, every)
-    record = read(CalibrationRecord, calibration, campaign.name)
-    used = parse_section(CalibrationOptions, record.settings, where=str(calibration))
-    *_, fitted = models_of(record, str(calibration)).values()
-    found = search.discover(
-        every,
-        fitted,
-        setup_of(campaign, arm, used, settings),
-        read_findings(poses),
-    )
+    campaign, arm, every = read_measured(campaign_dir, poses)
+    record, models, options = read_calibrated(calibration, campaign.name)
+    *_, fitted = models.values()
+    setup = setup_of(campaign, arm, options, settings)
+    found = search.discover(every, fitted, setup, read_findings(poses))
     ahead = found.next_poses(settings.suggestions, settings.random_seed)
     records = discovery_records(found, ahead, campaign, record.load)
     table_text = suggestion_table(

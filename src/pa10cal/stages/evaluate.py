@@ -1,4 +1,4 @@
-"""Stage `evaluate`."""
+"""Stage `evaluate`, and `transfer`: models judged on poses that they were not fitted to."""
 
 from __future__ import annotations
 
@@ -28,9 +28,6 @@ def evaluate(
         pa10cal evaluate --campaign-dir data/raw/mine --poses poses.parquet --calibration \\
           calibration/combined.json --extended extended.json --out holdout.json
     """
-    from pa10cal.calibration.options import CalibrationOptions
-    from pa10cal.campaign.description import read_description
-    from pa10cal.campaign.table import arm_of, read_observations
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.evaluation.compared import (
         Evaluation,
@@ -40,19 +37,12 @@ def evaluate(
         summary,
     )
     from pa10cal.evaluation.iso9283 import iso9283_record
-    from pa10cal.fit.fitted_model import models_of
     from pa10cal.options import DiscoveryOptions
-    from pa10cal.results.calibration import CalibrationRecord
-    from pa10cal.results.codec import read, write
-    from pa10cal.settings_reading import parse_section
-    from pa10cal.stages.extended import read_extended
+    from pa10cal.results.codec import write
+    from pa10cal.stages.inputs import read_calibrated, read_extended, read_measured
 
-    campaign = read_description(campaign_dir)
-    every = read_observations(poses, campaign)
-    arm = arm_of(campaign, campaign_dir, every)
-    record = read(CalibrationRecord, calibration, campaign.name)
-    options = parse_section(CalibrationOptions, record.settings, where=str(calibration))
-    fitted = models_of(record, str(calibration))
+    campaign, arm, every = read_measured(campaign_dir, poses)
+    record, fitted, options = read_calibrated(calibration, campaign.name)
     with_effects = None if extended is None else read_extended(extended, campaign.name)
     setup = setup_of(campaign, arm, options, DiscoveryOptions())
     evaluation = Evaluation(every, fitted, with_effects, setup)
@@ -75,3 +65,66 @@ def evaluate(
             for name, model in found.by_parts.items()
         )
         print(f"{said_of_parts(found.parts)}: mean/peak {errors}")
+
+
+def transfer(
+    *,
+    calibration: Path,
+    campaign_dir: Path,
+    poses: Path,
+    out: Path,
+    extended: Path | None = None,
+) -> None:
+    """Judge a model of one campaign in another; only base and tool are fitted there.
+
+    Where the calibration poses show that instrument or base moved at once, every part before and
+    after has a base of its own.
+
+    Args:
+        calibration: combined calibration of the campaign that the model is of (.json).
+        campaign_dir: folder of raw files of the campaign to judge it in.
+        poses: table of poses of that campaign (.parquet).
+        out: errors of the model there, to write (.json).
+        extended: the model with the effects that discovery named (.json).
+
+    Examples:
+        pa10cal transfer --calibration results/ur10-a/calibration/combined.json \\
+          --campaign-dir data/raw/ur10-c --poses results/ur10-c/ingest/poses.parquet --out \\
+          transfer_ur10-a.json
+    """
+    from pa10cal.discovery.preparation import setup_of
+    from pa10cal.errors import CalibrationError, RecordError
+    from pa10cal.evaluation.compared import Evaluation, said_of_parts, transfer_record
+    from pa10cal.options import DiscoveryOptions
+    from pa10cal.results.calibration import GeneralCalibrationRecord
+    from pa10cal.results.codec import write
+    from pa10cal.stages.inputs import read_calibrated, read_extended, read_measured
+
+    campaign, arm, every = read_measured(campaign_dir, poses)
+    record, fitted, options = read_calibrated(calibration)
+    if not isinstance(record, GeneralCalibrationRecord) or record.robot != campaign.robot:
+        raise RecordError(
+            "the calibration cannot be carried over",
+            where=str(calibration),
+            value=f"{record.model} model of {record.robot}",
+            allowed=f"a general model of {campaign.robot}",
+            remedy="give the combined calibration of another campaign of the same robot",
+        )
+    if record.status != "converged":
+        raise CalibrationError(
+            "a fit that did not converge is not carried over",
+            where=str(calibration),
+            value=record.status,
+            allowed="converged",
+            remedy="raise calibration.max_iterations, or look at its warnings",
+        )
+    with_effects = None if extended is None else read_extended(extended, record.campaign)
+    setup = setup_of(campaign, arm, options, DiscoveryOptions())
+    evaluation = Evaluation(every, fitted, with_effects, setup)
+    carried = transfer_record(campaign, record.campaign, evaluation)
+    write(carried, out)
+    summary = ", ".join(f"{name} {model.rms_mm:.3f} mm" for name, model in carried.models.items())
+    print(f"{campaign.name}: model of {record.campaign}, base and tool fitted: rms {summary}")
+    if carried.parts and carried.one_base:
+        whole = ", ".join(f"{name} {each.rms_mm:.3f} mm" for name, each in carried.one_base.items())
+        print(f"{said_of_parts(carried.parts)} (with one base: rms {whole})")

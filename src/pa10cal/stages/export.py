@@ -45,12 +45,9 @@ def export(
           --model model.yaml --urdf robot.urdf
     """
     from pa10cal.arm.exports import flange_off_m, patched_urdf, ur_kinematics, urdf_text
-    from pa10cal.campaign.description import read_description
-    from pa10cal.campaign.table import read_observations
     from pa10cal.errors import CalibrationError, ModelError
     from pa10cal.files.arms import urdf_of_arm
     from pa10cal.files.output import write_text
-    from pa10cal.fit.fitted_model import models_of
     from pa10cal.fit.model_file import save_model
     from pa10cal.fit.rigid import (
         best_rigid_model,
@@ -59,13 +56,12 @@ def export(
         rigid_part,
         terms_beyond_rigid,
     )
-    from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
     from pa10cal.results.health import UNRESERVED
-    from pa10cal.stages.extended import read_extended
+    from pa10cal.stages.inputs import read_calibrated, read_extended, read_measured
 
-    record = read(CalibrationRecord, calibration)
+    record, models, _ = read_calibrated(calibration)
     health = record.health
     converged = record.status == "converged"
     withheld = not converged or health.grade not in UNRESERVED
@@ -77,7 +73,7 @@ def export(
             allowed="good, few_poses or incomplete",
             remedy="follow the remedy in the line, or export it with --force",
         )
-    *_, fitted = models_of(record, str(calibration)).values()
+    *_, fitted = models.values()
     warnings = record.warnings
     if extended is not None:
         with_effects = read(ExtendedRecord, extended, record.campaign)
@@ -102,7 +98,7 @@ def export(
     mark = "forced " * withheld + health.grade
     best_urdf = urdf.with_name(f"{urdf.stem}_rigid_fit.urdf")
     if poses is not None and campaign_dir is not None:
-        every = read_observations(poses, read_description(campaign_dir))
+        _, _, every = read_measured(campaign_dir, poses)
         beyond = beyond_rigid(fitted, every)
         try:
             error, best = part.error(fitted, every), best_rigid_model(fitted, every)

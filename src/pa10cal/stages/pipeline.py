@@ -18,6 +18,8 @@ from pa10cal.options import Section
 
 #: Load case of all loads together.
 _COMBINED = "combined"
+#: Commands that stand in one module, `stages.readings`; the others have modules of their name.
+_READINGS = ("ingest", "join", "seed")
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,6 @@ class Stage:
     """One stage of a campaign: a command, its options, and what lies on disk before and after."""
 
     name: str  # of the rule; no two stages of a campaign share one
-    module: str  # of the package `stages`, where the command's function stands
     options: Mapping[str, Any]  # those of the command
     writes: Mapping[str, Path]  # its own results
     reads: Mapping[str, Path] = field(default_factory=dict)  # results of earlier stages
@@ -41,7 +42,8 @@ class Stage:
         Raises:
             Pa10calError: what its command raises.
         """
-        getattr(import_module(f"pa10cal.stages.{self.module}"), self.command)(**self.options)
+        module = self.command if self.command not in _READINGS else "readings"
+        getattr(import_module(f"pa10cal.stages.{module}"), self.command)(**self.options)
 
     @property
     def words(self) -> str:
@@ -95,16 +97,27 @@ def stages(
         settings: sections of the stages.
         load: one load case alone; None for all.
     """
-    at, group = Places(results), len(folders) > 1
-    yield _joined(folders, at) if group else _ingested(folders[0], at, settings)
-    raw = at.poses.parent if group else folders[0]
+    at, raw = Places(results), folders[0]
+    table = {"poses": at.poses, "quarantine": at.quarantine}
+    if len(folders) > 1:
+        own = [Places(results.parent / folder.name) for folder in folders]
+        raw = at.poses.parent
+        joined: dict[str, Any] = {
+            "name": results.name,
+            "campaign_dir": folders,
+            "poses": tuple(each.poses for each in own),
+            "base_frame": tuple(each.base_frame for each in own),
+            "out_dir": raw,
+        }
+        yield Stage("join", joined, writes=table | {"campaign": raw / "campaign.yaml"})
+    else:
+        read: dict[str, Any] = {"campaign_dir": raw, "out": at.poses, "quarantine": at.quarantine}
+        yield Stage("ingest", read | {"settings": settings.ingest}, writes=table)
     campaign: dict[str, Any] = {"campaign_dir": raw, "poses": at.poses}
-    reads = {"poses": at.poses}
     yield Stage(
         "seed",
-        "readings",
-        options=campaign | {"out": at.base_frame, "settings": settings.base_frame},
-        reads=reads,
+        campaign | {"out": at.base_frame, "settings": settings.base_frame},
+        reads={"poses": at.poses},
         writes={"base_frame": at.base_frame},
     )
     named = settings.calibration.effects == "named"
@@ -119,77 +132,32 @@ def stages(
         "extended": at.extended,
         "suggested": at.verdict.with_name("suggested_poses.csv"),
     }
+    searched = {"calibration": at.calibration(case, bare=named), "settings": settings.discovery}
     yield Stage(
         "discover",
-        "discover",
-        options=campaign
-        | {"calibration": at.calibration(case, bare=named), "settings": settings.discovery}
-        | found,
-        reads=reads | {"calibration": at.calibration(bare=named)},
+        campaign | searched | found,
+        reads={"poses": at.poses, "calibration": at.calibration(bare=named)},
         writes=found | {"covariance": at.extended.with_name("extended.covariance.npz")},
     )
     if named:
         yield _calibrated(campaign, at, settings, load)
-    reads = reads | {"calibration": at.calibration(), "extended": at.extended}
+    reads = {"poses": at.poses, "calibration": at.calibration(), "extended": at.extended}
     models = campaign | {"calibration": at.calibration(case), "extended": at.extended}
     held_out = results / "evaluation/holdout.json"
     iso9283 = held_out.with_name("iso9283.json")
     yield Stage(
         "evaluate",
-        "evaluate",
-        options=models | {"out": held_out, "iso9283": iso9283},
+        models | {"out": held_out, "iso9283": iso9283},
         reads=reads,
         writes={"held_out": held_out, "iso9283": iso9283},
     )
-    model = results / "model"
-    exported = {
-        "model": model / "model.yaml",
-        "urdf": model / "robot.urdf",
-        "dh": model / "dh.csv",
-    }
+    files = {"model": "model.yaml", "urdf": "robot.urdf", "dh": "dh.csv"}
+    exported = {name: results / "model" / file for name, file in files.items()}
     yield Stage(
         "export",
-        "export",
-        options=models | exported | {"force": True},
+        models | exported | {"force": True},
         reads=reads,
-        writes=exported | {"covariance": model / "model.covariance.npz"},
-    )
-
-
-def _ingested(raw: Path, at: Places, settings: ChainOptions) -> Stage:
-    """Return the stage that reads the raw files of a campaign."""
-    return Stage(
-        "ingest",
-        "readings",
-        options={
-            "campaign_dir": raw,
-            "out": at.poses,
-            "quarantine": at.quarantine,
-            "settings": settings.ingest,
-        },
-        writes={"poses": at.poses, "quarantine": at.quarantine},
-    )
-
-
-def _joined(folders: tuple[Path, ...], at: Places) -> Stage:
-    """Return the stage that joins campaigns to a group."""
-    own = [Places(at.results.parent / folder.name) for folder in folders]
-    out = at.poses.parent
-    return Stage(
-        "join",
-        "readings",
-        options={
-            "name": at.results.name,
-            "campaign_dir": folders,
-            "poses": tuple(each.poses for each in own),
-            "base_frame": tuple(each.base_frame for each in own),
-            "out_dir": out,
-        },
-        writes={
-            "poses": at.poses,
-            "quarantine": at.quarantine,
-            "campaign": out / "campaign.yaml",
-        },
+        writes=exported | {"covariance": results / "model/model.covariance.npz"},
     )
 
 
@@ -213,8 +181,7 @@ def _calibrated(
     out = at.calibration(load or _COMBINED, bare=bare)
     return Stage(
         "baseline" if bare else "calibrate",
-        "calibrate",
-        options={
+        {
             **campaign,
             "base_frame": at.base_frame,
             "out": out if load else out.parent,

@@ -1,0 +1,67 @@
+"""What stages read of earlier ones: a measured campaign, its calibration, its extended model.
+
+Apart from the commands: none of them imports at once what takes time.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pa10cal.arm.description import Arm
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.campaign.description import CampaignDescription, read_description
+from pa10cal.campaign.table import arm_of, read_observations
+from pa10cal.discovery.given import Extended
+from pa10cal.fit.fitted_model import FittedModel, models_of
+from pa10cal.fit.model_file import covariance_beside, model_from_plain
+from pa10cal.observe.observations import Observations
+from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.codec import read
+from pa10cal.results.discovery import ExtendedRecord
+from pa10cal.settings_reading import parse_section
+
+
+def read_measured(folder: Path, poses: Path) -> tuple[CampaignDescription, Arm, Observations]:
+    """Read a campaign's description, its arm with weights, and its table of poses.
+
+    Raises:
+        Pa10calError: when one of them cannot be used.
+    """
+    campaign = read_description(folder)
+    every = read_observations(poses, campaign)
+    return campaign, arm_of(campaign, folder, every), every
+
+
+def read_calibrated(
+    path: Path, campaign: str | None = None
+) -> tuple[CalibrationRecord, dict[str, FittedModel], CalibrationOptions]:
+    """Read a calibration: its record, its models by name, its own last, and its options.
+
+    Raises:
+        RecordError: when it is of another campaign or lacks a key.
+        SettingsError: when its options are not such.
+        ModelError: when a model cannot be made of what is written.
+        TermError: when it has a term that is not known.
+    """
+    record = read(CalibrationRecord, path, campaign)
+    options = parse_section(CalibrationOptions, record.settings, where=str(path))
+    return record, models_of(record, str(path)), options
+
+
+def read_extended(path: Path, campaign: str) -> Extended:
+    """Read `discovery/extended.json` and the covariance beside it.
+
+    Raises:
+        RecordError: when it is of another campaign or lacks a key.
+        ModelError: when its model cannot be made of what is written.
+        TermError: when it has a term that is not known.
+    """
+    record = read(ExtendedRecord, path, campaign)
+    model = model_from_plain(
+        record.fitted_model,
+        FittedModel,
+        where=f"{path}: fitted_model",
+        covariance=covariance_beside(path),
+    )
+    seen = model.seen if record.angles_seen is not None else None
+    return Extended(model, seen, record.arrival_from_order, record.steps_s or ())
