@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 from pa10cal.__main__ import main
-from pa10cal.running import machine
+from pa10cal.commands import doctor as machine
 
 
 def test_what_is_there_is_listed_and_nothing_needed_is_missing(capsys):

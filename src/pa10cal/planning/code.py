@@ -43,44 +43,30 @@ def source_files(*modules: str) -> tuple[Path, ...]:
         ModuleNotFoundError: when a module named here is not in the package.
     """
     waiting = list(modules)
-    found: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     while waiting:
         module = waiting.pop()
-        if module in found:
+        if module in paths:
             continue
-        path = _path_of(module)
-        if path is None:
+        top, *rest = module.split(".")
+        place = _PACKAGE.joinpath(*rest)
+        there = [p for p in (place / "__init__.py", place.with_suffix(".py")) if p.is_file()]
+        if top != _PACKAGE.name or not there:
             if module in modules:
                 raise ModuleNotFoundError(f"no module {module} in {_PACKAGE}")
             continue  # the name of a function or class: `from pa10cal.errors import RawDataError`
-        found[module] = path
+        paths[module] = there[0]
         if module == _PACKAGE.name:
             continue  # the public interface, which commands do not use
-        waiting.extend(_imports(path))
-        if "pkgutil" in _imports(path):  # it looks through its own package
-            waiting.extend(_modules_below(path.parent))
-        if "." in module:
-            waiting.append(module.rpartition(".")[0])
-    packages = {path.parent for path in found.values() if path.name == "__init__.py"}
+        imported = _imports(there[0])
+        waiting += [*imported, *([module.rpartition(".")[0]] if "." in module else [])]
+        if "pkgutil" in imported:  # it looks through its own package
+            for path in there[0].parent.rglob("*.py"):
+                parts = path.relative_to(_PACKAGE.parent).with_suffix("").parts
+                waiting.append(".".join(parts).removesuffix(".__init__"))
+    packages = {path.parent for path in paths.values() if path.name == "__init__.py"}
     data = {entry for package in packages for entry in _data_files(package)}
-    return tuple(sorted(data | set(found.values())))
-
-
-def _modules_below(folder: Path) -> Iterator[str]:
-    """Yield the names of all modules in a folder of the package and in those below it."""
-    for path in folder.rglob("*.py"):
-        parts = path.relative_to(_PACKAGE.parent).with_suffix("").parts
-        yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-def _path_of(module: str) -> Path | None:
-    """Return the file of a module or package of pa10cal, None when there is no such module."""
-    top, *rest = module.split(".")
-    if top != _PACKAGE.name:
-        return None
-    place = _PACKAGE.joinpath(*rest)
-    candidates = (place / "__init__.py", place.with_suffix(".py"))
-    return next((path for path in candidates if path.is_file()), None)
+    return tuple(sorted(data | set(paths.values())))
 
 
 #: `import a, b` and `from a import b, c`, the names in brackets over several lines or not. That a
@@ -96,24 +82,13 @@ _IMPORT = re.compile(
 def _imports(path: Path) -> tuple[str, ...]:
     """Return every name a file imports, `from a import b` as both `a` and `a.b`."""
     names: list[str] = []
-    for found in _IMPORT.finditer(_text(path)):
-        if found["module"]:
-            inside = re.sub(r"#.*", "", found["block"] or found["line"])
-            names.append(found["module"])
-            names.extend(f"{found['module']}.{name}" for name in _first_words(inside))
-        else:
-            names.extend(_first_words(found["names"]))
+    for statement in _IMPORT.finditer(path.read_text(encoding="utf-8")):
+        module = statement["module"]
+        listed = re.sub(r"#.*", "", statement["names"] or statement["block"] or statement["line"])
+        # Without what they are called instead: `a, b as c`.
+        words = [part.split()[0] for part in listed.split(",") if part.strip()]
+        names += [module, *(f"{module}.{word}" for word in words)] if module else words
     return tuple(names)
-
-
-def _first_words(names: str) -> list[str]:
-    """Return the names of `a, b as c`, without what they are called instead."""
-    return [part.split()[0] for part in names.split(",") if part.strip()]
-
-
-@cache
-def _text(path: Path) -> str:
-    return path.read_text(encoding="utf-8")
 
 
 @cache

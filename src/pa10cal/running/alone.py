@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import math
 import os
 import platform
 import select
@@ -56,16 +57,49 @@ def alone(results: Path) -> Iterator[Path]:
         with writing_into(results, "the results", "give another folder"):
             work.mkdir(parents=True, exist_ok=True)
             lock = stack.enter_context((work / "lock").open("a+", encoding="utf-8"))
-            _take(lock, results)
+            if not _locked(lock, _MOMENT_S):
+                lock.seek(0)
+                raise OutputError(
+                    "another run is at work on these results",
+                    where=str(results),
+                    value=lock.read() or None,
+                    allowed="one run at a time",
+                    remedy="wait for it to end, or give another folder",
+                )
             who = f"process {os.getpid()} on {platform.node()}, started in {Path.cwd()}"
             lock.truncate(0)
             lock.write(who)
             lock.flush()
-            _wait_for_jobs(work)
+            with (work / "jobs").open("a+") as jobs:  # of a killed run
+                if not _locked(jobs, _SOON_S):
+                    waited = f"jobs of an earlier run on {work.parent} to end"
+                    print(f"pa10cal: waiting for {waited}", file=sys.stderr)
+                    _locked(jobs, math.inf)
             remove_partials(results)
         os.environ |= {HELD: str(work), RUN: who}
         stack.callback(lambda: [os.environ.pop(name, None) for name in (HELD, RUN)])
         yield work
+
+
+def _locked(file: IO[str], within_s: float) -> bool:
+    """Lock a file for this process alone, within a time; as good as done where there are no locks.
+
+    A job that looks at a run's lock holds it for a moment.
+    """
+    end = time.monotonic() + within_s
+    while True:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > end:
+                return False
+            time.sleep(0.02)
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+            return True
+        else:
+            return True
 
 
 def hold(results: Path) -> None:
@@ -106,59 +140,6 @@ def _works(lock: Path, run: str) -> bool:
     return False
 
 
-def _take(lock: IO[str], results: Path) -> None:
-    try:
-        _lock(lock)
-    except BlockingIOError:
-        lock.seek(0)
-        raise OutputError(
-            "another run is at work on these results",
-            where=str(results),
-            value=lock.read() or None,
-            allowed="one run at a time",
-            remedy="wait for it to end, or give another folder",
-        ) from None
-    except OSError as error:
-        if error.errno not in _NO_LOCKS:
-            raise
-
-
-def _lock(lock: IO[str]) -> None:
-    """Lock a file; a job that looks at it holds it for a moment."""
-    end = time.monotonic() + _MOMENT_S
-    while True:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            if time.monotonic() > end:
-                raise
-            time.sleep(0.02)
-        else:
-            return
-
-
-def _wait_for_jobs(work: Path) -> None:
-    """Return when no job of a killed run is at work any more."""
-    began, told = time.monotonic(), False
-    with (work / "jobs").open("a+") as jobs:
-        while True:
-            try:
-                fcntl.flock(jobs, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                if not told and time.monotonic() - began > _SOON_S:
-                    told = True
-                    print(
-                        f"pa10cal: waiting for jobs of an earlier run on {work.parent} to end",
-                        file=sys.stderr,
-                    )
-                time.sleep(0.05)
-                continue
-            except OSError as error:
-                if error.errno not in _NO_LOCKS:
-                    raise
-            return
-
-
 # Jobs end with the run that started them, however that ended.
 
 #: Environment: processes with which this one ends, by their numbers.
@@ -179,26 +160,17 @@ def end_with_parents() -> None:
 
 
 def _watch(parents: list[int]) -> None:
-    with suppress(ProcessLookupError):  # one had ended already
-        _wait(parents)
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def _wait(parents: list[int]) -> None:
-    """Return when one of these processes has ended.
-
-    Raises:
-        ProcessLookupError: when one is not there.
-    """
     ended = select.poll()
-    try:
-        for parent in parents:
-            ended.register(os.pidfd_open(parent), select.POLLIN)
-    except ProcessLookupError:
-        raise
-    except (AttributeError, OSError):  # a system without it
-        while True:
+    with suppress(ProcessLookupError):  # one had ended already
+        try:
             for parent in parents:
-                os.kill(parent, 0)
-            time.sleep(_PERIOD_S)
-    ended.poll()
+                ended.register(os.pidfd_open(parent), select.POLLIN)
+            ended.poll()
+        except ProcessLookupError:
+            pass
+        except (AttributeError, OSError):  # a system without it
+            while True:
+                for parent in parents:
+                    os.kill(parent, 0)
+                time.sleep(_PERIOD_S)
+    os.kill(os.getpid(), signal.SIGKILL)

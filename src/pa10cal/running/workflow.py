@@ -151,11 +151,9 @@ def run_workflow(workflow: Workflow, display: RunDisplay) -> None:
             start_new_session=True,  # an interrupt is passed on once, below
         )
         os.close(writing)
-        failed: list[str] = []
         try:
             with os.fdopen(reading, "rb", buffering=0) as events:
-                for event in _events(events.fileno(), display):
-                    _tell(display, event, failed)
+                failed = _followed(events.fileno(), display)
             code = child.wait()
         except BaseException:
             _stop(child)
@@ -167,9 +165,9 @@ def run_workflow(workflow: Workflow, display: RunDisplay) -> None:
             raise _failure(code, failed, workflow, printed.read())
 
 
-def _events(pipe: int, display: RunDisplay) -> Iterator[dict[str, Any]]:
-    """Yield what the workflow tells, until it ends."""
-    rest = b""
+def _followed(pipe: int, display: RunDisplay) -> list[str]:
+    """Show what the workflow does until it ends, and return the logs of jobs that failed."""
+    rest, failed = b"", []
     while True:
         ready, _, _ = select.select([pipe], [], [], _TICK_S)
         if not ready:
@@ -177,46 +175,33 @@ def _events(pipe: int, display: RunDisplay) -> Iterator[dict[str, Any]]:
             continue
         content = os.read(pipe, 1 << 16)
         if not content:
-            return
+            return failed
         *lines, rest = (rest + content).split(b"\n")
-        yield from map(json.loads, lines)
-
-
-def _tell(display: RunDisplay, event: dict[str, Any], failed: list[str]) -> None:
-    kind = event["event"]
-    if kind == "job_info":
-        wildcards = event["wildcards"] or {}
-        of = wildcards.get("campaign") or wildcards.get("study") or wildcards.get("shape") or ""
-        display.started(int(event["jobid"]), str(event["rule_name"]), str(of))
-    elif kind == "job_finished":
-        display.finished(int(event["job_id"]))
-    elif kind == "progress":
-        display.progress(int(event["done"]), int(event["total"]))
-    elif kind == "job_error":
-        failed += event["log"] or []
+        for event in map(json.loads, lines):
+            if event["event"] == "job_info":
+                known = event["wildcards"] or {}
+                of = known.get("campaign") or known.get("study") or known.get("shape") or ""
+                display.started(int(event["jobid"]), str(event["rule_name"]), str(of))
+            elif event["event"] == "job_finished":
+                display.finished(int(event["job_id"]))
+            elif event["event"] == "progress":
+                display.progress(int(event["done"]), int(event["total"]))
+            elif event["event"] == "job_error":
+                failed += event["log"] or []
 
 
 def _failure(code: int, logs: Sequence[str], workflow: Workflow, printed: str) -> Exception:
     """Return why a run failed: the message of the command, or else of the workflow itself."""
-    told = None
+    texts = [printed]
     for log in logs:
         with suppress(OSError):
-            told = last_message(
-                (workflow.folder / log).read_text(encoding="utf-8", errors="replace")
-            )
+            texts.insert(0, (workflow.folder / log).read_text(encoding="utf-8", errors="replace"))
             break
-    told = told or last_message(printed)
-    if told is None:
-        return _failure_untold(code, workflow, printed)
-    words, message = told
-    stage = words.removeprefix("pa10cal").strip()
-    if "internal fault" in message:
-        return RuntimeError(f"{stage}: {message}")
-    return StageError(f"{stage}: {message}" if stage else message)
-
-
-def _failure_untold(code: int, workflow: Workflow, printed: str) -> Exception:
-    """Return why a run failed of which no command says why."""
+    if said := next(filter(None, map(last_message, texts)), None):
+        stage, message = said[0].removeprefix("pa10cal").strip(), said[1]
+        if "internal fault" in message:
+            return RuntimeError(f"{stage}: {message}")
+        return StageError(f"{stage}: {message}" if stage else message)
     full = os.strerror(errno.ENOSPC)
     if full in printed or shutil.disk_usage(workflow.results).free < _LEAST_FREE:
         return OutputError(
