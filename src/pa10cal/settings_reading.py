@@ -63,63 +63,58 @@ def read_settings_argument(section: type[_S], argument: str, *, where: str = "--
 
 
 def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> SettingsError:
-    """Turn one of pydantic's findings, an unknown key first, into one message of the project.
-
-    Args:
-        section: what was to be read.
-        error: what pydantic found.
-        where: the file or option it came from.
-    """
+    """Turn one of pydantic's findings, an unknown key first, into one message of the project."""
     findings = error.errors()
     first = min(findings, key=lambda finding: finding["type"] != "extra_forbidden")
-    parts = tuple(str(part) for part in first["loc"])
-    unknown = first["type"] == "extra_forbidden"
+    kind, value = first["type"], first.get("input")
+    *within, last = ("the whole", *map(str, first["loc"]))
     # Where a value may be of several types, pydantic puts the type it tried into the place; the
     # last part of an unknown key is the key as it was written.
-    within, last = (parts[:-1], parts[-1:]) if unknown else (parts, ())
-    location = (*(part for part in within if "[" not in part), *last)
-    key = ".".join(location) or "the whole"
-    if unknown:
-        known = list(_section_at(section, location[:-1]).model_fields)
-        places = [place for place in _places_of(section, location[-1]) if place != location]
-        elsewhere = "" if not places else ".".join(places[0][:-1]) or "the top level"
-        return SettingsError(
-            f"unknown key {key}",
-            where=where,
-            allowed=", ".join(sorted(known)),
-            remedy=f"it belongs under {elsewhere}: {'.'.join(places[0])}"
-            if places
-            else remedy_for(location[-1], known, "remove it"),
-        )
-    if first["type"] == "missing":
-        field = _section_at(section, location[:-1]).model_fields.get(location[-1])
+    path = tuple(part for part in within[1:] if "[" not in part)
+    if within and (kind == "extra_forbidden" or "[" not in last):
+        path = (*path, last)
+    key = ".".join(path) or "the whole"
+    around = _section_at(section, path[:-1]).model_fields
+    if kind == "extra_forbidden":
+        places = [place for place in _places_of(section, last) if place != path]
+        remedy = remedy_for(last, list(around), "remove it")
+        if places:
+            above = ".".join(places[0][:-1]) or "the top level"
+            remedy = f"it belongs under {above}: {'.'.join(places[0])}"
+        allowed = ", ".join(sorted(around))
+        return SettingsError(f"unknown key {key}", where=where, allowed=allowed, remedy=remedy)
+    if kind == "missing":
+        field = around.get(last)
         allowed = (field and field.description) or "a value"
         return SettingsError(
             f"missing key {key}", where=where, allowed=allowed, remedy=f"set {key}"
         )
-    if first["type"] == "invalid_key" or any(
-        each["type"] == "string_type" and each["input"] is first["input"] for each in findings
-    ):
-        found = first["input"]
-        surprise = _surprise(found)
-        if surprise is not None:
-            what, instead = surprise
-            shown = found if found is None or isinstance(found, bool | int | float) else str(found)
-            return SettingsError(
-                f"key {key} does not fit: {what}",
-                where=where,
-                value=shown,
-                allowed="a text",
-                remedy=f"write {instead}",
-            )
+    of_text = any(each["type"] == "string_type" and each["input"] is value for each in findings)
+    if (kind == "invalid_key" or of_text) and (surprise := _surprise(value)):
+        what, instead = surprise
+        return SettingsError(
+            f"key {key} does not fit: {what}",
+            where=where,
+            value=value if value is None or isinstance(value, int | float) else str(value),
+            allowed="a text",
+            remedy=f"write {instead}",
+        )
+    allowed = first["msg"]
+    for own, plain in (("Value error, ", ""), ("Input should be ", ""), ("valid tuple", "list")):
+        allowed = allowed.replace(own, plain)
     # For a value of several possible types, its meaning is more useful than the rule of one.
-    meaning = _meaning(section, location) if location != parts else ""
-    own = first["type"] == "value_error"
+    if kind != "value_error" and len(path) < len(first["loc"]):
+        fields = (
+            _section_at(section, path[: end - 1]).model_fields.get(path[end - 1])
+            for end in range(len(path), 0, -1)
+        )
+        field = next(filter(None, fields), None)
+        allowed = (field and field.description) or allowed
     return SettingsError(
         f"key {key} does not fit",
         where=where,
-        value=first.get("input"),
-        allowed=_wanted(first["msg"]) if own else meaning or _wanted(first["msg"]),
+        value=value,
+        allowed=allowed,
         remedy=f"set {key} accordingly",
     )
 
@@ -166,22 +161,6 @@ def _surprise(value: object) -> tuple[str, str] | None:
     if isinstance(value, int | float | date):
         return f"YAML reads it as a {kind} where it has no quotes", f'it in quotes, as "{value}"'
     return None
-
-
-def _wanted(message: str) -> str:
-    """Return the rule of pydantic, without its words for it."""
-    for own, plain in (("Value error, ", ""), ("Input should be ", ""), ("valid tuple", "list")):
-        message = message.replace(own, plain)
-    return message
-
-
-def _meaning(section: type[BaseModel], path: tuple[str, ...]) -> str:
-    """Return the description of the field at `path`, or of the one that holds it; or nothing."""
-    for end in range(len(path), 0, -1):
-        field = _section_at(section, path[: end - 1]).model_fields.get(path[end - 1])
-        if field is not None:
-            return field.description or ""
-    return ""
 
 
 def _places_of(
