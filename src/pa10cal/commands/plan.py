@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any
 from pa10cal.pose_plan.options import PlanOptions
 
 if TYPE_CHECKING:
-    from pa10cal.arm.description import Arm
     from pa10cal.pose_plan.plan import PosePlan
-    from pa10cal.results.plan import PlanRecord
 
 #: An effect shows where its expected uncertainty is below this part of its plausible size.
 _SHOWS = 1.0 / 3.0
@@ -63,6 +61,7 @@ def plan(
           --keep-out box.yaml --instrument-at-mm 2500 0 1200 --facing-deg 60
     """
     from pa10cal.errors import SettingsError
+    from pa10cal.files.arms import load_arm, read_arm
     from pa10cal.pose_plan.plan import plan_poses, read_keep_out
     from pa10cal.settings_reading import parse_section
 
@@ -89,18 +88,11 @@ def plan(
         given["keep_out"] = [box.model_dump() for box in read_keep_out(keep_out)]
     stated = (options or PlanOptions()).model_dump()
     stated |= {name: value for name, value in given.items() if value is not None}
-    found = plan_poses(
-        _arm(robot), instrument, poses, parse_section(PlanOptions, stated, where="plan")
-    )
+    path = Path(robot)
+    arm = read_arm(path) if path.suffix in (".yaml", ".yml") else load_arm(robot)
+    found = plan_poses(arm, instrument, poses, parse_section(PlanOptions, stated, where="plan"))
     found.save(out)
     print("\n".join(_lines(found, out)))
-
-
-def _arm(robot: str) -> Arm:
-    from pa10cal.files.arms import load_arm, read_arm
-
-    path = Path(robot)
-    return read_arm(path) if path.suffix in (".yaml", ".yml") else load_arm(robot)
 
 
 def _lines(found: PosePlan, out: Path) -> Iterator[str]:
@@ -131,12 +123,6 @@ def _lines(found: PosePlan, out: Path) -> Iterator[str]:
         place_m = instrument_place_m(found.arm, found.options)
         place = ", ".join(f"{1e3 * each:.0f}" for each in place_m)
         yield f"instrument taken to be at {place} mm of the base; state --instrument-at-mm"
-    yield from _limits(expected)
-
-
-def _limits(expected: PlanRecord) -> Iterator[str]:
-    """Yield how many poses each limit removed."""
-    removed = {name: count for name, count in expected.removed.items() if count}
-    each = ", ".join(f"{name} {count}" for name, count in removed.items()) or "none"
+    removed = ", ".join(f"{name} {count}" for name, count in expected.removed.items() if count)
     kept, drawn = expected.candidates, expected.drawn
-    yield f"chosen from {kept} poses; of {drawn} drawn the limits removed: {each}"
+    yield f"chosen from {kept} poses; of {drawn} drawn the limits removed: {removed or 'none'}"

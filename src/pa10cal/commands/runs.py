@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from pa10cal.options import IngestOptions
 
 #: Options of Snakemake: its progress goes to the display.
 _QUIET = ("--quiet", "all", "--logger", "pa10cal")
+#: Raw files of so few bytes are read before the workflow starts, so that they are refused at once.
+_SMALL = 5_000_000
 
 
 def run(
@@ -50,7 +48,7 @@ def run(
 
     # What a folder can be refused for is checked before anything heavy is imported or started.
     from pa10cal.campaign.description import check_joints, check_names, read_description
-    from pa10cal.errors import OutputError, SettingsError
+    from pa10cal.errors import OutputError, Pa10calError, SettingsError
     from pa10cal.files import ARMS
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import writing_into
@@ -83,6 +81,7 @@ def run(
                 remedy="give another one",
             )
 
+    from pa10cal.planning.campaign import raw_files
     from pa10cal.running.display import RunDisplay
     from pa10cal.running.workflow import StageError, Workflow, run_workflow, settings_of
 
@@ -92,7 +91,10 @@ def run(
         over["groups"] = {group: names}
     used = settings_of(own, over, str(settings or f"{places[0] / 'campaign.yaml'}: name"))
     for folder in places:
-        _refuse_small(folder, used.ingest, arms)
+        if sum(path.stat().st_size for path in raw_files(folder) if path.is_file()) < _SMALL:
+            from pa10cal.campaign.read import read_campaign
+
+            read_campaign(folder, used.ingest, arms=arms)
     raw = out / WORK_FOLDER / "raw"
     config = {key: json.dumps(value) for key, value in over.items()}
     config |= {"raw_dir": str(raw), "results_dir": str(out)}
@@ -119,32 +121,25 @@ def run(
         try:
             run_workflow(workflow, display)
         except StageError as error:
+            from pa10cal.reports.page import write_page
+            from pa10cal.reports.results_bundle import MODEL
+
             told = str(error)
             for link, folder in links.items():
                 told = told.replace(str(raw / link), str(folder))
-            described_in = out / name / "ingest" if group is not None else places[0]
-            ended = write_what_there_is(out / name, described_in, used.evaluation.calibration)
-            told = told if ended is None else f"{told}; report so far: {ended}"
+            # Results with a model are those of an earlier run, perhaps of other raw files.
+            if not (out / name / MODEL).exists():
+                page = out / name / "report.html"
+                described_in = out / name / "ingest" if group is not None else places[0]
+                with suppress(Pa10calError):  # then there is nothing to tell but what ended the run
+                    write_page(out / name, page, described_in, used.evaluation.calibration)
+                    told += f"; report so far: {page}"
             raise StageError(told) from None
 
     from pa10cal.reports.summary import paths, summarise, table
 
     print(table([summarise(out / name, used.evaluation.calibration)]))
     print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")
-
-
-#: Raw files of so few bytes are read before the workflow starts, within a second.
-_SMALL = 5_000_000
-
-
-def _refuse_small(folder: Path, options: IngestOptions, arms: Path | None) -> None:
-    """Refuse a campaign with small raw files that cannot be ingested, at once."""
-    from pa10cal.planning.campaign import raw_files
-
-    if sum(path.stat().st_size for path in raw_files(folder) if path.is_file()) < _SMALL:
-        from pa10cal.campaign.read import read_campaign
-
-        read_campaign(folder, options, arms=arms)
 
 
 def reproduce(
@@ -225,29 +220,6 @@ def report(
 
     name, size = write_page(results, out, campaign_dir, calibration)
     print(f"{name}: report {out}, {size / 1e6:.1f} MB")
-
-
-def write_what_there_is(results: Path, campaign_dir: Path, calibration: str) -> Path | None:
-    """Write the report of a run that a stage has ended, and return its path.
-
-    None without results, or with those of a run that came to its end before: they are not of the
-    raw files as they are now.
-
-    Args:
-        results, campaign_dir, calibration: see `report`.
-    """
-    from pa10cal.errors import Pa10calError
-    from pa10cal.reports.page import write_page
-    from pa10cal.reports.results_bundle import MODEL
-
-    if (results / MODEL).exists():
-        return None
-    out = results / "report.html"
-    try:
-        write_page(results, out, campaign_dir, calibration)
-    except Pa10calError:  # there is nothing to tell but what ended the run
-        return None
-    return out
 
 
 def fleet(

@@ -184,51 +184,39 @@ def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
     Raises:
         RecordError: when a campaign has no `chain.json`.
     """
-    found = {
-        each.campaign: read(ChainRecord, results_dir / each.campaign / ChainRecord.FILE)
-        for each in listed
-    }
-    campaigns: dict[str, FleetCampaign] = {}
+    of_campaign: dict[str, FleetCampaign] = {}
     arms = []
     for arm, of_arm in in_order(listed).items():
-        compared = _compared(of_arm, found, results_dir)
-        campaigns |= {each.campaign: each for each in compared}
-        attention, why = _attention(compared[-1])
-        last = compared[-1].campaign
-        arms.append(
-            FleetArm(arm=arm, campaigns=len(compared), last=last, attention=attention, why=why)
-        )
-    words = [each.grade or each.status for each in found.values()]
-    return FleetRecord(
-        counts={word: words.count(word) for word in sorted(set(words))},
-        arms=tuple(sorted(arms, key=lambda each: (_URGENCY.index(each.attention), each.arm))),
-        campaigns=tuple(campaigns[each.campaign] for each in listed),
-    )
-
-
-def _compared(
-    of_arm: Iterable[Listed], found: dict[str, ChainRecord], results_dir: Path
-) -> list[FleetCampaign]:
-    """Return the campaigns of an arm, each compared with the one before that has a model."""
-    models: list[tuple[str, Path]] = []
-    compared = []
-    for each in of_arm:
-        record, agrees, line = found[each.campaign], None, None
-        if record.status == "done":
-            models.append((each.campaign, results_dir / each.campaign / "model/model.yaml"))
-            if len(models) > 1:
-                agrees, line = _moved(*models[-2:])
-        compared.append(
-            FleetCampaign(
-                arm=each.arm,
+        before: tuple[str, Path] | None = None  # the last campaign with a model
+        for each in of_arm:
+            folder = results_dir / each.campaign
+            became, agrees, line = read(ChainRecord, folder / ChainRecord.FILE), None, None
+            if became.status == "done":
+                now = each.campaign, folder / "model/model.yaml"
+                if before is not None:
+                    agrees, line = _moved(before, now)
+                before = now
+            last = of_campaign[each.campaign] = FleetCampaign(
+                arm=arm,
                 campaign=each.campaign,
                 measured=each.measured or None,
-                became=record,
+                became=became,
                 agrees=agrees,
                 moved=line,
             )
+        attention, why = _attention(last)
+        arms.append(
+            FleetArm(
+                arm=arm, campaigns=len(of_arm), last=last.campaign, attention=attention, why=why
+            )
         )
-    return compared
+    campaigns = tuple(of_campaign[each.campaign] for each in listed)
+    words = [each.became.grade or each.became.status for each in campaigns]
+    return FleetRecord(
+        counts={word: words.count(word) for word in sorted(set(words))},
+        arms=tuple(sorted(arms, key=lambda each: (_URGENCY.index(each.attention), each.arm))),
+        campaigns=campaigns,
+    )
 
 
 def _moved(before: tuple[str, Path], now: tuple[str, Path]) -> tuple[bool | None, str]:
