@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -41,57 +39,39 @@ def chain(
     import sys
     import traceback
 
+    from pa10cal.commands.data import import_data
     from pa10cal.errors import OutputError, Pa10calError
     from pa10cal.reports.summary import summarise
     from pa10cal.results.codec import write
     from pa10cal.results.fleet import ChainRecord
-
-    name, record = results.name if len(campaign_dir) > 1 else campaign_dir[0].name, ChainRecord.FILE
-    told: dict[str, Any]
-    _remove(results, record, *_WRITTEN)
-    for stage, written, run in _steps(campaign_dir, results, dataset, source, settings):
-        try:
-            run()
-        except (OutputError, OSError, MemoryError):  # of the machine, not of the campaign
-            raise
-        except Pa10calError as error:
-            _remove(results, *written)
-            told = {"status": "refused", "stage": stage, "message": str(error)}
-            break
-        except Exception as error:  # a fault of one campaign is not to end the others
-            _remove(results, *written)
-            traceback.print_exc()
-            message = f"internal fault: {type(error).__name__}: {error}"
-            told = {"status": "fault", "stage": stage, "message": message}
-            break
-    else:
-        told = dict(summarise(results, settings.evaluation.calibration).became)
-    found = ChainRecord(**told | {"campaign": name})
-    write(found, results / record)
-    if found.message is not None:
-        print(f"pa10cal chain: {name}: {found.stage}: {found.message}", file=sys.stderr)
-
-
-def _steps(
-    folders: tuple[Path, ...],
-    results: Path,
-    dataset: str,
-    source: Path | None,
-    settings: ChainOptions,
-) -> Iterator[tuple[str, set[str], Callable[[], None]]]:
-    """Yield the name of every step, the folders of the results that are its own, and its work."""
-    from pa10cal.commands.data import import_data
     from pa10cal.stages.pipeline import stages
 
-    if dataset and source:
-        raw = folders[0]
-        work = partial(
-            import_data, dataset, source, out=raw.parent, only=(raw.name,), settings=settings.ingest
-        )
-        yield "import", set(), work
-    for stage in stages(folders, results, settings):
-        written = {path.relative_to(results).parts[0] for path in stage.writes.values()}
-        yield stage.name, written, stage.run
+    raw, file = campaign_dir[0], ChainRecord.FILE
+    name = results.name if len(campaign_dir) > 1 else raw.name
+    _remove(results, file, *_WRITTEN)
+    stage, written = "import", set[str]()
+    became: dict[str, Any] = {}
+    try:
+        if dataset and source:
+            import_data(dataset, source, out=raw.parent, only=(raw.name,), settings=settings.ingest)
+        for each in stages(campaign_dir, results, settings):
+            stage = each.name
+            written = {path.relative_to(results).parts[0] for path in each.writes.values()}
+            each.run()
+    except (OutputError, OSError, MemoryError):  # of the machine, not of the campaign
+        raise
+    except Pa10calError as error:
+        became = {"status": "refused", "stage": stage, "message": str(error)}
+    except Exception as error:  # a fault of one campaign is not to end the others
+        traceback.print_exc()
+        message = f"internal fault: {type(error).__name__}: {error}"
+        became = {"status": "fault", "stage": stage, "message": message}
+    if became:
+        _remove(results, *written)
+        print(f"pa10cal chain: {name}: {stage}: {became['message']}", file=sys.stderr)
+    else:
+        became = dict(summarise(results, settings.evaluation.calibration).became)
+    write(ChainRecord(**became | {"campaign": name}), results / file)
 
 
 def _remove(results: Path, *names: str) -> None:

@@ -9,7 +9,6 @@ from pa10cal.options import IngestOptions
 
 if TYPE_CHECKING:
     from pa10cal.arm.description import Arm
-    from pa10cal.terms.effects.effect import Effect
 
 
 def columns(
@@ -268,27 +267,22 @@ def effects(*, robot: str = "pa10_6ce") -> None:
     print("| effect | meaning | sits at | formula | parameters | expected size |")
     print("| --- | --- | --- | --- | --- | --- |")
     for places in vocabulary_of(load_arm(robot)):
-        print(f"| {' | '.join(_cells(places))} |")
-
-
-def _cells(places: tuple[Effect, ...]) -> tuple[str, ...]:
-    """Return what the table says of an effect, by the first of its places."""
-    first = places[0]
-    meaning = (type(first).__doc__ or "").splitlines()[0].removesuffix(".")
-    reported = first.report(first.starts[0]).parameters
-    signed = first.linear if first.positive else 0
-    shown = [
-        f"{each.name}{' > 0' if k < signed else ''} [{each.unit}]"
-        for k, each in enumerate(reported)
-    ]
-    if len(shown) > _MOST_NAMES:
-        shown[1:-1] = ["…"]
-    size = first.parameters[0]
-    return (
-        f"`{first.id}`",
-        meaning,
-        ", ".join(each.of for each in places).replace(", joint ", ", "),
-        f"`{first.formula}`",
-        ", ".join(shown),
-        f"{size.plausible:.2g} {size.unit}".removesuffix(" 1"),
-    )
+        first = places[0]
+        reported = first.report(first.starts[0]).parameters
+        signed = first.linear if first.positive else 0
+        shown = [
+            f"{each.name}{' > 0' if k < signed else ''} [{each.unit}]"
+            for k, each in enumerate(reported)
+        ]
+        if len(shown) > _MOST_NAMES:
+            shown[1:-1] = ["…"]
+        size = first.parameters[0]
+        cells = (
+            f"`{first.id}`",
+            (type(first).__doc__ or "").splitlines()[0].removesuffix("."),
+            ", ".join(each.of for each in places).replace(", joint ", ", "),
+            f"`{first.formula}`",
+            ", ".join(shown),
+            f"{size.plausible:.2g} {size.unit}".removesuffix(" 1"),
+        )
+        print(f"| {' | '.join(cells)} |")
