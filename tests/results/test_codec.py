@@ -149,6 +149,7 @@ def test_arrays_of_a_record_cannot_be_changed() -> None:
     [
         ({"T_instr_base": np.eye(3)}, "T_instr_base"),
         ({"T_instr_base": np.full((4, 4), np.nan)}, "T_instr_base"),
+        ({"origin_instr_m": []}, "origin_instr_m"),
         ({"origin_scatter_mm": float("inf")}, "origin_scatter_mm"),
         ({"lines": 2}, "lines"),
     ],

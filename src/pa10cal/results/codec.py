@@ -5,7 +5,7 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 from pydantic_core import from_json
@@ -47,7 +47,7 @@ def read(kind: type[_R], path: Path, campaign: str | None = None) -> _R:
             where=str(path),
             value=str(error),
             allowed=f"a JSON file with schema {kind.SCHEMA}",
-            remedy=_again(kind),
+            remedy=f"run pa10cal {kind.COMMAND} again",
         ) from None
     return _checked(kind, content, str(path), campaign)
 
@@ -77,7 +77,7 @@ def read_lines(kind: type[_R], path: Path) -> list[_R]:
             where=str(path),
             value=str(error),
             allowed=f"one line of schema {kind.SCHEMA} each",
-            remedy=_again(kind),
+            remedy=f"run pa10cal {kind.COMMAND} again",
         ) from None
     return [
         _checked(kind, content, f"{path}:{number}", None)
@@ -138,27 +138,22 @@ def _refusal(kind: type[Record], error: ValidationError, where: str) -> RecordEr
             f"the record lacks {key}{more}",
             where=where,
             allowed=f"every key of schema {kind.SCHEMA}",
-            remedy=_again(kind),
+            remedy=f"run pa10cal {kind.COMMAND} again",
         )
     return RecordError(
         f"{key or 'the record'} is not as it should be{more}",
         where=where,
         value=_Shortened(first["input"]),
         allowed=first["msg"].removeprefix("Input should be ").removeprefix("Value error, "),
-        remedy=_again(kind),
+        remedy=f"run pa10cal {kind.COMMAND} again",
     )
 
 
-def _again(kind: type[Record]) -> str:
-    return f"run pa10cal {kind.COMMAND} again"
-
-
-class _Shortened:
+class _Shortened(NamedTuple):
     """A value of any size, shown in brief."""
 
-    def __init__(self, value: object) -> None:
-        self._text = reprlib.repr(value)
+    value: object
 
     def __repr__(self) -> str:
-        more = len(self._text) > _MOST_LETTERS
-        return f"{self._text[: _MOST_LETTERS - 4]} ..." if more else self._text
+        text = reprlib.repr(self.value)
+        return text if len(text) <= _MOST_LETTERS else f"{text[: _MOST_LETTERS - 4]} ..."

@@ -56,14 +56,6 @@ class Shape:
         self.sizes = sizes
         self.missing = missing
 
-    def __str__(self) -> str:
-        return f"({', '.join(map(str, self.sizes))}{',' if len(self.sizes) == 1 else ''})"
-
-    def said(self, kind: str) -> str:
-        """Return in words what is allowed of an array of a kind of numpy's."""
-        unknown = ", null where unknown" if self.missing else ""
-        return f"{_WORDS[kind]}, shape {self}{unknown}"
-
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
@@ -77,35 +69,30 @@ class Shape:
         )
 
     def _checked(self, dtype: np.dtype[Any], value: Any) -> NDArray[Any]:
-        found = self._array(dtype, value)
-        wanted = [size if isinstance(size, int) else None for size in self.sizes]
-        if found is None or not (
-            found.ndim == len(wanted)
-            and all(want in (None, size) for want, size in zip(wanted, found.shape, strict=True))
-            and (dtype.kind != "f" or self.missing or bool(np.isfinite(found).all()))
-        ):
-            raise PydanticCustomError("array", "{said}", {"said": self.said(dtype.kind)})
-        found.setflags(write=False)
-        return found
-
-    def _array(self, dtype: np.dtype[Any], value: Any) -> NDArray[Any] | None:
-        """Return a copy as an array of its type; None where it cannot be one."""
+        """Return a copy as an array of its type, null along the first axis made nan."""
+        given, wanted = value, [size if isinstance(size, int) else None for size in self.sizes]
+        if self.missing and not isinstance(value, np.ndarray):
+            nothing = np.full([size for size in wanted[1:] if size is not None], np.nan)
+            given = [nothing if entry is None else entry for entry in value]
         try:
-            found = np.array(self._filled(value) if self.missing else value)
+            array = np.array(given)
         except (TypeError, ValueError):
-            return None
-        if not found.size:
-            sizes = [size if isinstance(size, int) else 0 for size in self.sizes]
-            empty = 0 in sizes and found.ndim <= len(sizes)
-            return np.zeros(sizes, dtype=dtype) if empty else None
-        return found.astype(dtype) if found.dtype.kind in _TAKEN[dtype.kind] else None
-
-    def _filled(self, value: Any) -> Any:
-        """Return it with nan for what is null along the first axis."""
-        if isinstance(value, np.ndarray) or not any(entry is None for entry in value):
-            return value
-        nothing = np.full([size for size in self.sizes[1:] if isinstance(size, int)], np.nan)
-        return [nothing if entry is None else entry for entry in value]
+            array = np.array(object())  # of no shape, and taken for no kind
+        if not array.size and None in wanted and array.ndim <= len(wanted):
+            array = np.zeros([size or 0 for size in wanted], dtype=dtype)
+        if (
+            array.dtype.kind not in _TAKEN[dtype.kind]
+            or array.ndim != len(wanted)
+            or any(want not in (None, size) for want, size in zip(wanted, array.shape, strict=True))
+            or not (dtype.kind != "f" or self.missing or np.isfinite(array).all())
+        ):
+            shape = f"({', '.join(map(str, self.sizes))}{',' if len(self.sizes) == 1 else ''})"
+            unknown = ", null where unknown" if self.missing else ""
+            said = f"{_WORDS[dtype.kind]}, shape {shape}{unknown}"
+            raise PydanticCustomError("array", "{said}", {"said": said})
+        array = array.astype(dtype)
+        array.setflags(write=False)
+        return array
 
     def _plain(self, value: NDArray[Any]) -> Any:
         entries = value.tolist()
