@@ -1,3 +1,21 @@
+# Planes depend on the arm alone. A campaign of the same shipped arm as one before it takes the planes
+# of that one, under its own name.
+FIRST_OF_ARM = {}
+SAME_ARM = {}
+for campaign in () if isinstance(FLEET, str) else SETTINGS.campaigns:
+    folder = Path(SETTINGS.raw_dir, campaign)
+    robot = robot_name(folder)
+    if (
+        robot
+        and not arm_files(folder)
+        and campaign not in IMPORTED
+        and not by_general_model(campaign)
+    ):
+        first = FIRST_OF_ARM.setdefault(robot, campaign)
+        if first != campaign:
+            SAME_ARM[campaign] = first
+
+
 rule montecarlo:
     """Position error from resolver uncertainty in horizontal planes."""
     input:
@@ -11,6 +29,8 @@ rule montecarlo:
         ),
     log:
         result("logs/montecarlo.log"),
+    wildcard_constraints:
+        campaign=rf"(?!(?:{one_of(SAME_ARM)})/)[^/]+",
     params:
         code=code_of("commands.montecarlo"),
         name=name_of_campaign,
@@ -22,3 +42,26 @@ rule montecarlo:
         "python -m pa10cal montecarlo --campaign {params.name:q} --robot {params.robot:q}"
         " --campaign-dir {params.folder:q} --settings {params.settings:q} --out {params.out:q}"
         " 2>&1 | tee {log:q} >&2"
+
+
+rule montecarlo_of_same_arm:
+    """The same of an arm that another campaign has, too."""
+    input:
+        lambda wildcards: expand(rules.montecarlo.output, campaign=SAME_ARM[wildcards.campaign]),
+    output:
+        expand(
+            result("montecarlo/z{plane}.json"),
+            plane=SETTINGS.montecarlo.planes_mm,
+            allow_missing=True,
+        ),
+    log:
+        result("logs/montecarlo.log"),
+    wildcard_constraints:
+        campaign=one_of(SAME_ARM),
+    params:
+        name=name_of_campaign,
+        out=lambda wildcards, output: os.path.dirname(output[0]),
+    shell:
+        "for plane in {input:q}; do"
+        ' sed \'s/^ "campaign": .*/ "campaign": "{params.name}",/\' $plane'
+        " > {params.out:q}/$(basename $plane); done 2> {log:q}"

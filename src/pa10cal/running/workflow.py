@@ -73,7 +73,8 @@ class Workflow:
         words = [sys.executable, "-m", "snakemake", "--snakefile"]
         words += [str(workflow_folder() / self.file), "--directory", str(self.folder)]
         words += ["--cores", str(self.cores or len(os.sched_getaffinity(0)))]
-        words += ["--rerun-incomplete", "--nolock", "--nocolor", *self.more]
+        words += ["--scheduler", "greedy", "--rerun-incomplete", "--nolock", "--nocolor"]
+        words += self.more
         # Without one, an empty profile in place of one that stands beside the Snakefile.
         words += ["--workflow-profile", "none" if self.profile is None else self.profile]
         if self.settings is not None:
