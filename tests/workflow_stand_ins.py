@@ -2,7 +2,7 @@
 
 from textwrap import dedent
 
-from pa10cal.commands.command_line import module_of
+from pa10cal.commands.command_line import COMMANDS
 
 #: Command, the options it is called with, and what the stand-in writes. Several values follow a +;
 #: one with a ? may be left out; one without -- stands first, by its place.
@@ -151,7 +151,7 @@ def stand_ins():
     """Return the text of each module of commands, with stand-ins in place of its commands."""
     modules = {}
     for command in STAND_INS:
-        modules.setdefault(module_of(command), []).append(stand_in(command))
+        modules.setdefault(COMMANDS[command], []).append(stand_in(command))
     return {module: "\n".join(texts) for module, texts in modules.items()}
 
 

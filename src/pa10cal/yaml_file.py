@@ -104,51 +104,40 @@ def _check_structure(text: str) -> None:
         ValueError: too deep, too many values once references are followed, a key that is repeated.
         yaml.YAMLError: a syntax error.
     """
-    open_ones: list[_Collection] = []
-    nodes_of: dict[str, int] = {}
+    above: list[_Collection] = []
+    nodes_of: dict[str | None, int] = {}
     event: Any
     for event in yaml.parse(text, Loader=_Loader):
-        kind = type(event)
-        if kind is yaml.ScalarEvent:
-            nodes = 1
-            if event.anchor is not None:
-                nodes_of[event.anchor] = 1
+        kind, line = type(event), f"line {event.start_mark.line + 1}"
+        if kind in (yaml.MappingStartEvent, yaml.SequenceStartEvent):
+            mapping = kind is yaml.MappingStartEvent
+            above.append(_Collection(event.anchor, {} if mapping else None, mapping))
+            if len(above) > MAX_DEPTH:
+                raise ValueError(f"{line}: nested deeper than {MAX_DEPTH} levels")
+            continue
+        if kind in (yaml.MappingEndEvent, yaml.SequenceEndEvent):
+            closed = above.pop()
+            nodes = nodes_of[closed.anchor] = closed.nodes
+        elif kind is yaml.ScalarEvent:
+            nodes = nodes_of[event.anchor] = 1
         elif kind is yaml.AliasEvent:
             if event.anchor not in nodes_of:
-                raise ValueError(f"{_line(event)}: *{event.anchor} refers to what it stands in")
+                raise ValueError(f"{line}: *{event.anchor} refers to what it stands in")
             nodes = nodes_of[event.anchor]
-        elif kind is yaml.MappingStartEvent or kind is yaml.SequenceStartEvent:
-            mapping = kind is yaml.MappingStartEvent
-            open_ones.append(_Collection(event.anchor, {} if mapping else None, mapping))
-            if len(open_ones) > MAX_DEPTH:
-                raise ValueError(f"{_line(event)}: nested deeper than {MAX_DEPTH} levels")
-            continue
-        elif kind is yaml.MappingEndEvent or kind is yaml.SequenceEndEvent:
-            closed = open_ones.pop()
-            nodes = closed.nodes
-            if closed.anchor is not None:
-                nodes_of[closed.anchor] = nodes
         else:
             continue
-        if open_ones:
-            _add(open_ones[-1], event, nodes)
-
-
-def _add(parent: _Collection, event: Any, nodes: int) -> None:
-    """Count a value, or a key, of the collection that it stands in."""
-    parent.nodes += nodes
-    if parent.nodes > MAX_NODES:
-        raise ValueError(f"{_line(event)}: more than {MAX_NODES} values once references are read")
-    if parent.keys is None:
-        return
-    if parent.expects_key and type(event) is yaml.ScalarEvent:
-        if event.value in parent.keys:
-            first = parent.keys[event.value]
-            twice = f"the key {event.value} stands there twice, first in {first}: remove one"
-            raise ValueError(f"{_line(event)}: {twice}")
-        parent.keys[event.value] = _line(event)
-    parent.expects_key = not parent.expects_key
-
-
-def _line(event: Any) -> str:
-    return f"line {event.start_mark.line + 1}"
+        if not above:
+            continue
+        parent = above[-1]
+        parent.nodes += nodes
+        if parent.nodes > MAX_NODES:
+            raise ValueError(f"{line}: more than {MAX_NODES} values once references are read")
+        if parent.keys is None:
+            continue
+        if parent.expects_key and kind is yaml.ScalarEvent:
+            if event.value in parent.keys:
+                first = parent.keys[event.value]
+                twice = f"the key {event.value} stands there twice, first in {first}: remove one"
+                raise ValueError(f"{line}: {twice}")
+            parent.keys[event.value] = line
+        parent.expects_key = not parent.expects_key

@@ -34,52 +34,50 @@ FAULT = 3
 INTERRUPTED = 130
 CLOSED = 141
 
-#: Commands by whom they serve, as `--help` lists them.
+#: Commands by whom they serve, as `--help` lists them, and the modules that they stand in.
 GROUPS = {
-    "a campaign from raw files to a model": ("plan", "run", "report", "fleet", "columns", "doctor"),
-    "a calibrated robot in use": ("predict", "compensate", "compare", "drift"),
-    "one step of a run": (
-        "chain",
-        "ingest",
-        "join",
-        "seed",
-        "calibrate",
-        "montecarlo",
-        "discover",
-        "evaluate",
-        "transfer",
-        "export",
-        "figures",
-        "fleet_summary",
-        "measured",
+    "a campaign from raw files to a model": {
+        "plan": "commands.plan",
+        "run": "commands.runs",
+        "report": "commands.runs",
+        "fleet": "commands.runs",
+        "columns": "commands.data",
+        "doctor": "commands.doctor",
+    },
+    "a calibrated robot in use": dict.fromkeys(
+        ("predict", "compensate", "compare", "drift"), "commands.models"
     ),
-    "arms, effects and public data": ("effects", "import_arm", "fetch", "import"),
-    "for maintainers: simulations and studies": (
-        "reproduce",
-        "simulate",
-        "coverage",
-        "draw_trials",
-        "blind_trials",
-        "score_trials",
-        "curve",
-        "curve_calibration",
+    "one step of a run": {
+        "chain": "commands.chain",
+        "ingest": "stages.readings",
+        "join": "stages.readings",
+        "seed": "stages.readings",
+        "calibrate": "stages.calibrate",
+        "montecarlo": "commands.montecarlo",
+        "discover": "stages.discover",
+        "evaluate": "stages.evaluate",
+        "transfer": "stages.evaluate",
+        "export": "stages.export",
+        "figures": "commands.figures",
+        "fleet_summary": "commands.runs",
+        "measured": "commands.measured",
+    },
+    "arms, effects and public data": dict.fromkeys(
+        ("effects", "import_arm", "fetch", "import"), "commands.data"
     ),
+    "for maintainers: simulations and studies": {
+        "reproduce": "commands.runs",
+        "simulate": "commands.simulate",
+        "coverage": "commands.studies",
+        "draw_trials": "commands.simulate",
+        "blind_trials": "commands.blind_trials",
+        "score_trials": "commands.score_trials",
+        "curve": "commands.studies",
+        "curve_calibration": "commands.studies",
+    },
 }
-COMMANDS = tuple(name for names in GROUPS.values() for name in names)
-
-#: Modules that hold several commands, and the stages of a run; any other command stands in a
-#: module of its name.
-_MODULES = {
-    "commands.data": ("columns", "effects", "fetch", "import_arm", "import"),
-    "commands.models": ("predict", "compensate", "compare", "drift"),
-    "commands.runs": ("run", "reproduce", "report", "fleet", "fleet_summary"),
-    "commands.simulate": ("simulate", "draw_trials"),
-    "commands.studies": ("coverage", "curve", "curve_calibration"),
-    "stages.readings": ("ingest", "join", "seed"),
-    "stages.evaluate": ("evaluate", "transfer"),
-    **{f"stages.{name}": (name,) for name in ("calibrate", "discover", "export")},
-}
-_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+#: The module of every command.
+COMMANDS = {name: module for names in GROUPS.values() for name, module in names.items()}
 #: Commands whose function cannot have their name, since it is a word of Python.
 _FUNCTIONS = {"import": "import_data"}
 
@@ -103,8 +101,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         try:
             if "PA10CAL_PARENTS" in os.environ:  # a job of a workflow
-                _join_the_run()
+                from pa10cal.running.alone import end_with_parents, share
+
+                end_with_parents()  # with the run that this is a job of
+                share()
             return _run(words)
+        except OutputError as error:  # that run has ended already
+            print(f"pa10cal: {error}", file=sys.stderr)
+            return REFUSED
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
@@ -112,18 +116,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("pa10cal: interrupted", file=sys.stderr)
         return INTERRUPTED
-
-
-def _join_the_run() -> None:
-    """End with the run that this is a job of, and do nothing where it has ended."""
-    from pa10cal.running.alone import end_with_parents, share
-
-    end_with_parents()
-    try:
-        share()
-    except OutputError as error:
-        print(f"pa10cal: {error}", file=sys.stderr)
-        sys.exit(REFUSED)
 
 
 def _run(words: list[str]) -> int:
@@ -155,16 +147,11 @@ def limit_threads() -> None:
     os.environ["VECLIB_MAXIMUM_THREADS"] = "1"
 
 
-def module_of(name: str) -> str:
-    """Return the module of `pa10cal` that one of `COMMANDS` stands in."""
-    return _MODULE_OF.get(name, f"commands.{name}")
-
-
 def command_named(name: str) -> Command:
     """Return the function of one of `COMMANDS`."""
-    module = import_module(f"pa10cal.{module_of(name)}")
-    found: Command = getattr(module, _FUNCTIONS.get(name, name))
-    return found
+    module = import_module(f"pa10cal.{COMMANDS[name]}")
+    command: Command = getattr(module, _FUNCTIONS.get(name, name))
+    return command
 
 
 def parser_of(name: str) -> argparse.ArgumentParser:
@@ -261,16 +248,12 @@ def _summary(name: str) -> str:
     It is read from the source: to list the commands is no reason to import them all.
     """
     function = _FUNCTIONS.get(name, name)
-    module = module_of(name)
-    path = Path(__file__).parents[1] / f"{module.replace('.', '/')}.py"
-    source = path.read_text(encoding="utf-8")
-    (found,) = (
-        node
-        for node in ast.parse(source).body
-        if isinstance(node, ast.FunctionDef) and node.name == function
-    )
-    first, _, _ = (ast.get_docstring(found) or "").partition("\n\n")
-    return " ".join(first.split()).rstrip(".")
+    path = Path(__file__).parents[1] / f"{COMMANDS[name].replace('.', '/')}.py"
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef) and node.name == function:
+            first, _, _ = (ast.get_docstring(node) or "").partition("\n\n")
+            return " ".join(first.split()).rstrip(".")
+    raise LookupError(f"{path} has no {function}")
 
 
 def _parser(name: str, command: Command, types: Mapping[str, Any]) -> argparse.ArgumentParser:
@@ -315,30 +298,29 @@ def _documented(docstring: str) -> tuple[str, dict[str, str], str]:
 def _add(
     parser: argparse.ArgumentParser, parameter: inspect.Parameter, hint: Any, meaning: str
 ) -> None:
-    kind = _without_none(hint)
-    required = parameter.default is parameter.empty
-    if _is_section(kind):
-        meaning += ": a JSON object, or the path of a YAML file"
-    elif not required and parameter.default is not None and kind is not bool:
-        meaning += f" (default: {parameter.default})"
-    how: dict[str, Any] = {"help": meaning.replace("%", "%%")}
-    if not required:
-        how["default"] = parameter.default
+    """Add the argument, or the option, that a parameter of a command is."""
+    kind, default = _without_none(hint), parameter.default
+    how: dict[str, Any] = {"type": kind}
     if kind is bool:
-        how["action"] = "store_true"
+        how = {"action": "store_true"}
     elif get_origin(kind) is Literal:
-        how["choices"] = get_args(kind)
+        how = {"choices": get_args(kind)}
     elif get_origin(kind) is tuple:
-        how |= {"type": get_args(kind)[0], "nargs": "+"}
+        how = {"type": get_args(kind)[0], "nargs": "+"}
     elif _is_section(kind):
-        how["metavar"] = "SETTINGS"
-    else:
-        how["type"] = kind
-    if parameter.kind is not parameter.KEYWORD_ONLY:
-        parser.add_argument(parameter.name, **how)
-    else:
+        how = {"metavar": "SETTINGS"}
+        meaning += ": a JSON object, or the path of a YAML file"
+    required = default is parameter.empty
+    if not required:
+        how["default"] = default
+        if default is not None and kind is not bool and not _is_section(kind):
+            meaning += f" (default: {default})"
+    how["help"] = meaning.replace("%", "%%")
+    if parameter.kind is parameter.KEYWORD_ONLY:
         option = "--" + parameter.name.replace("_", "-")
         parser.add_argument(option, dest=parameter.name, required=required, **how)
+    else:
+        parser.add_argument(parameter.name, **how)
 
 
 def _read(hint: Any, value: Any, name: str) -> Any:
