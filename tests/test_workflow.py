@@ -247,9 +247,7 @@ def test_targets_of_trials_run_those_of_the_settings_and_the_default_target_none
     code, text = plan()
     assert code == 0, text
     assert "judge_trials" not in planned(text)
-    # The arm is the same in all three campaigns.
-    assert planned(text)["montecarlo"] == 1
-    assert planned(text)["montecarlo_of_same_arm"] == 2
+    assert planned(text)["montecarlo"] == 3
     code, text = plan("blind_trials_reduced")
     assert code == 0, text
     assert planned(text)["judge_trials"] == jobs(reduced)

@@ -103,3 +103,13 @@ def test_refusals(tmp_path, capsys, changes, message):
     assert message in error
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_planes_of_the_same_arm_are_taken_over_under_the_own_name(out, tmp_path, capsys):
+    words = [word.replace("cell-a", "cell-b") for word in arguments(tmp_path / "z500.json")]
+    assert run_command("montecarlo", [*words, "--same-arm", str(out.parent)]) == 0
+    first, second = (json.loads(path.read_text()) for path in (out, tmp_path / "z500.json"))
+    assert second == first | {"campaign": "cell-b"}
+    words = arguments(tmp_path / "other.json", robot="ur10")
+    assert run_command("montecarlo", [*words, "--same-arm", str(out.parent)]) == 2
+    assert "planes of another arm" in capsys.readouterr().err

@@ -16,11 +16,17 @@ for campaign in () if isinstance(FLEET, str) else SETTINGS.campaigns:
             SAME_ARM[campaign] = first
 
 
+def planes_of_same_arm(wildcards):
+    first = SAME_ARM.get(wildcards.campaign)
+    return [] if first is None else expand(rules.montecarlo.output, campaign=first)
+
+
 rule montecarlo:
     """Position error from resolver uncertainty in horizontal planes."""
     input:
         campaign=ancient(raw("campaign.yaml")),  # its name and robot are parameters below
         arm=arm_of_campaign,
+        same=planes_of_same_arm,
     output:
         expand(
             result("montecarlo/z{plane}.json"),
@@ -29,39 +35,18 @@ rule montecarlo:
         ),
     log:
         result("logs/montecarlo.log"),
-    wildcard_constraints:
-        campaign=rf"(?!(?:{one_of(SAME_ARM)})/)[^/]+",
     params:
         code=code_of("commands.montecarlo"),
         name=name_of_campaign,
         robot=robot_of_campaign,
         folder=campaign_folder,
         out=lambda wildcards, output: os.path.dirname(output[0]),
+        same=lambda wildcards, input: (
+            f"--same-arm {shlex.quote(os.path.dirname(input.same[0]))}" if input.same else ""
+        ),
         settings=settings_of("montecarlo"),
     shell:
         "python -m pa10cal montecarlo --campaign {params.name:q} --robot {params.robot:q}"
         " --campaign-dir {params.folder:q} --settings {params.settings:q} --out {params.out:q}"
+        " {params.same}"
         " 2>&1 | tee {log:q} >&2"
-
-
-rule montecarlo_of_same_arm:
-    """The same of an arm that another campaign has, too."""
-    input:
-        lambda wildcards: expand(rules.montecarlo.output, campaign=SAME_ARM[wildcards.campaign]),
-    output:
-        expand(
-            result("montecarlo/z{plane}.json"),
-            plane=SETTINGS.montecarlo.planes_mm,
-            allow_missing=True,
-        ),
-    log:
-        result("logs/montecarlo.log"),
-    wildcard_constraints:
-        campaign=one_of(SAME_ARM),
-    params:
-        name=name_of_campaign,
-        out=lambda wildcards, output: os.path.dirname(output[0]),
-    shell:
-        "for plane in {input:q}; do"
-        ' sed \'s/^ "campaign": .*/ "campaign": "{params.name}",/\' $plane'
-        " > {params.out:q}/$(basename $plane); done 2> {log:q}"

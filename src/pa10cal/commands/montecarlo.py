@@ -19,6 +19,7 @@ def montecarlo(
     out: Path,
     plane_mm: int | None = None,
     campaign_dir: Path | None = None,
+    same_arm: Path | None = None,
     settings: MonteCarloOptions = MonteCarloOptions(),
 ) -> None:
     """Study the position error from resolver uncertainty in horizontal planes.
@@ -29,6 +30,7 @@ def montecarlo(
         out: folder for the results of all planes, or with --plane-mm the result to write (.json).
         plane_mm: one plane alone: height of the flange above the base [mm].
         campaign_dir: folder that may hold a description of the arm.
+        same_arm: results of another campaign of this arm with these settings, taken over from here.
         settings: section montecarlo.
 
     Examples:
@@ -36,14 +38,29 @@ def montecarlo(
         pa10cal montecarlo --campaign mine --robot ur10 --plane-mm 500 --out z500.json \\
           --settings '{"cycles": 1000}'
     """
+    from pa10cal.errors import RecordError
     from pa10cal.files.arms import load_arm
     from pa10cal.montecarlo.plane import study_plane
-    from pa10cal.results.codec import write
+    from pa10cal.results.codec import read, write
+    from pa10cal.results.studies import PlaneRecord
 
     arm = load_arm(robot, campaign_dir)
     for height_mm in settings.planes_mm if plane_mm is None else (plane_mm,):
-        progress = _progress(f"montecarlo z = {height_mm} mm", settings.cycles)
-        record = study_plane(arm, height_mm, settings, campaign, robot, progress)
+        if same_arm is None:
+            progress = _progress(f"montecarlo z = {height_mm} mm", settings.cycles)
+            record = study_plane(arm, height_mm, settings, campaign, robot, progress)
+        else:
+            path = same_arm / f"z{height_mm}.json"
+            record = read(PlaneRecord, path)
+            if record.robot != robot or record.cycles != settings.cycles:
+                raise RecordError(
+                    "planes of another arm or with other settings",
+                    where=str(path),
+                    value=f"{record.robot}, {record.cycles} cycles",
+                    allowed=f"{robot}, {settings.cycles} cycles",
+                    remedy="leave --same-arm out",
+                )
+            record = record.model_copy(update={"campaign": campaign})
         write(record, out / f"z{height_mm}.json" if plane_mm is None else out)
         print(
             f"{campaign} z = {height_mm} mm: {record.mean_mm:.4f} ± {record.std_mm:.4f} mm, "

@@ -14,7 +14,6 @@ _WORDS = {
     "calibrate": "calibrate",
     "calibrate_baseline": "calibrate without effects",
     "montecarlo": "Monte Carlo of the joint sensors",
-    "montecarlo_of_same_arm": "Monte Carlo as of the same arm",
     "discover": "look for missing effects",
     "evaluate": "judge held-out poses",
     "export": "write the model",
