@@ -69,15 +69,16 @@ def stated(
     return loads_N, np.where(np.isnan(asked.arrival), np.array(sides), asked.arrival)
 
 
-def warn(command: str, path: Path, found: Iterable[str]) -> None:
-    """Print what in a list contradicts itself, to stderr."""
-    for each in found:
+def remarks(
+    command: str, path: Path, contradictions: Iterable[str], unused: tuple[str, ...]
+) -> str:
+    """Print what in a list contradicts itself, and return which of its columns are not read.
+
+    For the end of a line; nothing where all are.
+    """
+    for each in contradictions:
         print(f"pa10cal {command}: warning: {path}: {each}", file=sys.stderr)
-
-
-def not_read(path: Path, columns: tuple[str, ...]) -> str:
-    """Return which columns of a list are not read, for the end of a line; nothing where all are."""
-    return f"; not read of {path}: {', '.join(columns)}" if columns else ""
+    return f"; not read of {path}: {', '.join(unused)}" if unused else ""
 
 
 def predict(
@@ -110,6 +111,8 @@ def predict(
         pa10cal predict --model results/cell-a/model/model.yaml --joints joints.csv --out poses.csv
         pa10cal predict --model model.yaml --joints joints.csv --frame tool --load-N 22 --out p.csv
     """
+    import numpy as np
+
     from pa10cal.campaign.pose_lists import poses_text, read_joints
     from pa10cal.files.output import write_text
     from pa10cal.fit import contradictions
@@ -120,11 +123,10 @@ def predict(
     found = fitted.predict(asked.q, frame=frame, load_N=loads_N, arrival=sides, extrapolate=force)
     forced = fitted.grade if doubtful(fitted) else None
     write_text(out, poses_text(asked.ids, found.T, found.u_mm, found.inside, forced))
-    warn("predict", joints, contradictions.of_joints(fitted, asked.q))
-    outside = int((~found.inside).sum())
+    rest = remarks("predict", joints, contradictions.of_joints(fitted, asked.q), asked.unused)
     print(
         f"{out}: {frame} of {fitted.arm.name} at {len(found)} joint positions, "
-        f"{outside} of them beyond the angles of the fit{not_read(joints, asked.unused)}"
+        f"{np.count_nonzero(~found.inside)} of them beyond the angles of the fit{rest}"
     )
 
 
@@ -214,12 +216,11 @@ def compensate(
     write_text(out, commands_text(asked.ids, found.q, arm.prismatic, columns))
     said = [*contradictions.of_targets(fitted, asked.T, asked.seed, frame)]
     said = said or [*contradictions.of_answers(fitted, asked.T, found, frame, loads_N)]
-    warn("compensate", targets, said)
+    rest = remarks("compensate", targets, said, asked.unused)
     words, counts = np.unique(found.status, return_counts=True)
     became = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
     swung = int(np.count_nonzero(found.branch == "other"))
     became += f"; {swung} on another branch than the nearest" if swung else ""
-    rest = not_read(targets, asked.unused)
     print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {became}{rest}")
     if write == "cartesian":
         held = controller_columns(found.T_flange_tcp[None], form)

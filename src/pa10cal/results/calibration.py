@@ -130,8 +130,6 @@ class EffectByCampaign(Part):
 
 Square = Annotated[NDArray[np.float64], Shape("k", "k")]
 
-_STATED = "stated uncertainty"
-
 
 class CalibratedParameter(Parameter):
     """A parameter of a calibration."""
@@ -263,7 +261,7 @@ class CalibrationRecord(Fit, MeasuredRecord):
     @property
     def fits(self) -> Mapping[str, Fit]:
         """Return every fit that the file holds, by its key; the calibration itself has none."""
-        return {"": self}
+        return {"": self, **{name: part for name, part in self if isinstance(part, Fit)}}
 
     @property
     def fits_by_model(self) -> Mapping[str, Fit]:
@@ -278,7 +276,8 @@ class CalibrationRecord(Fit, MeasuredRecord):
     @property
     def noise_is(self) -> str:
         """Return what `health.noise_mm` is of, in words."""
-        return "scatter of all repeats" if self.health.repeats else _STATED
+        found = self.model == "paper" and self.health.repeats
+        return "scatter of all repeats" if found else "stated uncertainty"
 
     @property
     def torques_logged(self) -> bool:
@@ -288,22 +287,13 @@ class CalibrationRecord(Fit, MeasuredRecord):
     @classmethod
     def kinds(cls) -> tuple[type[Record], ...]:
         """Return a type for each model."""
-        return (
-            (PaperCalibrationRecord, GeneralCalibrationRecord)
-            if cls is CalibrationRecord
-            else (cls,)
-        )
+        both = PaperCalibrationRecord, GeneralCalibrationRecord
+        return both if cls is CalibrationRecord else (cls,)
 
     @classmethod
     def kind_of(cls, content: dict[str, Any]) -> type[Record]:
         """Return the type of the model named."""
-        if cls is not CalibrationRecord:
-            return cls
-        return (
-            GeneralCalibrationRecord
-            if content.get("model") == "general"
-            else PaperCalibrationRecord
-        )
+        return cls.kinds()[-1 if content.get("model") == "general" else 0]
 
 
 class SeedDifference(Part):
@@ -321,11 +311,6 @@ class PaperCalibrationRecord(CalibrationRecord):
     inner_poses: tuple[str, ...]  # poses that the inner level is fitted to
     seed_difference: SeedDifference  # base frame found, against its seed
     linear: LinearFit  # the fit with linear springs
-
-    @property
-    def fits(self) -> Mapping[str, Fit]:
-        """Return the fit with cubic springs, and that with linear ones."""
-        return {"": self, "linear": self.linear}
 
     @property
     def fits_by_model(self) -> Mapping[str, Fit]:
@@ -390,21 +375,11 @@ class GeneralCalibrationRecord(GeneralFit, CalibrationRecord):
     group: GroupOfCampaigns | None = optional()  # of a group, what each campaign says alone
 
     @property
-    def fits(self) -> Mapping[str, Fit]:
-        """Return the whole fit, that without springs, and that of the frames alone."""
-        return {"": self, "geometry": self.geometry, "nominal": self.nominal}
-
-    @property
     def fits_by_model(self) -> Mapping[str, Fit]:
         """Return the fit of the frames alone, that without springs, and the whole one."""
         own = bool(self.springs) and self.prior is None
         geometry = {"geometry": self.geometry} if own else {}
         return {"uncalibrated": self.nominal, **geometry, "linear": self}
-
-    @property
-    def noise_is(self) -> str:
-        """Return what `health.noise_mm` is of, in words."""
-        return _STATED
 
     @property
     def torques_logged(self) -> bool:
