@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from pa10cal.extras import EXTRAS
+from pa10cal.errors import EXTRAS
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictRecord

@@ -134,14 +134,18 @@ def workbook(own: Own) -> Said:
         return columns(own, "messung.xlsx")
 
 
-def nothing(own: Own) -> None:
-    """Spoil nothing: the mistake is in the call."""
+def mistake(name, cause, place, remedy, *knowing, **more):
+    """Return a mistake that is in the call: nothing of the campaign is spoilt.
+
+    Last stands the command, before it the words that belong to what is known, if there are any.
+    """
+    *knows, command = knowing
+    return Mistake(name, lambda own: None, cause, place, remedy, *(knows or [()]), command, **more)
 
 
 MISTAKES = [
-    Mistake(
+    mistake(
         "radians for predict",
-        nothing,
         "joint positions look like radians",
         r"liste\.csv: q1_deg … q6_deg",
         r"multiply them by 57\.29578",
@@ -149,9 +153,8 @@ MISTAKES = [
         asked("predict", listed(JOINTS, Q_RAD)),
         warned=True,
     ),
-    Mistake(
+    mistake(
         "a quaternion in the other order for compensate",
-        nothing,
         "quaternions look like x, y, z, w",
         r"liste\.csv: qw, qx, qy, qz",
         "name the columns qx,qy,qz,qw",
@@ -159,9 +162,8 @@ MISTAKES = [
         asked("compensate", listed(POSE, PLACES_MM, np.roll(TURNS, -1, axis=1))),
         warned=True,
     ),
-    Mistake(
+    mistake(
         "seeds in radians",
-        nothing,
         "seeds look like radians",
         r"liste\.csv: q1_deg … q6_deg",
         r"multiply them by 57\.29578",
@@ -169,176 +171,143 @@ MISTAKES = [
         asked("compensate", listed([*POSE, *JOINTS], PLACES_MM, TURNS, Q_RAD)),
         warned=True,
     ),
-    Mistake(
+    mistake(
         "seeds that contradict their targets",
-        nothing,
         "8 of 8 seeds contradict their targets",
         r"liste\.csv: q1_deg … q6_deg",
         "check the units and the order of the joints, the frame",
-        (),
         asked("compensate", listed([*POSE, *JOINTS], PLACES_MM, TURNS, AWAY)),
         warned=True,
     ),
-    Mistake(
+    mistake(
         "a joint too few",
-        nothing,
         "missing column q6_deg",
         r"liste\.csv:1",
         "add it",
-        (),
         asked("predict", listed(JOINTS[:5], POSITIONS[:, :5])),
     ),
-    Mistake(
+    mistake(
         "joints of another arm",
-        nothing,
         "a column of another arm.*q7_deg",
         r"liste\.csv:1",
         "give a model of the same arm",
-        (),
         asked("predict", listed([*JOINTS, "q7_deg"], POSITIONS, POSITIONS[:, :1])),
     ),
-    Mistake(
+    mistake(
         "a list with semicolons and decimal commas",
-        nothing,
         "separated by semicolons",
         r"liste\.csv:1",
         "export the file with commas and decimal points",
         ("separator", "decimal"),
         asked("predict", listed(JOINTS, POSITIONS, separator=";", decimal=",")),
     ),
-    Mistake(
+    mistake(
         "targets in metres",
-        nothing,
         "no target is further than a hundredth of a metre",
         r"liste\.csv.*x_mm, y_mm, z_mm",
         "multiply .*by 1000",
         ("unit of lengths",),
         asked("compensate", listed(POSE, 1e-3 * PLACES_MM, TURNS)),
     ),
-    Mistake(
+    mistake(
         "a load beyond those of the calibration",
-        nothing,
         "does not know this load",
         r"--load-N|load_N",
         "0 to 44 N.*--force",
-        (),
         asked("predict", listed(JOINTS, POSITIONS), "--load-N", "60"),
     ),
-    Mistake(
+    mistake(
         "a frame that is not there",
-        nothing,
         "target_A",
         r"--frame|frame",
         "flange, tool",
-        (),
         asked("predict", listed(JOINTS, POSITIONS), "--frame", "target_A"),
     ),
-    Mistake(
+    mistake(
         "a list that is not there",
-        nothing,
         "the file is not there",
         r"liste\.csv",
         "check the path and the name",
-        (),
         asked("predict", None),
     ),
-    Mistake(
+    mistake(
         "a model that is not there",
-        nothing,
         "the file is not there",
         r"modell\.yaml",
         "correct the path",
-        (),
         asked("predict", listed(JOINTS, POSITIONS), model="modell.yaml"),
     ),
-    Mistake(
+    mistake(
         "models of two arms",
-        nothing,
         "models of arms of different layouts",
         r"juni\.yaml.*ur10\.yaml|pa10_6ce.*ur10|ur10.*pa10_6ce",
         "of (one|the same) arm",
-        (),
         compared("juni.yaml", "ur10.yaml"),
     ),
-    Mistake(
+    mistake(
         "a folder without a model",
-        nothing,
         "the file is not there",
         "juli",
         "correct the path",
-        (),
         compared("juni.yaml", "juli"),
     ),
-    Mistake(
+    mistake(
         "a link that the URDF has not",
-        nothing,
         "no (such )?link.*tool0|tool0",
         r"arm\.urdf|--tip",
         "flange",
-        (),
         imported("--tip", "tool0"),
     ),
-    Mistake(
+    mistake(
         "a URDF that is not there",
-        nothing,
         "the file is not there|No such file",
         r"roboter\.urdf",
         "check the path",
-        (),
         imported(file="roboter.urdf"),
     ),
-    Mistake(
+    mistake(
         "angles of an arm in radians",
-        nothing,
         "alpha_deg looks like radians",
         r"mein_arm\.yaml: row 2",
         "write 90",
-        (),
         described("alpha_deg: 90", "alpha_deg: 1.5708"),
     ),
-    Mistake(
+    mistake(
         "lengths of an arm in millimetres",
-        nothing,
         "a_m is out of proportion",
         r"mein_arm\.yaml: row 1",
         "divide by 1000",
         ("unit of lengths",),
         described("a_m: 0.3,", "a_m: 300,"),
     ),
-    Mistake(
+    mistake(
         "a key of an arm misspelt",
-        nothing,
         "unknown key alfa_deg",
         r"mein_arm\.yaml: row 2",
         "did you mean 'alpha_deg'",
         ("meant",),
         described("alpha_deg", "alfa_deg"),
     ),
-    Mistake(
+    mistake(
         "a setting misspelt",
-        nothing,
         "unknown key calibration.epsilonn",
         r"robust\.yaml: unknown",
         "did you mean 'epsilon'",
         ("meant",),
         settled(json.dumps({"calibration": {"epsilonn": 1}})),
     ),
-    Mistake(
+    mistake(
         "a prior of another arm",
-        nothing,
         "prior is of another arm|of another arm",
         r"maerz\.yaml",
         "model of ur10|same arm",
-        (),
         prior_of_another_arm,
     ),
-    Mistake(
+    mistake(
         "a workbook without its reader",
-        nothing,
         "the package python_calamine is not installed",
         "the Python environment",
         r"pip install '\.\[workbooks\]'",
-        (),
         workbook,
     ),
 ]

@@ -108,10 +108,7 @@ def test_no_target_is_dropped(tmp_path, capsys):
 
 
 SLIPS = [
-    ("predict", None, "the file is not there.*check the path"),
     ("predict", [f"id,{JOINTS}"], "no row under the header"),
-    ("predict", [f"id,{JOINTS[:-7]}", "P1,1,2,3,4,5"], "missing column q6_deg"),
-    ("predict", [f"id,{JOINTS},q7_deg", "P1,1,2,3,4,5,6,7"], "of another arm.*q7_deg"),
     ("predict", [f"id,{JOINTS.replace('deg', 'rad')}", "P1,1,2,3,4,5,6"], "q1_deg.*rename it"),
     (
         "predict",
@@ -120,7 +117,6 @@ SLIPS = [
     ),
     ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5"], "another number of fields"),
     ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,6", "P2,1,2,3"], ":3: the number of fields"),
-    ("predict", [f"id,{JOINTS}".replace(",", ";"), "P1;1;2;3;4;5;6"], "semicolons"),
     ("predict", [""], "the file is empty"),
     ("predict", [f"id,{JOINTS},q1_deg", "P1,1,2,3,4,5,6,7"], "q1_deg occurs twice"),
     ("predict", [JOINTS, "1,2,3,4,5,6"], "missing column id"),
@@ -132,7 +128,6 @@ SLIPS = [
     ("predict", [f"id,{JOINTS},load_N", "P1,1,2,3,4,5,6,60"], "load_N of pose 1.*0 to 44 N"),
     ("predict", [f"id,{JOINTS},load_N", "P1,1,2,3,4,5,6,-1"], "does not know this load"),
     ("compensate", [f"id,{POSE}", "P1,700,200,600,1,1,0,0"], "quaternion is not of length one"),
-    ("compensate", [f"id,{POSE}", "P1,0.7,0.2,0.6,1,0,0,0"], "multiply by 1000"),
     (
         "compensate",
         [f"id,{POSE},{JOINTS}", f"P1,{HERE},1,2,3,,5,6"],
@@ -159,13 +154,6 @@ def test_slips_are_one_message_and_no_file(tmp_path, capsys, command, lines, mes
     assert len(said.splitlines()) == 1
     assert re.search(message, said), said
     assert not list(tmp_path.glob("*out.csv"))
-
-
-def test_a_frame_that_is_not_there_is_refused(tmp_path, capsys):
-    saved(tmp_path)
-    lines = [f"id,{POSE}", f"P1,{HERE}"]
-    assert run("compensate", tmp_path, lines, "--frame", "target_A") == REFUSED
-    assert "allowed: flange, tool" in capsys.readouterr().err
 
 
 def test_a_load_beyond_those_of_the_fit_can_be_insisted_on(tmp_path, capsys):
@@ -309,50 +297,37 @@ def test_sides_of_arrival_are_columns_or_an_option(tmp_path, capsys):
     assert ":2: arrival1 is no direction of arrival" in capsys.readouterr().err
 
 
-def program(model):
-    """Joint positions, as the fit has seen them, and the quaternions of the flange there."""
-    q = np.random.default_rng(5).uniform(0.3, 0.9, (8, 6))
-    T = model.predict(q).T
-    return q, T, Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True)
-
-
-def listed(T, quaternions, seeds=None):
-    lines = [f"id,{POSE}" + (f",{JOINTS}" if seeds is not None else "")]
-    seeds = np.zeros((len(T), 0)) if seeds is None else seeds
-    values = np.hstack([1e3 * T[:, :3, 3], quaternions, seeds])
-    return lines + [f"P{k}," + ",".join(map(repr, row)) for k, row in enumerate(values.tolist())]
-
-
-def test_lists_that_contradict_the_model_are_warned_of(tmp_path, capsys):
+def test_lists_that_agree_with_the_model_are_not_warned_of(tmp_path, capsys):
+    """Those that contradict it are in test_mistakes_with_models."""
     model = saved(tmp_path)
     seen = AnglesSeen(tuple(np.array([[0.2, 1.0]]) for _ in range(6)), (False,) * 6)
     save_model(replace(model, seen=seen), tmp_path / "model.yaml")
-    q, T, quaternions = program(model)
+    q = np.random.default_rng(5).uniform(0.3, 0.9, (8, 6))
+    T = model.predict(q).T
+    quaternions = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True)
+    poses, positions = np.hstack([1e3 * T[:, :3, 3], quaternions]), np.degrees(q)
+    for command, names, values in (
+        ("predict", JOINTS, positions),
+        ("compensate", POSE, poses),
+        ("compensate", f"{POSE},{JOINTS}", np.hstack([poses, positions])),
+    ):
+        lines = [f"P{k},{','.join(map(repr, row))}" for k, row in enumerate(values.tolist())]
+        assert run(command, tmp_path, [f"id,{names}", *lines]) == 0
+        assert "warning" not in capsys.readouterr().err
+    # A seed beside them does not hide that quaternions are in the other order.
+    values[:, 3:7] = np.roll(quaternions, -1, axis=1)
+    lines = [f"P{k},{','.join(map(repr, row))}" for k, row in enumerate(values.tolist())]
+    assert run("compensate", tmp_path, [f"id,{POSE},{JOINTS}", *lines]) == 0
+    said = capsys.readouterr().err
+    assert said.count("warning") == 1
+    assert "look like x, y, z, w" in said
+
+
+def test_positions_about_zero_that_hardly_move_are_warned_of(tmp_path):
     all_round = AnglesSeen(tuple(np.array([[-3.0, 3.0]]) for _ in range(6)), (False,) * 6)
+    model = replace(saved(tmp_path), seen=all_round)
     wide = np.random.default_rng(3).uniform(-2.5, 2.5, (30, 6))
-    through_zero = replace(model, seen=all_round)
-    (warned,) = of_joints(through_zero, np.radians(wide))
+    (warned,) = of_joints(model, np.radians(wide))
     assert "hardly a motion" in warned
-    assert not list(of_joints(through_zero, wide))
-    assert not list(of_joints(through_zero, np.radians(wide[:4])))
-    assert not list(of_joints(through_zero, np.radians(0.1 * wide)))
-    other = np.roll(quaternions, -1, axis=1)
-    as_radians = [f"id,{JOINTS}", *(f"P,{','.join(map(repr, row))}" for row in q.tolist())]
-    as_degrees = [f"id,{JOINTS}"]
-    as_degrees += [f"P,{','.join(map(repr, row))}" for row in np.degrees(q).tolist()]
-    away = np.degrees(q) + np.array([180.0, 0, 0, 0, 0, 0])
-    cases = (
-        ("predict", as_radians, "look like radians"),
-        ("predict", as_degrees, ""),
-        ("compensate", listed(T, quaternions), ""),
-        ("compensate", listed(T, quaternions, np.degrees(q)), ""),
-        ("compensate", listed(T, quaternions, q), "seeds look like radians"),
-        ("compensate", listed(T, other, np.degrees(q)), "look like x, y, z, w"),
-        ("compensate", listed(T, other), "look like x, y, z, w"),
-        ("compensate", listed(T, quaternions, away), "seeds contradict their targets"),
-    )
-    for command, lines, message in cases:
-        assert run(command, tmp_path, lines) == 0
-        said = capsys.readouterr().err
-        assert said.count("warning") == bool(message), (message, said)
-        assert message in said
+    for other in (wide, np.radians(wide[:4]), np.radians(0.1 * wide)):
+        assert not list(of_joints(model, other))

@@ -48,7 +48,7 @@ def test_refuses_a_module_that_is_not_there():
 
 def test_a_digest_is_that_of_the_files_alone():
     assert code_digest("pa10cal.errors") == code_digest("pa10cal.errors")
-    assert code_digest("pa10cal.errors") != code_digest("pa10cal.extras")
+    assert code_digest("pa10cal.errors") != code_digest("pa10cal.arrays")
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from pa10cal.errors import OutputError
-from pa10cal.extras import MissingPackageError
+from pa10cal.errors import MissingPackageError, OutputError
 from pa10cal.running import workflow as running
 from pa10cal.running.workflow import Workflow, refuse_without_snakemake, workflow_folder
 

@@ -24,8 +24,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, NoReturn, Union, get_args, get_origin, get_type_hints
 
 from pa10cal import __version__
-from pa10cal.errors import OutputError, Pa10calError, remedy_for
-from pa10cal.extras import missing_package
+from pa10cal.errors import OutputError, Pa10calError, missing_package, remedy_for
 
 #: Exit codes: refused input, settings or use; a fault of the program itself; stopped by Ctrl-C;
 #: stopped because nobody reads the output any more, as by `| head`.

@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Literal
 
 import pa10cal
-from pa10cal.errors import Pa10calError, SettingsError
-from pa10cal.extras import EXTRAS, how_to_install
+from pa10cal.errors import EXTRAS, Pa10calError, SettingsError, how_to_install
 from pa10cal.running.workflow import workflow_folder
 
 LEAST_PYTHON = (3, 11)

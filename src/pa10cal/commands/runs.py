@@ -5,8 +5,6 @@ from __future__ import annotations
 from contextlib import closing, suppress
 from pathlib import Path
 
-#: Options of Snakemake: its progress goes to the display.
-_QUIET = ("--quiet", "all", "--logger", "pa10cal")
 #: Raw files of so few bytes are read before the workflow starts, so that they are refused at once.
 _SMALL = 5_000_000
 
@@ -106,7 +104,7 @@ def run(
         refuse_unsound(load_model(prior))
         config["calibration"] = json.dumps({"prior": str(file_of(prior).absolute())})
     targets = ("campaigns",) if group is None else (str(out / group / "report.html"),)
-    workflow = Workflow("workflow/run.smk", config, out, out, cores, targets, settings, _QUIET)
+    workflow = Workflow("workflow/run.smk", config, out, out, cores, targets, settings)
     links = dict(zip(names, places, strict=True))
     with alone(out), closing(RunDisplay(lines=False)) as display:
         with writing_into(out, "the results", "give another one with --out"):
@@ -184,7 +182,7 @@ def reproduce(
     targets = ("figures",) if figures else ()
     with closing(RunDisplay(lines=True)) as display:
         whole = Workflow(
-            "Snakefile", {}, here, here / results, cores, targets, settings, _QUIET, profile
+            "Snakefile", {}, here, here / results, cores, targets, settings, profile=profile
         )
         run_workflow(whole, display)
     if figures:
@@ -269,7 +267,7 @@ def fleet(
     config = {name: json.dumps(text) for name, text in texts.items()}
     targets = ("fleet",)
     workflow = Workflow(
-        "workflow/run.smk", config, out, out, cores, targets, settings, _QUIET, profile
+        "workflow/run.smk", config, out, out, cores, targets, settings, profile=profile
     )
     with alone(out), closing(RunDisplay(lines=False)) as display:
         run_workflow(workflow, display)

@@ -13,14 +13,20 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pa10cal
-from pa10cal.errors import OutputError, Pa10calError, SettingsError, last_message
-from pa10cal.extras import EXTRAS, MissingPackageError
+from pa10cal.errors import (
+    EXTRAS,
+    MissingPackageError,
+    OutputError,
+    Pa10calError,
+    SettingsError,
+    last_message,
+)
 from pa10cal.running.alone import PARENTS, alone
 
 if TYPE_CHECKING:
@@ -46,7 +52,8 @@ class Workflow:
     cores: int = 0  # how many to use; 0 for all
     targets: Sequence[str] = ()  # rules or files; none for the default
     settings: Path | None = None  # file of settings, over the shipped ones
-    more: Sequence[str] = field(default=())  # further options of Snakemake
+    # further options of Snakemake; by default its progress goes to the display
+    more: Sequence[str] = ("--quiet", "all", "--logger", "pa10cal")
     # folder of a profile of Snakemake, such as for a cluster, or the name of one of
     # `workflow/profiles`
     profile: str | None = None
