@@ -60,7 +60,7 @@ class RunDisplay:
         rule, campaign, began = self._running.pop(job, ("", "", 0.0))
         if not self._lines or not rule or rule in _SILENT:
             return
-        self._clear()
+        self.close()
         title = f"{campaign}: {_WORDS.get(rule, rule)}".removeprefix(": ")
         print(f"  {title:<48} {time.monotonic() - began:7.1f} s", file=self._out, flush=True)
         self.tick()
@@ -81,15 +81,12 @@ class RunDisplay:
         ]
         counted = f"{self._done} of {self._total}: " if self._total else ""
         text = f"  {counted}{', '.join(jobs) or 'planning'} …"
-        self._clear()
+        self.close()
         self._out.write(text[: shutil.get_terminal_size().columns - 1])
         self._out.flush()
 
     def close(self) -> None:
         """Take what is at work off the terminal."""
-        self._clear()
-
-    def _clear(self) -> None:
         if self._live:
             self._out.write("\r\x1b[K")
             self._out.flush()
