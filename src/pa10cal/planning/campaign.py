@@ -135,7 +135,7 @@ def _content(path: Path, changed_ns: int) -> dict[str, Any]:
 
 # How many blind trials a study has, for Snakemake to divide into jobs.
 
-_CELL = Path(__file__).parents[1] / "cell"
+_CELL = Path(__file__).parents[1] / "lab/cell"
 
 
 def trial_counts(
