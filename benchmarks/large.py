@@ -15,11 +15,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.cell.write import write_campaign
 from pa10cal.commands.command_line import limit_threads
 from pa10cal.files.arms import load_arm
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.lab.cell.write import write_campaign
 
 STAGES = {
     "ingest": "--campaign-dir {raw} --out poses.parquet --quarantine quarantine.csv",

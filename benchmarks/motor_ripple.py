@@ -15,9 +15,9 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.cell.effects.effect import Motion, Site
-from pa10cal.cell.effects.vocabulary import all_effects
 from pa10cal.discovery.motor_ripple import JointSeries, witnesses
+from pa10cal.lab.cell.effects.effect import Motion, Site
+from pa10cal.lab.cell.effects.vocabulary import all_effects
 
 Array = NDArray[np.float64]
 

@@ -13,24 +13,24 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.campaign import read
-from pa10cal.cell.campaign import Campaign, simulate_campaign
-from pa10cal.cell.effects.effect import Motion, with_added
-from pa10cal.cell.instruments.instrument import rest_poses
-from pa10cal.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
-from pa10cal.cell.poses import place_poses
-from pa10cal.cell.robot import Departures, Mechanism, ring_of_targets, tool_payload
 from pa10cal.discovery.given import calibrate_with
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import pose_difference
 from pa10cal.interface import calibrate
+from pa10cal.lab.cell.campaign import Campaign, simulate_campaign
+from pa10cal.lab.cell.effects.effect import Motion, with_added
+from pa10cal.lab.cell.instruments.instrument import rest_poses
+from pa10cal.lab.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
+from pa10cal.lab.cell.poses import place_poses
+from pa10cal.lab.cell.robot import Departures, Mechanism, ring_of_targets, tool_payload
+from pa10cal.lab.simulated import as_read
 from pa10cal.observe.kinds import TrackerKind, instruments
 from pa10cal.options import DiscoveryOptions
 from pa10cal.pose_plan.candidates import draw_candidates, expect, instrument_named
 from pa10cal.pose_plan.options import PlanOptions
 from pa10cal.pose_plan.plan import covariance_of, plan_poses, rms_mm
-from pa10cal.studies.simulated import as_read
 from pa10cal.terms.model import Model
 
 #: Test poses in the box: grids of these parts of the paper's spacing, other orientations each.

@@ -18,12 +18,12 @@ from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.problem import choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
-from pa10cal.cell.campaign import measure_campaign
-from pa10cal.cell.individual import draw_individual
-from pa10cal.cell.options import DisturbanceOptions, SimulateOptions, TrackerOptions
-from pa10cal.cell.write import write_campaign
 from pa10cal.files.arms import load_arm
-from pa10cal.studies.simulated import (
+from pa10cal.lab.cell.campaign import measure_campaign
+from pa10cal.lab.cell.individual import draw_individual
+from pa10cal.lab.cell.options import DisturbanceOptions, SimulateOptions, TrackerOptions
+from pa10cal.lab.cell.write import write_campaign
+from pa10cal.lab.simulated import (
     draw_by_unknowns,
     measured,
     observations_of,

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.cell.robot import (
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.lab.cell.robot import (
     Departures,
     Mechanism,
     Robot,

@@ -11,18 +11,18 @@ from scipy.spatial.transform import Rotation
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.cell.campaign import measure_campaign, robot_of
-from pa10cal.cell.effects.effect import JointsEffect
-from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks, discover_by_blocks
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.lab.cell.campaign import measure_campaign, robot_of
+from pa10cal.lab.cell.effects.effect import JointsEffect
+from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.lab.simulated import observations_of, payload_of_individual
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.pose import Pose
-from pa10cal.studies.simulated import observations_of, payload_of_individual
 
 ARM = load_arm("ur10")
 POSITION_M, ATTITUDE_RAD = 2e-5, 1e-4

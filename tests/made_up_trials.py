@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from made_up_records import accuracy, effect, made_up_gap, set_gap, verdict_keys
-from pa10cal.evaluation.blind_trial import BlindTrial
+from pa10cal.lab.blind_trial import BlindTrial
 from pa10cal.results.discovery import AllUnexplained, Fault, Unexplained
 from pa10cal.results.explained import ProposedFormula
 from pa10cal.results.record import EffectName

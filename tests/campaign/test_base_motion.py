@@ -8,13 +8,13 @@ import yaml
 from pa10cal.calibration.general.calibrate import find_start
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.table import read_base_motion, read_observations, write_pose_table
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.write import write_campaign
 from pa10cal.commands.command_line import main
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.options import SimulateOptions
+from pa10cal.lab.cell.write import write_campaign
 from pa10cal.observe.joined import Member, join
 from pa10cal.settings_reading import parse_section
 

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from made_up_survey import Hidden, measured, rough
-from pa10cal.cell.write import write_campaign
 from pa10cal.commands.command_line import run_command
+from pa10cal.lab.cell.write import write_campaign
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.codec import read as read_record
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import pa10cal
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.wild_trials import draw_wild_trials
-from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.records import verdict_keys
 from pa10cal.files.arms import load_arm
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.wild_trials import draw_wild_trials
+from pa10cal.lab.cell.write import write_campaign
 
 SEED = 20261123
 

@@ -6,14 +6,14 @@ import pytest
 from calibrated import calibrated
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence.discover import VerdictByRepeats
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.records import discovery_records, verdict_keys, warnings_of
 from pa10cal.files.arms import load_arm
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.options import SimulateOptions
+from pa10cal.lab.cell.write import write_campaign
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.discovery import VerdictKeys
 from pa10cal.settings_reading import parse_section

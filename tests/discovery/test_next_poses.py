@@ -10,9 +10,6 @@ from pa10cal.arm.statics import Payload
 from pa10cal.calibration.calibrate import ErrorSources, calibrate
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.evidence import search as repeats
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.likelihood import SIZES
@@ -24,6 +21,9 @@ from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.options import SimulateOptions
+from pa10cal.lab.cell.write import write_campaign
 from pa10cal.observe.observations import average_repeats
 from pa10cal.options import Tolerances
 from pa10cal.settings_reading import parse_section

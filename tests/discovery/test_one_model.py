@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.write import write_campaign
 from pa10cal.evaluation.options import ChainOptions
 from pa10cal.files.arms import load_arm
+from pa10cal.lab.blind_trials import calibrated_by_stages, draw, judged_by_stages
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.write import write_campaign
 from pa10cal.results.codec import read
 from pa10cal.results.evaluation import HoldoutRecord
-from pa10cal.studies.blind_trials import calibrated_by_stages, draw, judged_by_stages
 
 #: Study, kind, layout or bench, seed of its first trial.
 QUICK = [

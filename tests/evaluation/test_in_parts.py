@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from changed_arm import Change, draw_changed
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.cell.options import TrackerOptions
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.evaluation.compared import (
@@ -23,7 +22,8 @@ from pa10cal.evaluation.compared import (
 )
 from pa10cal.evaluation.holdout import worth_cutting
 from pa10cal.files.arms import load_arm
-from pa10cal.studies.simulated import measured, observations_of, payload_of_individual
+from pa10cal.lab.cell.options import TrackerOptions
+from pa10cal.lab.simulated import measured, observations_of, payload_of_individual
 
 ARM = load_arm("ur10")
 CAMPAIGN = SimpleNamespace(name="b", provenance="p", robot="ur10")

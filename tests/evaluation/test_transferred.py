@@ -10,13 +10,13 @@ import pytest
 from changed_arm import Change, draw_changed
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.cell.options import TrackerOptions
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.evaluation.compared import Evaluation
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
-from pa10cal.studies.simulated import measured, observations_of, payload_of_individual
+from pa10cal.lab.cell.options import TrackerOptions
+from pa10cal.lab.simulated import measured, observations_of, payload_of_individual
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.model import Model
 

@@ -12,14 +12,14 @@ import pa10cal
 from calibrated import calibrated
 from made_up_model import fitted
 from made_up_pair import campaign, parts, shifted
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.write import write_campaign
 from pa10cal.errors import ModelError
 from pa10cal.evaluation import two_models
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted import FallBack
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.options import SimulateOptions
+from pa10cal.lab.cell.write import write_campaign
 from pa10cal.options import Tolerances
 from pa10cal.settings_reading import parse_section
 from pa10cal.terms.term import link_departures

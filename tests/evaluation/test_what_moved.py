@@ -11,10 +11,10 @@ from changed_arm import Change, draw_changed
 from made_up_pair import campaign, shifted
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.cell.options import TrackerOptions
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.files.arms import load_arm
-from pa10cal.studies.simulated import measured, observations_of, payload_of_individual
+from pa10cal.lab.cell.options import TrackerOptions
+from pa10cal.lab.simulated import measured, observations_of, payload_of_individual
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 

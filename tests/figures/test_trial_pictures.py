@@ -9,8 +9,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from made_up_records import accuracy, effect, made_up_gap, set_gap, verdict_keys
-from pa10cal.cell.effects.vocabulary import outside, vocabulary
-from pa10cal.cell.trials import STUDIES
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import RecordError
 from pa10cal.figures.registry import NothingToShowError
@@ -21,6 +19,8 @@ from pa10cal.figures.trials import (
     draw_trials_power,
     tabulate_trials_summary,
 )
+from pa10cal.lab.cell.effects.vocabulary import outside, vocabulary
+from pa10cal.lab.cell.trials import STUDIES
 from pa10cal.results.codec import lines, read
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.trials import (

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pa10cal.cell.campaign import instrument_kinds, instrument_of, robot_of
-from pa10cal.cell.instruments.instrument import Truth
-from pa10cal.cell.options import SimulateOptions
 from pa10cal.files.arms import load_arm
+from pa10cal.lab.cell.campaign import instrument_kinds, instrument_of, robot_of
+from pa10cal.lab.cell.instruments.instrument import Truth
+from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.observe.distance import Distance
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.points import Points

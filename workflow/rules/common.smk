@@ -285,7 +285,7 @@ def trial_chunks(kind_of_file):
     """The files of all jobs of a study: so many trials each, numbered from the first of a kind."""
 
     def files(wildcards):
-        from pa10cal.cell.wild_trials import trial_counts  # late: half a second of every start
+        from pa10cal.lab.cell.wild_trials import trial_counts  # late: half a second of every start
 
         size = SETTINGS.blind_trials.trials_a_job
         return [

@@ -50,9 +50,9 @@ def blind_trials(
     """
     from pa10cal.errors import DiscoveryError
     from pa10cal.files.output import whole_files
+    from pa10cal.lab.blind_trials import draw, try_trial
     from pa10cal.results.codec import lines
     from pa10cal.results.trials import FailedTrialRecord
-    from pa10cal.studies.blind_trials import draw, try_trial
 
     drawn = draw(measured, kind, first + max(count, 0), random_seed, layouts, size)[first:]
     began = time.monotonic()

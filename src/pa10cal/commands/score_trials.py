@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from pa10cal.evaluation.blind_trial import BlindTrial
+    from pa10cal.lab.blind_trial import BlindTrial
     from pa10cal.results.record import CampaignRecord
     from pa10cal.results.trials import (
         Bar,
@@ -41,9 +41,9 @@ def score_trials(
         pa10cal score_trials --verdicts v.jsonl --truths t.jsonl --scores scores.json \\
           --trials trials.csv
     """
-    from pa10cal.evaluation import drive_scores, trial_scores, wild_scores
-    from pa10cal.evaluation.blind_trial import DRIVES, WILD
     from pa10cal.files.output import write_text
+    from pa10cal.lab import drive_scores, trial_scores, wild_scores
+    from pa10cal.lab.blind_trial import DRIVES, WILD
     from pa10cal.results.codec import write
 
     known = _read_trials(verdicts, truths)
@@ -68,7 +68,7 @@ def _read_trials(verdicts: Sequence[Path], truths: Sequence[Path]) -> list[Blind
         RecordError: when a file cannot be read, or a trial has not one of each.
     """
     from pa10cal.errors import RecordError
-    from pa10cal.evaluation.blind_trial import BlindTrial
+    from pa10cal.lab.blind_trial import BlindTrial
     from pa10cal.results.trials import TrialTruthRecord, TrialVerdictRecord
 
     # Reading makes one of its kinds, none of which is abstract.

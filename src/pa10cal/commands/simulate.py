@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pa10cal.cell.options import SimulateOptions
+from pa10cal.lab.cell.options import SimulateOptions
 
 
 def simulate(
@@ -30,9 +30,9 @@ def simulate(
         pa10cal simulate --name mine --out data/raw/mine --truth truth.json --settings \\
           '{"robot": "ur10", "without_touches": {}}'
     """
-    from pa10cal.cell.campaign import simulate_campaign
-    from pa10cal.cell.write import write_campaign
     from pa10cal.files.arms import load_arm, read_arm
+    from pa10cal.lab.cell.campaign import simulate_campaign
+    from pa10cal.lab.cell.write import write_campaign
 
     described = settings.robot.endswith(".yaml")
     arm = read_arm(Path(settings.robot)) if described else load_arm(settings.robot)
@@ -70,10 +70,10 @@ def draw_trials(
     """
     from typing import cast
 
-    from pa10cal.cell.campaign import simulate_campaign
-    from pa10cal.cell.wild_trials import WildKind, draw_wild_trials
-    from pa10cal.cell.write import write_campaign
     from pa10cal.files.arms import load_arm
+    from pa10cal.lab.cell.campaign import simulate_campaign
+    from pa10cal.lab.cell.wild_trials import WildKind, draw_wild_trials
+    from pa10cal.lab.cell.write import write_campaign
 
     names = tuple(benches.split(",")) if benches else ()
     drawn = draw_wild_trials(cast(WildKind, kind), first + count, random_seed, names, only)

@@ -30,8 +30,8 @@ def coverage(
     from functools import partial
 
     from pa10cal.files.output import write_text
+    from pa10cal.lab.coverage import coverage_study, coverage_table
     from pa10cal.results.codec import write
-    from pa10cal.studies.coverage import coverage_study, coverage_table
 
     record = coverage_study(settings, calibration, partial(print, flush=True))
     write_text(table, coverage_table(record))

@@ -164,8 +164,10 @@ def _explained_variance(q_rad: Array, centred: Array, share: Array, orders: Arra
     c, s = np.cos(tau), np.sin(tau)
     squares = CC * c**2 + SS * s**2 + 2.0 * CS * c * s, CC * s**2 + SS * c**2 - 2.0 * CS * c * s
     least = np.finfo(float).epsneg
-    found: Array = (YC * c + YS * s) ** 2 / np.maximum(squares[0], least)
-    return found + (YS * c - YC * s) ** 2 / np.maximum(squares[1], least)
+    by_cos = (YC * c + YS * s) ** 2 / np.maximum(squares[0], least)
+    by_sin = (YS * c - YC * s) ** 2 / np.maximum(squares[1], least)
+    explained: Array = by_cos + by_sin
+    return explained
 
 
 AXES = ("x", "y", "z")

@@ -20,21 +20,21 @@ from pa10cal.arm.description import Arm
 from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.cell.write import truth_record
 from pa10cal.curve.angles import chain_arm
 from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.curve.postures import Postures, draw_postures
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import UNCALIBRATED, Evaluation
 from pa10cal.fit.fitted_model import models_of
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.lab.cell.write import truth_record
+from pa10cal.lab.simulated import as_read, reported_scores
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results import studies as results
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.evaluation import Distances, HeldOutModel
 from pa10cal.results.truth import TrueParameter
-from pa10cal.studies.simulated import as_read, reported_scores
 
 Departs = Literal["rows", "any_way"]
 

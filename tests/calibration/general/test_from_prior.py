@@ -12,14 +12,14 @@ from changed_arm import Change, draw_changed
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of, refuse_unsound
-from pa10cal.cell.options import TrackerOptions
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.problem import Disagreement, Expected
-from pa10cal.studies.simulated import (
+from pa10cal.lab.cell.options import TrackerOptions
+from pa10cal.lab.simulated import (
     exact_observations,
     measured,
     observations_of,

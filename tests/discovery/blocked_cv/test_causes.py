@@ -6,11 +6,6 @@ import numpy as np
 import pytest
 
 import pa10cal
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.effects.effect import Site
-from pa10cal.cell.effects.reading import SensorError as CellSensorError
-from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.blocked_cv import discover as by_blocks
 from pa10cal.discovery.blocked_cv.bands import in_bands
 from pa10cal.discovery.blocked_cv.family import Candidate
@@ -22,6 +17,11 @@ from pa10cal.discovery.verdict import Plan
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.effects.effect import Site
+from pa10cal.lab.cell.effects.reading import SensorError as CellSensorError
+from pa10cal.lab.cell.options import SimulateOptions
+from pa10cal.lab.cell.write import write_campaign
 from pa10cal.settings_reading import parse_section
 from pa10cal.terms.effects.joint_error_map import Fading
 

@@ -9,8 +9,6 @@ from scipy.sparse import csr_array
 
 import pa10cal
 from made_up_survey import observe
-from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable_shapes, family
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.search import Search
@@ -26,7 +24,9 @@ from pa10cal.discovery.linear import by_joints, by_terms, residual, with_base_te
 from pa10cal.discovery.noise import unweighted
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.studies.blind_trials import draw
+from pa10cal.lab.blind_trials import draw
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.write import write_campaign
 from pa10cal.terms.effects.joint import TorqueGain
 from pa10cal.terms.effects.joint_error_map import (
     Fading,

@@ -1,0 +1,156 @@
+"""Draws docs/architecture.svg from the package's own imports: `python docs/_site/structure.py`.
+
+Every box is a package. It stands above all that it imports; an arrow is drawn only where no longer
+way leads to the same package. The row at the top is the way of a campaign: its stages in order, and
+what each one's command imports.
+"""
+
+from __future__ import annotations
+
+import ast
+import textwrap
+from collections import defaultdict
+from functools import cache
+from pathlib import Path
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+
+from pa10cal.stages.pipeline import stages
+
+ROOT = Path(__file__).parents[2] / "src/pa10cal"
+PICTURE = Path(__file__).parents[1] / "architecture.svg"
+#: What proves the product, and what is a room of its own beside it.
+BESIDE = {"lab", "curve", "datasets"}
+WIDTH, LAYER = 2.6, 1.0  # of a box and of a layer, in inches
+COLOURS = {"stage": "#0072B2", "product": "#DCE9F2", "beside": "#F3E3C3"}
+
+Graph = dict[str, set[str]]
+
+
+def modules_imported(file: Path) -> set[str]:
+    """Return every module of the package that a file imports, those for types included."""
+    names = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("pa10cal"):
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names if alias.name.startswith("pa10cal")}
+    return names
+
+
+def package_of(module: str) -> str | None:
+    """Return the package of a module; None for the single modules at the top."""
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 and (ROOT / parts[1]).is_dir() else None
+
+
+def packages() -> Graph:
+    """Return what every package imports of the others."""
+    graph: Graph = {folder.parent.name: set() for folder in ROOT.glob("*/__init__.py")}
+    for package, imported in graph.items():
+        for file in (ROOT / package).rglob("*.py"):
+            imported |= set(filter(None, map(package_of, modules_imported(file)))) - {package}
+    return graph
+
+
+def layers(graph: Graph) -> dict[str, int]:
+    """Return how many packages stand below each, one upon the other."""
+
+    @cache
+    def layer(package: str) -> int:
+        return max((1 + layer(below) for below in graph[package]), default=0)
+
+    return {package: layer(package) for package in graph}
+
+
+def reduced(graph: Graph) -> Graph:
+    """Return the arrows without those that a longer way makes superfluous."""
+
+    @cache
+    def reachable(package: str) -> frozenset[str]:
+        return frozenset().union(*(reachable(below) | {below} for below in graph[package]))
+
+    return {
+        package: below - set().union(*(reachable(other) for other in below))
+        for package, below in graph.items()
+    }
+
+
+def stage_packages() -> dict[str, set[str]]:
+    """Return the stages of a campaign in order, and the packages that each one's module imports."""
+    way = {}
+    for stage in stages((Path("raw"),), Path("results")):
+        file = ROOT / "stages" / f"{stage.module}.py"
+        way[stage.name] = set(filter(None, map(package_of, modules_imported(file)))) - {"stages"}
+    return way
+
+
+def box(axes: plt.Axes, at: tuple[float, float], text: str, colour: str, dark: bool) -> None:
+    """Draw a box with its name."""
+    axes.text(
+        *at,
+        text,
+        ha="center",
+        va="center",
+        fontsize=11,
+        color="white" if dark else "black",
+        bbox={"boxstyle": "round,pad=0.45", "facecolor": colour, "edgecolor": "#555555"},
+        zorder=3,
+    )
+
+
+def main() -> None:
+    """Draw the picture."""
+    graph, way = packages(), stage_packages()
+    graph.pop("stages")
+    graph = {package: below - {"stages"} for package, below in graph.items()}
+    at_layer: dict[int, list[str]] = defaultdict(list)
+    for package, layer in layers(graph).items():
+        at_layer[layer].append(package)
+    widest = max(len(row) for row in at_layer.values())
+    place: dict[str, tuple[float, float]] = {}
+    arrows = reduced(graph)
+    for layer, row in sorted(at_layer.items()):
+        # Beside the middle of what a package stands upon, so that arrows are short.
+        below = {p: [place[q][0] for q in arrows[p]] for p in row}
+        row.sort(key=lambda p: (sum(below[p]) / len(below[p]) if below[p] else 0.0, p))
+        for n, package in enumerate(row):
+            place[package] = ((n - (len(row) - 1) / 2) * WIDTH * widest / (len(row) + 0.3), layer)
+    top = max(at_layer) + 1.9
+    mpl.rcParams |= {
+        "svg.hashsalt": "pa10cal",
+        "font.family": "DejaVu Sans",
+        "svg.fonttype": "none",
+    }
+    figure, axes = plt.subplots(figsize=(WIDTH * widest + 1.0, LAYER * (top + 1.5)))
+    axes.set_axis_off()
+    for package, below in arrows.items():
+        for other in below:
+            axes.annotate(
+                "",
+                place[other],
+                place[package],
+                arrowprops={"arrowstyle": "->", "color": "#999999", "shrinkA": 14, "shrinkB": 16},
+            )
+    for package, at in place.items():
+        box(axes, at, f"{package}/", COLOURS["beside" if package in BESIDE else "product"], False)
+    for n, (stage, used) in enumerate(way.items()):
+        at = ((n - (len(way) - 1) / 2) * WIDTH * widest / (len(way) + 0.3), top)
+        box(axes, at, stage, COLOURS["stage"], True)
+        names = ", ".join(sorted(used - {"files", "results"}))
+        axes.text(at[0], top - 0.33, textwrap.fill(names, 20), ha="center", va="top", fontsize=9)
+        if n:
+            axes.annotate(
+                "",
+                (at[0] - 0.62, top),
+                (at[0] - WIDTH * widest / (len(way) + 0.3) + 0.62, top),
+                arrowprops={"arrowstyle": "-|>", "color": COLOURS["stage"], "lw": 1.5},
+            )
+    axes.set_xlim(-WIDTH * widest / 2, WIDTH * widest / 2)
+    axes.set_ylim(-0.5, top + 0.4)
+    figure.savefig(PICTURE, bbox_inches="tight", metadata={"Date": None})
+
+
+if __name__ == "__main__":
+    main()

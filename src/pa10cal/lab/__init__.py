@@ -1,0 +1,1 @@
+"""The laboratory: the virtual cell, trials and studies against a known truth."""

@@ -1,0 +1,400 @@
+"""Blind trials: hidden in raw campaigns, judged from these alone, as a user judges a campaign.
+
+What judges walks the stages of any run, and is given raw folders and settings, nothing else. What
+is hidden goes from the trial straight into a record of its own, which the scoring alone reads.
+"""
+
+from __future__ import annotations
+
+import io
+import tempfile
+import time
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import numpy as np
+import pandas as pd
+
+from pa10cal.arrays import Array
+from pa10cal.calibration.campaign import calibrated_record
+from pa10cal.calibration.load_case import COMBINED
+from pa10cal.campaign.read import read_campaign
+from pa10cal.errors import Pa10calError, SettingsError
+from pa10cal.evaluation.options import ChainOptions, EvaluationOptions
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import models_of
+from pa10cal.lab.blind_trial import DRIVES, WILD
+from pa10cal.lab.cell.campaign import measure_campaign, robot_of, simulate_campaign
+from pa10cal.lab.cell.disturbances import DISTURBANCES
+from pa10cal.lab.cell.drive_trials import DRIVE_KINDS, DriveKind, campaigns_of, draw_drive_trials
+from pa10cal.lab.cell.effects.vocabulary import make_effects
+from pa10cal.lab.cell.measured_trials import SORTED, UNSTATED, after_geometry
+from pa10cal.lab.cell.options import SimulateOptions
+from pa10cal.lab.cell.trials import Trial, TrialKind, draw_trials
+from pa10cal.lab.cell.wild_trials import WILD_KINDS, WildKind, draw_wild_trials
+from pa10cal.lab.cell.write import Places as WrittenPlaces
+from pa10cal.lab.cell.write import write_campaign
+from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
+from pa10cal.results.codec import read
+from pa10cal.results.discovery import VerdictKeys, VerdictRecord
+from pa10cal.results.trials import (
+    FailedTrialRecord,
+    HiddenEffect,
+    JudgedTrialRecord,
+    PutIn,
+    TrialHealth,
+    TrialTruthRecord,
+    TrialVerdictRecord,
+)
+from pa10cal.stages.pipeline import Places, Stage, stages
+from pa10cal.terms.joint_spring import JointSpring
+
+Measured = Literal["touched", "tracked", "points_one", "points_three", "distance", "wild", "drives"]
+
+
+def draw(
+    measured: Measured,
+    kind: str,
+    count: int,
+    random_seed: int,
+    layouts: str = "",
+    size: float | None = None,
+) -> tuple[Trial, ...]:
+    """Draw trials: see `draw_trials`, `draw_wild_trials` and `draw_drive_trials`.
+
+    Args:
+        layouts: layouts of touched balls, or arms under instruments, with commas between them;
+            empty for all.
+
+    Raises:
+        SettingsError: for a kind or a layout that does not exist, or no trial at all.
+    """
+    if count < 1:
+        raise SettingsError(
+            "no trial to run",
+            where="--count",
+            value=count,
+            allowed="1 or more",
+            remedy="request more trials",
+        )
+    names = layouts.split(",") if layouts else []
+    if measured == DRIVES:
+        return draw_drive_trials(cast(DriveKind, kind), count, random_seed)
+    if measured == WILD:
+        return draw_wild_trials(cast(WildKind, kind), count, random_seed, names)
+    return draw_trials(cast(TrialKind, kind), count, random_seed, measured, names, size)
+
+
+def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
+    """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped.
+
+    Args:
+        options: how the campaign is judged, by a calibration of all its loads together.
+    """
+    options = _options(trial, options)
+    calibration = None
+    with tempfile.TemporaryDirectory() as place:
+        began = time.process_time()
+        folders, places = _write(trial, Path(place, "raw"))
+        results, simulating = Path(place, "results", trial.name), time.process_time() - began
+        try:
+            began = time.process_time()
+            calibration = calibrated_by_stages(folders, results, options)
+            last = "evaluate" if trial.kind in WILD_KINDS else "discover"
+            found, left_out = judged_by_stages(folders, results, calibration, options, last)
+            seconds = time.process_time() - began
+            verdict: TrialVerdictRecord = _judged(
+                found, calibration, left_out, seconds=seconds, seconds_simulating=simulating
+            )
+        except Pa10calError as error:
+            # What can be calibrated is not withheld, so discovery that refuses is a crash.
+            refused = calibration is None
+            verdict = FailedTrialRecord(campaign=trial.name, failed=str(error), refused=refused)
+        except Exception as error:
+            verdict = FailedTrialRecord(campaign=trial.name, failed=_crash(error))
+    if trial.kind in (UNSTATED, SORTED):
+        return verdict, _truth_after_geometry(trial)
+    if trial.kind in DRIVE_KINDS:
+        return verdict, _truth(trial, [None] * len(trial.sizes), seconds_twin=0.0)
+    return verdict, _truth_by_twins(trial, places, calibration, options)
+
+
+def _options(trial: Trial, options: ChainOptions) -> ChainOptions:
+    """Return the options without what no verdict rests on, but for wild trials.
+
+    Those try every command as a user runs it, and count which of them fail.
+    """
+    combined = options.model_copy(update={"evaluation": EvaluationOptions(calibration=COMBINED)})
+    if trial.kind in WILD_KINDS:
+        return combined
+    discovery = options.discovery.model_copy(update={"suggestions": 0})
+    return combined.model_copy(update={"discovery": discovery})
+
+
+def _write(trial: Trial, raw: Path) -> tuple[tuple[Path, ...], WrittenPlaces]:
+    """Write the raw campaign of a trial, without what it hides; of drives maybe two of one robot.
+
+    Returns:
+        The folders, and where the disturbances of the first came to be.
+    """
+    settings = trial.settings
+    robot = robot_of(load_arm(settings.robot), settings)
+    effects = make_effects(settings.hidden_effects, robot)
+    campaigns = campaigns_of(trial) if trial.kind in DRIVE_KINDS else (settings,)
+    single = len(campaigns) == 1
+    folders, places = [], []
+    for number, each in enumerate(campaigns):
+        name = trial.name if single else f"{trial.name}-{number}"
+        folders.append(raw / name)
+        places.append(write_campaign(measure_campaign(name, each, robot, effects), raw / name))
+    return tuple(folders), places[0]
+
+
+def _crash(error: Exception) -> str:
+    """Return an internal fault with the place where it happened."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return f"{text} (in {Path(last.filename).name}, line {last.lineno})"
+
+
+def _truth(
+    trial: Trial,
+    moved_mm: Sequence[float | None],
+    apart_mm: Sequence[float | None] = (),
+    **more: Any,
+) -> TrialTruthRecord:
+    """Return what a trial hides, how it was measured, and how far that moves the residual.
+
+    Args:
+        moved_mm: how far, one a hidden effect; None where the trial failed.
+        apart_mm: the same with the sizes of the others fitted; none where that is not known.
+    """
+    settings = trial.settings
+    plan = settings.without_touches
+    measured = "touched" if plan is None else "tracked"
+    if trial.kind in WILD_KINDS:
+        measured = WILD
+    elif trial.kind in DRIVE_KINDS:
+        measured = DRIVES
+    apart_mm = apart_mm or [None] * len(moved_mm)
+    return TrialTruthRecord(
+        campaign=trial.name,
+        kind=trial.kind,
+        measured=measured,
+        layout=trial.bench,
+        path=settings.path if plan is None else "",
+        temperature_drift_C=settings.temperature_drift_C,
+        flexible_joints=(settings if plan is None else plan).flexible_joints,
+        hidden_effects=tuple(
+            HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=moved, apart_mm=own)
+            for effect, size, moved, own in zip(
+                settings.hidden_effects, trial.sizes, moved_mm, apart_mm, strict=True
+            )
+        ),
+        stated_uncertainty_mm=settings.stated_uncertainty_mm,
+        mass_factor=settings.mass_factor,
+        **more,
+    )
+
+
+def _truth_by_twins(
+    trial: Trial,
+    places: WrittenPlaces,
+    calibration: CalibrationRecord | None,
+    options: ChainOptions,
+) -> TrialTruthRecord:
+    """Return the truth, with how far each effect and disturbance moves the residual [mm].
+
+    Root mean square over the poses fitted of the difference of what the calibrated model leaves to
+    the same campaign, noise and all, without it. For the scoring alone: no verdict sees it. None
+    where that does not measure it.
+    """
+    began = time.process_time()
+
+    def moved_mm(twin: SimulateOptions) -> float | None:
+        if calibration is None:
+            return None
+        try:
+            left_mm = _residual_mm(trial.name, twin, options)
+        except Exception:
+            return None
+        if left_mm.shape != calibration.residuals.position_mm.shape:  # others were quarantined
+            return None
+        off_mm = calibration.residuals.position_mm - left_mm
+        return float(np.sqrt(np.mean(np.sum(off_mm**2, axis=1))))
+
+    effects = [moved_mm(twin) for twin in _without_each(trial.settings, "hidden_effects")]
+    put_in = []
+    twins = _without_each(trial.settings, "disturbances")
+    for entry, where, twin in zip(trial.settings.disturbances, places, twins, strict=True):
+        each = DISTURBANCES[entry.id]
+        put_in.append(
+            PutIn(
+                id=each.id,
+                where=where,
+                stressor=each.stressor,
+                kinds=each.kinds,
+                measured=each.measured,
+                moved_mm=moved_mm(twin) if each.measured else None,
+            )
+        )
+    seconds = time.process_time() - began
+    return _truth(trial, effects, seconds_twin=seconds, put_in=tuple(put_in))
+
+
+def _truth_after_geometry(trial: Trial) -> TrialTruthRecord:
+    """Return the truth of a trial, with what its effects leave once the geometry is fitted again.
+
+    The calibrated model may hold springs, which follow whatever a twin without one does: how far
+    it moves what that model leaves says nothing here.
+    """
+    began = time.process_time()
+    settings, arm = trial.settings, load_arm(trial.settings.robot)
+    left = after_geometry(
+        simulate_campaign(trial.name, arm, settings),
+        [
+            simulate_campaign(trial.name, arm, twin)
+            for twin in _without_each(settings, "hidden_effects")
+        ],
+    )
+    seconds = time.process_time() - began
+    return _truth(trial, left.moved_mm, left.apart_mm, seconds_twin=seconds, noise_mm=left.noise_mm)
+
+
+def _without_each(settings: SimulateOptions, key: str) -> list[SimulateOptions]:
+    """Return the settings without each of the entries of a key, one after the other."""
+    entries = getattr(settings, key)
+    return [
+        settings.model_copy(update={key: (*entries[:k], *entries[k + 1 :])})
+        for k in range(len(entries))
+    ]
+
+
+def _residual_mm(name: str, settings: SimulateOptions, options: ChainOptions) -> Array:
+    """Return what the calibrated model leaves of positions in a campaign, (C, 3)."""
+    with tempfile.TemporaryDirectory() as place:
+        raw = Path(place, "raw", name)
+        write_campaign(simulate_campaign(name, load_arm(settings.robot), settings), raw)
+        if options.calibration.effects in ((), "named"):
+            # The model of the stages, without the checks of the input that go before it, and from
+            # one start where that will do: the others end at the same residuals.
+            read, calibration = read_campaign(raw, options.ingest), options.calibration
+            about = read.description, read.arm, read.observations, COMBINED
+            once = calibration.model_copy(update={"starts": 1})
+            record = calibrated_record(*about, once, base_frame=options.base_frame)
+            if record.status != "converged":
+                record = calibrated_record(*about, calibration, base_frame=options.base_frame)
+            return record.residuals.position_mm
+        return calibrated_by_stages((raw,), raw.parents[1] / name, options).residuals.position_mm
+
+
+# A campaign judged as a user judges it: stage after stage, in files, in one process.
+
+
+def calibrated_by_stages(
+    folders: tuple[Path, ...], results: Path, options: ChainOptions
+) -> CalibrationRecord:
+    """Read a campaign, locate its base and calibrate it on all its loads.
+
+    Args:
+        folders: the raw folder; of a group those of its campaigns, read one by one before.
+        results: gets the results; those of the campaigns of a group lie beside.
+        options: how to ingest, to locate the base and to calibrate.
+
+    Raises:
+        Pa10calError: where a stage refuses.
+    """
+    for folder in folders if len(folders) > 1 else ():
+        _run("seed", (folder,), results.with_name(folder.name), options)
+    searched = _run("calibrate", folders, results, options)
+    return read(CalibrationRecord, searched.writes["calibration"])
+
+
+def judged_by_stages(
+    folders: tuple[Path, ...],
+    results: Path,
+    calibration: CalibrationRecord,
+    options: ChainOptions,
+    last: str = "evaluate",
+) -> tuple[VerdictRecord, tuple[str, ...]]:
+    """Judge a campaign that `calibrated_by_stages` has calibrated, in the same folders.
+
+    Args:
+        folders, results, options: as given there.
+        calibration: what it returned.
+        last: the stage with which to end.
+
+    Returns:
+        The verdict, and the poses with quarantined rows or that are suspected outliers.
+    """
+    _run(last, folders, results, options, after="calibrate")
+    left_out = set(_suspected(calibration))
+    for folder in folders:
+        own = results if len(folders) == 1 else results.with_name(folder.name)
+        left_out |= set(_quarantined(folder, Places(own).quarantine))
+    return read(VerdictRecord, Places(results).verdict), tuple(sorted(left_out))
+
+
+def _judged(
+    verdict: VerdictRecord,
+    calibration: CalibrationRecord,
+    left_out: tuple[str, ...],
+    **seconds: float,
+) -> JudgedTrialRecord:
+    """Return the record of a verdict on a trial, with the processor times that it took [s]."""
+    *_, model = models_of(calibration, verdict.campaign).values()
+    health = calibration.health
+    return JudgedTrialRecord(
+        **{name: getattr(verdict, name) for name in VerdictKeys.model_fields},
+        **seconds,
+        campaign=verdict.campaign,
+        springs=tuple(term.joint for term in model.model.terms if isinstance(term, JointSpring)),
+        health=TrialHealth(
+            grade=health.grade,
+            findings=tuple(f"{each.kind} of {each.where}" for each in health.findings),
+            left_out=left_out,
+        ),
+    )
+
+
+def _run(
+    last: str, folders: tuple[Path, ...], results: Path, options: ChainOptions, after: str = ""
+) -> Stage:
+    """Run the stages of all loads together to the first that is a command, in silence.
+
+    Args:
+        after: the command whose first stage, and all before it, have run.
+
+    Returns:
+        The last stage.
+    """
+    every = list(stages(folders, results, options, load=COMBINED))
+    commands = [stage.command for stage in every]
+    first = 1 + commands.index(after) if after else 0
+    end = commands.index(last)
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        for stage in every[first : end + 1]:
+            stage.run()
+    return every[end]
+
+
+def _quarantined(raw: Path, listing: Path) -> Iterator[str]:
+    """Return the poses that quarantined rows belong to."""
+    rows = pd.read_csv(listing)
+    for name in set(rows["file"]):
+        path = raw / str(name)
+        header = pd.read_csv(path, nrows=0).columns
+        if "pose" not in header:
+            continue
+        labels = pd.read_csv(path, usecols=["pose"], dtype=str)["pose"]
+        lines = rows.loc[rows["file"] == name, "line"].to_numpy() - 2
+        yield from labels.iloc[lines[lines < len(labels)]]
+
+
+def _suspected(calibration: CalibrationRecord) -> Iterator[str]:
+    """Return the poses that the general model suspects of a gross error."""
+    if isinstance(calibration, GeneralCalibrationRecord):
+        yield from (outlier.pose for outlier in calibration.suspected_outliers)

@@ -1,0 +1,138 @@
+"""A whole campaign of the virtual cell, in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pandas as pd
+
+from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
+from pa10cal.errors import SettingsError
+from pa10cal.lab.cell import instruments
+from pa10cal.lab.cell.classes import classes_in
+from pa10cal.lab.cell.effects.effect import Effect, Motion, with_added
+from pa10cal.lab.cell.effects.vocabulary import make_effects
+from pa10cal.lab.cell.individual import KcubReading, build_robot
+from pa10cal.lab.cell.instruments.instrument import Instrument, Truth, rest_poses
+from pa10cal.lab.cell.options import SimulateOptions
+from pa10cal.lab.cell.robot import Robot
+
+REFERENCE_TEMPERATURE_C = 21.0
+_DRIFT_PERIOD_S = 24 * 3600.0
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What a campaign's folder holds, and what it must not."""
+
+    name: str
+    settings: SimulateOptions  # the request to the cell
+    instrument: Instrument  # what measured it
+    # raw tables by their key in campaign.yaml, as in the raw-data contract
+    tables: Mapping[str, pd.DataFrame]
+    truth: Truth  # what is hidden; never written beside the rest
+
+
+def simulate_campaign(
+    name: str,
+    arm: Arm,
+    settings: SimulateOptions,
+    kcub_reading: KcubReading = "text_e7",
+) -> Campaign:
+    """Measure one robot in the virtual cell; the same settings give the same campaign.
+
+    Args:
+        arm: description of the robot; with masses for springs, torques and touched balls.
+        settings: seed, hidden effects, instrument, poses, loads, noise.
+        kcub_reading: which of the paper's two cubic stiffnesses holds.
+
+    Raises:
+        SettingsError: for a hidden effect that does not exist or cannot sit where it is put.
+        SimulationError: for an arm or poses that the cell cannot use.
+    """
+    robot = robot_of(arm, settings, kcub_reading)
+    return measure_campaign(name, settings, robot, make_effects(settings.hidden_effects, robot))
+
+
+def robot_of(arm: Arm, settings: SimulateOptions, kcub_reading: KcubReading = "text_e7") -> Robot:
+    """Return the robot that a campaign measures; see `simulate_campaign`."""
+    rng = _streams(instrument_of(settings), settings.random_seed)["robot"]
+    return build_robot(arm, settings, kcub_reading, rng)
+
+
+def measure_campaign(
+    name: str,
+    settings: SimulateOptions,
+    robot: Robot,
+    effects: Sequence[Effect] = (),
+) -> Campaign:
+    """Measure a robot that is already there; see `simulate_campaign`.
+
+    Args:
+        settings: seed, instrument, poses, loads, noise; not used for the robot or its effects.
+        effects: what it does beyond the paper's model.
+    """
+    _need_a_drift(effects, settings)
+    instrument = instrument_of(settings)
+    streams = _streams(instrument, settings.random_seed)
+    schedule, poses = instrument.schedule(robot, streams)
+
+    at_rest_s = schedule.start_s + instrument.at_rest_s
+    temperature_C = REFERENCE_TEMPERATURE_C + _warming(
+        at_rest_s, settings.temperature_drift_C, streams["hall"]
+    )
+    q_motor, drive = instrument.motors(schedule, streams)
+    motion = Motion(q_motor, schedule.arrival, robot.arm.gear_ratio)
+    rest = rest_poses(
+        robot,
+        effects,
+        with_added(drive, "drive", effects, motion),
+        schedule.load_N,
+        at_rest_s,
+        temperature_C - REFERENCE_TEMPERATURE_C,
+        schedule.arrival,
+    )
+    truth = Truth(robot, tuple(effects), poses, schedule, q_motor, rest, temperature_C)
+    return Campaign(name, settings, instrument, instrument.measure(truth, streams), truth)
+
+
+@cache
+def instrument_kinds() -> dict[str, type[Instrument]]:
+    """Return the instruments that can be simulated, by kind."""
+    return classes_in(instruments, Instrument, "kind")
+
+
+def instrument_of(settings: SimulateOptions) -> Instrument:
+    """Return the instrument of some settings."""
+    plan = settings.without_touches
+    return instrument_kinds()["touch_trigger_cmm" if plan is None else plan.instrument](settings)
+
+
+def _streams(instrument: Instrument, seed: int) -> dict[str, np.random.Generator]:
+    """Return one stream of random numbers a purpose: changing one leaves the others alone."""
+    children = np.random.SeedSequence(seed).spawn(len(instrument.streams))
+    return dict(zip(instrument.streams, map(np.random.default_rng, children), strict=True))
+
+
+def _warming(time_s: Array, amplitude_C: float, rng: np.random.Generator) -> Array:
+    """Return the hall's temperature above the reference: a daily swing of unknown phase."""
+    phase = rng.uniform(0.0, 2.0 * np.pi)
+    warming: Array = amplitude_C * np.sin(2.0 * np.pi * time_s / _DRIFT_PERIOD_S + phase)
+    return warming
+
+
+def _need_a_drift(effects: Sequence[Effect], settings: SimulateOptions) -> None:
+    """Refuse to hide an effect of temperature where temperature does not change."""
+    idle = [effect.id for effect in effects if effect.by_temperature]
+    if idle and settings.temperature_drift_C == 0.0:
+        raise SettingsError(
+            f"{idle[0]} does nothing at constant temperature",
+            where="temperature_drift_C",
+            value=settings.temperature_drift_C,
+            allowed=f"a drift above 0 where {idle[0]} is hidden",
+            remedy=f"set temperature_drift_C, to a few degrees, or hide no {idle[0]}",
+        )

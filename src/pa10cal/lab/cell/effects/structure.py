@@ -1,0 +1,187 @@
+"""Effects that sit in links and base."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import replace
+
+import numpy as np
+from pydantic import Field
+
+from pa10cal.arrays import Array
+from pa10cal.lab.cell.effects.effect import (
+    LONG_LINKS,
+    Effect,
+    Finite,
+    Loading,
+    Triple,
+    directed,
+    draws,
+    signed,
+    sized,
+)
+from pa10cal.lab.cell.robot import GRAVITY_M_S2, Strain
+
+SECONDS_PER_HOUR = 3600.0
+
+
+class LinkEffect(Effect):
+    """A long link gives way under the moment that it carries at its far joint."""
+
+    strains = True
+    by_weights = True
+
+    @abstractmethod
+    def moved(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
+        """Return by how much the link's end turns (P, 3) [rad] and shifts (P, 3) [m].
+
+        Args:
+            moment_Nm: (P, 3) moment.
+            axis: (3,) unit vector along the link.
+            span_m: (3,) from the link's near joint to its far one.
+        """
+
+    def strain(self, loading: Loading) -> Strain:
+        """Turn and shift the end of the link."""
+        link = loading.link(self.of)
+        span_m = loading.mechanism.spans_m[link]
+        axis = span_m / np.linalg.norm(span_m)
+        none = loading.none
+        turn, shift = none.turn_rad.copy(), none.shift_m.copy()
+        turn[:, link], shift[:, link] = self.moved(loading.statics.link_Nm[:, link], axis, span_m)
+        return replace(none, turn_rad=turn, shift_m=shift)
+
+
+class LinkBending(LinkEffect):
+    """A long link bends under the moment across its axis at its far joint."""
+
+    id = "link_bending"
+    places = LONG_LINKS
+    usual = draws(c=sized(2e-6))
+    plausible_size = 2.5
+
+    c: Finite = Field(description="turn of the link's end a moment [rad/(N m)]")
+
+    def moved(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
+        """Turn the end by c M, shift it by (2/3) L (c M) x axis, as for a force at the end."""
+        turn = self.c * (moment_Nm - np.outer(moment_Nm @ axis, axis))
+        return turn, 2.0 / 3.0 * np.cross(turn, span_m)
+
+
+class LinkTorsion(LinkEffect):
+    """The forearm twists under the moment about its axis at its far joint."""
+
+    id = "link_torsion"
+    places = ("forearm",)
+    usual = draws(c=sized(3e-5))
+    plausible_size = 0.67
+
+    c: Finite = Field(description="twist of the link a moment [rad/(N m)]")
+
+    def moved(self, moment_Nm: Array, axis: Array, _span_m: Array) -> tuple[Array, Array]:
+        turn = self.c * np.outer(moment_Nm @ axis, axis)
+        return turn, np.zeros_like(turn)
+
+
+class BaseCompliance(Effect):
+    """The base tilts under the overturning moment."""
+
+    id = "base_compliance"
+    places = ("base",)
+    strains = True
+    by_weights = True
+    usual = draws(cx=sized(1.5e-6), cy=sized(1.5e-6))
+    plausible_size = 2.0
+
+    cx: Finite = Field(description="tilt about x a moment about x [rad/(N m)]")
+    cy: Finite = Field(description="tilt about y a moment about y [rad/(N m)]")
+
+    def strain(self, loading: Loading) -> Strain:
+        turn = np.array([self.cx, self.cy, 0.0]) * loading.statics.base_Nm
+        return replace(loading.none, base_turn_rad=turn)
+
+
+class BaseDrift(Effect):
+    """The base creeps at a constant rate."""
+
+    id = "base_drift"
+    places = ("base",)
+    strains = True
+    usual = draws(rate=directed(2e-5))
+    plausible_size = 2.6  # the plausible rate is that of one axis
+
+    rate: Triple = Field(description="velocity along base axes [m/h]")
+
+    def strain(self, loading: Loading) -> Strain:
+        shift = np.outer(loading.time_s, self.rate) / SECONDS_PER_HOUR
+        return replace(loading.none, base_shift_m=shift)
+
+
+class ThermalGrowth(Effect):
+    """Pedestal (the first link) and long links grow with temperature, usually as steel does."""
+
+    id = "thermal_growth"
+    places = ("arm",)
+    strains = True
+    by_temperature = True
+    usual = draws(alpha=sized(1.2e-5))
+    plausible_size = 1.7
+
+    alpha: Finite = Field(description="expansion coefficient [1/K]")
+
+    def strain(self, loading: Loading) -> Strain:
+        none = loading.none
+        stretch = none.stretch.copy()
+        grown = self.alpha * loading.warming_K[:, None]
+        stretch[:, sorted({0, *loading.mechanism.long_links})] = grown
+        return replace(none, stretch=stretch)
+
+
+# Effects that sit in the tool on the flange and in the measuring instrument.
+
+
+class ToolSag(Effect):
+    """The tool sags across its axis, the flange's z."""
+
+    id = "tool_sag"
+    places = ("tool",)
+    usual = draws(c=sized(1e-4))
+
+    c: Finite = Field(description="sag with the tool held level [m]")
+
+    def shift_m(self, R_base_ee: Array) -> Array:
+        down = GRAVITY_M_S2 / np.linalg.norm(GRAVITY_M_S2)
+        shift: Array = self.c * np.einsum("pij,i->pj", R_base_ee, down)
+        shift[:, 2] = 0.0
+        return shift
+
+
+class CmmScale(Effect):
+    """Scales of the instrument's axes are off, by 5e-5 an axis in the mean."""
+
+    id = "cmm_scale"
+    places = ("instrument",)
+    usual = draws(s=directed(5e-5 * float(np.sqrt(3.0))))
+    plausible_size = 2.0
+
+    s: Triple = Field(description="relative excess of each axis")
+
+    def read_too_much_m(self, p_instr_m: Array) -> Array:
+        extra: Array = p_instr_m * np.array(self.s)
+        return extra
+
+
+class CmmSquareness(Effect):
+    """The instrument's y axis is not square to its x axis."""
+
+    id = "cmm_squareness"
+    places = ("instrument",)
+    usual = draws(xy=signed(5e-5))
+    plausible_size = 2.0
+
+    xy: Finite = Field(description="angle off square [rad]")
+
+    def read_too_much_m(self, p_instr_m: Array) -> Array:
+        extra = np.zeros_like(p_instr_m)
+        extra[..., 0] = self.xy * p_instr_m[..., 1]
+        return extra

@@ -1,0 +1,110 @@
+"""The effects the cell knows, by name, and how a settings entry becomes one of them.
+
+An effect is known once its class is in a module of this folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from pa10cal.errors import SettingsError, remedy_for
+from pa10cal.lab.cell import effects
+from pa10cal.lab.cell.classes import classes_in
+from pa10cal.lab.cell.effects.effect import LONG_LINKS, Effect
+from pa10cal.lab.cell.options import HiddenEffectOptions
+from pa10cal.lab.cell.robot import Robot
+from pa10cal.settings_reading import parse_section
+
+
+@cache
+def all_effects() -> dict[str, type[Effect]]:
+    """Return every effect by its id, module by module, each in the order of its file."""
+    return classes_in(effects, Effect)
+
+
+def vocabulary() -> dict[str, type[Effect]]:
+    """Return the effects of the vocabulary that trials draw."""
+    return {name: each for name, each in all_effects().items() if each.drawn and each.named}
+
+
+def nameless() -> dict[str, type[Effect]]:
+    """Return all effects that trials draw and that have no name in the vocabulary."""
+    return {name: each for name, each in all_effects().items() if each.drawn and not each.named}
+
+
+def outside() -> dict[str, type[Effect]]:
+    """Return those of them that every kind of trial may hide."""
+    return {name: each for name, each in nameless().items() if not each.wild}
+
+
+def make_effects(entries: Sequence[HiddenEffectOptions], robot: Robot) -> tuple[Effect, ...]:
+    """Turn settings entries into effects of this robot.
+
+    Raises:
+        SettingsError: for an unknown effect or parameter (naming the nearest right one), a
+            parameter that is missing or not finite, or a place where the effect cannot sit.
+    """
+    return tuple(
+        _make_effect(entry, robot, f"hidden_effects[{index}]")
+        for index, entry in enumerate(entries)
+    )
+
+
+def places_of(names: Sequence[str], robot: Robot, loaded: Sequence[int] = ()) -> list[str]:
+    """Return the places in a robot that entries of `places` or `trial_places` stand for.
+
+    Args:
+        loaded: joints, from 1, that weights load.
+    """
+    arm, places = robot.arm, []
+    for name in names:
+        if name.endswith("joint"):
+            places += [f"joint {joint}" for joint in _joints(name.split(), robot, loaded)]
+        elif name in LONG_LINKS:
+            known = LONG_LINKS[: len(robot.mechanism.long_links)]
+            places += [name] if name in known else []
+        elif name != "wrist" or (arm.n > 1 and not arm.prismatic[-1]):
+            places.append(name)
+    return places
+
+
+def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> Effect:
+    known = all_effects()
+    if entry.id not in known:
+        raise SettingsError(
+            "unknown effect",
+            where=f"{where}.id",
+            value=entry.id,
+            allowed=", ".join(known),
+            remedy=remedy_for(entry.id, known, "correct the name"),
+        )
+    kind = known[entry.id]
+    places = places_of(kind.places, robot)
+    if entry.of not in places:
+        raise SettingsError(
+            f"{entry.id} cannot sit there",
+            where=f"{where}.of",
+            value=entry.of,
+            allowed=", ".join(places) or "no such place in this arm",
+            remedy="correct the place",
+        )
+    return parse_section(kind, entry.parameters, where=f"{where}.parameters").at(entry.of)
+
+
+def _joints(words: Sequence[str], robot: Robot, loaded: Sequence[int]) -> list[int]:
+    """Return the joints, from 1, that turn and are all that some words say of them."""
+    arm = robot.arm
+    qualities = {
+        "turning": ~arm.prismatic,
+        "rigid": ~robot.springs.flexible,
+        "geared": np.isfinite(arm.gear_ratio),
+        "rated": np.isfinite(arm.torque_limit_Nm),
+        "loaded": np.isin(np.arange(1, arm.n + 1), loaded),
+    }
+    fits = ~arm.prismatic
+    for word in words[:-1]:
+        fits = fits & qualities[word]
+    return (np.flatnonzero(fits) + 1).tolist()

@@ -1,0 +1,420 @@
+"""Trials as measured robots come: weights that nobody stated, rows that are sorted.
+
+Both are of arms described without masses, rated torques, gear ratios and logged torques
+(`unstated`), under instruments of poses or of points. Kinds of `wild_trials` that it draws.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
+from pa10cal.files.arms import arm_names
+from pa10cal.lab.cell.campaign import Campaign
+from pa10cal.lab.cell.effects.effect import LONG_LINKS, Site
+from pa10cal.lab.cell.effects.vocabulary import all_effects, places_of
+from pa10cal.lab.cell.individual import described, draw_unstated, nominal
+from pa10cal.lab.cell.options import TrackerOptions, UnstatedOptions
+from pa10cal.lab.cell.poses import joint_bounds
+from pa10cal.lab.cell.robot import Departures, Mechanism, Statics, tool_payload
+from pa10cal.lab.cell.trials import (
+    ATTITUDE_RAD,
+    POSITION_MM,
+    SECONDS_A_POSE,
+    Bench,
+    Scenario,
+    Trial,
+    idle,
+    log_uniform,
+    trial_places,
+)
+
+UNSTATED, SORTED = "unstated_masses", "sorted_rows"
+SPRING = "joint_compliance"
+#: The other effect.
+_MORE = (
+    "encoder_eccentricity",
+    "gear_ratio_error",
+    "backlash",
+    "link_bending",
+    "base_compliance",
+    "encoder_ellipticity",
+    "joint_error_map",
+    "wrist_coupling",
+    "cmm_scale",
+)
+NO_SPRINGS, SOME_SPRINGS, ALL_SPRINGS = "no_springs", "some_springs", "all_springs"
+AND_MORE, NOTHING = "_and_more", "nothing"
+#: What trials hide, in turn. Of unstated masses springs in no joint, in some or in all, alone or
+#: with one other effect; where no joint gives way alone is drawn twice as often. Of sorted rows all
+#: but the motions of the base sit at the joint by which rows are sorted, and so look like a motion
+#: in the course of time.
+SUBJECTS = {
+    UNSTATED: (
+        *(NO_SPRINGS, SOME_SPRINGS, ALL_SPRINGS),
+        *(NO_SPRINGS + AND_MORE, SOME_SPRINGS + AND_MORE, ALL_SPRINGS + AND_MORE),
+        NO_SPRINGS,
+    ),
+    SORTED: (
+        *(NOTHING, SPRING, "encoder_eccentricity", "third_harmonic", "base_compliance"),
+        *(NOTHING, "gear_ratio_error", "pedestal_tilt"),
+    ),
+}
+#: Deflection of a joint under the largest torque that it usually carries, and turn of a link or the
+#: base under the usual moment [rad], whatever the size of the arm.
+SAG_RAD = (3e-4, 4e-3)
+_TURN_RAD = (1e-4, 1e-3)
+#: Other effects, in their plausible size; large ones that go with the rows look most like a motion.
+_TIMES = {UNSTATED: (1.0, 1.0), SORTED: (1.0, 5.0)}
+#: Of the largest torque of the arm's joints: what loads a joint, and what the stiffness of one that
+#: carries less goes by.
+_LOADED = 0.02
+_MOST_SOFT = 3
+#: Poses of a campaign, and how often each is repeated: few are.
+POSES = (150, 500)
+_REPEATED, _REPEATS = 0.2, 4
+_HELD_OUT_SHARE = 0.2
+_HELD_OUT_EVERY = 5
+#: Links about their motors, from reading to reading [rad]: a hundredth of a mm at a long arm.
+_UNSEEN_RAD = 5e-6
+_TYPICAL_POSES = 300
+#: How rows are sorted, and how often: by one joint; by steps of one, and within each by another;
+#: or up along one and back again, as along a rail.
+_SORTED = {"one": 0.5, "nested": 0.3, "there_and_back": 0.2}
+_STEPS = (6, 12)
+_BY_FIRST = 0.5
+_DECIMALS = 3
+
+
+@cache
+def measured_benches() -> dict[str, Bench]:
+    """Return the arms whose lengths trials vary, under the instruments of positions, by name."""
+    benches = [Bench(robot, kind) for robot in arm_names() for kind in ("pose", "points")]
+    return {bench.name: bench for bench in benches}
+
+
+@dataclass(frozen=True)
+class _OwnArm:
+    """One arm whose masses are not stated."""
+
+    weights: UnstatedOptions  # its true lengths and weights
+    tool_kg: float  # true mass of its tool
+    arm: Arm  # as the campaign describes it
+    mechanism: Mechanism  # as described, with the true weights
+
+    @classmethod
+    def drawn(cls, shipped: Arm, rng: np.random.Generator) -> _OwnArm:
+        """Draw lengths and weights of an arm of a kind."""
+        weights, tool_kg = draw_unstated(shipped, rng)
+        mechanism = nominal(shipped, weights, tool_kg)
+        return cls(weights, tool_kg, described(shipped, weights), mechanism)
+
+    @cached_property
+    def usual(self) -> Statics:
+        """What the weights do in usual poses."""
+        rng = np.random.default_rng(0)
+        q = rng.uniform(*joint_bounds(self.arm), (_TYPICAL_POSES, self.arm.n))
+        return self.mechanism.statics(q, np.zeros(len(q)))
+
+    @property
+    def usual_torques_Nm(self) -> Array:
+        """(P, n) torques in usual poses; none of joints that slide."""
+        return np.where(self.arm.prismatic, 0.0, self.usual.torque_Nm)
+
+    def usual_moment_Nm(self, of: str) -> float:
+        """Return the root mean square of the moment that a long link or the base carries."""
+        moment = self.usual.base_Nm
+        if of in LONG_LINKS:
+            moment = self.usual.link_Nm[:, self.mechanism.long_links[LONG_LINKS.index(of)]]
+        return float(np.sqrt(np.mean(np.sum(moment**2, axis=1))))
+
+    def loaded(self) -> list[int]:
+        """Return the joints, from 1, whose torque varies."""
+        vary_Nm = self.usual_torques_Nm.std(axis=0)
+        loaded = (vary_Nm > _LOADED * vary_Nm.max()) & (vary_Nm > 1e-9)
+        return (np.flatnonzero(loaded) + 1).tolist()
+
+
+def draw_measured_trial(
+    kind: str, number: int, subject: str, benches: Sequence[str], rng: np.random.Generator
+) -> Trial:
+    """Draw a trial of unstated masses or of sorted rows.
+
+    Args:
+        subject: what it hides, of `SUBJECTS`.
+        benches: of `measured_benches`.
+
+    Raises:
+        SettingsError: where the subject does nothing at any of the benches.
+    """
+    by_name = measured_benches()
+    fitting = [name for name in benches if _fits(subject, by_name[name].arm)]
+    if not fitting:
+        raise idle(subject, benches, "an arm with a joint that weights load among them")
+    bench = by_name[str(rng.choice(fitting))]
+    scenario = Scenario(kind, number, rng, bench, int(rng.integers(2**31)))
+    own = _OwnArm.drawn(bench.arm, rng)
+    plan: dict[str, Any] = {
+        "instrument": bench.instrument,
+        "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
+        "tool_mass_kg": own.tool_kg,
+        "targets": int(rng.choice([1, 2, 3])),
+        "unseen_rad": _UNSEEN_RAD,
+        "position_mm": round(log_uniform(POSITION_MM, rng), 4),
+        "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
+        "unstated": own.weights.model_dump(),
+    }
+    poses = round(log_uniform(POSES, rng))
+    by = None
+    if kind == UNSTATED:
+        repeats = _REPEATS if rng.random() < _REPEATED else 1
+        plan |= {
+            "poses": round(poses / repeats),
+            "repeats": repeats,
+            "order": "shuffled",
+            "holdout_share": _HELD_OUT_SHARE,
+        }
+        soft = _soft_joints(subject.removesuffix(AND_MORE), own, rng)
+        more = str(rng.choice(_MORE)) if subject.endswith(AND_MORE) else None
+    else:
+        by = _sorting_joint(subject, own, rng)
+        numbered = (number + number // len(SUBJECTS[SORTED])) % 2 == 0
+        plan |= {
+            "commanded": _sorted(own.arm, poses, by, rng),
+            "holdout_share": 0.0,
+            "holdout_every": _HELD_OUT_EVERY,
+            "clock": "row" if numbered else "none",
+        }
+        soft = [by] if subject == SPRING else []
+        more = None if subject in (NOTHING, SPRING) else subject
+    scenario.settings["without_touches"] = plan
+    for joint in soft:
+        scenario.put(SPRING, f"joint {joint}", {"K": _stiffness(joint, own, rng)}, 1.0)
+    if more is not None:
+        places = places_of(trial_places(all_effects()[more]), scenario.robot)
+        of = f"joint {by}" if f"joint {by}" in places else str(rng.choice(places))
+        _hide_more(scenario, more, of, own)
+    return scenario.trial("wild")
+
+
+def _fits(subject: str, arm: Arm) -> bool:
+    """Return whether a subject does something: no weight loads the joints of an upright SCARA."""
+    needs_load = subject == SPRING or subject.startswith((SOME_SPRINGS, ALL_SPRINGS))
+    return not (needs_load and _upright(arm))
+
+
+def _upright(arm: Arm) -> bool:
+    """Return whether all joints are upright, so that no weight loads one that turns."""
+    mechanism = Mechanism.of(arm, Departures.none(arm.n), tool_payload(0.0))
+    frames = mechanism.T_base_joints(np.ones((1, arm.n)))
+    return bool(np.all(np.abs(frames[:, 0, 2, 2]) > 1.0 - 1e-9))
+
+
+def _soft_joints(springs: str, own: _OwnArm, rng: np.random.Generator) -> list[int]:
+    """Return the joints, from 1, that give way."""
+    if springs == NO_SPRINGS:
+        return []
+    if springs == ALL_SPRINGS:
+        return (np.flatnonzero(~own.arm.prismatic) + 1).tolist()
+    loaded = own.loaded()
+    count = int(rng.integers(1, min(_MOST_SOFT, len(loaded)), endpoint=True))
+    return sorted(rng.choice(loaded, count, replace=False).tolist())
+
+
+def _stiffness(joint: int, own: _OwnArm, rng: np.random.Generator) -> float:
+    """Return the stiffness [N m/rad] with which a joint bends plausibly; see `SAG_RAD`."""
+    largest_Nm = np.abs(own.usual_torques_Nm).max(axis=0)
+    torque_Nm = max(largest_Nm[joint - 1], _LOADED * largest_Nm.max())
+    return round(float(torque_Nm / log_uniform(SAG_RAD, rng)), 3)
+
+
+def _hide_more(scenario: Scenario, name: str, of: str, own: _OwnArm) -> None:
+    """Hide an effect at some times the size that the vocabulary holds for plausible.
+
+    What goes by moments has its size by those of this arm, and motion that is lost is positive.
+    """
+    effect, times = all_effects()[name], log_uniform(_TIMES[scenario.kind], scenario.rng)
+    site = Site(of, half_m=0.5 * own.arm.reach_m, middle_m=scenario.bench.middle_m(scenario.robot))
+    scenario.hide(effect, times * effect.plausible_size, site)
+    parameters = scenario.hidden[-1]["parameters"]
+    if name in ("link_bending", "base_compliance"):
+        turn = times * log_uniform(_TURN_RAD, scenario.rng) / own.usual_moment_Nm(of)
+        scenario.hidden[-1]["parameters"] = dict.fromkeys(parameters, turn)
+    elif name == "backlash":
+        scenario.hidden[-1]["parameters"] = {"b": abs(parameters["b"])}
+
+
+def _sorting_joint(subject: str, own: _OwnArm, rng: np.random.Generator) -> int:
+    """Return the joint, from 1, by which rows are sorted; the first more often than others."""
+    if subject == SPRING:
+        return int(rng.choice(own.loaded()))
+    if rng.random() < _BY_FIRST:
+        return 1
+    fitting = np.ones(own.arm.n, bool) if subject == NOTHING else ~own.arm.prismatic
+    return int(rng.choice(np.flatnonzero(fitting) + 1))
+
+
+def _sorted(
+    arm: Arm, poses: int, by: int, rng: np.random.Generator
+) -> tuple[tuple[float, ...], ...]:
+    """Return configurations [deg, mm] in the order of a joint, from 1; see `_SORTED`."""
+    low, high = (
+        np.where(arm.prismatic, 1e3 * bound, np.degrees(bound)) for bound in joint_bounds(arm)
+    )
+    q = rng.uniform(low, high, (poses, arm.n))
+    first, how = q[:, by - 1], str(rng.choice(list(_SORTED), p=list(_SORTED.values())))
+    if how == "nested":
+        steps = np.linspace(low[by - 1], high[by - 1], int(rng.integers(*_STEPS, endpoint=True)))
+        level = np.abs(first[:, None] - steps).argmin(axis=1)
+        q[:, by - 1] = steps[level]
+        within = rng.choice([joint for joint in range(arm.n) if joint != by - 1])
+        turned = np.where(level % 2 == 1, -1.0, 1.0) if rng.random() < 0.5 else 1.0
+        order = np.lexsort([turned * q[:, within], level])
+    elif how == "there_and_back":
+        back = rng.random(poses) < 0.5
+        order = np.lexsort([np.where(back, -first, first), back])
+    else:
+        order = np.argsort(first)
+    if rng.random() < 0.5:
+        order = order[::-1]
+    return tuple(map(tuple, q[order].round(_DECIMALS).tolist()))
+
+
+# What an effect leaves in the readings once the whole geometry is fitted to them again.
+#
+# Worked out from the truth, for the scoring alone: the readings without noise, with the effect and
+# without it, less all small motions of the base, of every joint's frame and of the tool.
+
+#: Motions that are less than this part of the largest one, once the others are taken out, are those
+#: that the others make already.
+_REDUNDANT = 1e-9
+
+
+@dataclass(frozen=True)
+class AfterGeometry:
+    """What each effect of a campaign leaves, beside the noise."""
+
+    # how far each moves the readings after the geometry is fitted again, root mean square of
+    # positions
+    moved_mm: tuple[float, ...]
+    apart_mm: tuple[float, ...]  # the same once the sizes of the other effects are fitted, too
+    noise_mm: float  # what noise moves positions by, likewise, averaged over repeats
+
+
+def after_geometry(made: Campaign, without: Sequence[Campaign]) -> AfterGeometry:
+    """Return what the effects of a campaign leave.
+
+    Args:
+        made: the campaign of a tracker.
+        without: it without one of its effects each, in their order.
+    """
+    plan = made.settings.without_touches
+    if plan is None:
+        raise ValueError("touched balls are not refitted here")
+    readings = _Readings(made, plan)
+    basis = readings.geometry()
+    moved = [readings.difference(each) for each in without]
+    left = [_less(each, basis) for each in moved]
+    apart = [
+        _less(each, _basis(np.column_stack([basis, *left[:k], *left[k + 1 :]])))
+        for k, each in enumerate(left)
+    ]
+    return AfterGeometry(
+        tuple(map(readings.position_mm, left)),
+        tuple(map(readings.position_mm, apart)),
+        readings.noise_mm(),
+    )
+
+
+class _Readings:
+    """Readings of every calibration pose once, in the base's frame, in units of their noise."""
+
+    def __init__(self, made: Campaign, plan: TrackerOptions) -> None:
+        schedule = made.truth.schedule
+        self._made, self._plan = made, plan
+        self._rows = np.flatnonzero((schedule.kind == "grid") & (schedule.repeat == 1))
+        self._turns = plan.instrument == "pose"
+        self._p_m, self._R = self._read(made)
+
+    def difference(self, other: Campaign) -> Array:
+        """Return by how much readings differ from those of a twin, one long vector."""
+        p_m, R = self._read(other)
+        turned = Rotation.from_matrix(self._R @ R.transpose(0, 2, 1)).as_rotvec()
+        return self._stacked((self._p_m - p_m)[..., None], turned[..., None])[:, 0]
+
+    def geometry(self) -> Array:
+        """Return an orthonormal basis of what small motions of all frames do to the readings."""
+        return _basis(np.hstack([self._stacked(*self._moved_with(T)) for T in self._frames()]))
+
+    def position_mm(self, difference: Array) -> float:
+        """Return the root mean square of the positions of a difference."""
+        p_mm = difference[: self._p_m.size] * self._plan.position_mm
+        return float(np.sqrt(3.0 * np.mean(p_mm**2)))
+
+    def noise_mm(self) -> float:
+        """Return the noise of the instrument, and of links about their motors."""
+        links_mm2 = 0.0
+        slides = self._made.truth.robot.mechanism.slides
+        off_mm = 1e3 * np.hypot(self._plan.unseen_rad, self._plan.resolver_rad)
+        for slide, T in zip(slides, self._frames()[1:], strict=True):
+            along_z = self._moved_with(T)[0][..., 5 if slide else 2]
+            links_mm2 += float(np.mean(np.sum((off_mm * along_z) ** 2, axis=-1)))
+        noise_mm2 = 3.0 * self._plan.position_mm**2 + links_mm2
+        return float(np.sqrt(noise_mm2 / self._plan.repeats))
+
+    def _read(self, made: Campaign) -> tuple[Array, Array]:
+        """Return positions (P, B, 3) [m] and orientations (P, 3, 3), as read without noise."""
+        truth, robot = made.truth, made.truth.robot
+        T = truth.rest.T_base_ee[self._rows]
+        on_tool_m = robot.T_ee_target[None, :3, 3] if self._turns else robot.targets.p_ee_m
+        along_m = on_tool_m + truth.tool_shift_m[self._rows, None]
+        p_m = np.einsum("pij,pbj->pbi", T[:, :3, :3], along_m) + T[:, None, :3, 3]
+        R, t_m = robot.T_instr_base[:3, :3], robot.T_instr_base[:3, 3]
+        return (truth.as_read(p_m @ R.T + t_m) - t_m) @ R, T[:, :3, :3]
+
+    def _frames(self) -> list[Array]:
+        """Return frames that geometry moves, (P, 4, 4): the base and what each joint carries."""
+        truth = self._made.truth
+        joints = truth.robot.mechanism.T_base_joints(truth.rest.q[self._rows])
+        return [np.broadcast_to(np.eye(4), (len(self._rows), 4, 4)), *joints]
+
+    def _moved_with(self, T: Array) -> tuple[Array, Array]:
+        """Return what turns about a frame's axes and shifts along them do.
+
+        Returns:
+            (P, B, 3, 6) motions of the positions, and (P, 3, 6) turns.
+        """
+        axes = T[:, :3, :3]
+        lever_m = self._p_m - T[:, None, :3, 3]
+        turned = np.cross(axes[:, None], lever_m[..., None], axisa=2, axisb=2, axisc=2)
+        shifted = np.broadcast_to(axes[:, None], turned.shape)
+        return np.concatenate([turned, shifted], -1), np.concatenate([axes, 0.0 * axes], -1)
+
+    def _stacked(self, moved_m: Array, turned: Array) -> Array:
+        """Return positions (P, B, 3, k) and turns (P, 3, k) as columns in units of their noise."""
+        count = moved_m.shape[-1]
+        rows = [1e3 / self._plan.position_mm * moved_m.reshape(-1, count)]
+        if self._turns:
+            rows.append(turned.reshape(-1, count) / self._plan.attitude_rad)
+        return np.concatenate(rows)
+
+
+def _basis(columns: Array) -> Array:
+    """Return an orthonormal basis of the span of some columns of any scale."""
+    length = np.linalg.norm(columns, axis=0)
+    kept = columns[:, length > 0.0] / length[length > 0.0]
+    left, size, _ = np.linalg.svd(kept, full_matrices=False)
+    return left[:, size > _REDUNDANT * size.max(initial=0.0)]
+
+
+def _less(difference: Array, basis: Array) -> Array:
+    """Return a difference without its part in the span of a basis."""
+    left: Array = difference - basis @ (basis.T @ difference)
+    return left

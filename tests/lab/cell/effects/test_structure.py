@@ -1,0 +1,127 @@
+"""Effects of links and base, in the whole chain, against a direct finite evaluation.
+
+The effects are made so small that the posture's own change does not show, and compared as
+displacements of the flange of the stiff arm.
+"""
+
+import numpy as np
+import pytest
+
+from pa10cal.lab.cell.effects import structure
+from pa10cal.lab.cell.instruments.instrument import rest_poses
+
+Q = np.random.default_rng(11).uniform(-1.2, 1.2, (8, 6))
+LOADS = np.resize([0.0, 44.0, 90.0], 8)
+HOURS = np.linspace(0.0, 7.0, 8)
+WARMING = np.linspace(-2.0, 5.0, 8)
+TINY = 1e-8  # rad/(N m)
+
+
+def moved(rigid, effect):
+    """Displacement and turn of the flange that the effect brings, (8, 3) each, in the world."""
+    state = (Q, LOADS, 3600.0 * HOURS, WARMING)
+    before, after = (rest_poses(rigid, effects, *state).T_base_ee for effects in ((), (effect,)))
+    turn = after[:, :3, :3] @ before[:, :3, :3].transpose(0, 2, 1)
+    vector = 0.5 * np.stack(
+        [
+            turn[:, 2, 1] - turn[:, 1, 2],
+            turn[:, 0, 2] - turn[:, 2, 0],
+            turn[:, 1, 0] - turn[:, 0, 1],
+        ],
+        axis=1,
+    )
+    return after[:, :3, 3] - before[:, :3, 3], vector
+
+
+def link_moved(rigid, plain, near, far, turn_of):
+    """The same, when the end `far` of the link from row `near` turns and shifts by `turn_of`."""
+    other = plain(rigid)
+    shifts, turns = [], []
+    for q, load_N in zip(Q, LOADS, strict=True):
+        frames = other.frames(q)
+        start, end, flange = frames[near][:3, 3], frames[far][:3, 3], frames[-1][:3, 3]
+        length, axis = np.linalg.norm(end - start), (end - start) / np.linalg.norm(end - start)
+        turn, shift = turn_of(other.moment(q, load_N, far, end), length, axis)
+        turns.append(turn)
+        shifts.append(shift + np.cross(turn, flange - end))
+    return np.array(shifts), np.array(turns)
+
+
+def assert_same(found, wanted):
+    for one, other in zip(found, wanted, strict=True):
+        assert np.abs(other).max() > 0.0
+        assert np.abs(one - other).max() < 1e-4 * np.abs(other).max()
+
+
+#: Rows at the near and far joint of the two long links: joints 2 to 3, and 4 to 5.
+LINKS = [("upper_arm", 1, 2), ("forearm", 3, 4)]
+
+
+@pytest.mark.parametrize(("name", "near", "far"), LINKS)
+def test_link_bending(rigid, plain, name, near, far):
+    def turn_of(moment, length, axis):
+        turn = TINY * (moment - axis * (axis @ moment))
+        return turn, 2 / 3 * length * np.cross(turn, axis)
+
+    effect = structure.LinkBending(c=TINY).at(name)
+    assert_same(moved(rigid, effect), link_moved(rigid, plain, near, far, turn_of))
+
+
+def test_link_torsion(rigid, plain):
+    def turn_of(moment, length, axis):
+        return TINY * axis * (axis @ moment), np.zeros(3)
+
+    effect = structure.LinkTorsion(c=TINY).at("forearm")
+    assert_same(moved(rigid, effect), link_moved(rigid, plain, 3, 4, turn_of))
+
+
+def test_a_weight_beyond_the_elbow_bends_the_upper_arm_down(rigid):
+    level = np.array([[0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0]])  # straight out
+    state = (level, np.array([44.0]), np.zeros(1), np.zeros(1))
+    bending = structure.LinkBending(c=1e-6).at("upper_arm")
+    stiff, bent = (rest_poses(rigid, effects, *state).T_base_ee[0] for effects in ((), (bending,)))
+    assert bent[2, 3] < stiff[2, 3] - 1e-5
+
+
+def test_base_compliance_tilts_about_x_and_y(rigid, plain):
+    other = plain(rigid)
+    effect = structure.BaseCompliance(cx=TINY, cy=3 * TINY).at("base")
+    turns = np.array(
+        [
+            np.array([TINY, 3 * TINY, 0.0]) * other.moment(q, load_N, 0, np.zeros(3))
+            for q, load_N in zip(Q, LOADS, strict=True)
+        ]
+    )
+    flanges = np.array([other.frames(q)[-1][:3, 3] for q in Q])
+    assert_same(moved(rigid, effect), (np.cross(turns, flanges), turns))
+
+
+def test_base_drift_moves_the_base_at_its_rate(rigid):
+    rate = np.array([1e-5, -2e-5, 3e-6])
+    shift, turn = moved(rigid, structure.BaseDrift(rate=tuple(rate)).at("base"))
+    assert shift == pytest.approx(np.outer(HOURS, rate), abs=1e-15)
+    assert np.abs(turn).max() < 1e-15
+
+
+def test_thermal_growth_stretches_pedestal_upper_arm_and_forearm(rigid, plain):
+    frames = np.array([plain(rigid).frames(q) for q in Q])
+    spans = sum(
+        frames[:, far, :3, 3] - frames[:, near, :3, 3] for near, far in ((0, 1), (1, 2), (3, 4))
+    )
+    shift, turn = moved(rigid, structure.ThermalGrowth(alpha=2e-5).at("arm"))
+    assert shift == pytest.approx(2e-5 * WARMING[:, None] * spans, abs=1e-14)
+    assert np.abs(turn).max() < 1e-15
+
+
+def test_springs_and_structure_yield_together(robot, plain):
+    """The moment is that of the posture at rest, springs and bent link included."""
+    effect = structure.LinkBending(c=1e-6).at("upper_arm")
+    zero = np.zeros(8)
+    rest = rest_poses(robot, (effect,), Q, LOADS, zero, zero)
+    delta = Q - rest.q
+    k_lin, k_cub = robot.springs.k_lin, robot.springs.k_cub
+    for j in (1, 2, 4):
+        held = k_lin[j] * delta[:, j] + k_cub[j] * delta[:, j] ** 3
+        assert held == pytest.approx(rest.tau_Nm[:, j], abs=1e-8)
+    other = rest_poses(robot, (), Q, LOADS, zero, zero)
+    assert np.abs(rest.tau_Nm - other.tau_Nm).max() > 1e-4

@@ -1,0 +1,56 @@
+"""Trials of drives: what they hide, and in which campaigns."""
+
+import numpy as np
+import pytest
+
+from pa10cal.errors import SettingsError
+from pa10cal.lab.cell.drive_trials import (
+    DRIVE_BENCHES,
+    DRIVE_KINDS,
+    POSES,
+    campaigns_of,
+    draw_drive_trials,
+)
+
+IDS = {
+    "sensor": {"sensor_error"},
+    "gear": {"gear_error"},
+    "both": {"sensor_error", "gear_error"},
+    "neither": {"motor_ripple"},
+}
+
+
+@pytest.mark.parametrize("kind", DRIVE_KINDS)
+def test_fewer_trials_are_the_first_of_more_and_benches_take_turns(kind):
+    trials = draw_drive_trials(kind, 6, 1)
+    assert draw_drive_trials(kind, 3, 1) == trials[:3]
+    assert [trial.bench for trial in trials[:4]] == [bench.name for bench in DRIVE_BENCHES]
+    assert not {trial.name for trial in trials} & {t.name for t in draw_drive_trials(kind, 6, 2)}
+    for trial in trials:
+        hidden = trial.settings.hidden_effects
+        assert {each.id for each in hidden} == IDS[kind]
+        assert len({each.parameters["ratio"] for each in hidden}) == 1
+        for of in {each.of for each in hidden}:
+            ripples = [any(each.parameters["ripple"]) for each in hidden if each.of == of]
+            assert sum(ripples) == 1  # a motor has one
+
+
+def test_campaigns_are_of_one_robot_in_poses_and_noise_of_their_own():
+    for trial in draw_drive_trials("sensor", 4, 3):
+        each = campaigns_of(trial)
+        assert len(each) == int(trial.bench[-1])
+        plans = [settings.without_touches for settings in each]
+        assert POSES[0] - 4 <= sum(plan.poses for plan in plans) <= POSES[1] + 4
+        assert len({settings.random_seed for settings in each}) == len(each)
+        assert len({plan.commanded[0] for plan in plans}) == len(each)
+        assert all(s.hidden_effects == trial.settings.hidden_effects for s in each)
+        q = np.array(plans[0].commanded)
+        stays = np.mean(np.diff(q, axis=0) == 0.0)
+        assert 0.1 < stays < 0.3
+        if trial.bench == "ur10-1":
+            assert np.ptp(q) > 700.0  # more than one turn
+
+
+def test_refuses_another_kind():
+    with pytest.raises(SettingsError, match="sensor, gear, both, neither"):
+        draw_drive_trials("motor", 1, 1)

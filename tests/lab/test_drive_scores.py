@@ -1,0 +1,83 @@
+"""What trials of drives come to, from verdicts written out."""
+
+import pytest
+
+import made_up_trials
+from made_up_trials import named, verdict
+from pa10cal.lab.drive_scores import false_names, outcome, scores_record
+from pa10cal.results.record import Name
+
+
+def trial(kind, hidden, found, number=0, failed=None):
+    """One joint 2 of an arm; `found` are names with alternatives, of joint 2 unless they say so."""
+    effects = [named(*map(_name, names)) for names in found]
+    return made_up_trials.trial(
+        kind,
+        [made_up_trials.hidden(_name(each), moved_mm=None, ratio=101.0) for each in hidden],
+        None if failed else verdict(*effects, word="named" if effects else "none"),
+        campaign=f"drive-{kind}-{number}",
+        layout="ur10-1",
+        measured="drives",
+        springs=(),
+        failed=failed or "",
+    )
+
+
+def _name(text):
+    name, _, of = text.partition("@")
+    return Name(name, of or "joint 2")
+
+
+S, G, M = "sensor_error", "gear_error", "joint_error_map"
+
+
+@pytest.mark.parametrize(
+    ("hidden", "found", "became"),
+    [
+        ([S], [[S]], "right"),
+        ([G], [[G]], "right"),
+        ([S], [[S, G]], "ambiguous"),
+        ([S], [[G, S]], "ambiguous"),
+        ([S], [[G]], "wrong"),
+        ([S, G], [[S, G]], "right"),
+        ([S, G], [[S]], "ambiguous"),
+        ([S], [[M]], "no_cause"),
+        ([S], [["backlash"]], "missed"),
+        ([S], [[S + "@joint 3"]], "missed"),
+        ([S], [], "missed"),
+    ],
+)
+def test_what_became_of_a_joint(hidden, found, became):
+    assert outcome(trial("sensor", hidden, found), "joint 2")[0] == became
+
+
+def test_false_names_are_those_of_nothing_hidden():
+    quiet = trial("neither", ["motor_ripple"], [[S], [M], ["backlash@joint 3", "arrival_error"]])
+    assert false_names(quiet) == ("sensor_error of joint 2", "backlash of joint 3")
+    assert false_names(trial("sensor", [S], [[S, G]])) == ()
+
+
+def test_bars_count_joints_and_quiet_trials():
+    trials = [
+        trial("sensor", [S], [[S]], 0),
+        trial("sensor", [S], [[G]], 1),
+        trial("gear", [G], [[G]], 2),
+        trial("both", [S, G], [[S, G]], 3),
+        trial("sensor", [S], [], 4, failed="no poses"),
+        trial("neither", ["motor_ripple"], [], 5),
+        trial("neither", ["motor_ripple"], [[S]], 6),
+    ]
+    found = scores_record(trials)
+    whole, sensor, gear, both, wrong, quiet = found.bars
+    assert (whole.reached, whole.trials) == (pytest.approx(3 / 5), 5)
+    assert (sensor.reached, gear.reached, both.reached) == (pytest.approx(1 / 3), 1.0, 1.0)
+    assert wrong.reached == pytest.approx(1 / 5)
+    assert (quiet.reached, quiet.met) == (0.5, False)
+    assert [joint.outcome for joint in found.joints] == [
+        "right",
+        "wrong",
+        "right",
+        "right",
+        "failed",
+    ]
+    assert found.per_trial[4].verdict == "failed: no poses"

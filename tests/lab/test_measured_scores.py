@@ -1,0 +1,196 @@
+"""Scores of made-up trials of unstated masses and of sorted rows: every bar can be missed."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+import made_up_trials
+from made_up_trials import hidden, named, verdict
+from pa10cal.commands.command_line import run_command
+from pa10cal.lab.blind_trial import SORTED, UNSTATED, WILD
+from pa10cal.lab.wild_scores import bars, failings, scores_record
+from pa10cal.results.codec import lines, write
+from pa10cal.results.record import Name
+from pa10cal.results.trials import FailedTrialRecord, HiddenEffect, TrialTruthRecord
+
+NOISE_MM = 0.02
+TWO, THREE, SIX = (Name("joint_compliance", f"joint {joint}") for joint in (2, 3, 6))
+DISK = Name("encoder_eccentricity", "joint 2")
+RATIO = Name("gear_ratio_error", "joint 1")
+WANDERED = "the instrument or the base wandered by 0.1 mm (root mean square) in 2 h"
+MOVED = "the instrument or the base moved by 0.2 mm and 0.1 mrad"
+
+
+def said(word="named", names=(), faults=(), motions=(), grade="good", after_mm=0.02):
+    """Return a verdict; a name with alternatives is a tuple of names."""
+    found = [each if isinstance(each[0], Name) else (each,) for each in names]
+    return verdict(
+        *(named(*each) for each in found),
+        word=word,
+        not_testable=[TWO],  # what the verdict itself says of that does not count
+        springs=(2, 3),
+        noise_floor_mm=99.0,  # nor its noise
+        after_mm=after_mm,
+        before_mm=0.02,
+        faults=faults,
+        motions=motions,
+        health=(grade, ()),
+    )
+
+
+def trial(kind, said, *hiding, refused=False):
+    """Return a trial with effects of so many noises: (name, moved, apart)."""
+    return made_up_trials.trial(
+        kind,
+        [
+            hidden(name, moved_mm=moved * NOISE_MM, apart_mm=apart * NOISE_MM)
+            for name, moved, apart in hiding
+        ],
+        said,
+        layout="ur10-pose",
+        measured=WILD,
+        springs=(),
+        noise_mm=NOISE_MM,
+        refused=refused,
+    )
+
+
+LARGE, LESS, SMALL = (TWO, 9.0, 8.0), (THREE, 1.2, 0.5), (SIX, 1.0, 1.0)
+CASES = {
+    "named": (trial(UNSTATED, said(names=[TWO, THREE]), LARGE, LESS), ()),
+    "an alternative": (trial(UNSTATED, said(names=[(DISK, TWO)]), LARGE), ()),
+    "a small one need not be": (trial(UNSTATED, said(names=[TWO]), LARGE, SMALL), ()),
+    "a small one may be": (trial(UNSTATED, said(names=[TWO, SIX]), LARGE, SMALL), ()),
+    "not found": (
+        trial(UNSTATED, said("unexplained"), LARGE),
+        ("spring not found",),
+    ),
+    "another name instead": (
+        trial(UNSTATED, said(names=[DISK]), LARGE),
+        ("spring not found", "wrong name"),
+    ),
+    "wrong in any verdict": (
+        trial(UNSTATED, said("unexplained", names=[TWO, RATIO]), LARGE),
+        ("wrong name",),
+    ),
+    "a spring where none is": (
+        trial(UNSTATED, said(names=[TWO, SIX]), LARGE),
+        ("wrong name",),
+    ),
+    "another effect": (
+        trial(UNSTATED, said(names=[TWO]), LARGE, (RATIO, 5.0, 5.0)),
+        ("other effect not found",),
+    ),
+    "nothing hidden": (trial(UNSTATED, said("none")), ()),
+    "nothing hidden, a spring": (
+        trial(UNSTATED, said("ambiguous", names=[(TWO, DISK)])),
+        ("nothing hidden, a name",),
+    ),
+    "crash": (trial(UNSTATED, None, LARGE), ("no verdict", "spring not found")),
+    "refused": (trial(UNSTATED, None, refused=True), ("no verdict", "accused")),
+    "suspected": (
+        trial(UNSTATED, said("named", [TWO], grade="suspect_input"), LARGE),
+        ("accused",),
+    ),
+    "worse": (trial(UNSTATED, said(names=[TWO], after_mm=0.022), LARGE), ("worse held out",)),
+    "a drift in masses trials is no bar": (
+        trial(UNSTATED, said(names=[TWO], motions=[WANDERED]), LARGE),
+        (),
+    ),
+    "sorted": (trial(SORTED, said("none")), ()),
+    "sorted, unnamed": (trial(SORTED, said("unexplained"), LARGE), ()),
+    "sorted, wandered": (
+        trial(SORTED, said("unexplained", motions=[WANDERED])),
+        ("motion as a fact",),
+    ),
+    "sorted, a step": (
+        trial(SORTED, said("check_the_log", faults=[("step_in_time", "P1")], motions=[MOVED])),
+        ("motion as a fact", "accused"),
+    ),
+    "sorted, a drift": (
+        trial(SORTED, said(names=[Name("base_drift", "base")])),
+        ("nothing hidden, a name", "motion as a fact"),
+    ),
+    "sorted, told with its rival": (
+        trial(
+            SORTED,
+            said("unexplained", motions=[f"{WANDERED}, or an error of joint 1 by which rows go"]),
+        ),
+        (),
+    ),
+    "sorted, a null named": (
+        trial(SORTED, said(names=[DISK])),
+        ("nothing hidden, a name",),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_trial_counts_against_the_bars_that_it_misses(name):
+    case, expected = CASES[name]
+    assert set(failings(case)) == set(expected)
+
+
+def test_bars_count_springs_and_trials():
+    trials = [case for case, _ in CASES.values()]
+    found = {bar.what: bar for bar in bars(trials)}
+    springs = found["springs that leave 1.5 times the noise: named or listed"]
+    assert springs.trials == 14
+    assert springs.trials - round(springs.reached * springs.trials) == 3
+    apart = found["of these, that nothing else hidden can replace: named or listed"]
+    assert apart.trials == 13
+    wrong = found["springs or an effect: a wrong confident name"]
+    assert round(wrong.reached * wrong.trials) == 3
+    nulls = found["no masses stated, nothing hidden: a name"]
+    assert (nulls.trials, round(nulls.reached * nulls.trials)) == (3, 1)
+    motion = found["rows sorted: a motion told as a fact"]
+    assert (motion.trials, round(motion.reached * motion.trials)) == (7, 3)
+    assert motion.limit == 0.0
+    assert not any(bar.met for bar in found.values() if bar.share)
+    fine = [CASES[name][0] for name in ("named", "another effect", "nothing hidden", "sorted")]
+    fine[1] = replace(fine[1], said=said(names=[TWO, RATIO]))
+    assert all(bar.met for bar in bars(fine) if bar.trials)
+
+
+def test_scores_are_drawn_and_listed(tmp_path):
+    scores = scores_record([case for case, _ in CASES.values()])
+    by_id = {(each.kind, each.id): each for each in scores.subjects}
+    springs = by_id[UNSTATED, "joint_compliance"]
+    assert (springs.above_noise, springs.told) == (14, 11)
+    assert (UNSTATED, "encoder_eccentricity") not in by_id  # named, never hidden
+    write(scores, tmp_path / "scores.json")
+    assert run_command("figures", ["--results", str(tmp_path)]) == 0
+    assert "another cause" in (tmp_path / "tables/wild_summary.md").read_text("utf-8")
+
+
+def test_truths_of_these_kinds_are_scored_as_such(tmp_path):
+    truth = TrialTruthRecord(
+        campaign="wild-1",
+        kind=UNSTATED,
+        measured=WILD,
+        layout="ur10-pose",
+        path="",
+        temperature_drift_C=0.0,
+        flexible_joints=(),
+        hidden_effects=(
+            HiddenEffect(
+                id=TWO.id, of=TWO.of, parameters={"K": 1e4}, size=1.0, moved_mm=0.2, apart_mm=0.1
+            ),
+        ),
+        stated_uncertainty_mm=None,
+        mass_factor=(),
+        seconds_twin=0.0,
+        noise_mm=NOISE_MM,
+    )
+    failed = FailedTrialRecord(campaign="wild-1", failed="LinAlgError: x")
+    paths = {name: tmp_path / name for name in ("verdicts", "truths", "scores", "trials")}
+    paths["verdicts"].write_text(lines([failed]), "utf-8")
+    paths["truths"].write_text(lines([truth]), "utf-8")
+    words = [word for name, path in paths.items() for word in (f"--{name}", str(path))]
+    assert run_command("score_trials", words) == 0
+    scores = json.loads(paths["scores"].read_text("utf-8"))
+    assert scores["schema"] == "pa10cal-wild-trials/1"
+    assert scores["bars"][0]["trials"] == 1
+    assert scores["bars"][0]["reached"] == 0.0
+    assert scores["per_trial"][0]["failings"] == ["no verdict", "spring not found"]

@@ -1,0 +1,361 @@
+"""Scores of hand-made verdicts: every rule can fail, and does where it should."""
+
+import numpy as np
+import pytest
+
+import made_up_trials
+from made_up_trials import hidden, named
+from pa10cal.lab.trial_scores import (
+    ELSEWHERE,
+    FAILED,
+    LISTED,
+    NOT_TESTABLE,
+    NOTHING,
+    RIGHT_PLACE,
+    WRONG_PLACE,
+    bars,
+    confusion,
+    intervals,
+    outcome,
+    score_gap,
+    score_nothing_hidden,
+    score_outside,
+    score_several,
+    score_singles,
+    study_power,
+    true_parameters,
+)
+from pa10cal.results.record import Name
+
+WAVE = Name("transmission_error", "joint 2")
+DISK = Name("encoder_eccentricity", "joint 2")
+ELLIPSE = Name("encoder_ellipticity", "joint 2")
+MAP = Name("joint_error_map", "joint 2")
+LOST = Name("backlash", "joint 3")
+GAIN = Name("torque_gain", "joint 2")
+THIRD = Name("third_harmonic", "joint 2")
+FLOOR_MM = 0.005
+
+
+def verdict(*effects, **more):
+    return made_up_trials.verdict(*effects, **({"springs": (2, 3, 5)} | more))
+
+
+def trial(kind, what, said, moved_mm=0.05, **more):
+    what = (hidden(each, moved_mm=moved_mm) if isinstance(each, Name) else each for each in what)
+    return made_up_trials.trial(kind, what, said, **more)
+
+
+def single(what, said, **more):
+    return trial("single", [what], said, **more)
+
+
+def test_the_ratio_is_that_of_root_mean_squares_with_the_noise_added():
+    floor_rms_mm = FLOOR_MM * np.sqrt(3.0 * np.pi / 8.0)
+    found = single(WAVE, verdict(), moved_mm=2.0 * floor_rms_mm)
+    assert found.moved_over_floor(found.hidden[0]) == pytest.approx(2.0)
+    assert found.ratio(found.hidden[0]) == pytest.approx(np.sqrt(5.0))
+    failed = single(WAVE, None)
+    assert failed.ratio(failed.hidden[0]) is None
+
+
+def test_the_floor_is_the_mean_length_of_a_vector_with_alike_components():
+    length = np.linalg.norm(np.random.default_rng(0).standard_normal((200_000, 3)), axis=1)
+    ratio = np.sqrt(np.mean(length**2)) / length.mean()
+    found = single(WAVE, verdict(), moved_mm=FLOOR_MM * ratio)
+    assert found.moved_over_floor(found.hidden[0]) == pytest.approx(1.0, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("said", "named_share", "unexplained_share"),
+    [
+        (verdict(), 0.0, 0.0),
+        (verdict(word="not_sought"), 0.0, 0.0),
+        (verdict(named(WAVE)), 1.0, 0.0),
+        (verdict(named(WAVE, DISK)), 1.0, 0.0),
+        (verdict(word="unexplained", places=("base",)), 0.0, 1.0),
+        (verdict(named(LOST), word="unexplained", places=(None,)), 1.0, 1.0),
+        (None, 1.0, 0.0),
+    ],
+)
+def test_nothing_hidden(said, named_share, unexplained_share):
+    found = score_nothing_hidden([trial("null", [], said)])
+    assert (found.named.share, found.unexplained.share) == (named_share, unexplained_share)
+
+
+@pytest.mark.parametrize(
+    ("said", "right", "alone", "listed", "wrong"),
+    [
+        (verdict(named(WAVE)), 1.0, 1.0, 1.0, 0.0),
+        (verdict(named(WAVE, LOST)), 1.0, 0.0, 1.0, 0.0),
+        (verdict(named(WAVE), named(LOST)), 1.0, 0.0, 1.0, 1.0),
+        (verdict(named(LOST, WAVE)), 0.0, 0.0, 1.0, 0.0),
+        (verdict(named(LOST)), 0.0, 0.0, 0.0, 1.0),
+        (verdict(named(Name("transmission_error", "joint 3"))), 0.0, 0.0, 0.0, 1.0),
+        (verdict(), 0.0, 0.0, 0.0, 0.0),
+        (verdict(word="not_sought"), 0.0, 0.0, 0.0, 0.0),
+        (verdict(word="unexplained", places=("joint 2",)), 0.0, 0.0, 0.0, 0.0),
+        (None, 0.0, 0.0, 0.0, 1.0),
+    ],
+)
+def test_one_large_effect(said, right, alone, listed, wrong):
+    found = score_singles([single(WAVE, said)])
+    assert found.large.share == right
+    assert found.large_alone.share == alone
+    assert found.above.share == listed
+    assert found.wrong.share == wrong
+
+
+def test_only_large_and_separable_effects_must_be_named():
+    small = single(WAVE, verdict(), moved_mm=2.0 * FLOOR_MM)
+    assert score_singles([small]).large.of == 0
+    assert score_singles([small]).above.of == 1
+    least = single(WAVE, verdict(), moved_mm=0.5 * FLOOR_MM)
+    assert score_singles([least]).above.of == 0
+    close = verdict(named(LOST), indistinguishable=(frozenset({WAVE, LOST}),))
+    assert score_singles([single(WAVE, close)]).large.of == 0
+    assert score_singles([single(WAVE, close)]).above.of == 1
+    other = verdict(named(LOST), indistinguishable=(frozenset({DISK, LOST}),))
+    assert score_singles([single(WAVE, other)]).large.of == 1
+    hopeless = verdict(not_testable=frozenset({WAVE}))
+    found = score_singles([single(WAVE, hopeless)])
+    assert (found.large.of, found.not_testable, found.detected.of) == (0, 1, 0)
+
+
+def test_a_map_is_no_rival_of_a_named_form_and_told_where_forms_are_told():
+    with_map = verdict(named(DISK), indistinguishable=(frozenset({DISK, MAP}),))
+    assert single(DISK, with_map).is_separable(hidden(DISK))
+    assert single(MAP, with_map).is_separable(hidden(MAP))
+    forms = verdict(named(DISK), indistinguishable=(frozenset({DISK, ELLIPSE, MAP}),))
+    assert not single(DISK, forms).is_separable(hidden(DISK))
+    assert not single(MAP, forms).is_separable(hidden(MAP))
+
+
+def test_what_only_the_torque_shows_is_held_against_the_torque():
+    rigid = Name("friction_torque", "joint 1")
+    flexible = Name("friction_torque", "joint 2")
+    one = single(GAIN, verdict(named(GAIN)))
+    assert not one.moves_poses(one.hidden[0])
+    assert not single(rigid, verdict()).moves_poses(hidden(rigid))
+    assert single(flexible, verdict()).moves_poses(hidden(flexible))
+    found = score_singles([one, single(rigid, verdict())])
+    assert (found.large.of, found.above.of) == (0, 0)
+    assert (found.torque_alone.count, found.torque_alone.of) == (1, 2)
+
+
+def test_found_are_those_with_a_finding_and_alternatives_are_counted():
+    trials = [
+        single(WAVE, verdict(named(WAVE, DISK, LOST))),
+        single(WAVE, verdict(named(WAVE))),
+        single(WAVE, verdict(word="unexplained", places=(None,))),
+        single(WAVE, verdict()),
+    ]
+    found = score_singles(trials)
+    assert (found.found.count, found.found.of) == (2, 3)
+    assert (found.detected.count, found.detected.of) == (3, 4)
+    assert found.alternatives == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("what", "said", "wrong", "right_place", "silent"),
+    [
+        (THIRD, verdict(word="unexplained", places=("joint 2",)), 0.0, 1.0, 0.0),
+        (THIRD, verdict(word="unexplained", places=("joint 3",)), 0.0, 0.0, 0.0),
+        (THIRD, verdict(word="unexplained", places=("joint 3", "joint 2")), 0.0, 1.0, 0.0),
+        (THIRD, verdict(named(MAP)), 0.0, 1.0, 0.0),
+        (THIRD, verdict(named(Name("joint_error_map", "joint 3"))), 1.0, 0.0, 0.0),
+        (THIRD, verdict(named(ELLIPSE)), 1.0, 0.0, 0.0),
+        (THIRD, verdict(named(ELLIPSE, DISK)), 0.0, 0.0, 0.0),
+        (THIRD, verdict(named(MAP), named(LOST)), 1.0, 1.0, 0.0),
+        (Name("hysteresis", "joint 2"), verdict(named(MAP)), 1.0, 0.0, 0.0),
+        (THIRD, verdict(), 0.0, 0.0, 1.0),
+        (THIRD, None, 1.0, 0.0, 1.0),
+    ],
+)
+def test_what_has_no_name(what, said, wrong, right_place, silent):
+    found = score_outside([trial("outside", [what], said)])
+    assert found.confidently_wrong.share == wrong
+    assert found.right_place.share == right_place
+    assert found.silent.share == silent
+
+
+@pytest.mark.parametrize(
+    ("said", "listed", "nothing_extra"),
+    [
+        (verdict(named(LOST), named(WAVE)), 1.0, 1.0),
+        (verdict(named(DISK, WAVE), named(LOST)), 1.0, 1.0),
+        (verdict(named(WAVE)), 0.0, 1.0),
+        (verdict(named(WAVE, LOST)), 0.0, 1.0),  # one finding cannot stand for two
+        (verdict(named(WAVE, LOST), named(WAVE)), 1.0, 1.0),
+        (verdict(named(WAVE), named(LOST), named(DISK)), 1.0, 0.0),
+        (verdict(named(WAVE), named(DISK)), 0.0, 0.0),
+        (verdict(), 0.0, 1.0),
+        (None, 0.0, 0.0),
+    ],
+)
+def test_two_effects(said, listed, nothing_extra):
+    found = score_several([trial("pair", [WAVE, LOST], said)])
+    assert found.all_listed.share == listed
+    assert found.nothing_extra.share == nothing_extra
+
+
+def test_two_effects_of_which_one_is_below_its_limit():
+    small, large = hidden(LOST, moved_mm=0.1 * FLOOR_MM), hidden(WAVE)
+    for said, above in ((verdict(named(WAVE)), 1.0), (verdict(named(LOST)), 0.0), (None, 0.0)):
+        found = score_several([trial("pair", [small, large], said)])
+        assert found.all_listed.share == 0.0
+        assert found.above_listed.share == above
+    assert score_several([trial("pair", [small, small], verdict())]).above_listed.of == 0
+    hopeless = verdict(not_testable=frozenset({GAIN}))
+    assert score_several([trial("pair", [small, GAIN], hopeless)]).above_listed.of == 0
+    assert score_several([trial("pair", [small, GAIN], verdict())]).above_listed.share == 0.0
+
+
+def test_held_out_errors_are_held_against_those_of_the_same_layout():
+    def null(layout, held_out_mm):
+        return trial("null", [], verdict(after_mm=held_out_mm), layout=layout)
+
+    trials = [
+        null("grid", 0.01),
+        null("grid", 0.03),
+        null("wide", 0.1),
+        single(WAVE, verdict(named(WAVE), after_mm=0.03), layout="grid"),
+        single(WAVE, verdict(named(WAVE), after_mm=0.05), layout="wide"),
+        single(WAVE, verdict(after_mm=9.0)),
+    ]
+    found = score_gap(trials)
+    assert found.trials == 2
+    assert found.mean == pytest.approx((0.03 / 0.02 + 0.05 / 0.1) / 2.0)
+    assert score_gap(trials[:3]) is None
+    assert score_gap(trials[3:]) is None
+
+
+def test_intervals_hold_parameters_whatever_the_sign_of_an_amplitude():
+    wave = hidden(WAVE, A=-2.0e-4, phi=1.0)
+    assert true_parameters(wave) == {"A": 2.0e-4, "phi": 1.0 + np.pi}
+    good = named(WAVE, A=(2.0e-4, 1e-6), phi=(1.0 - np.pi + 0.01, 0.01))
+    bad = named(WAVE, A=(2.1e-4, 1e-6), phi=(1.0, 0.01))
+    found = intervals([single(wave, verdict(good)), single(wave, verdict(bad))])
+    assert (found.inside.count, found.inside.of) == (2, 4)
+    assert [each.parameter for each in found.by_parameter] == ["A", "phi"]
+    assert found.by_parameter[0].share == 0.5
+    assert sorted(score.score for score in found.scores)[:2] == pytest.approx([-314.159, 0.0], 1e-3)
+
+
+def test_intervals_take_vectors_apart_and_leave_maps_and_wrong_places_out():
+    drift = Name("base_drift", "base")
+    true = hidden(drift, rate=[1e-5, 2e-5, 3e-5])
+    estimates = {f"rate_{axis}": (k * 1e-5, 1e-7) for k, axis in enumerate("xyz", start=1)}
+    found = intervals([single(true, verdict(named(drift, **estimates)))])
+    assert (found.inside.count, found.inside.of) == (3, 3)
+    map_ = hidden(MAP, knots=[1e-4] * 3)
+    elsewhere = named(Name("backlash", "joint 4"), b=(1e-4, 1e-6))
+    none = intervals(
+        [
+            single(map_, verdict(named(MAP, knots_x=(0.0, 1.0)))),
+            single(hidden(LOST, b=1e-4), verdict(elsewhere)),
+        ]
+    )
+    assert none.inside.of == 0
+    assert none.rms is None
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        (verdict(named(LOST), named(WAVE)), "transmission_error"),
+        (verdict(named(LOST, WAVE)), LISTED),
+        (verdict(named(LOST), named(Name("transmission_error", "joint 5"))), ELSEWHERE),
+        (verdict(named(LOST)), "backlash"),
+        (verdict(word="unexplained", places=("joint 2",)), RIGHT_PLACE),
+        (verdict(word="unexplained", places=(None,)), WRONG_PLACE),
+        (verdict(), NOTHING),
+        (verdict(not_testable=frozenset({WAVE})), NOT_TESTABLE),
+        (None, FAILED),
+    ],
+)
+def test_outcomes(said, expected):
+    one = single(WAVE, said)
+    assert outcome(one, one.hidden[0]) == expected
+    assert confusion([one, one]) == {"transmission_error": {expected: 2}}
+
+
+def test_a_map_at_the_joint_of_what_has_no_name_is_the_right_place():
+    one = trial("outside", [THIRD], verdict(named(MAP)))
+    assert outcome(one, one.hidden[0]) == RIGHT_PLACE
+
+
+def test_power_is_studied_by_size_and_by_what_moves():
+    sizes = np.geomspace(0.1, 3.0, 30)
+    trials = [
+        single(
+            hidden(WAVE, size, moved_mm=size * FLOOR_MM),
+            verdict(named(WAVE)) if size > 0.5 else verdict(),
+        )
+        for size in sizes
+    ]
+    found = study_power([*trials, single(LOST, verdict(named(LOST))), single(LOST, None)])
+    assert found.by_id["backlash"] is None
+    assert found.by_id["transmission_error"].half == pytest.approx(0.5, rel=0.1)
+    assert found.by_moved.half == pytest.approx(0.5 / 1.085, rel=0.2)
+    assert sum(entry.listed.of for entry in found.bins) == 31
+    assert found.bins[0].listed.of + found.bins[1].listed.of < 10
+
+
+def test_bars_are_met_and_missed():
+    good = [
+        *[trial("null", [], verdict())] * 200,
+        *[single(WAVE, verdict(named(WAVE)))] * 20,
+        *[trial("outside", [THIRD], verdict(named(MAP)))] * 20,
+        *[trial("triple", [WAVE, LOST, GAIN], verdict(*map(named, (GAIN, LOST, WAVE))))] * 20,
+    ]
+    assert all(bar.met for bar in bars(good))
+    slow, slower = (
+        verdict(named(ELLIPSE), after_mm=after_mm, seconds=100.0, not_testable={WAVE})
+        for after_mm in (0.1, 0.01)
+    )
+    bad = [
+        *[trial("null", [], slower)] * 5,
+        *[single(DISK, slow)] * 20,
+        *[trial("outside", [THIRD], slow)] * 20,
+        *[trial("pair", [WAVE, LOST], slow)] * 20,
+    ]
+    assert [bar.met for bar in bars(bad)] == [False] * len(bars(bad))
+    assert all(bar.met is None for bar in bars([]))
+
+
+def test_so_few_trials_that_one_alone_decides_judge_nothing():
+    few = bars([trial("null", [], verdict())] * 4)[0]
+    enough = bars([trial("null", [], verdict())] * 50)[0]
+    wrong = bars([trial("null", [], verdict(named(WAVE)))] * 4)[0]
+    assert few.met
+    assert few.trials_needed == 50
+    assert few.verdict == "too few to judge (50 needed)"
+    assert enough.verdict == "yes"
+    assert wrong.verdict == "no"  # four of four are wrong, where 2 % may be
+    assert bars([])[0].verdict == "no trial"
+    listed = next(bar for bar in bars([]) if bar.at_least and bar.limit == 0.9)
+    assert listed.trials_needed == 10
+
+
+def test_a_compliance_where_the_model_has_a_spring_is_in_the_model_already():
+    at_spring, at_rigid = Name("joint_compliance", "joint 5"), Name("joint_compliance", "joint 4")
+    assert not single(at_spring, verdict()).is_testable(hidden(at_spring))
+    assert single(at_rigid, verdict()).is_testable(hidden(at_rigid))
+    assert single(WAVE, verdict()).is_testable(hidden(WAVE))
+
+
+def test_trials_of_trackers_have_bars_of_their_own_and_the_others_alike():
+    right = single(WAVE, verdict(named(WAVE)), measured="tracked")
+    wrong = single(WAVE, verdict(named(LOST)), measured="tracked")
+    unknown = single(WAVE, verdict(not_testable=frozenset({WAVE})), measured="tracked")
+    ours = bars([right, right, right, wrong, unknown])
+    theirs = bars([single(WAVE, verdict(named(WAVE)))])
+    assert len(ours) == len(theirs) + 2
+    assert [bar.what for bar in ours if bar.what not in {bar.what for bar in theirs}] == [
+        "one effect of plausible size, testable: among the effect or its alternatives",
+        "one effect: a confident wrong name",
+    ]
+    listed, confident = ours[1:3]
+    assert (listed.reached, listed.trials, listed.met) == (0.75, 4, False)
+    assert (confident.reached, confident.trials, confident.met) == (0.2, 5, False)
