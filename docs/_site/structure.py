@@ -81,8 +81,10 @@ def stage_packages() -> dict[str, set[str]]:
     """Return the stages of a campaign in order, and the packages that each one's module imports."""
     way = {}
     for stage in stages((Path("raw"),), Path("results")):
-        file = ROOT / "stages" / f"{stage.module}.py"
-        way[stage.name] = set(filter(None, map(package_of, modules_imported(file)))) - {"stages"}
+        names = modules_imported(ROOT / "stages" / f"{stage.module}.py")
+        if any(name.startswith("pa10cal.stages.inputs.") for name in names):
+            names |= modules_imported(ROOT / "stages/inputs.py")
+        way[stage.name] = set(filter(None, map(package_of, names))) - {"stages"}
     return way
 
 

@@ -36,14 +36,18 @@ class Stage:
         """Return the command that it is."""
         return "calibrate" if self.name == "baseline" else self.name
 
+    @property
+    def module(self) -> str:
+        """Return the module of the package `stages` in which its command stands."""
+        return "readings" if self.command in _READINGS else self.command
+
     def run(self) -> None:
         """Run it in this process.
 
         Raises:
             Pa10calError: what its command raises.
         """
-        module = self.command if self.command not in _READINGS else "readings"
-        getattr(import_module(f"pa10cal.stages.{module}"), self.command)(**self.options)
+        getattr(import_module(f"pa10cal.stages.{self.module}"), self.command)(**self.options)
 
     @property
     def words(self) -> str:
