@@ -1,71 +1,24 @@
 """Discovery by blocks of poses left out as a command, on a made-up tracker's campaign."""
 
 import csv
-import json
 
 import numpy as np
 import pytest
 import yaml
 
+from by_commands import calibrated, called, discover, evaluate, export
+from by_commands import read_json as read
 from made_up_survey import Hidden, measured, rough
-from pa10cal.commands.command_line import run_command
 from pa10cal.lab.cell.write import write_campaign
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.codec import read as read_record
 
 NAME = "made-up"
-KINDS = ("verdict", "analysis", "extended", "suggested")
-OUTPUTS = ("verdict.json", "analysis.json", "extended.json", "suggested.csv")
-
-
-def read(path):
-    """Read JSON, without room for numbers that are not finite."""
-
-    def refuse(word):
-        raise ValueError(f"{word} in {path}")
-
-    return json.loads(path.read_text("utf-8"), parse_constant=refuse)
-
-
-def calibrated(folder):
-    """Run what comes before discovery."""
-    table = ["--campaign-dir", str(folder / "raw"), "--poses", str(folder / "poses.parquet")]
-    logs = ["--campaign-dir", str(folder / "raw"), "--quarantine", str(folder / "quarantine.csv")]
-    base = str(folder / "base.json")
-    assert run_command("ingest", [*logs, "--out", str(folder / "poses.parquet")]) == 0
-    assert run_command("seed", [*table, "--out", base]) == 0
-    asked = ["--base-frame", base, "--load", "combined", "--out", str(folder / "combined.json")]
-    assert run_command("calibrate", [*table, *asked]) == 0
-    return folder
-
-
-def discovered(folder, suggestions=3):
-    """Run discovery, and return its exit code."""
-    paths = {
-        "campaign-dir": folder / "raw",
-        "poses": folder / "poses.parquet",
-        "calibration": folder / "combined.json",
-        **dict(
-            zip(("verdict", "analysis", "extended", "suggested"), _outputs(folder), strict=True)
-        ),
-    }
-    words = [word for key, path in paths.items() for word in (f"--{key}", str(path))]
-    return run_command("discover", [*words, "--settings", json.dumps({"suggestions": suggestions})])
 
 
 def evaluated(folder):
-    out = folder / "holdout.json"
-    words = [
-        *("--campaign-dir", str(folder / "raw"), "--poses", str(folder / "poses.parquet")),
-        *("--calibration", str(folder / "combined.json")),
-        *("--extended", str(folder / "extended.json"), "--out", str(out)),
-    ]
-    assert run_command("evaluate", words) == 0
-    return read(out)["models"]
-
-
-def _outputs(folder):
-    return [folder / name for name in OUTPUTS]
+    assert evaluate(folder, folder / "holdout.json") == 0
+    return read(folder / "holdout.json")["models"]
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +27,7 @@ def work(tmp_path_factory):
     folder = tmp_path_factory.mktemp("work")
     write_campaign(measured(Hidden(turn=rough(3)), poses=600, held_out=200), folder / "raw")
     calibrated(folder)
-    assert discovered(folder) == 0
+    assert discover(folder, settings={"suggestions": 3}) == 0
     return folder
 
 
@@ -139,17 +92,8 @@ def test_the_extended_model_evaluates_as_the_verdict_says(work, verdict):
 
 @pytest.mark.slow
 def test_the_extended_model_is_exported(work, verdict):
-    model = work / "model.yaml"
-    words = ["--calibration", str(work / "combined.json"), "--extended"]
-    words += [
-        str(work / "extended.json"),
-        "--model",
-        str(model),
-        "--urdf",
-        str(work / "arm.urdf"),
-    ]
-    assert run_command("export", words) == 0
-    content = yaml.safe_load(model.read_text("utf-8"))
+    assert export(work, work) == 0
+    content = yaml.safe_load((work / "model.yaml").read_text("utf-8"))
     effect, stated = content["terms"][-1], verdict["effects"][0]
     assert (effect["id"], effect["of"]) == (stated["id"], stated["of"])
     for name, entry in stated["parameters"].items():
@@ -194,11 +138,10 @@ def test_the_model_holds_the_angles_seen(work):
 def test_the_measured_ur10_comes_below_what_geometry_and_springs_leave(
     series, whole_mm, inside_mm, ipa_data, tmp_path
 ):
-    asked = ["ipa-robot-accuracy", str(ipa_data), "--out", str(tmp_path / "data")]
-    assert run_command("import", asked) == 0
+    assert called("import", "ipa-robot-accuracy", ipa_data, out=tmp_path / "data") == 0
     (tmp_path / "raw").symlink_to(tmp_path / "data" / series)
     calibrated(tmp_path)
-    assert discovered(tmp_path) == 0
+    assert discover(tmp_path, settings={"suggestions": 3}) == 0
     found = evaluated(tmp_path)
     assert found["extended"]["rms_mm"] < whole_mm < found["linear"]["rms_mm"]
     assert found["extended"]["inside"]["rms_mm"] < inside_mm

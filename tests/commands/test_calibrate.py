@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from pa10cal.commands.command_line import run_command
+from by_commands import calibrate, calibrated, evaluate, export, located, table_of
 from pa10cal.fit.fitted_model import load_model
 
 RAW = Path(__file__).parents[2] / "data" / "raw"
@@ -18,27 +18,13 @@ RAW = Path(__file__).parents[2] / "data" / "raw"
 def work(tmp_path_factory):
     """Ingest and seed `cell-null` once."""
     folder = tmp_path_factory.mktemp("results")
-    campaign = ["--campaign-dir", str(RAW / "cell-null")]
-    poses, base = folder / "poses.parquet", folder / "base_frame.json"
-    quarantine = str(folder / "quarantine.csv")
-    assert run_command("ingest", [*campaign, "--out", str(poses), "--quarantine", quarantine]) == 0
-    assert run_command("seed", [*campaign, "--poses", str(poses), "--out", str(base)]) == 0
-    return folder
+    (folder / "raw").symlink_to(RAW / "cell-null")
+    return located(folder)
 
 
-def run_calibrate(work, load, out, settings=None, base="base_frame.json"):
+def run_calibrate(work, load, out, settings=None, base="base.json"):
     """Calibrate one load case, or all of them where none is named."""
-    return run_command(
-        "calibrate",
-        [
-            *("--campaign-dir", str(RAW / "cell-null")),
-            *("--poses", str(work / "poses.parquet")),
-            *("--base-frame", str(work / base)),
-            *(("--load", load) if load else ()),
-            *("--out", str(out)),
-            *("--settings", json.dumps(settings or {})),
-        ],
-    )
+    return calibrate(work, out, load=load, settings=settings or {}, base_frame=work / base)
 
 
 @pytest.fixture(scope="module")
@@ -77,16 +63,7 @@ def test_record_holds_what_other_tools_read(combined):
 def test_held_out_points_and_loads(work, combined):
     # bar: held-out mean <= 0.04 mm
     out = work / "holdout.json"
-    code = run_command(
-        "evaluate",
-        [
-            *("--campaign-dir", str(RAW / "cell-null")),
-            *("--poses", str(work / "poses.parquet")),
-            *("--calibration", str(work / "combined.json")),
-            *("--out", str(out)),
-        ],
-    )
-    assert code == 0
+    assert evaluate(work, out, extended=None) == 0
     models = json.loads(out.read_text())["models"]
     assert models["cubic"]["mean_mm"] <= 0.04
     assert models["cubic"]["mean_mm"] < models["linear"]["mean_mm"]
@@ -178,48 +155,30 @@ def test_a_parameter_at_its_bound_by_noise_is_no_alarm(work):
 
 @pytest.mark.slow
 def test_an_incomplete_model_is_said_to_be_one(tmp_path, capsys):
-    campaign = ["--campaign-dir", str(RAW / "lightcap2008")]
-    poses, base = tmp_path / "poses.parquet", tmp_path / "base_frame.json"
-    out, quarantine = tmp_path / "combined.json", str(tmp_path / "quarantine.csv")
-    assert run_command("ingest", [*campaign, "--out", str(poses), "--quarantine", quarantine]) == 0
-    assert run_command("seed", [*campaign, "--poses", str(poses), "--out", str(base)]) == 0
-    argv = [*campaign, "--poses", str(poses), "--base-frame", str(base), "--out", str(out)]
-    settings = '{"starts": 2}'
-    assert run_command("calibrate", [*argv, "--load", "combined", "--settings", settings]) == 0
-    record = json.loads(out.read_text())
+    (tmp_path / "raw").symlink_to(RAW / "lightcap2008")
+    record = json.loads((calibrated(tmp_path, starts=2) / "combined.json").read_text())
     assert any("the model is incomplete" in warning for warning in record["warnings"])
     assert "the model is incomplete" in capsys.readouterr().err
 
 
 def test_records_of_another_campaign_are_refused(work, combined, tmp_path, capsys):
     other = tmp_path / "base_frame.json"
-    seed_record = json.loads((work / "base_frame.json").read_text())
+    seed_record = json.loads((work / "base.json").read_text())
     other.write_text(json.dumps({**seed_record, "campaign": "cell-a"}))
-    argv = ["--campaign-dir", str(RAW / "cell-null"), "--poses", str(work / "poses.parquet")]
-    argv += ["--load", "combined", "--base-frame", str(other), "--out", str(tmp_path / "x.json")]
-    assert run_command("calibrate", argv) == 2
+    assert calibrate(work, tmp_path / "x.json", base_frame=other) == 2
     assert "another campaign" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("content", ["not json", '{"schema": "other/1"}'])
 def test_evaluation_refuses_what_is_not_a_calibration(work, capsys, content):
     (work / "other.json").write_text(content)
-    code = run_command(
-        "evaluate",
-        [
-            *("--campaign-dir", str(RAW / "cell-null")),
-            *("--poses", str(work / "poses.parquet")),
-            *("--calibration", str(work / "other.json")),
-            *("--out", str(work / "none.json")),
-        ],
-    )
-    assert code == 2
+    given = {"calibration": work / "other.json", "extended": None}
+    assert evaluate(work, work / "none.json", **given) == 2
     assert "other.json" in capsys.readouterr().err
 
 
 def test_calibrated_model_is_exported(work, combined, tmp_path):
-    argv = ["--calibration", str(work / "combined.json"), "--model", str(tmp_path / "model.yaml")]
-    assert run_command("export", [*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 0
+    assert export(work, tmp_path, extended=None) == 0
     model = yaml.safe_load((tmp_path / "model.yaml").read_text())
     exported = {name: p for term in model["terms"] for name, p in term["parameters"].items()}
     assert len(exported) == 30
@@ -234,8 +193,7 @@ def test_calibrated_model_is_exported(work, combined, tmp_path):
 
 
 def test_what_is_exported_says_its_grade(work, combined, tmp_path):
-    argv = ["--calibration", str(work / "combined.json"), "--model", str(tmp_path / "model.yaml")]
-    assert run_command("export", [*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 0
+    assert export(work, tmp_path, extended=None) == 0
     health = combined["health"]
     model = yaml.safe_load((tmp_path / "model.yaml").read_text())
     assert (model["fitted_to"]["grade"], model["forced"]) == (health["grade"], None)
@@ -245,10 +203,8 @@ def test_what_is_exported_says_its_grade(work, combined, tmp_path):
 
 
 def test_what_is_exported_says_what_a_urdf_lacks_and_has_all_links(work, tmp_path):
-    argv = ["--calibration", str(work / "combined.json"), "--model", str(tmp_path / "model.yaml")]
-    argv += ["--campaign-dir", str(RAW / "cell-null"), "--poses", str(work / "poses.parquet")]
-    argv += ["--urdf", str(tmp_path / "robot.urdf"), "--dh", str(tmp_path / "dh.csv")]
-    assert run_command("export", argv) == 0
+    given = table_of(work) | {"dh": tmp_path / "dh.csv", "extended": None}
+    assert export(work, tmp_path, **given) == 0
     urdf = (tmp_path / "robot.urdf").read_text()
     assert "a URDF cannot hold joint_spring of joint" in urdf
     assert re.search(r"measured poses these move the flange by \d\.\d{3} mm rms", urdf)
@@ -269,15 +225,14 @@ def test_a_grade_that_is_withheld_takes_force_and_is_marked(
     bad = tmp_path / "bad.json"
     health = {**combined["health"], "grade": grade, "line": "joint 6: its sign -- reverse it"}
     bad.write_text(json.dumps({**combined, "health": health}))
-    argv = ["--calibration", str(bad), "--model", str(tmp_path / "model.yaml")]
-    argv += ["--urdf", str(tmp_path / "robot.urdf")]
-    assert run_command("export", argv) == 2
+    given = {"calibration": bad, "extended": None}
+    assert export(work, tmp_path, **given) == 2
     refusal = capsys.readouterr().err
     assert f"a calibration of grade {grade} is not exported" in refusal
     assert "joint 6: its sign" in refusal
     assert "--force" in refusal
     assert not list(tmp_path.glob("robot*"))
-    assert run_command("export", [*argv, "--force"]) == 0
+    assert export(work, tmp_path, **given, force=True) == 0
     model = yaml.safe_load((tmp_path / "model.yaml").read_text())
     assert model["forced"] == f"exported with --force; {grade}: joint 6: its sign -- reverse it"
     comment = f"<!-- exported with - -force; {grade}: joint 6: its sign - - reverse it -->"
@@ -287,12 +242,12 @@ def test_a_grade_that_is_withheld_takes_force_and_is_marked(
 def test_a_fit_that_did_not_converge_is_not_exported(work, combined, tmp_path, capsys):
     bad = tmp_path / "bad.json"
     bad.write_text(json.dumps({**combined, "status": "not converged"}))
-    argv = ["--calibration", str(bad), "--model", str(tmp_path / "model.yaml")]
-    assert run_command("export", [*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 2
+    given = {"calibration": bad, "extended": None}
+    assert export(work, tmp_path, **given) == 2
     assert "not converged" in capsys.readouterr().err
     assert not list(tmp_path.glob("robot*"))
     model = combined["fitted_model"]
     springs = [{**term, "x": []} for term in model["terms"] if term["id"] == "joint_spring"]
     bad.write_text(json.dumps({**combined, "fitted_model": {**model, "terms": springs}}))
-    assert run_command("export", [*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 2
+    assert export(work, tmp_path, **given) == 2
     assert "fitted_model of cubic: terms[0]: x: values that do not fit" in capsys.readouterr().err

@@ -8,8 +8,19 @@ import numpy as np
 import pytest
 import yaml
 
+from by_commands import (
+    calibrate,
+    called,
+    discover,
+    evaluate,
+    export,
+    simulated,
+    table_of,
+)
+from by_commands import calibrated as calibrated_baseline
+from by_commands import read_json as read
 from made_up_arm import Missing, at_joint, harmonic, measure
-from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.commands.command_line import REFUSED
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
 
@@ -24,53 +35,17 @@ SETTINGS = {
         {"id": "transmission_error", "of": "joint 2", "parameters": {"A": 2e-4, "phi": 1.0}}
     ],
 }
-OUTPUTS = ("verdict.json", "analysis.json", "extended.json", "suggested.csv")
-
-
-def read(path):
-    """Read JSON, without room for numbers that are not finite."""
-
-    def refuse(word):
-        raise ValueError(f"{word} in {path}")
-
-    return json.loads(path.read_text("utf-8"), parse_constant=refuse)
 
 
 @pytest.fixture(scope="module")
 def work(tmp_path_factory):
     """A raw campaign, its table of poses and its calibrated baseline."""
-    folder = tmp_path_factory.mktemp("work")
-    raw = str(folder / "raw")
-    table = ["--campaign-dir", raw, "--poses", str(folder / "poses.parquet")]
-    base = str(folder / "base.json")
-    quick = json.dumps({"starts": 1})
-    made = ["--name", NAME, "--settings", json.dumps(SETTINGS)]
-    assert (
-        run_command("simulate", [*made, "--out", raw, "--truth", str(folder / "truth.json")]) == 0
-    )
-    logs = ["--campaign-dir", raw, "--quarantine", str(folder / "quarantine.csv")]
-    assert run_command("ingest", [*logs, "--out", str(folder / "poses.parquet")]) == 0
-    assert run_command("seed", [*table, "--out", base]) == 0
-    asked = ["--base-frame", base, "--load", "combined", "--settings", quick]
-    assert run_command("calibrate", [*table, *asked, "--out", str(folder / "combined.json")]) == 0
-    return folder
+    return calibrated_baseline(simulated(tmp_path_factory.mktemp("work"), NAME, SETTINGS), starts=1)
 
 
 def run_discover(work, out, settings=None, **given):
     """Run the command into a folder; `given` replaces paths."""
-    paths = {
-        "campaign-dir": work / "raw",
-        "poses": work / "poses.parquet",
-        "calibration": work / "combined.json",
-        "verdict": out / "verdict.json",
-        "analysis": out / "analysis.json",
-        "extended": out / "extended.json",
-        "suggested": out / "suggested.csv",
-    } | {key.replace("_", "-"): path for key, path in given.items()}
-    words = [word for key, path in paths.items() for word in (f"--{key}", str(path))]
-    return run_command(
-        "discover", [*words, "--settings", json.dumps(settings or {"suggestions": 2})]
-    )
+    return discover(work, out, settings=settings or {"suggestions": 2}, **given)
 
 
 @pytest.fixture(scope="module")
@@ -83,28 +58,6 @@ def found(work):
 @pytest.fixture(scope="module")
 def verdict(found):
     return read(found / "verdict.json")
-
-
-def run_evaluate(work, out, extended):
-    return run_command(
-        "evaluate",
-        [
-            *("--campaign-dir", str(work / "raw")),
-            *("--poses", str(work / "poses.parquet")),
-            *("--calibration", str(work / "combined.json")),
-            *("--extended", str(extended), "--out", str(out)),
-        ],
-    )
-
-
-def run_export(work, out, extended):
-    return run_command(
-        "export",
-        [
-            *("--calibration", str(work / "combined.json"), "--extended", str(extended)),
-            *("--model", str(out / "model.yaml"), "--urdf", str(out / "robot.urdf")),
-        ],
-    )
 
 
 class TestVerdict:
@@ -177,7 +130,7 @@ class TestVerdict:
 class TestExtendedModel:
     def test_held_out_errors_are_those_of_the_verdict(self, work, found, verdict, tmp_path):
         out = tmp_path / "holdout.json"
-        assert run_evaluate(work, out, found / "extended.json") == 0
+        assert evaluate(work, out, extended=found / "extended.json") == 0
         models = read(out)["models"]
         after = verdict["gap"]["holdout"]["after"]
         for key in ("mean_mm", "peak_mm", "rms_mm"):
@@ -185,7 +138,7 @@ class TestExtendedModel:
             assert models["cubic"][key] > 5.0 * models["extended"][key]
 
     def test_it_is_exported_with_its_effects(self, work, found, verdict, tmp_path):
-        assert run_export(work, tmp_path, found / "extended.json") == 0
+        assert export(work, tmp_path, extended=found / "extended.json") == 0
         model = yaml.safe_load((tmp_path / "model.yaml").read_text("utf-8"))
         effect = model["terms"][-1]
         assert (effect["id"], effect["of"]) == ("transmission_error", "joint 2")
@@ -202,7 +155,7 @@ class TestExtendedModel:
         record = read(found / "extended.json") | {"named": []}
         path = tmp_path / "extended.json"
         path.write_text(json.dumps(record), "utf-8")
-        assert run_export(work, tmp_path, path) == 0
+        assert export(work, tmp_path, extended=path) == 0
         model = yaml.safe_load((tmp_path / "model.yaml").read_text("utf-8"))
         calibrated = read(work / "combined.json")["fitted_model"]
         assert [term["x"] for term in model["terms"]] == [t["x"] for t in calibrated["terms"]]
@@ -312,7 +265,7 @@ class TestRefused:
         path = tmp_path / "extended.json"
         path.write_text(json.dumps(record | change(record)), "utf-8")
         out = tmp_path / "out" / "holdout.json"
-        assert run_evaluate(work, out, path) == REFUSED
+        assert evaluate(work, out, extended=path) == REFUSED
         assert str(path) in capsys.readouterr().err
         assert not out.exists()
 
@@ -323,7 +276,7 @@ class TestRefused:
         path = tmp_path / "extended.json"
         path.write_text(json.dumps(record), "utf-8")
         out = tmp_path / "out"
-        assert run_export(work, out, path) == REFUSED
+        assert export(work, out, extended=path) == REFUSED
         assert str(path) in capsys.readouterr().err
         assert not out.exists()
 
@@ -332,17 +285,9 @@ class TestRefused:
 KNOWN = ({"id": "transmission_error", "of": "joint 2"},)
 
 
-def calibrate_with(work, out, effects, *more):
+def calibrate_with(work, out, effects, **more):
     """Calibrate with effects that are given."""
-    return run_command(
-        "calibrate",
-        [
-            *("--campaign-dir", str(work / "raw"), "--poses", str(work / "poses.parquet")),
-            *("--base-frame", str(work / "base.json"), "--load", "combined"),
-            *("--settings", json.dumps({"starts": 1, "effects": effects})),
-            *("--out", str(out), *more),
-        ],
-    )
+    return calibrate(work, out, settings={"starts": 1, "effects": effects}, **more)
 
 
 @pytest.fixture(scope="module")
@@ -356,11 +301,10 @@ class TestCalibrationWithEffects:
     """Key `calibration.effects`: effects that are known belong to the calibrated model."""
 
     def test_closes_the_gap_as_discovery_does(self, work, found, calibrated, tmp_path):
-        assert run_evaluate(work, tmp_path / "after.json", found / "extended.json") == 0
+        assert evaluate(work, tmp_path / "after.json", extended=found / "extended.json") == 0
         after = read(tmp_path / "after.json")["models"]["extended"]["mean_mm"]
-        words = ["--campaign-dir", str(work / "raw"), "--poses", str(work / "poses.parquet")]
-        asked = ["--calibration", str(calibrated), "--out", str(tmp_path / "given.json")]
-        assert run_command("evaluate", [*words, *asked]) == 0
+        given = {"calibration": calibrated, "out": tmp_path / "given.json"}
+        assert called("evaluate", **table_of(work), **given) == 0
         models = read(tmp_path / "given.json")["models"]
         given = models[next(name for name in models if name not in ("uncalibrated", "linear"))]
         assert given["mean_mm"] == pytest.approx(after, rel=0.02)
@@ -385,7 +329,7 @@ class TestCalibrationWithEffects:
 
     def test_named_are_those_of_a_search(self, work, found, calibrated, tmp_path):
         out = tmp_path / "named.json"
-        assert calibrate_with(work, out, "named", "--named", str(found / "extended.json")) == 0
+        assert calibrate_with(work, out, "named", named=found / "extended.json") == 0
         named, listed = read(out)["parameters"], read(calibrated)["parameters"]
         assert set(named) == set(listed)
 

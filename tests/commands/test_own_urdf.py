@@ -10,16 +10,12 @@ import pinocchio as pin
 import pytest
 import yaml
 
+from by_commands import calibrated, called, export, table_of
 from made_up_sightings import sighted
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.exports import urdf_text
-from pa10cal.commands.command_line import run_command
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import load_model
-
-
-def run(name, *words):
-    assert run_command(name, [str(word) for word in words]) == 0
 
 
 @pytest.mark.slow
@@ -34,15 +30,12 @@ def test_names_stay_and_origins_are_calibrated(tmp_path, kind):
     made = sighted(tmp_path, kind, noise_mm=0.02, poses=60)
     made.description["robot"] = "mine"
     folder = made.write()
-    run("import_arm", tmp_path / "robot.urdf", "--out", folder / "mine.yaml")
+    assert called("import_arm", tmp_path / "robot.urdf", out=folder / "mine.yaml") == 0
     out = tmp_path / "out"
-    logs = ("--campaign-dir", folder)
-    poses, base = ("--poses", out / "poses.parquet"), ("--base-frame", out / "base.json")
-    run("ingest", *logs, "--out", poses[1], "--quarantine", out / "quarantine.csv")
-    run("seed", *logs, *poses, "--out", base[1])
-    run("calibrate", *logs, *poses, *base, "--load", "combined", "--out", out / "combined.json")
-    to = ("--model", out / "model.yaml", "--urdf", out / "robot.urdf", "--dh", out / "dh.csv")
-    run("export", *logs, *poses, "--calibration", out / "combined.json", *to, "--force")
+    out.mkdir()
+    (out / "raw").symlink_to(folder)
+    given = table_of(calibrated(out)) | {"extended": None, "dh": out / "dh.csv", "force": True}
+    assert export(out, out, **given) == 0
     model, text = load_model(out / "model.yaml"), (out / "robot.urdf").read_text(encoding="utf-8")
     root = ElementTree.fromstring(text)
     joints = [each.get("name") for each in root.findall("joint")]

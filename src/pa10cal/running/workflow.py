@@ -175,7 +175,7 @@ def run_workflow(workflow: Workflow, display: RunDisplay) -> None:
 
 def _followed(pipe: int, display: RunDisplay) -> list[str]:
     """Show what the workflow does until it ends, and return the logs of jobs that failed."""
-    rest, failed = b"", []
+    rest, failed = b"", list[str]()
     while True:
         ready, _, _ = select.select([pipe], [], [], _TICK_S)
         if not ready:
