@@ -268,7 +268,7 @@ def test_targets_of_trials_run_those_of_the_settings_and_the_default_target_none
         code, text = plan(target)
         assert code == 0, text
         assert planned(text)["judge_trials"] == jobs(trial_counts(counts))
-        assert planned(text)["score_trials"] == planned(text)["wild_pictures"] == 1
+        assert planned(text)["score_trials"] == planned(text)["trial_pictures"] == 1
     assert full["null"] >= 200
     assert tracked["null"] >= 150
     assert all(few <= full[kind] for kind, few in reduced.items())

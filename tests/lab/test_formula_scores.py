@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import made_up_trials
-from pa10cal.lab import trial_rates
+from pa10cal.lab.blind_trial import OUTSIDE_FORMS, Formula, is_right
 from pa10cal.lab.cell.effects.vocabulary import nameless
-from pa10cal.lab.trial_rates import Formula, is_right, score_formulas
 from pa10cal.results.record import Name
 
 
@@ -24,6 +23,8 @@ def trial(kind, what, *proposed, failed=False, effects=()):
     return made_up_trials.trial(kind, what, None if failed else said, springs=())
 
 
+OUTSIDE = "effect outside the vocabulary"
+NAMELESS = f"{OUTSIDE}, found without a name: its formula proposed"
 THIRD = hidden("third_harmonic", "joint 2", A=1e-4, phi=0.3)
 RIGHT = Formula("harmonic", "joint 2", (3.0,))
 
@@ -66,7 +67,7 @@ def test_form_order_and_place_must_be_those_hidden(what, formula, right):
 
 
 def test_shares_are_of_what_no_name_covers_and_of_the_rest():
-    found = score_formulas(
+    found = made_up_trials.figures(
         [
             trial("outside", (THIRD,), RIGHT),
             trial("outside", (THIRD,), Formula("harmonic", "joint 2", (2.0,))),
@@ -76,20 +77,21 @@ def test_shares_are_of_what_no_name_covers_and_of_the_rest():
             trial("single", (hidden("backlash", "joint 2"),), RIGHT),
         ]
     )
-    assert (found.right.count, found.right.of) == (1, 4)
-    assert (found.right_of_nameless.count, found.right_of_nameless.of) == (1, 3)
-    assert (found.wrong.count, found.wrong.of) == (1, 4)
-    assert (found.elsewhere.count, found.elsewhere.of) == (1, 2)
-    assert found.by_id["third_harmonic"].of == 4
-    assert [bar.met for bar in found.bars] == [False, False, False]
-    assert [bar.met for bar in score_formulas([]).bars] == [None, None, None]
+    for what, count, of, met in (
+        (f"{OUTSIDE}: its formula proposed, form and order", 1, 4, False),
+        (f"{OUTSIDE}: another formula proposed", 1, 4, False),
+        ("nothing outside the vocabulary: a formula proposed that is not hidden", 1, 2, False),
+        (NAMELESS, 1, 3, None),
+        (f"{OUTSIDE}: its formula proposed | third_harmonic", 1, 4, None),
+    ):
+        assert (found[what].count, found[what].trials, found[what].met) == (count, of, met), what
 
 
 def test_a_map_counts_as_something_without_a_name():
     of_map = made_up_trials.named(Name("joint_error_map", "joint 2"))
-    found = score_formulas([trial("outside", (THIRD,), RIGHT, effects=(of_map,))])
-    assert found.right_of_nameless.of == 1
+    found = made_up_trials.figures([trial("outside", (THIRD,), RIGHT, effects=(of_map,))])
+    assert found[NAMELESS].trials == 1
 
 
 def test_every_effect_that_no_name_covers_has_its_formula():
-    assert set(trial_rates._OUTSIDE) == set(nameless())
+    assert set(OUTSIDE_FORMS) == set(nameless())

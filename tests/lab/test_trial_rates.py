@@ -6,30 +6,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from pa10cal.lab.trial_rates import power, rate
+from pa10cal.lab.scores import power, share_of
 
 
 @given(st.integers(1, 200), st.data())
 @settings(deadline=None, max_examples=40)
 def test_the_interval_is_where_so_many_are_no_longer_plausible(of, data):
     count = data.draw(st.integers(0, of))
-    found = rate([True] * count + [False] * (of - count))
-    assert (found.count, found.of) == (count, of)
-    assert found.low <= count / of <= found.high
+    found = share_of([True] * count + [False] * (of - count))
+    assert (found["count"], found["reached"]) == (count, count / of)
+    assert found["low"] <= count / of <= found["high"]
     if count:
-        assert binom.sf(count - 1, of, found.low) == pytest.approx(0.025, rel=1e-6)
+        assert binom.sf(count - 1, of, found["low"]) == pytest.approx(0.025, rel=1e-6)
     if count < of:
-        assert binom.cdf(count, of, found.high) == pytest.approx(0.025, rel=1e-6)
+        assert binom.cdf(count, of, found["high"]) == pytest.approx(0.025, rel=1e-6)
 
 
 def test_no_trial_says_nothing():
-    found = rate([])
-    assert found.share is None
-    assert (found.low, found.high) == (0.0, 1.0)
+    assert share_of([]) == {"count": 0, "reached": None, "low": 0.0, "high": 1.0}
 
 
 def test_two_hundred_without_a_wrong_name_still_leave_almost_two_percent():
-    assert 0.015 < rate([False] * 200).high < 0.02
+    assert 0.015 < share_of([False] * 200)["high"] < 0.02
 
 
 def test_a_power_curve_is_found_again():

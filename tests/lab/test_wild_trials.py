@@ -6,7 +6,7 @@ from pa10cal.evaluation.options import ChainOptions
 from pa10cal.lab.blind_trial import BlindTrial
 from pa10cal.lab.blind_trials import try_trial
 from pa10cal.lab.cell.wild_trials import draw_wild_trials
-from pa10cal.lab.wild_scores import failings
+from pa10cal.lab.scores import scores_record
 
 #: Kind, what is put in, bench and seed of campaigns that are quick to judge.
 CAMPAIGNS = [
@@ -33,4 +33,5 @@ CAMPAIGNS = [
 def test_a_campaign_gets_the_verdict_that_it_should(kind, put_in, bench, seed):
     (trial,) = draw_wild_trials(kind, 1, seed, (bench,), put_in if kind != "right" else "")
     verdict, truth = try_trial(trial, ChainOptions())
-    assert failings(BlindTrial(truth, verdict)) == (), verdict.word
+    scores = scores_record([BlindTrial(truth, verdict)])
+    assert scores.per_trial[0].failings == (), verdict.word

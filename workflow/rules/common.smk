@@ -127,8 +127,6 @@ OUTSIDE_STUDIES = {
     )
 }
 TRIAL_STUDIES |= OUTSIDE_STUDIES
-# Those whose pictures are those of wild trials.
-WILD_STUDIES = [study for study, (measured, _) in TRIAL_STUDIES.items() if measured == "wild"]
 
 
 def one_of(names):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import made_up_trials
-from made_up_trials import hidden, named
-from pa10cal.lab.trial_scores import (
+from made_up_trials import figures, hidden, named, scored
+from pa10cal.lab.blind_trial import (
     ELSEWHERE,
     FAILED,
     LISTED,
@@ -13,18 +13,8 @@ from pa10cal.lab.trial_scores import (
     NOTHING,
     RIGHT_PLACE,
     WRONG_PLACE,
-    bars,
-    confusion,
-    intervals,
-    outcome,
-    score_gap,
-    score_nothing_hidden,
-    score_outside,
-    score_several,
-    score_singles,
-    study_power,
-    true_parameters,
 )
+from pa10cal.lab.scores import true_parameters
 from pa10cal.results.record import Name
 
 WAVE = Name("transmission_error", "joint 2")
@@ -35,6 +25,25 @@ LOST = Name("backlash", "joint 3")
 GAIN = Name("torque_gain", "joint 2")
 THIRD = Name("third_harmonic", "joint 2")
 FLOOR_MM = 0.005
+
+#: Figures by short names.
+LARGE = "one effect, separable, residual 3 times the floor or more: right id and place"
+ALONE = "one effect, separable and large: named alone"
+ABOVE = "one effect, residual 1.5 times the floor or more: among the effect or its alternatives"
+FOUND = "one effect, anything found: among the effect or its alternatives"
+DETECTED = "one effect, testable: anything found"
+TORQUE_ALONE = "one effect, testable, that only the torque shows: listed"
+WRONG = "one effect: a finding that matches no hidden effect"
+NOT_SHOWN = "one effect: not testable, by the verdict"
+ALTERNATIVES = "one effect, listed: alternatives beside it, mean"
+OUTSIDE_WRONG = "effect outside the vocabulary: a confident wrong name"
+OUTSIDE_PLACE = "effect outside the vocabulary: found at the right place"
+OUTSIDE_SILENT = "effect outside the vocabulary: nothing found"
+ALL_LISTED = "two or three effects: all named or in the alternatives"
+ABOVE_LISTED = "two or three effects: those of a residual 1.5 times the floor or more"
+NOTHING_EXTRA = "two or three effects: nothing extra"
+GAP = "held-out mean after naming, over that of campaigns without missing effect"
+INSIDE = "parameters of named effects: inside the 95 % interval"
 
 
 def verdict(*effects, **more):
@@ -79,8 +88,10 @@ def test_the_floor_is_the_mean_length_of_a_vector_with_alike_components():
     ],
 )
 def test_nothing_hidden(said, named_share, unexplained_share):
-    found = score_nothing_hidden([trial("null", [], said)])
-    assert (found.named.share, found.unexplained.share) == (named_share, unexplained_share)
+    found = figures([trial("null", [], said)])
+    assert found["nothing hidden: a name | null"].reached == named_share
+    unexplained = found["nothing hidden: something without a name | null"]
+    assert unexplained.reached == unexplained_share
 
 
 @pytest.mark.parametrize(
@@ -99,27 +110,26 @@ def test_nothing_hidden(said, named_share, unexplained_share):
     ],
 )
 def test_one_large_effect(said, right, alone, listed, wrong):
-    found = score_singles([single(WAVE, said)])
-    assert found.large.share == right
-    assert found.large_alone.share == alone
-    assert found.above.share == listed
-    assert found.wrong.share == wrong
+    found = figures([single(WAVE, said)])
+    reached = [found[what].reached for what in (LARGE, ALONE, ABOVE, WRONG)]
+    assert reached == [right, alone, listed, wrong]
 
 
-def test_only_large_and_separable_effects_must_be_named():
-    small = single(WAVE, verdict(), moved_mm=2.0 * FLOOR_MM)
-    assert score_singles([small]).large.of == 0
-    assert score_singles([small]).above.of == 1
-    least = single(WAVE, verdict(), moved_mm=0.5 * FLOOR_MM)
-    assert score_singles([least]).above.of == 0
-    close = verdict(named(LOST), indistinguishable=(frozenset({WAVE, LOST}),))
-    assert score_singles([single(WAVE, close)]).large.of == 0
-    assert score_singles([single(WAVE, close)]).above.of == 1
-    other = verdict(named(LOST), indistinguishable=(frozenset({DISK, LOST}),))
-    assert score_singles([single(WAVE, other)]).large.of == 1
-    hopeless = verdict(not_testable=frozenset({WAVE}))
-    found = score_singles([single(WAVE, hopeless)])
-    assert (found.large.of, found.not_testable, found.detected.of) == (0, 1, 0)
+@pytest.mark.parametrize(
+    ("said", "moved_mm", "large", "above"),
+    [
+        (verdict(), 2.0 * FLOOR_MM, 0, 1),
+        (verdict(), 0.5 * FLOOR_MM, 0, 0),
+        (verdict(named(LOST), indistinguishable=(frozenset({WAVE, LOST}),)), 0.05, 0, 1),
+        (verdict(named(LOST), indistinguishable=(frozenset({DISK, LOST}),)), 0.05, 1, 1),
+        (verdict(not_testable=frozenset({WAVE})), 0.05, 0, 1),
+    ],
+)
+def test_only_large_and_separable_effects_must_be_named(said, moved_mm, large, above):
+    found = figures([single(WAVE, said, moved_mm=moved_mm)])
+    assert (found[LARGE].trials, found[ABOVE].trials) == (large, above)
+    hopeless = WAVE in said.not_shown
+    assert (found[NOT_SHOWN].count, found[DETECTED].trials) == (int(hopeless), int(not hopeless))
 
 
 def test_a_map_is_no_rival_of_a_named_form_and_told_where_forms_are_told():
@@ -138,9 +148,9 @@ def test_what_only_the_torque_shows_is_held_against_the_torque():
     assert not one.moves_poses(one.hidden[0])
     assert not single(rigid, verdict()).moves_poses(hidden(rigid))
     assert single(flexible, verdict()).moves_poses(hidden(flexible))
-    found = score_singles([one, single(rigid, verdict())])
-    assert (found.large.of, found.above.of) == (0, 0)
-    assert (found.torque_alone.count, found.torque_alone.of) == (1, 2)
+    found = figures([one, single(rigid, verdict())])
+    assert (found[LARGE].trials, found[ABOVE].trials) == (0, 0)
+    assert (found[TORQUE_ALONE].count, found[TORQUE_ALONE].trials) == (1, 2)
 
 
 def test_found_are_those_with_a_finding_and_alternatives_are_counted():
@@ -150,10 +160,10 @@ def test_found_are_those_with_a_finding_and_alternatives_are_counted():
         single(WAVE, verdict(word="unexplained", places=(None,))),
         single(WAVE, verdict()),
     ]
-    found = score_singles(trials)
-    assert (found.found.count, found.found.of) == (2, 3)
-    assert (found.detected.count, found.detected.of) == (3, 4)
-    assert found.alternatives == pytest.approx(1.0)
+    found = figures(trials)
+    assert (found[FOUND].count, found[FOUND].trials) == (2, 3)
+    assert (found[DETECTED].count, found[DETECTED].trials) == (3, 4)
+    assert found[ALTERNATIVES].reached == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
@@ -173,10 +183,9 @@ def test_found_are_those_with_a_finding_and_alternatives_are_counted():
     ],
 )
 def test_what_has_no_name(what, said, wrong, right_place, silent):
-    found = score_outside([trial("outside", [what], said)])
-    assert found.confidently_wrong.share == wrong
-    assert found.right_place.share == right_place
-    assert found.silent.share == silent
+    found = figures([trial("outside", [what], said)])
+    reached = [found[each].reached for each in (OUTSIDE_WRONG, OUTSIDE_PLACE, OUTSIDE_SILENT)]
+    assert reached == [wrong, right_place, silent]
 
 
 @pytest.mark.parametrize(
@@ -194,21 +203,27 @@ def test_what_has_no_name(what, said, wrong, right_place, silent):
     ],
 )
 def test_two_effects(said, listed, nothing_extra):
-    found = score_several([trial("pair", [WAVE, LOST], said)])
-    assert found.all_listed.share == listed
-    assert found.nothing_extra.share == nothing_extra
+    found = figures([trial("pair", [WAVE, LOST], said)])
+    assert found[ALL_LISTED].reached == listed
+    assert found[NOTHING_EXTRA].reached == nothing_extra
+    assert found["several effects: all named or in the alternatives | pair"].reached == listed
+    assert found["several effects: nothing extra | pair"].reached == nothing_extra
 
 
 def test_two_effects_of_which_one_is_below_its_limit():
     small, large = hidden(LOST, moved_mm=0.1 * FLOOR_MM), hidden(WAVE)
     for said, above in ((verdict(named(WAVE)), 1.0), (verdict(named(LOST)), 0.0), (None, 0.0)):
-        found = score_several([trial("pair", [small, large], said)])
-        assert found.all_listed.share == 0.0
-        assert found.above_listed.share == above
-    assert score_several([trial("pair", [small, small], verdict())]).above_listed.of == 0
+        found = figures([trial("pair", [small, large], said)])
+        assert found[ALL_LISTED].reached == 0.0
+        assert found[ABOVE_LISTED].reached == above
     hopeless = verdict(not_testable=frozenset({GAIN}))
-    assert score_several([trial("pair", [small, GAIN], hopeless)]).above_listed.of == 0
-    assert score_several([trial("pair", [small, GAIN], verdict())]).above_listed.share == 0.0
+    for what, said, of in (
+        ([small, small], verdict(), 0),
+        ([small, GAIN], hopeless, 0),
+        ([small, GAIN], verdict(), 1),
+    ):
+        found = figures([trial("pair", what, said)])[ABOVE_LISTED]
+        assert (found.trials, found.count) == (of, 0)
 
 
 def test_held_out_errors_are_held_against_those_of_the_same_layout():
@@ -223,11 +238,11 @@ def test_held_out_errors_are_held_against_those_of_the_same_layout():
         single(WAVE, verdict(named(WAVE), after_mm=0.05), layout="wide"),
         single(WAVE, verdict(after_mm=9.0)),
     ]
-    found = score_gap(trials)
+    found = figures(trials)[GAP]
     assert found.trials == 2
-    assert found.mean == pytest.approx((0.03 / 0.02 + 0.05 / 0.1) / 2.0)
-    assert score_gap(trials[:3]) is None
-    assert score_gap(trials[3:]) is None
+    assert found.reached == pytest.approx((0.03 / 0.02 + 0.05 / 0.1) / 2.0)
+    assert figures(trials[:3])[GAP].reached is None
+    assert figures(trials[3:])[GAP].reached is None
 
 
 def test_intervals_hold_parameters_whatever_the_sign_of_an_amplitude():
@@ -235,29 +250,32 @@ def test_intervals_hold_parameters_whatever_the_sign_of_an_amplitude():
     assert true_parameters(wave) == {"A": 2.0e-4, "phi": 1.0 + np.pi}
     good = named(WAVE, A=(2.0e-4, 1e-6), phi=(1.0 - np.pi + 0.01, 0.01))
     bad = named(WAVE, A=(2.1e-4, 1e-6), phi=(1.0, 0.01))
-    found = intervals([single(wave, verdict(good)), single(wave, verdict(bad))])
-    assert (found.inside.count, found.inside.of) == (2, 4)
-    assert [each.parameter for each in found.by_parameter] == ["A", "phi"]
-    assert found.by_parameter[0].share == 0.5
-    assert sorted(score.score for score in found.scores)[:2] == pytest.approx([-314.159, 0.0], 1e-3)
+    trials = [single(wave, verdict(good)), single(wave, verdict(bad))]
+    found = figures(trials)
+    assert (found[INSIDE].count, found[INSIDE].trials) == (2, 4)
+    by_parameter = [row for row in found.values() if "parameter of" in row.what]
+    assert [row.by for row in by_parameter] == ["transmission_error A", "transmission_error phi"]
+    assert by_parameter[0].reached == 0.5
+    scores = sorted(each.score for each in scored(trials).parameter_scores)
+    assert scores[:2] == pytest.approx([-314.159, 0.0], 1e-3)
 
 
 def test_intervals_take_vectors_apart_and_leave_maps_and_wrong_places_out():
     drift = Name("base_drift", "base")
     true = hidden(drift, rate=[1e-5, 2e-5, 3e-5])
     estimates = {f"rate_{axis}": (k * 1e-5, 1e-7) for k, axis in enumerate("xyz", start=1)}
-    found = intervals([single(true, verdict(named(drift, **estimates)))])
-    assert (found.inside.count, found.inside.of) == (3, 3)
+    found = figures([single(true, verdict(named(drift, **estimates)))])[INSIDE]
+    assert (found.count, found.trials) == (3, 3)
     map_ = hidden(MAP, knots=[1e-4] * 3)
     elsewhere = named(Name("backlash", "joint 4"), b=(1e-4, 1e-6))
-    none = intervals(
+    none = figures(
         [
             single(map_, verdict(named(MAP, knots_x=(0.0, 1.0)))),
             single(hidden(LOST, b=1e-4), verdict(elsewhere)),
         ]
     )
-    assert none.inside.of == 0
-    assert none.rms is None
+    assert none[INSIDE].trials == 0
+    assert none["parameters of named effects: score, root mean square"].reached is None
 
 
 @pytest.mark.parametrize(
@@ -276,13 +294,15 @@ def test_intervals_take_vectors_apart_and_leave_maps_and_wrong_places_out():
 )
 def test_outcomes(said, expected):
     one = single(WAVE, said)
-    assert outcome(one, one.hidden[0]) == expected
-    assert confusion([one, one]) == {"transmission_error": {expected: 2}}
+    assert one.outcome(one.hidden[0]) == expected
+    (subject,) = scored([one, one]).subjects
+    assert (subject.kind, subject.id) == ("single", "transmission_error")
+    assert subject.counts == {expected: 2}
 
 
 def test_a_map_at_the_joint_of_what_has_no_name_is_the_right_place():
     one = trial("outside", [THIRD], verdict(named(MAP)))
-    assert outcome(one, one.hidden[0]) == RIGHT_PLACE
+    assert one.outcome(one.hidden[0]) == RIGHT_PLACE
 
 
 def test_power_is_studied_by_size_and_by_what_moves():
@@ -294,12 +314,16 @@ def test_power_is_studied_by_size_and_by_what_moves():
         )
         for size in sizes
     ]
-    found = study_power([*trials, single(LOST, verdict(named(LOST))), single(LOST, None)])
+    found = scored([*trials, single(LOST, verdict(named(LOST))), single(LOST, None)]).power
     assert found.by_id["backlash"] is None
     assert found.by_id["transmission_error"].half == pytest.approx(0.5, rel=0.1)
     assert found.by_moved.half == pytest.approx(0.5 / 1.085, rel=0.2)
-    assert sum(entry.listed.of for entry in found.bins) == 31
-    assert found.bins[0].listed.of + found.bins[1].listed.of < 10
+    assert sum(entry.listed.trials for entry in found.bins) == 31
+    assert found.bins[0].listed.trials + found.bins[1].listed.trials < 10
+
+
+def _without_formulas(trials):
+    return [bar for bar in scored(trials).bars if "formula" not in bar.what]
 
 
 def test_bars_are_met_and_missed():
@@ -309,7 +333,7 @@ def test_bars_are_met_and_missed():
         *[trial("outside", [THIRD], verdict(named(MAP)))] * 20,
         *[trial("triple", [WAVE, LOST, GAIN], verdict(*map(named, (GAIN, LOST, WAVE))))] * 20,
     ]
-    assert all(bar.met for bar in bars(good))
+    assert all(bar.met for bar in _without_formulas(good))
     slow, slower = (
         verdict(named(ELLIPSE), after_mm=after_mm, seconds=100.0, not_testable={WAVE})
         for after_mm in (0.1, 0.01)
@@ -320,21 +344,21 @@ def test_bars_are_met_and_missed():
         *[trial("outside", [THIRD], slow)] * 20,
         *[trial("pair", [WAVE, LOST], slow)] * 20,
     ]
-    assert [bar.met for bar in bars(bad)] == [False] * len(bars(bad))
-    assert all(bar.met is None for bar in bars([]))
+    assert not any(bar.met for bar in _without_formulas(bad))
+    assert all(bar.met is None for bar in scored([]).bars)
 
 
 def test_so_few_trials_that_one_alone_decides_judge_nothing():
-    few = bars([trial("null", [], verdict())] * 4)[0]
-    enough = bars([trial("null", [], verdict())] * 50)[0]
-    wrong = bars([trial("null", [], verdict(named(WAVE)))] * 4)[0]
+    few = scored([trial("null", [], verdict())] * 4).bars[0]
+    enough = scored([trial("null", [], verdict())] * 50).bars[0]
+    wrong = scored([trial("null", [], verdict(named(WAVE)))] * 4).bars[0]
     assert few.met
     assert few.trials_needed == 50
     assert few.verdict == "too few to judge (50 needed)"
     assert enough.verdict == "yes"
     assert wrong.verdict == "no"  # four of four are wrong, where 2 % may be
-    assert bars([])[0].verdict == "no trial"
-    listed = next(bar for bar in bars([]) if bar.at_least and bar.limit == 0.9)
+    assert scored([]).bars[0].verdict == "no trial"
+    listed = next(bar for bar in scored([]).bars if bar.at_least and bar.limit == 0.9)
     assert listed.trials_needed == 10
 
 
@@ -349,8 +373,8 @@ def test_trials_of_trackers_have_bars_of_their_own_and_the_others_alike():
     right = single(WAVE, verdict(named(WAVE)), measured="tracked")
     wrong = single(WAVE, verdict(named(LOST)), measured="tracked")
     unknown = single(WAVE, verdict(not_testable=frozenset({WAVE})), measured="tracked")
-    ours = bars([right, right, right, wrong, unknown])
-    theirs = bars([single(WAVE, verdict(named(WAVE)))])
+    ours = scored([right, right, right, wrong, unknown]).bars
+    theirs = scored([single(WAVE, verdict(named(WAVE)))]).bars
     assert len(ours) == len(theirs) + 2
     assert [bar.what for bar in ours if bar.what not in {bar.what for bar in theirs}] == [
         "one effect of plausible size, testable: among the effect or its alternatives",
