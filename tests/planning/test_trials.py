@@ -2,7 +2,7 @@
 
 from pa10cal.evaluation.options import BlindTrialsOptions, TrialCounts, WildCounts
 from pa10cal.lab.cell.effects.vocabulary import outside, vocabulary
-from pa10cal.lab.cell.wild_trials import subjects_of
+from pa10cal.lab.cell.trials import subjects_of
 from pa10cal.planning.campaign import all_effects, named_effects, trial_counts
 
 

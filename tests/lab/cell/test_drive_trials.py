@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from pa10cal.errors import SettingsError
-from pa10cal.lab.cell.drive_trials import (
+from pa10cal.lab.cell.trials import (
     DRIVE_BENCHES,
     DRIVE_KINDS,
-    POSES,
+    DRIVE_POSES,
     campaigns_of,
-    draw_drive_trials,
+    draw_trials,
 )
 
 IDS = {
@@ -22,10 +22,12 @@ IDS = {
 
 @pytest.mark.parametrize("kind", DRIVE_KINDS)
 def test_fewer_trials_are_the_first_of_more_and_benches_take_turns(kind):
-    trials = draw_drive_trials(kind, 6, 1)
-    assert draw_drive_trials(kind, 3, 1) == trials[:3]
+    trials = draw_trials(kind, 6, 1, "drives")
+    assert draw_trials(kind, 3, 1, "drives") == trials[:3]
     assert [trial.bench for trial in trials[:4]] == [bench.name for bench in DRIVE_BENCHES]
-    assert not {trial.name for trial in trials} & {t.name for t in draw_drive_trials(kind, 6, 2)}
+    assert not {trial.name for trial in trials} & {
+        t.name for t in draw_trials(kind, 6, 2, "drives")
+    }
     for trial in trials:
         hidden = trial.settings.hidden_effects
         assert {each.id for each in hidden} == IDS[kind]
@@ -36,11 +38,11 @@ def test_fewer_trials_are_the_first_of_more_and_benches_take_turns(kind):
 
 
 def test_campaigns_are_of_one_robot_in_poses_and_noise_of_their_own():
-    for trial in draw_drive_trials("sensor", 4, 3):
+    for trial in draw_trials("sensor", 4, 3, "drives"):
         each = campaigns_of(trial)
         assert len(each) == int(trial.bench[-1])
         plans = [settings.without_touches for settings in each]
-        assert POSES[0] - 4 <= sum(plan.poses for plan in plans) <= POSES[1] + 4
+        assert DRIVE_POSES[0] - 4 <= sum(plan.poses for plan in plans) <= DRIVE_POSES[1] + 4
         assert len({settings.random_seed for settings in each}) == len(each)
         assert len({plan.commanded[0] for plan in plans}) == len(each)
         assert all(s.hidden_effects == trial.settings.hidden_effects for s in each)
@@ -53,4 +55,4 @@ def test_campaigns_are_of_one_robot_in_poses_and_noise_of_their_own():
 
 def test_refuses_another_kind():
     with pytest.raises(SettingsError, match="sensor, gear, both, neither"):
-        draw_drive_trials("motor", 1, 1)
+        draw_trials("motor", 1, 1, "drives")

@@ -9,7 +9,8 @@ from pa10cal.errors import SettingsError
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.effects.vocabulary import all_effects, nameless, outside, vocabulary
-from pa10cal.lab.cell.trials import KINDS, STUDIES, TRACKED_POSES, draw_trials
+from pa10cal.lab.cell.scenario import TRACKED_POSES
+from pa10cal.lab.cell.trials import KINDS, STUDIES, draw_trials
 from pa10cal.terms.effects.effect import candidates
 
 SHORT = {"poses": 20}

@@ -19,7 +19,8 @@ from pa10cal.lab.cell.effects.vocabulary import (
 )
 from pa10cal.lab.cell.options import CellPosesOptions, SimulateOptions
 from pa10cal.lab.cell.poses import place_poses
-from pa10cal.lab.cell.trials import KINDS, TILT_SEEDS, draw_trials
+from pa10cal.lab.cell.scenario import TILT_SEEDS
+from pa10cal.lab.cell.trials import KINDS, draw_trials
 
 NOTHING_HIDDEN = ("null", "wrong_noise", "wrong_mass")
 SHORT = {"repeats": 1, "loads_N": (0.0, 44.0), "holdout_points": 1, "holdout_repeats": 1}

@@ -11,11 +11,11 @@ from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.disturbances import DISTURBANCES, disturb
 from pa10cal.lab.cell.options import DisturbanceOptions
 from pa10cal.lab.cell.raw_log import RawLog
-from pa10cal.lab.cell.wild_trials import (
+from pa10cal.lab.cell.trials import (
     TOUCHED,
     WILD_BENCHES,
     WILD_KINDS,
-    draw_wild_trials,
+    draw_trials,
     subjects_of,
 )
 from pa10cal.lab.cell.write import campaign_description
@@ -32,18 +32,18 @@ def log_of(trial):
 
 @pytest.mark.parametrize("kind", WILD_KINDS)
 def test_the_same_seed_gives_the_same_trials_and_fewer_are_the_first_of_more(kind):
-    trials = draw_wild_trials(kind, 6, 1)
-    assert draw_wild_trials(kind, 4, 1) == trials[:4]
-    assert not {trial.name for trial in trials} & {t.name for t in draw_wild_trials(kind, 6, 2)}
+    trials = draw_trials(kind, 6, 1, "wild")
+    assert draw_trials(kind, 4, 1, "wild") == trials[:4]
+    assert not {trial.name for trial in trials} & {t.name for t in draw_trials(kind, 6, 2, "wild")}
 
 
 def test_benches_and_subjects_take_turns():
     count = 1 + len(WILD_BENCHES)
-    right = Counter(trial.bench for trial in draw_wild_trials("right", count, 3))
+    right = Counter(trial.bench for trial in draw_trials("right", count, 3, "wild"))
     assert right == dict.fromkeys([*(bench.name for bench in WILD_BENCHES), TOUCHED], 1)
     for kind in ("stressed", "fault"):
         subjects = subjects_of(kind)
-        trials = draw_wild_trials(kind, len(subjects), 3)
+        trials = draw_trials(kind, len(subjects), 3, "wild")
         assert [put_in(trial)[0] for trial in trials] == list(subjects)
     assert set(subjects_of("stressed")) | set(subjects_of("fault")) == set(DISTURBANCES)
 
@@ -63,9 +63,9 @@ def test_the_turn_of_subjects_stays_for_it_decides_what_a_seed_draws() -> None:
 
 
 def test_an_effect_hides_among_a_stressor():
-    for trial in draw_wild_trials("effect", 12, 3):
+    for trial in draw_trials("effect", 12, 3, "wild"):
         assert len(trial.settings.hidden_effects) == len(put_in(trial)) == 1
-    for trial in draw_wild_trials("beyond", 12, 3):
+    for trial in draw_trials("beyond", 12, 3, "wild"):
         assert len(trial.settings.hidden_effects) == 1
         assert not put_in(trial)
 
@@ -73,7 +73,7 @@ def test_an_effect_hides_among_a_stressor():
 @pytest.mark.parametrize("name", DISTURBANCES)
 def test_a_disturbance_changes_the_raw_files_and_says_where(name):
     kind = "stressed" if DISTURBANCES[name].stressor else "fault"
-    (trial,) = draw_wild_trials(kind, 1, 5, only=name)
+    (trial,) = draw_trials(kind, 1, 5, "wild", only=name)
     clean, log = log_of(trial), log_of(trial)
     places = disturb(log, trial.settings.disturbances, trial.settings.random_seed)
     assert len(places) == 1
@@ -85,7 +85,7 @@ def test_a_disturbance_changes_the_raw_files_and_says_where(name):
 
 
 def test_repeats_run_in_the_order_of_the_settings():
-    for trial in draw_wild_trials("right", 30, 7, [bench.name for bench in WILD_BENCHES]):
+    for trial in draw_trials("right", 30, 7, "wild", [bench.name for bench in WILD_BENCHES]):
         made = simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings)
         schedule, plan = made.truth.schedule, trial.settings.without_touches
         grid = schedule.kind == "grid"
@@ -105,11 +105,11 @@ def test_repeats_run_in_the_order_of_the_settings():
 
 def test_refuses_what_is_not_known():
     with pytest.raises(SettingsError, match="no such thing"):
-        draw_wild_trials("tame", 1, 1)
+        draw_trials("tame", 1, 1, "wild")
     with pytest.raises(SettingsError, match="no such thing"):
-        draw_wild_trials("fault", 1, 1, only="rust")
+        draw_trials("fault", 1, 1, "wild", only="rust")
     with pytest.raises(SettingsError, match="does nothing at any of the benches"):
-        draw_wild_trials("fault", 1, 1, ["irb120-distance"], "attitudes")
-    (trial,) = draw_wild_trials("right", 1, 1)
+        draw_trials("fault", 1, 1, "wild", ["irb120-distance"], only="attitudes")
+    (trial,) = draw_trials("right", 1, 1, "wild")
     with pytest.raises(SettingsError, match="unknown disturbance"):
         disturb(log_of(trial), (DisturbanceOptions(id="rust"),), 1)
