@@ -370,6 +370,20 @@ class BlindTrial:
             for formula in self.proposed()
         )
 
+    def judged_effect(self, hidden: results.HiddenEffect) -> results.JudgedEffect:
+        """Return what became of a hidden effect."""
+        return results.JudgedEffect(
+            id=hidden.id,
+            of=hidden.of,
+            size=hidden.size,
+            ratio=self.ratio(hidden),
+            testable=self.is_testable(hidden),
+            separable=self.is_separable(hidden),
+            moves_poses=self.moves_poses(hidden),
+            listed=self.lists(hidden),
+            outcome=self.outcome(hidden),
+        )
+
     def judged(self, failings: tuple[str, ...]) -> results.JudgedTrial:
         """Return its row of the scores.
 
@@ -388,20 +402,7 @@ class BlindTrial:
             kind=self.kind,
             layout=self.truth.layout,
             path=self.truth.path,
-            hidden=tuple(
-                results.JudgedEffect(
-                    id=hidden.id,
-                    of=hidden.of,
-                    size=hidden.size,
-                    ratio=self.ratio(hidden),
-                    testable=self.is_testable(hidden),
-                    separable=self.is_separable(hidden),
-                    moves_poses=self.moves_poses(hidden),
-                    listed=self.lists(hidden),
-                    outcome=self.outcome(hidden),
-                )
-                for hidden in self.hidden
-            ),
+            hidden=tuple(map(self.judged_effect, self.hidden)),
             put_in=tuple(f"{each.id} at {', '.join(each.where)}" for each in self.put_in),
             verdict=failed if verdict is None else verdict.word,
             said=said[:_SAYS_MOST],

@@ -133,31 +133,22 @@ def _trial_row(t: BlindTrial) -> dict[str, Any]:
     return row
 
 
-def _effect_rows(t: BlindTrial) -> list[dict[str, Any]]:
-    nan = float("nan")
-    return [
-        {
+def _effect_rows(t: BlindTrial) -> Iterator[dict[str, Any]]:
+    for k, hidden in enumerate(t.hidden):
+        named, beside, nan = t.names(hidden), t.alternatives(hidden), float("nan")
+        yield dict(t.judged_effect(hidden)) | {
             "campaign": t.truth.campaign,
             "kind": t.kind,
             "judged": t.verdict is not None,
             "says_something": t.verdict is not None and t.verdict.says_something,
-            "id": hidden.id,
-            "size": hidden.size,
             "first_at_place": all(other.of != hidden.of for other in t.hidden[:k]),
             "ratio": t.ratio(hidden) or nan,
             "apart": t.ratio(hidden, apart=True) or nan,
             "moved": t.moved_over_floor(hidden) or 0.0,
-            "moves_poses": t.moves_poses(hidden),
-            "testable": t.is_testable(hidden),
-            "separable": t.is_separable(hidden),
-            "named": t.names(hidden),
-            "listed": t.lists(hidden),
-            "alternatives": nan if (beside := t.alternatives(hidden)) is None else beside,
-            "alone": t.names(hidden) and t.alternatives(hidden) == 0 and not t.extra(),
-            "outcome": t.outcome(hidden),
+            "named": named,
+            "alternatives": nan if beside is None else beside,
+            "alone": named and beside == 0 and not t.extra(),
         }
-        for k, hidden in enumerate(t.hidden)
-    ]
 
 
 # What is counted, and the figures to reach: `scores.csv` beside this module, a row a figure.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar, Literal, get_args
@@ -17,7 +17,6 @@ from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import robot_of
 from pa10cal.lab.cell.effects.effect import Effect, Site, TorqueLogEffect
 from pa10cal.lab.cell.effects.vocabulary import all_effects, places_of
-from pa10cal.lab.cell.instruments.touch_trigger_cmm import UNCERTAINTY_MM
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.poses import joint_bounds
 from pa10cal.lab.cell.robot import Robot
@@ -164,14 +163,6 @@ class Bench:
             plan["targets"] = self.targets
         return drifts, {"without_touches": plan}
 
-    def uncertainty_mm(self, settings: Mapping[str, Any]) -> float:
-        """Return what a reading's coordinates truly scatter by, under settings that were drawn."""
-        return float(settings["without_touches"]["position_mm"])
-
-    def drawn_size(self, effect: type[Effect], kind: str, rng: np.random.Generator) -> float:
-        """Draw the factor of an effect's usual size in a trial of a kind."""
-        return effect.plausible_size if kind == "single" else log_uniform(OTHER_SIZES, rng)
-
     def site(self, of: str, robot: Robot) -> Site:
         """Return what the size of an effect at a place of a robot goes by."""
         of_joint = {}
@@ -202,6 +193,8 @@ class TouchedBench(Bench):
 
     robot: str = "pa10_6ce"
     instrument: str = "touch_trigger_cmm"
+    flexible_joints: tuple[int, ...] = (1, 2, 3, 4, 5, 6)  # the log shows torques of all of them
+    logs_torques: bool = True
     layout: Layout = "grid"
 
     touched: ClassVar[bool] = True
@@ -246,18 +239,6 @@ class TouchedBench(Bench):
             "poses": {"layout": self.layout, "tilt_seed": tilt_seed},
         }
         return bool(rng.random() < DRIFTING), settings
-
-    @override
-    def uncertainty_mm(self, settings: Mapping[str, Any]) -> float:
-        return UNCERTAINTY_MM
-
-    @override
-    def drawn_size(self, effect: type[Effect], kind: str, rng: np.random.Generator) -> float:
-        return log_uniform(SINGLE_SIZES if kind == "single" else OTHER_SIZES, rng)
-
-    def places(self, effect: type[Effect]) -> list[str]:
-        """Return where an effect does something at this bench."""
-        return places_of(trial_places(effect), self.built, tuple(TYPICAL_NM))
 
 
 @dataclass

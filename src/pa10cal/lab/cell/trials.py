@@ -19,6 +19,7 @@ from pa10cal.lab.cell.disturbances import DISTURBANCES, Disturbance, Need
 from pa10cal.lab.cell.effects.effect import Effect, Site, TorqueLogEffect
 from pa10cal.lab.cell.effects.reading import drawn_cogs, drawn_ratio
 from pa10cal.lab.cell.effects.vocabulary import all_effects, nameless, outside, vocabulary
+from pa10cal.lab.cell.instruments.touch_trigger_cmm import UNCERTAINTY_MM
 from pa10cal.lab.cell.measured_trials import SUBJECTS, draw_measured, measured_benches
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.poses import joint_bounds
@@ -31,6 +32,7 @@ from pa10cal.lab.cell.scenario import (
     OTHER_SIZES,
     POSITION_MM,
     SECONDS_A_POSE,
+    SINGLE_SIZES,
     TOOL_KG,
     TRACKED_DRIFT_C,
     TRACKED_POSES,
@@ -195,17 +197,21 @@ def _draw_hidden(
     scenario.settings |= settings
     while len(scenario.hidden) < _MEMBERS.get(kind, 0):
         effect = in_turn or known[str(rng.choice(list(known)))]
-        drawn = bench.drawn_size(effect, kind, rng)
+        drawn = effect.plausible_size
+        if kind != "single" or bench.touched:
+            drawn = log_uniform(SINGLE_SIZES if kind == "single" else OTHER_SIZES, rng)
         scenario.hide(effect, drawn if size is None else size)
+    uncertainty_mm = UNCERTAINTY_MM
     if not bench.touched:
         plan = settings["without_touches"]
         plan["logs_torques"] |= any(issubclass(e, TorqueLogEffect) for e in scenario.effects)
+        uncertainty_mm = plan["position_mm"]
     warms = drifts or any(effect.by_temperature for effect in scenario.effects)
     scenario.settings["temperature_drift_C"] = bench.drift_C if warms else 0.0
     up, arm = float(rng.choice([-1.0, 1.0])), bench.arm
     if kind == "wrong_noise":
         factor = float(np.exp(up * rng.uniform(*np.log(_NOISE_FACTORS))))
-        scenario.settings["stated_uncertainty_mm"] = bench.uncertainty_mm(settings) * factor
+        scenario.settings["stated_uncertainty_mm"] = uncertainty_mm * factor
     elif kind == "wrong_mass" and arm.mass_kg is not None:
         factors = np.ones(arm.n)
         factors[rng.integers(1, arm.n)] += up * rng.uniform(*_MASS_EXCESS)
