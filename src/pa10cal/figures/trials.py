@@ -145,7 +145,7 @@ def draw_trials_intervals(scores: TrialScoresRecord) -> Figure:
     figure = style.new_figure(height + 44.0, _TITLE_OF_INTERVALS)
     inside_by_parameter = style.panel(figure, 50.0, 30.0, 42.0, height)
     for y, row in enumerate(rows):
-        _draw_share(inside_by_parameter, y, row, per=100.0)
+        _draw_share(inside_by_parameter, y, row, across=True)
         style.write_beside(inside_by_parameter, y, f"{row.count} of {row.trials}", color=GREY)
     names = [row.by for row in rows]
     style.name_rows(inside_by_parameter, names)
@@ -162,14 +162,15 @@ def draw_trials_intervals(scores: TrialScoresRecord) -> Figure:
     return figure
 
 
-def _draw_share(axes: Axes, at: float, row: ScoreRow, *, per: float = 1.0) -> None:
-    """Draw a share with its interval: along x in per cent at a height, or along y."""
-    share, low, high = (per * (each or 0.0) for each in (row.reached, row.low, row.high))
+def _draw_share(axes: Axes, at: float, row: ScoreRow, *, across: bool = False) -> None:
+    """Draw a share with its interval upwards over a place, or in per cent across a row."""
+    scale = 100.0 if across else 1.0
+    share, low, high = (scale * (each or 0.0) for each in (row.reached, row.low, row.high))
     off = [[share - low], [high - share]]
-    if per == 1.0:
-        axes.errorbar(at, share, yerr=off, **_WITH_INTERVAL)
-    else:
+    if across:
         axes.errorbar(share, at, xerr=off, **_WITH_INTERVAL)
+    else:
+        axes.errorbar(at, share, yerr=off, **_WITH_INTERVAL)
 
 
 def _draw_levels(axes: Axes, size: Array) -> None:
