@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import binom
 
 import made_up_trials
 from made_up_trials import figures, hidden, named, scored
@@ -11,10 +14,14 @@ from pa10cal.lab.blind_trial import (
     LISTED,
     NOT_TESTABLE,
     NOTHING,
+    OUTSIDE_FORMS,
     RIGHT_PLACE,
     WRONG_PLACE,
+    Formula,
+    is_right,
 )
-from pa10cal.lab.scores import true_parameters
+from pa10cal.lab.cell.effects.vocabulary import nameless
+from pa10cal.lab.scores import power, share_of, true_parameters
 from pa10cal.results.record import Name
 
 WAVE = Name("transmission_error", "joint 2")
@@ -383,3 +390,138 @@ def test_trials_of_trackers_have_bars_of_their_own_and_the_others_alike():
     listed, confident = ours[1:3]
     assert (listed.reached, listed.trials, listed.met) == (0.75, 4, False)
     assert (confident.reached, confident.trials, confident.met) == (0.2, 5, False)
+
+
+# Formulas: right of form, order and place, or not.
+
+OUTSIDE = "effect outside the vocabulary"
+NAMELESS = f"{OUTSIDE}, found without a name: its formula proposed"
+HIDDEN_THIRD = hidden(Name("third_harmonic", "joint 2"), A=1e-4, phi=0.3)
+RIGHT = Formula("harmonic", "joint 2", (3.0,))
+
+
+def formulas(kind, what, *proposed, failed=False, effects=()):
+    said = made_up_trials.verdict(
+        *effects,
+        word="unexplained",
+        places=("joint 2",) if not effects else (),
+        proposed=[(each.form, each.of, *each.numbers) for each in proposed],
+    )
+    return made_up_trials.trial(kind, what, None if failed else said, springs=())
+
+
+@pytest.mark.parametrize(
+    ("what", "formula", "right"),
+    [
+        (HIDDEN_THIRD, RIGHT, True),
+        (HIDDEN_THIRD, Formula("harmonic", "joint 2", (4.0,)), False),
+        (HIDDEN_THIRD, Formula("harmonic", "joint 3", (3.0,)), False),
+        (HIDDEN_THIRD, Formula("sawtooth", "joint 2", (3.0, 0.1)), False),
+        (
+            hidden(Name("bowed_axis", "instrument"), axis=0, along=2, sag=1.0),
+            Formula("cubic", "instrument", (0, 2)),
+            True,
+        ),
+        (
+            hidden(Name("bowed_axis", "instrument"), axis=0, along=2, sag=1.0),
+            Formula("quadratic", "instrument", (2, 0)),
+            False,
+        ),
+        (
+            hidden(Name("sawtooth", "joint 1"), sector=float(np.radians(24.0))),
+            Formula("sawtooth", "joint 1", (15.0, 0.02)),
+            True,
+        ),
+        (
+            hidden(Name("soft_by_angle", "joint 4"), cycles=2.0),
+            Formula("torque_by_angle", "joint 4", (1.0,)),
+            False,
+        ),
+        (hidden(Name("dress_pack", "joint 4")), Formula("pull", "joint 4"), True),
+        (
+            hidden(Name("hysteresis", "joint 4")),
+            Formula("arrival_by_torque_squared", "joint 4"),
+            False,
+        ),
+        (hidden(Name("pedestal_tilt", "base")), Formula("moment_cubed", "base"), True),
+        (hidden(Name("backlash", "joint 4")), Formula("harmonic", "joint 4", (3.0,)), False),
+    ],
+)
+def test_form_order_and_place_must_be_those_hidden(what, formula, right):
+    assert is_right(what, formula) is right
+
+
+def test_shares_are_of_what_no_name_covers_and_of_the_rest():
+    found = figures(
+        [
+            formulas("outside", (HIDDEN_THIRD,), RIGHT),
+            formulas("outside", (HIDDEN_THIRD,), Formula("harmonic", "joint 2", (2.0,))),
+            formulas("outside", (HIDDEN_THIRD,)),
+            formulas("outside", (HIDDEN_THIRD,), failed=True),
+            formulas("null", ()),
+            formulas("single", (hidden(Name("backlash", "joint 2")),), RIGHT),
+        ]
+    )
+    for what, count, of, met in (
+        (f"{OUTSIDE}: its formula proposed, form and order", 1, 4, False),
+        (f"{OUTSIDE}: another formula proposed", 1, 4, False),
+        ("nothing outside the vocabulary: a formula proposed that is not hidden", 1, 2, False),
+        (NAMELESS, 1, 3, None),
+        (f"{OUTSIDE}: its formula proposed | third_harmonic", 1, 4, None),
+    ):
+        assert (found[what].count, found[what].trials, found[what].met) == (count, of, met), what
+
+
+def test_a_map_counts_as_something_without_a_name():
+    of_map = named(Name("joint_error_map", "joint 2"))
+    found = figures([formulas("outside", (HIDDEN_THIRD,), RIGHT, effects=(of_map,))])
+    assert found[NAMELESS].trials == 1
+
+
+def test_every_effect_that_no_name_covers_has_its_formula():
+    assert set(OUTSIDE_FORMS) == set(nameless())
+
+
+# Shares with exact intervals, and curves of power.
+
+
+@given(st.integers(1, 200), st.data())
+@settings(deadline=None, max_examples=40)
+def test_the_interval_is_where_so_many_are_no_longer_plausible(of, data):
+    count = data.draw(st.integers(0, of))
+    found = share_of([True] * count + [False] * (of - count))
+    assert (found["count"], found["reached"]) == (count, count / of)
+    assert found["low"] <= count / of <= found["high"]
+    if count:
+        assert binom.sf(count - 1, of, found["low"]) == pytest.approx(0.025, rel=1e-6)
+    if count < of:
+        assert binom.cdf(count, of, found["high"]) == pytest.approx(0.025, rel=1e-6)
+
+
+def test_no_trial_says_nothing():
+    assert share_of([]) == {"count": 0, "reached": None, "low": 0.0, "high": 1.0}
+
+
+def test_two_hundred_without_a_wrong_name_still_leave_almost_two_percent():
+    assert 0.015 < share_of([False] * 200)["high"] < 0.02
+
+
+def test_a_power_curve_is_found_again():
+    rng = np.random.default_rng(1)
+    size = np.exp(rng.uniform(np.log(0.1), np.log(3.0), 4000))
+    chance = 1.0 / (1.0 + np.exp(-(2.0 + 3.0 * np.log(size))))
+    curve = power(size, rng.random(len(size)) < chance)
+    assert curve.slope == pytest.approx(3.0, rel=0.1)
+    assert curve.half == pytest.approx(np.exp(-2.0 / 3.0), rel=0.1)
+    assert curve.most == pytest.approx(np.exp((np.log(19.0) - 2.0) / 3.0), rel=0.1)
+    assert curve.at(np.array([curve.half]))[0] == pytest.approx(0.5)
+
+
+def test_a_power_curve_needs_both_outcomes_and_claims_nothing_outside_the_sizes_tried():
+    size = np.geomspace(0.1, 3.0, 20)
+    assert power(size, np.ones(20, dtype=bool)) is None
+    assert power(size, np.zeros(20, dtype=bool)) is None
+    assert power(np.zeros(0), np.zeros(0, dtype=bool)) is None
+    curve = power(size, size > 2.5)
+    assert 1.0 < curve.half < 3.0
+    assert curve.most is None
