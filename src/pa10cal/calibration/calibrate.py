@@ -74,9 +74,6 @@ def calibrate(
 
     Args:
         model: chain and terms, the base frame not among them.
-        observations: N measured poses.
-        options: how to calibrate.
-        errors: what is known of the errors of the measured poses.
 
     Raises:
         CalibrationError: when there are fewer equations than unknowns.
@@ -288,10 +285,8 @@ def solve(
     from Gauss-Newton steps.
 
     Args:
-        level: the problem.
         x_start: (k,) start, inside the physical range.
         terms: (r, k) tolerance rows; `terms @ x` are residuals.
-        max_iterations: bound on the steps tried.
         precision: relative changes at which it has arrived.
     """
     scale, bounds = level.model.scale, Bounds.of(level.parameters)

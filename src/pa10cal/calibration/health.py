@@ -520,7 +520,6 @@ def poses_needed(
     """Order the poses of a fit by their information, and tell how many an uncertainty takes.
 
     Args:
-        ended: how the fit ended.
         u_needed_mm: standard uncertainty of a predicted position to reach, root mean square over
             all poses.
         wanted_mm: the same, where somebody asked for it.

@@ -126,8 +126,6 @@ def held_out_errors(
     Those with a suspected reading do not count, unless all have one.
 
     Args:
-        model: the calibrated model.
-        every: single readings of all kinds.
         fitted, held_out: averaged poses, P of them held out.
         position: (P, c, k) derivative of the predicted positions of those held out [m].
         cov: (k, k) of the parameters.
@@ -164,9 +162,7 @@ def with_own_scatter(
     little elsewhere each time is no error, while the noise of torques and resolvers is one.
 
     Args:
-        observations: averaged poses.
         readings: the single readings; where nothing was repeated, `observations` stay as they are.
-        model, x: a calibrated model.
     """
     average = average_repeats(readings)
     expected = model.predict(readings.states, x)
@@ -188,11 +184,8 @@ def propagate(
     """Propagate the errors of the measured poses to the estimate.
 
     Args:
-        at_solution: linearisation at the estimate.
         observations: measured poses with their covariances.
-        inner_rows: rows of the inner level.
         terms: (r, k) tolerance rows of the solve.
-        r_max_m: length that normalises positions.
         u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
 
     Returns:
@@ -261,8 +254,6 @@ def calibrated_parameters(
     Args:
         report: k parameters, and their derivative by the m solved ones.
         covariance: (m, m) of those solved.
-        held: names of those that the data do not identify.
-        at_bound: names of those at the end of their physical range.
     """
     return {
         name: CalibratedParameter(
@@ -293,7 +284,6 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
 
     Args:
         readings: single readings of the poses fitted.
-        model: a calibrated model.
 
     Returns:
         One entry a kind of components; none where too little is repeated.

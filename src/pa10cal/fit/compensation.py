@@ -79,10 +79,7 @@ def compensate(
     """Find the joint positions that bring a frame to poses; see `FittedModel.compensate`.
 
     Args:
-        model: the fitted model.
         T: (N, 4, 4) poses of the frame in the base frame [m].
-        frame: one of the model's.
-        given: conditions of the poses.
         seed: (N, n) or (n,) joint positions, nan where there are none.
         T_flange_tcp: (4, 4) TCP that the controller holds; None for the frame as the model has it.
 

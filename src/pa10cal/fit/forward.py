@@ -221,8 +221,6 @@ class Forward:
         """Return where the frame is (N, 4, 4), and its derivative by the joints (N, 6, n).
 
         Args:
-            states: of the poses.
-            given: their conditions.
             terms: whether the derivative holds how the terms themselves change with the joints,
                 through angles and through weights; else only that of the geometry, which is off by
                 some parts in a hundred and takes a tenth of the time.

@@ -35,7 +35,6 @@ def with_torques(
     Args:
         model, x: chain and terms, with the parameters of these. Effects play no part: they may
             need what is not known yet, and move weights by next to nothing.
-        payload: what the arm carries; None where it is not known.
     """
     if np.all(np.isfinite(states.tau_Nm)):
         return states, "logged"

@@ -117,7 +117,6 @@ def model_from_plain(
     """Return the model that `model_to_plain` described.
 
     Args:
-        where: file and place, for messages.
         covariance: (k, k) of the parameters, or None.
 
     Raises:

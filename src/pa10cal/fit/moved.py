@@ -69,7 +69,6 @@ def hypotheses(
     """Return what may have moved in an arm of whose parameters something is known.
 
     Args:
-        terms: what belongs to the arm: departures, springs, effects.
         x: (k,) their parameters.
         covariance: (k, k) how well these are known.
     """

@@ -94,11 +94,7 @@ class WeightedRows:
 
 
 def weighted_rows(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) -> WeightedRows:
-    """Weigh the rows of a problem.
-
-    Args:
-        robust: whether poses far outside the scatter weigh less.
-    """
+    """Weigh the rows of a problem."""
     whitener = _whitener(problem, scatter.size)
     white = np.einsum("pij,pj->pi", whitener, rows.residual)
     distance = np.sqrt(np.sum(white**2, axis=1))
@@ -294,7 +290,6 @@ def far_from_prediction(
 
     Args:
         poses: P single readings held out, with what the model needs.
-        model: the calibrated model.
         fitted: single readings that it was fitted to, likewise: they show what is usual.
 
     Returns:
@@ -322,7 +317,6 @@ def confirmed(readings: Observations, left: Array, rows: Index) -> Mask:
     It does where it is off by about as much in the same direction.
 
     Args:
-        readings: P single readings.
         left: (P, b) what the model leaves of them.
         rows: those that are far from it.
     """

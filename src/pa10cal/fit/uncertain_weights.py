@@ -60,11 +60,7 @@ def unknown_tool(arm: Arm, payload: Payload) -> Weights:
 
 
 def unknown_weights(arm: Arm, payload: Payload, states: PoseStates) -> tuple[Weights, ...]:
-    """Return the weights that a calibration fits with the springs: those nobody stated.
-
-    Args:
-        states: poses with calculated torques.
-    """
+    """Return the weights that a calibration fits with the springs: those nobody stated."""
     known = weights_known(arm)
     if known.origin == "stated":
         return () if payload.known else (unknown_tool(arm, payload),)

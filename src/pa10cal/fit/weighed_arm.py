@@ -58,8 +58,6 @@ def weighed_arm(
     """Return the arm of a campaign with weights, and how well these are known.
 
     Args:
-        arm: the nominal arm, as it is described.
-        every: single readings of all kinds.
         payload_of: what an arm carries; None of one without masses.
         total_kg: the mass of the whole arm, as a catalogue states it; None where it is not stated.
     """

@@ -60,7 +60,6 @@ def turns(normals: Array, versine: Array, work: Array, sigma_rad: float, *, seri
     """Replace normals z by sin σz, and write 1 - cos σz, in few passes over memory.
 
     Args:
-        normals, versine, work: arrays of one shape.
         sigma_rad: standard deviation σ of one joint's error.
         series: whether by σz - (σz)³/6 and (σz)²/2; else by numpy's sine, with
             1 - cos δ = 2 sin²(δ/2).
@@ -253,11 +252,8 @@ def sample_errors(
     """Draw the joint errors of every cycle at every position and sum the position errors.
 
     Args:
-        plan: the displacement at P positions.
-        streams: P fresh generators, one a position.
         counts: (C,) increasing counts of cycles at which the sums are kept; the last is the
             number of cycles at each position.
-        progress: called before the first and after every position.
     """
     cycles = int(counts[-1])
     starts = np.arange(0, cycles, BLOCK_CYCLES)
@@ -350,7 +346,6 @@ def expected_error(jacobian: Array, sigma_rad: float) -> ExpectedError:
 
     Args:
         jacobian: (P, 3, n) velocity of the flange by each joint [m/rad].
-        sigma_rad: standard deviation of every joint.
     """
     squares = sigma_rad**2 * (jacobian @ jacobian.transpose(0, 2, 1))
     # Rounding leaves an eigenvalue that should vanish a little below zero.
@@ -379,11 +374,7 @@ def study_plane(
     """Draw resolver errors at places of one plane and set the closed form beside them.
 
     Args:
-        arm: the nominal arm.
         plane_mm: height of the flange above the base.
-        settings: what to draw.
-        campaign, robot: names in the result.
-        progress: called before the first and after every position.
 
     Raises:
         SettingsError: when the plane cannot be reached or the map is too fine.

@@ -133,7 +133,6 @@ class Separation(Information):
             white: (N, b, k + m) rows of the candidates, of unit variance: of what may be adjusted,
                 in the size expected of it, and of the m contributions of the effect.
             known: (r, k + m) rows of what was measured, and of the sizes expected.
-            contributions: m.
             components: D of what was measured.
         """
         self._of_effect, self._measured = contributions, components

@@ -127,8 +127,6 @@ def draw_candidates(arm: Arm, targets_m: Array, options: PlanOptions, least: int
 
     Args:
         targets_m: (B, 3) targets on the end.
-        options: where arm and tool may be, and how many poses are wanted.
-        least: how many are needed.
 
     Raises:
         CalibrationError: when too few are left, saying which constraint removed how many.
@@ -244,7 +242,6 @@ def expect(
 
     Args:
         q: (N, n) joint positions [rad, or m of a prismatic joint].
-        options: targets, uncertainties, loads.
     """
     loads = len(options.loads_N)
     observations, start = _foreseen(arm, kind, q, options)

@@ -83,8 +83,6 @@ def plan_poses(
     """Choose poses to measure.
 
     Args:
-        instrument: what measures, a word of docs/instruments.md.
-        poses: N, how many.
         options: where arm and instrument may be, and what is measured; None for the defaults.
         calibration: how the poses will be calibrated; None for the defaults.
 

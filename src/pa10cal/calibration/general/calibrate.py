@@ -78,13 +78,8 @@ def calibrate_general(
     """Calibrate the general model.
 
     Args:
-        arm: the nominal arm.
-        observations: P poses to fit.
-        start: about where base, tool and targets are.
         payload: what the arm carries; None where it is not known. Springs need torques, logged or
             of the masses that the description of the arm states.
-        options: how to calibrate; None for the defaults.
-        links: whether the geometry of the links is fitted; else frames and targets alone.
 
     Raises:
         CalibrationError: when there are too few poses, or springs are requested whose torques are
@@ -144,8 +139,6 @@ def at_rest(
 
     Args:
         problem, found: what was solved, and where that ended.
-        unweighed: states without those torques.
-        payload: what the arm carries.
         fitted: fits a problem from a point, with a scatter to set out with; see `fit`.
     """
     for _ in range(_MOST_REFITS):
@@ -179,7 +172,6 @@ def _not_shown(
 
     Args:
         problem, found: what was solved, and where that ended.
-        springs: joints with a spring.
         sure: those of which it is there, whatever readings show.
         one_by_one: whether weights are unknown too, so that springs stand in for each other.
     """

@@ -81,10 +81,7 @@ def fit(
     """Fit the general model.
 
     Args:
-        problem: the model and what was seen.
         x_start: (k,) where to set out.
-        robust: whether poses far outside the scatter weigh less.
-        max_iterations: bound on the steps.
         scatter_start: scatter of each kind to set out with [m, rad]; None for that at the start.
         expected: what is known of the first unknowns before any reading; None for nothing.
     """

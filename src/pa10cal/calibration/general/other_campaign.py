@@ -96,11 +96,6 @@ def refuse_unsound(model: FittedModel, *, force: bool = False) -> None:
 def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     """Return what a fitted model says of an arm that may carry another tool.
 
-    Args:
-        model: the fitted model.
-        arm: the nominal arm of the further campaign.
-        payload: what the arm carries there; None where that is not known.
-
     Raises:
         CalibrationError: when the model is of another arm, or its covariance is not known.
     """
@@ -222,14 +217,6 @@ def calibrate_from(
     options: CalibrationOptions | None = None,
 ) -> GeneralCalibration:
     """Calibrate an arm of which a fitted model is known.
-
-    Args:
-        prior: what is known.
-        arm: the nominal arm.
-        observations: P poses to fit.
-        start: about where base, tool and targets are.
-        payload: what the arm carries; None where it is not known.
-        options: how to calibrate; None for the defaults.
 
     Raises:
         CalibrationError: when there are too few poses to find base and tool.
@@ -460,8 +447,6 @@ def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> 
     torques have all weights in them, as they are.
 
     Args:
-        model: the calibrated model.
-        payload: what the arm carries there; None where it is not known.
         logged: whether torques are logged there.
     """
     away = model.falls_back
@@ -513,10 +498,8 @@ def _of_link(
     """Return which part of each weight goes with the arm, (k,), and the variance of the rest, (k,).
 
     Args:
-        term: the weights.
         before: their uncertainties in the campaign of the model; None where not known.
         there: their uncertainties in the other campaign.
-        payload: what the arm carries there.
     """
     kept, left = np.ones(len(term.columns)), np.zeros(len(term.columns))
     tool_kg_m = 0.0 if before is None else before.payload_kg_m
@@ -541,7 +524,6 @@ def _with_frames(problem: Problem, x: Array, of_arm: Array, base: tuple[str, ...
 
     Args:
         problem: with the terms of the arm, those of the frames and the base's own as unknowns.
-        x: where the fit ended.
         of_arm: (a, a) covariance of the arm's parameters.
         base: coordinates of the base that were unknowns.
     """

@@ -76,8 +76,6 @@ def choose_unknowns(
     """Choose the parameters that arm and instrument can identify.
 
     Args:
-        arm: the nominal arm.
-        tolerances: of the link parameters.
         measured: by which instrument; its readings play no part.
         T_instr_base: (4, 4) approximate base frame.
         targets_m: (t,) about where the targets sit.
@@ -238,14 +236,6 @@ def general_problem(
     links: bool = True,
 ) -> GeneralProblem:
     """Put the general model together for an arm, an instrument and poses.
-
-    Args:
-        arm: the nominal arm.
-        observations: P poses.
-        start: about where base, tool and targets are.
-        payload: what the arm carries; None where it is not known.
-        options: which springs, and tolerances of the links.
-        links: whether the geometry of the links is unknown; else frames and targets alone.
 
     Raises:
         CalibrationError: when springs are requested whose torques are not known.
