@@ -169,8 +169,7 @@ class Forward:
             and not falsifies_log(term)
             and (term not in tools.values() or term is own)
         ]
-        columns = [np.arange(len(model.x))[model.model.columns_of(term)] for term in moving]
-        chosen = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
+        chosen = model.model.places_of(*moving)
         on_tool = frame in tools or (frame == TOOL_FRAME and bool(tools or not model.target_names))
         T = np.eye(4)
         if on_tool:
@@ -287,15 +286,14 @@ class Forward:
         chain, terms = self.physical.chain, self.physical.terms
         maps = [term for term in terms if isinstance(term, JointErrorMap)]
         others = tuple(term for term in terms if not isinstance(term, JointErrorMap))
-        places = [np.arange(len(self.x))[self.physical.columns_of(term)] for term in others]
-        dense = np.concatenate([np.zeros(0, dtype=np.intp), *places])
+        dense = self.physical.places_of(*others)
         without = Forward(
             self.whole, Model(chain, others), self.x[dense], dense, self.on_tool, self.T_end_frame
         )
         moved = without.by_parameters(states, end)[:, :3]
         turned = [
             MapMotion(
-                np.arange(len(self.x))[self.physical.columns_of(term)],
+                self.physical.places_of(term),
                 states.q_rad[:, term.joint - 1],
                 self.at_frame(end, end.screws[:, :, chain.columns(term.coordinates)])[:, :3, 0],
             )

@@ -106,7 +106,7 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     from_: list[int] = []
     sizes: list[float] = []
     for term in model.model.terms:
-        columns = np.arange(len(model.x))[model.model.columns_of(term)].tolist()
+        columns = model.model.places_of(term).tolist()
         if isinstance(term, ArrivalError):
             term, columns = ArrivalError(term.of), [-1]
         elif not of_arm(term):
@@ -331,15 +331,16 @@ def _changed(
 
 def _clearest(possible: Sequence[Hypothesis], by: Array, variances: Array) -> list[Found]:
     """Return what moved by most of its standard uncertainties, where everything was found anew."""
-    single = [each for each in possible if each.kind in (JOINT_ZERO, LINK, STIFFNESS)]
     std = np.sqrt(np.maximum(variances, 0.0))
-    sigmas = {
-        each: float(abs(by[k]) / std[k]) if std[k] > 0.0 else 0.0
-        for each in single
+    sigmas = [
+        (float(abs(by[k]) / std[k]), each)
+        for each in possible
+        if each.kind in (JOINT_ZERO, LINK, STIFFNESS)
         for k in each.columns
-    }
-    clear = sorted((each for each in single if sigmas[each] > _CLEAR), key=lambda e: -sigmas[e])
-    return [Found(each, 1.0, 0.5 * float(sigmas[each]) ** 2) for each in clear[:_MOST_NAMED]]
+        if std[k] > 0.0
+    ]
+    clear = sorted((pair for pair in sigmas if pair[0] > _CLEAR), key=lambda pair: -pair[0])
+    return [Found(each, 1.0, 0.5 * sigma**2) for sigma, each in clear[:_MOST_NAMED]]
 
 
 def _words(moved: Moved) -> str:
@@ -377,14 +378,9 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     unknowns = choose_unknowns(
         arm, Tolerances(), observations.measured, start.T_instr_base, start.targets_m
     )
-    arm_terms, known, columns = [], [], []
-    for term in model.model.terms:
-        if not (is_tool(term) or OF in term.of):
-            own = np.arange(len(model.x))[model.model.columns_of(term)]
-            arm_terms.append(term)
-            known.append(fixed(term, model.x[own]))
-            columns.append(own)
-    of_arm = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
+    arm_terms = [term for term in model.model.terms if not (is_tool(term) or OF in term.of)]
+    known = [fixed(term, model.values_of(term)) for term in arm_terms]
+    of_arm = model.model.places_of(*arm_terms)
     chain = model.model.chain
     ends_s = pairwise((*sorted(cuts_s), float("inf")))  # of every part but the first
     parts = (
@@ -451,12 +447,12 @@ def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> 
     """
     away = model.falls_back
     if logged:
-        model = _without_weights(model)
+        model = model.only(*(term for term in model.model.terms if not isinstance(term, Weights)))
     x, covariance = model.x.copy(), model.covariance
     for term in model.model.terms:
         if payload is None or not isinstance(term, Weights):
             continue
-        columns = np.arange(len(x))[model.model.columns_of(term)]
+        columns = model.model.places_of(term)
         before = None if model.payload is None else weight_sizes(model.arm, model.payload)
         kept, left = _of_link(term, before, weight_sizes(model.arm, payload), payload)
         x[columns] *= kept
@@ -473,22 +469,6 @@ def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> 
         falls_back=None
         if away is None
         else FallBack(away.within, with_tool_of(away.model, payload, logged=logged)),
-    )
-
-
-def _without_weights(model: F) -> F:
-    """Return a model whose torques are not calculated from weights."""
-    terms = tuple(term for term in model.model.terms if not isinstance(term, Weights))
-    every, count = np.arange(len(model.x)), len(model.x)
-    own = [every[model.model.columns_of(term)] for term in terms]
-    at = np.concatenate([np.zeros(0, dtype=np.intp), *own])
-    with_base = np.concatenate([at, np.arange(count, count + len(BASE))])
-    covariance = model.covariance
-    return replace(
-        model,
-        model=Model(model.model.chain, terms),
-        x=model.x[at],
-        covariance=None if covariance is None else covariance[np.ix_(with_base, with_base)],
     )
 
 
