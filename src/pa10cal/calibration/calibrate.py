@@ -15,7 +15,7 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.general.problem import check_enough
 from pa10cal.calibration.levels import TwoLevel, rows_of, spread_poses
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.uncertainty import ErrorSources, propagate, with_own_scatter
+from pa10cal.calibration.uncertainty import propagate, with_own_scatter
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.fit.fitted_model import FittedModel
@@ -87,12 +87,16 @@ def calibrate(
     model: Model,
     observations: Observations[Pose],
     options: CalibrationOptions,
-    errors: ErrorSources,
+    readings: Observations[Pose] | None = None,
+    u_apparatus_m: float = 0.0,
 ) -> Calibration:
     """Calibrate a model on two levels, from several starts (paper, Section II.C).
 
     Args:
         model: chain and terms, the base frame not among them.
+        readings: single readings behind the averaged poses; their scatter about the model is the
+            noise. None leaves the covariances that the poses came with.
+        u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
 
     Raises:
         CalibrationError: when there are fewer equations than unknowns.
@@ -123,8 +127,8 @@ def calibrate(
     in_rows = (level.weights[:, None] * jacobian).reshape(-1, len(whole.scale))
     identifiability = identify(in_rows, whole.scale)
     noise = observations
-    if errors.readings is not None:
-        noise = with_own_scatter(observations, errors.readings, model, best.x)
+    if readings is not None:
+        noise = with_own_scatter(observations, readings, model, best.x)
     return Calibration(
         level=level,
         solution=best,
@@ -137,7 +141,7 @@ def calibrate(
         not_identifiable=not_identifiable(identifiability, whole.parameters)
         & {parameter.name for parameter in model.parameters},
         covariance=propagate(
-            at_solution, noise, level.inner_rows, terms, level.r_max_m, errors.u_apparatus_m
+            at_solution, noise, level.inner_rows, terms, level.r_max_m, u_apparatus_m
         ),
     )
 

@@ -7,7 +7,7 @@ found here leaves the campaign running, marked: `docs/raw-data.md` lists all of 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
@@ -439,34 +439,29 @@ class _Change:
 
 def _remedies(made: Sequence[_Change], checked: _Checked) -> str:
     """Say what to state, so that the changes are made."""
-    signs, offsets, words = checked.signs, checked.offsets_deg, checked.words
-    order, moved = list(range(checked.arm.n)), ""
+    words, n = checked.words, checked.arm.n
+    stated = np.array([checked.signs, checked.offsets_deg, range(1, n + 1)], dtype=float)
+    changed = stated
     for change in made:
-        at = [joint - 1 for joint in change.joints]
-        if change.kind == "joint_sign":
-            for k in at:
-                signs[k], offsets[k] = -signs[k], -offsets[k]
-        else:
-            one, two = at
-            order[one], order[two] = order[two], order[one]
-            signs[one], signs[two] = signs[two], signs[one]
-            offsets[one], offsets[two] = offsets[two], offsets[one]
-            moved = moved or change.where(words)
+        changed = change.of(changed)
+    order = np.abs(changed[2]).astype(int)
     remedies = []
-    if order != sorted(order):
+    exchanged = bool((order != stated[2]).any())
+    if exchanged:
         units = np.where(checked.arm.prismatic, "mm", "deg")
-        names = [f"q{k + 1}_{units[k]}" for k in order]
-        own = words.key(names[0])
-        remedies.append(words.set_names(names) if own else f"exchange the columns {moved}")
-    if signs != checked.signs:
-        remedies.append(f"set joint_signs: [{', '.join(map(str, signs))}]")
-    if offsets != checked.offsets_deg:
-        remedies.append(_set_offsets(offsets))
-    also = "" if order != sorted(order) else ", or reverse the axis in the arm's description"
+        names = [f"q{k}_{units[k - 1]}" for k in order]
+        moved = next(change.where(words) for change in made if change.kind == "joint_order")
+        by_hand = f"exchange the columns {moved}"
+        remedies.append(words.set_names(names) if words.key(names[0]) else by_hand)
+    if (changed[0] != stated[0]).any():
+        remedies.append(f"set joint_signs: [{', '.join(str(int(sign)) for sign in changed[0])}]")
+    if (changed[1] != stated[1]).any():
+        remedies.append(_set_offsets(changed[1]))
+    also = "" if exchanged else ", or reverse the axis in the arm's description"
     return " and ".join(remedies) + also
 
 
-def _set_offsets(offsets_deg: Sequence[float]) -> str:
+def _set_offsets(offsets_deg: Iterable[float]) -> str:
     return f"set joint_offsets_deg: [{', '.join(f'{each + 0.0:.6g}' for each in offsets_deg)}]"
 
 

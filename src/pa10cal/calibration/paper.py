@@ -12,7 +12,6 @@ from pa10cal.calibration.calibrate import Calibration, calibrate, pull_beyond_bo
 from pa10cal.calibration.health import Evidence, FitSummary, health, names_of
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
-    ErrorSources,
     align_nominal,
     calibrated_parameters,
     gross_errors_of_repeats,
@@ -30,6 +29,7 @@ from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.pose import Pose
 from pa10cal.results.calibration import (
+    CalibratedParameter,
     LinearFit,
     PaperCalibrationRecord,
     PaperErrors,
@@ -75,12 +75,12 @@ def paper_case(
     rows = case.rows(readings.states.load_N)
     chosen = readings.take(rows)
     grid, used = average_repeats(readings), average_repeats(chosen)
-    errors = ErrorSources(chosen, 1e-3 * options.apparatus_uncertainty_mm)
+    u_apparatus_m = 1e-3 * options.apparatus_uncertainty_mm
     joints, tau_ref_Nm = options.flexible_joints, np.abs(used.states.tau_Nm).max(axis=0)
 
     def calibrated(*, cubic: bool) -> Calibration:
         model = baseline(arm, joints, options.tolerances, cubic=cubic, tau_ref_Nm=tau_ref_Nm)
-        return calibrate(model, used, options, errors)
+        return calibrate(model, used, options, chosen, u_apparatus_m)
 
     cubic = calibrated(cubic=True)
     linear = calibrated(cubic=False) if joints else cubic
@@ -119,19 +119,26 @@ def paper_case(
 
 
 def _paper_fit_keys(calibration: Calibration, model: FittedModel) -> dict[str, Any]:
-    report, covariance = model.model.report(model.x), calibration.covariance
-    T_instr_base, by_solved = calibration.T_instr_base, report.jacobian
-    held, at_bound = calibration.not_identifiable, _at_bound(calibration, report)
-    parameters = {
-        **calibrated_parameters(report, covariance[:-6, :-6], held, at_bound),
-        **base_parameters(T_instr_base, covariance[-6:, -6:], T_instr_base[:3, :3]),
-    }
+    report = model.model.report(model.x)
+    by_solved, of_solved = report.jacobian, calibration.covariance[:-6, :-6]
     names = [parameter.name for parameter in report.parameters]
-    of_reported = by_solved @ covariance[:-6, :-6] @ by_solved.T
+    of_reported = by_solved @ of_solved @ by_solved.T
+    parameters = parameter_records(calibration)
     return {
         **fit_keys(calibration.solution, model, parameters, names, of_reported),
         "starts": len(calibration.starts),
         "starts_agreeing": calibration.starts_agreeing,
+    }
+
+
+def parameter_records(calibration: Calibration) -> dict[str, CalibratedParameter]:
+    """Return every parameter with value, standard uncertainty, unit and tolerance."""
+    outer = calibration.level.model.report(calibration.solution.x)
+    covariance, T_instr_base = calibration.covariance, calibration.T_instr_base
+    held, at_bound = calibration.not_identifiable, _at_bound(calibration, outer)
+    return {
+        **calibrated_parameters(outer, covariance[:-6, :-6], held, at_bound),
+        **base_parameters(T_instr_base, covariance[-6:, -6:], T_instr_base[:3, :3]),
     }
 
 

@@ -142,17 +142,6 @@ def held_out_errors(
     )
 
 
-@dataclass(frozen=True)
-class ErrorSources:
-    """What is known of the errors of measured poses."""
-
-    # single readings behind the averaged poses; their scatter about the model is the noise. None
-    # leaves the covariances that the poses came with.
-    readings: Observations[Pose] | None = None
-    # standard uncertainty of a target's place on the apparatus, per axis
-    u_apparatus_m: float = 0.0
-
-
 def with_own_scatter(
     observations: Observations[Pose], readings: Observations[Pose], model: Model, x: Array
 ) -> Observations[Pose]:

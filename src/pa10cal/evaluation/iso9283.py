@@ -100,8 +100,8 @@ def _repeated(single: Observations, code: NDArray[np.intp]) -> NDArray[np.intp]:
     enough = np.flatnonzero(np.bincount(code) >= LEAST_REPEATS)
     if single.measured.measures_pose:
         return enough
-    seen = np.isfinite(single.measured.places_m).all(axis=2)
-    in_all = [row for row in enough if seen[code == row].all(axis=0).any()]
+    seen = np.isfinite(single.measured.places_m)
+    in_all = [row for row in enough if seen[code == row].all(axis=(0, 2)).any()]
     return np.array(in_all, dtype=np.intp)
 
 

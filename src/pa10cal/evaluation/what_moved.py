@@ -78,7 +78,7 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
     if not of_arm:
         verdict = "base_or_tool_moved" if moved else "unchanged"
     elif len(of_arm) == 1:
-        verdict = _VERDICTS.get(*of_arm, verdict)
+        verdict = _VERDICTS.get(next(iter(of_arm)), verdict)
     # Chi-square of the arm's differences along directions that both fits identify.
     scale = found.scale[:arm]
     values, vectors = np.linalg.eigh(found.covariance[:arm, :arm] / np.outer(scale, scale))
@@ -243,7 +243,7 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
             report = other.report(x)
             x = term.solved(float(report.values[0]), float(report.values[1]))
             of_first = term.report(x).jacobian
-            change = np.linalg.solve(of_first[: len(x)], report.jacobian[: len(x)])
+            change[:] = np.linalg.solve(of_first[: len(x)], report.jacobian[: len(x)])
         terms.append(term)
         mine.append(a)
         theirs.append(b)

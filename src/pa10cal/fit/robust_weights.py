@@ -316,7 +316,7 @@ def confirmed(readings: Observations, left: Array, rows: Index) -> Mask:
 def by_stated(readings: Observations, values: Array) -> Array:
     """Return values (P, b) in the stated uncertainty of the readings."""
     stated = np.linalg.inv(np.linalg.cholesky(readings.measured.stated_covariance))
-    return np.einsum("pij,pj->pi", stated, values)
+    return np.asarray(np.einsum("pij,pj->pi", stated, values))
 
 
 def components_seen(readings: Observations, at: slice) -> Mask:

@@ -253,10 +253,11 @@ def _identified(rows: Array, scale: Array, reach: Array, known: int) -> Identifi
     Of the first unknowns so many are known before; the others are identified by what readings say
     beyond these. A null direction counts for those unknowns whose uncertainty it mostly causes.
     """
-    triangle = np.linalg.qr(rows, mode="r")
+    triangle: Array = np.asarray(np.linalg.qr(rows, mode="r"))
     values = identify(triangle, scale).singular_values
     reach_of_others, others = reach[known:], slice(known, None)
-    _, found, right = np.linalg.svd(triangle[others, others] * reach_of_others)
+    beyond: Array = triangle[known:, known:] * reach_of_others
+    _, found, right = np.linalg.svd(beyond)
     size = np.zeros(len(right))
     size[: len(found)] = found
     identified = size > max(1.0, NULL_RATIO * size[0])

@@ -258,8 +258,8 @@ def general_problem(
         JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False, plausible_rad=sag_rad)
         for joint in springs
     )
-    weights = unknown if terms else ()
-    model = Model(chain, (unknowns.links, *terms, *weights, *unknowns.frames, unknowns.base))
+    of_weights = unknown if terms else ()
+    model = Model(chain, (unknowns.links, *terms, *of_weights, *unknowns.frames, unknowns.base))
     problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, observations)
     x_start = problem.start(_model_start(problem.model, start))
     return GeneralProblem(problem, x_start, unknowns, springs, source)
