@@ -14,7 +14,6 @@ from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, 
 from pa10cal.calibration.uncertainty import (
     align_nominal,
     calibrated_parameters,
-    gross_errors_of_repeats,
     held_out_errors,
     scatter_of_repeats,
     summarise,
@@ -35,7 +34,7 @@ from pa10cal.results.calibration import (
     PaperErrors,
     SeedDifference,
 )
-from pa10cal.results.health import Health
+from pa10cal.results.health import Health, InputFinding
 from pa10cal.terms.joint_spring import baseline, nominal
 from pa10cal.terms.term import Report
 
@@ -49,6 +48,8 @@ _FAR_FROM_SEED_DEG = 3.0
 _PULL_OF_NOISE = 2.0
 #: Root mean square error over that of the noise above which the model lacks something.
 _INCOMPLETE = 3.0
+#: Mean square over median scatter, both as of a normal deviate, that a few gross errors make.
+_GROSS = 3.0
 
 
 def paper_case(
@@ -223,7 +224,15 @@ def _evidence(
     scatter, findings = scatter_of_repeats(stated, model), case.findings
     if scatter:
         usual_mm = 1e3 * scatter[0].found * np.sqrt(3.0 * np.mean(1.0 / used.readings))
-        findings = (*findings, *gross_errors_of_repeats(noise_mm, float(usual_mm)))
+        if noise_mm > _GROSS * usual_mm:  # by the mean square, and by the median
+            finding = InputFinding(
+                what=f"the mean square of repeats is {noise_mm:.2g} mm, their median "
+                f"{usual_mm:.2g} mm: a few readings are far from their repeats",
+                where="repeated poses",
+                remedy="look for exchanged labels and gross errors among them",
+                kind="outlier",
+            )
+            findings = (*findings, finding)
     # The position error that targets off their places leave in all poses after the fit.
     weights = level.weights[:, None]
     off_places = 1e-3 * case.options.apparatus_uncertainty_mm * weights * used.measured.by_apparatus

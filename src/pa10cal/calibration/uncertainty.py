@@ -29,7 +29,7 @@ from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.calibration import CalibratedParameter
 from pa10cal.results.evaluation import Accuracy, BeforeAfter
-from pa10cal.results.health import InputFinding, RepeatScatter
+from pa10cal.results.health import RepeatScatter
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report
 
@@ -91,18 +91,6 @@ def align_nominal(nominal: Model, observations: Observations[Pose]) -> Array:
 # Held-out poses with a reading that is wrong itself: they say nothing of a model.
 
 
-def suspected_held_out(every: Observations, model: FittedModel) -> NDArray[np.bool_]:
-    """Return which averaged held-out poses have a suspected reading, (H,), by single readings.
-
-    The evaluation tells them by the same rule.
-    """
-    single, fitted = every.of_kind("holdout"), every.of_kind("grid")
-    if not len(single):
-        return np.zeros(0, dtype=bool)
-    far, _ = far_from_prediction(model.as_modelled(single), model, model.as_modelled(fitted))
-    return np.bincount(reading_groups(single), far) > 0.0
-
-
 @dataclass(frozen=True)
 class HeldOut:
     """Remaining errors of held-out poses."""
@@ -130,7 +118,10 @@ def held_out_errors(
         position: (P, c, k) derivative of the predicted positions of those held out [m].
         cov: (k, k) of the parameters.
     """
-    suspected = suspected_held_out(every, model)
+    # The evaluation tells suspected readings by the same rule.
+    single, used = every.of_kind("holdout"), every.of_kind("grid")
+    far, _ = far_from_prediction(model.as_modelled(single), model, model.as_modelled(used))
+    suspected = np.bincount(reading_groups(single), far) > 0.0
     rest = ~suspected | suspected.all()
     position = position[rest]
     variance = np.einsum("pck,kl,pcl->p", position, cov, position, optimize=True)
@@ -258,8 +249,6 @@ def calibrated_parameters(
 
 #: Pairs of readings below which their scatter says too little about a factor of three.
 _LEAST_PAIRS = 20
-#: Mean square over median scatter, both as of a normal deviate, that a few gross errors make.
-_FAR = 3.0
 #: Median of the square of a normal deviate.
 _MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
 
@@ -303,23 +292,3 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
             RepeatScatter(kind=kind, found=float(ratio) * size, stated=size, pairs=len(at))
         )
     return tuple(found)
-
-
-def gross_errors_of_repeats(mean_square_mm: float, usual_mm: float) -> tuple[InputFinding, ...]:
-    """Return the finding that a few repeats are far from the others, if they are.
-
-    Args:
-        mean_square_mm: noise of averaged poses by the mean square of their repeats.
-        usual_mm: the same by the median, which a few do not move.
-    """
-    if mean_square_mm <= _FAR * usual_mm:
-        return ()
-    return (
-        InputFinding(
-            what=f"the mean square of repeats is {mean_square_mm:.2g} mm, their median "
-            f"{usual_mm:.2g} mm: a few readings are far from their repeats",
-            where="repeated poses",
-            remedy="look for exchanged labels and gross errors among them",
-            kind="outlier",
-        ),
-    )

@@ -172,9 +172,8 @@ class _Torques:
     @property
     def of_weights(self) -> bool:
         """Return whether weights of some kind, or their opposite, make such torques."""
-        spread_Nm = np.sqrt(np.mean(self.logged_Nm**2))
-        scatter_Nm = np.sqrt(np.mean(self._noise_Nm**2))
-        return bool(scatter_Nm < _SCATTER * spread_Nm)
+        noise_Nm = np.sqrt(np.mean(self._noise_Nm**2))
+        return bool(noise_Nm < _SCATTER * np.sqrt(np.mean(self.logged_Nm**2)))
 
     @property
     def follow(self) -> bool:

@@ -93,18 +93,16 @@ def calibrate_general(
     tau_Nm = problem.observations.states.tau_Nm
     check_enough(problem)
     found = fitted(problem, x_start)
-    if options.general.springs == "auto":
-        # Under weights that nobody stated no spring is sure to be there, and any may stand in for
-        # another: they go one by one, each with what it takes along.
-        assumed = source == "masses" and weights_known(arm).assumed
-        sure = () if assumed else loaded_joints(arm, tau_Nm, _FULL_TORQUE_SHARE)
-        while rigid := _not_shown(problem, found, springs, sure, one_by_one=assumed):
-            springs = tuple(joint for joint in springs if joint not in rigid)
-            problem, kept = _rigid_at(problem, rigid)
-            x_start, found = found.x[kept], found.without_rows()
-            found = fitted(problem, x_start)
-            if not assumed:
-                break
+    # Under weights that nobody stated no spring is sure to be there, and any may stand in for
+    # another: they go one by one, each with what it takes along.
+    assumed = source == "masses" and weights_known(arm).assumed
+    sure = () if assumed else loaded_joints(arm, tau_Nm, _FULL_TORQUE_SHARE)
+    searched = options.general.springs == "auto"
+    while searched and (rigid := _not_shown(problem, found, springs, sure, one_by_one=assumed)):
+        springs = tuple(joint for joint in springs if joint not in rigid)
+        problem, kept = _rigid_at(problem, rigid)
+        x_start, found = found.x[kept], found.without_rows()
+        found, searched = fitted(problem, x_start), assumed
     settled = tilts_not_shown(problem, found)
     by_masses = bool(springs) and source == "masses"
     if settled:
@@ -180,12 +178,11 @@ def _not_shown(
         gains = {joint: _gain_of_spring(problem, found, joint) for joint in springs}
         least = min(springs, key=lambda joint: gains[joint], default=0)
         return {least} if springs and gains[least] < enough else set()
-    at = [parameter.name for parameter in problem.parameters].index
-    windup = {joint: at(f"windup_{joint}") for joint in springs if joint not in sure}
-    variance = np.diag(found.covariance)
+    names, variance = [each.name for each in problem.parameters], np.diag(found.covariance)
     return {
         joint
-        for joint, k in windup.items()
+        for joint in set(springs) - set(sure)
+        for k in [names.index(f"windup_{joint}")]
         if not (variance[k] > 0.0 and found.x[k] ** 2 > enough * variance[k])
     }
 

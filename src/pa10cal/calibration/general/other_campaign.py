@@ -295,24 +295,22 @@ def _changed(
 ) -> PriorPart:
     """Return what was found anew, and by how much it differs from the prior."""
     mean, before = prior.expected.mean, np.diag(prior.expected.covariance)
-    after = np.diag(found.covariance)
+    after, off = np.diag(found.covariance), found.x[: len(mean)] - mean
     moved, factor = [], 1.0
     anew = any(each.what.kind == EVERYTHING for each in released)
-    if anew:
-        released = _clearest(possible, found.x - np.pad(mean, (0, len(found.x) - len(mean))), after)
-    for each in released:
-        if each.what.kind == MODEL_ERROR:
+    for each in _clearest(possible, off, after) if anew else released:
+        what = each.what
+        if what.kind == MODEL_ERROR:
             factor += each.size**2
             continue
         by = std = None
         unit = ""
-        if len(each.what.columns) == 1:
-            (k,) = each.what.columns
-            by, unit = float(found.x[k] - mean[k]), problem.parameters[k].unit
-            std = float(np.sqrt(before[k] + after[k]))
-            if each.what.kind == STIFFNESS:
+        if len(what.columns) == 1:
+            (k,) = what.columns
+            by, std = float(off[k]), float(np.sqrt(before[k] + after[k]))
+            unit = problem.parameters[k].unit
+            if what.kind == STIFFNESS:
                 by, std, unit = by / mean[k], std / mean[k], "1"
-        what = each.what
         moved.append(Moved(kind=what.kind, of=what.of, by=by, std=std, unit=unit, gain=each.gain))
     fitted_to = prior.model.fitted_to
     campaign = None if fitted_to is None else fitted_to.campaign
