@@ -124,14 +124,21 @@ def fit_base_frame(
     d_moment = (centred_instr.T @ shift.reshape(len(shift), -1)).reshape(3, 3, -1)
     # d(R_cmm R_base^T) for R_base -> exp([turn]) R_base is -(R_cmm R_base^T) [turn].
     relative = R_cmm @ R_base.transpose(0, 2, 1)
-    of_turns = np.cross(turn[:, None], relative[..., None], axis=2).sum(axis=0)
-    d_moment += 0.5 * attitude_weight_m2 * of_turns
+    d_moment += 0.5 * attitude_weight_m2 * _times_cross(relative, turn)
     turned = np.tensordot(R.T, d_moment, axes=1)
     skew = np.stack([turned[j, i] - turned[i, j] for i, j in ((1, 2), (2, 0), (0, 1))])
     stretch = R.T @ moment
     omega = np.linalg.solve(np.trace(stretch) * np.eye(3) - stretch, skew)
     d_translation = R @ np.cross(mean_base[:, None], omega, axis=0) - R @ shift.mean(axis=0)
     return BaseFrame(T, np.concatenate([d_translation, omega]))
+
+
+def _times_cross(matrices: Array, turns: Array) -> Array:
+    """Return minus the sum over n of A_n [w_n]x, (3, 3, k), for A (n, 3, 3) and w (n, 3, k)."""
+    count, k = len(matrices), turns.shape[2]
+    products = matrices.reshape(count, 9).T @ turns.reshape(count, 3 * k)  # sums of A_ij w_l
+    column = products.reshape(3, 3, 3, k)
+    return -np.stack([column[:, i, j] - column[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], 1)
 
 
 # The base frame in the paper's parameters: origin and body-fixed rotations of the instrument.
