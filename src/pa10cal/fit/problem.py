@@ -64,11 +64,6 @@ class Problem:
         return self.measured.components_seen
 
     @cached_property
-    def times_seen(self) -> NDArray[np.intp]:
-        """Return how many components were seen in each pose, (P,), at least one."""
-        return np.asarray(np.maximum(self.components_seen.sum(axis=1), 1), dtype=np.intp)
-
-    @cached_property
     def readings(self) -> int:
         """Return how many components were seen in all."""
         return int(self.components_seen.sum())

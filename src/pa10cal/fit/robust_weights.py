@@ -139,9 +139,9 @@ def _limit(problem: Problem, distance: Array, least: float) -> Array:
     It goes by the scatter, or by the typical pose where that lies closer: many wrong ones make the
     scatter too wide to show any of them. It is at least this part of the former.
     """
-    numbers = np.arange(1, int(problem.times_seen.max()) + 1)
+    seen, at = np.unique(problem.components_seen.sum(axis=1), return_inverse=True)
+    numbers = np.maximum(seen, 1)
     limits, medians = np.sqrt(np.asarray(chdtri(numbers, _TAIL))), np.asarray(chdtri(numbers, 0.5))
-    at = problem.times_seen - 1
     typical = float(np.sqrt(np.median(distance**2 / medians[at])))
     return np.asarray(limits[at] * min(1.0, max(typical, least)))
 
