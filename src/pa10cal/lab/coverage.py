@@ -22,7 +22,6 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.problem import Unknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.paper import parameter_records
-from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.evaluation.options import CoverageCase, CoverageOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.lab import simulated
@@ -135,7 +134,8 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
         baseline(arm, options.flexible_joints, options.tolerances),
         average_repeats(readings),
         options,
-        ErrorSources(readings, 1e-3 * options.apparatus_uncertainty_mm),
+        readings,
+        1e-3 * options.apparatus_uncertainty_mm,
     )
     return simulated.reported_scores(parameter_records(found), truth_record(made).parameters)
 
