@@ -24,16 +24,16 @@ def changed(named, changed_from):
 
 
 def test_discovery_names_what_the_spoiled_campaign_hides(named):
-    (effect,) = named.verdict().effects
+    (effect,) = named.verdict.effects
     assert (effect.id, effect.of) == ("transmission_error", "joint 2")
     amplitude = effect.parameters["A"]
     assert amplitude.value == pytest.approx(4e-4, abs=4 * amplitude.std)
-    assert named.analysis().effects[0].words == "transmission error, joint 2"
+    assert named.analysis.effects[0].words == "transmission error, joint 2"
 
 
 class TestBreakdown:
     def test_shows_both_fits_beside_the_floor(self, named):
-        found = named.analysis()
+        found = named.analysis
         by_load = where.draw_where_breakdown(named).axes[0]
         floor, before, after = (line.get_ydata() for line in by_load.lines[:3])
         np.testing.assert_allclose(floor, [part.floor_mm for part in found.before.by_load])
@@ -52,7 +52,7 @@ class TestBreakdown:
         (said,) = (
             t for t in texts_of(where.draw_where_breakdown(named)) if t.startswith("F, variance")
         )
-        assert f"{named.analysis().before.pose.shared.F:.0f} before (p < 0.001)" in said
+        assert f"{named.analysis.before.pose.shared.F:.0f} before (p < 0.001)" in said
         (said,) = (
             t for t in texts_of(where.draw_where_breakdown(results)) if t.startswith("F, variance")
         )
@@ -86,7 +86,7 @@ class TestBreakdown:
 
 class TestTorque:
     def test_every_cell_is_drawn_by_its_direction(self, results):
-        joint = results.analysis().before.cells.joints[2]
+        joint = results.analysis.before.cells.joints[2]
         axes = by_joint.draw_where_torque(results).axes[2]
         drawn = {line.get_marker(): line.get_ydata() for line in axes.lines[:-1]}
         forward = np.sign(joint.arrival) > 0
@@ -117,7 +117,7 @@ class TestTorque:
 
 class TestGapByStep:
     def test_a_row_a_name_with_its_errors(self, named):
-        found = named.analysis()
+        found = named.analysis
         texts = texts_of(where.draw_gap_by_step(named))
         assert {"calibrated model", "+ transmission error\n   joint 2"} <= set(texts)
         for step in found.naming:
@@ -148,7 +148,7 @@ class TestGapOfHeldOut:
                 row["extrapolated"] = k < 5
 
         source = changed("discovery/analysis.json", beyond)
-        rows = source.analysis().gap.holdout
+        rows = source.analysis.gap.holdout
         error = np.linalg.norm(rows.after_mm[:5], axis=1)
         said = f"{np.sqrt(np.mean(error**2)):.3f} mm in 5 of {len(rows)}"
         drawn = where.draw_gap_by_step(source)

@@ -8,6 +8,7 @@ import pytest
 
 from made_up_results import elsewhere
 from pa10cal.errors import RecordError
+from pa10cal.figures.draw import of_campaign
 from pa10cal.figures.registry import entries
 
 NEEDS = {name: {*entry.needs} for name, entry in entries("campaign").items()}
@@ -45,8 +46,8 @@ def make(name, results):
 
 
 @pytest.mark.parametrize("name", DRAWN_OF_FITS)
-def test_nothing_is_drawn_of_a_fit_that_did_not_converge(unfinished, results, learnt, name):
-    source = unfinished(learnt if name == "joint_error_maps" else results, "")
+def test_nothing_is_drawn_of_a_fit_that_did_not_converge(unfinished, results, name):
+    source = unfinished(results, "")
     where = r"calibration/(combined|general)\.json: the fit did not converge"
     with pytest.raises(RecordError, match=rf"{where}.*not converged: {REASON}.*{REMEDY}"):
         make(name, source)
@@ -55,7 +56,7 @@ def test_nothing_is_drawn_of_a_fit_that_did_not_converge(unfinished, results, le
 def test_nor_of_the_models_it_is_compared_with(unfinished, learnt):
     source = unfinished(learnt, "geometry")
     with pytest.raises(RecordError, match=rf"combined\.json: geometry: the fit did.*{REMEDY}"):
-        make("joint_error_maps", source)
+        make("suspected_outliers", source)
 
 
 def test_nor_of_linear_springs(unfinished, results):
@@ -111,12 +112,12 @@ def suspect(results, tmp_path):
 def test_nothing_is_drawn_of_a_suspect_input_without_force(suspect):
     with pytest.raises(RecordError, match=r"grade suspect_input.*its sign is reversed.*--force"):
         make("table1_parameters", suspect)
-    assert "Grade" not in suspect.footer
+    assert "Grade" not in of_campaign(suspect).footer
 
 
 def test_with_force_it_is_drawn_and_every_picture_is_marked(suspect, unfinished, results):
     forced = replace(suspect, force=True)
     assert make("table1_parameters", forced) is not None
-    assert "Grade of the calibration: suspect_input." in forced.footer
-    assert "Grade" not in replace(results, force=True).footer
+    assert "Grade of the calibration: suspect_input." in of_campaign(forced).footer
+    assert "Grade" not in of_campaign(replace(results, force=True)).footer
     assert make("table1_parameters", replace(unfinished(results, ""), force=True)) is not None

@@ -56,7 +56,7 @@ class TestJoints:
 
     def test_a_point_a_cell_over_the_joints_own_angle(self, named):
         points = by_joint.draw_where_joints(named).axes[1]
-        joint = named.analysis().before.cells.joints[1]
+        joint = named.analysis.before.cells.joints[1]
         before = points.lines[1]
         np.testing.assert_allclose(before.get_xdata(), np.degrees(joint.q_rad))
         np.testing.assert_allclose(before.get_ydata(), 1e6 * np.array(joint.error_rad))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -107,6 +108,20 @@ def sentence(text: str) -> str:
     """Return a text that begins with a capital and ends with a full stop."""
     text = text.strip().removesuffix(".")
     return f"{text[:1].upper()}{text[1:]}." if text else ""
+
+
+#: Where a sentence ends: not after an initial, nor within `Fig. 4` or a name of a file.
+_SENTENCE_END = re.compile(r"(?<=[a-z\d)\]][a-z\d)\]][.;])\s+(?=[A-Z])")
+
+
+def first_sentences(text: str, most: int) -> str:
+    """Return the sentences at the beginning of a text that have so many letters; the first one."""
+    first, *others = _SENTENCE_END.split(text)
+    for other in others:
+        if len(first) + 1 + len(other) > most:
+            break
+        first = f"{first} {other}"
+    return first
 
 
 def count(number: int, one: str, many: str | None = None) -> str:

@@ -1,18 +1,23 @@
-"""Figures with two axes: parameters in tolerances, shares of errors, motion, poses needed."""
+"""Figures of the pages with two axes, each a function of the records that it shows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pa10cal.arrays import Array
 from pa10cal.reports import theme
 from pa10cal.reports.blocks import Drawing
-from pa10cal.reports.formatting import written
+from pa10cal.reports.formatting import sentence, written
+from pa10cal.results.calibration import EffectByCampaign
+from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, Parameter
+from pa10cal.results.fleet import FleetCampaign
 from pa10cal.results.health import PosesNeeded
 from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.studies import PlaneRecord
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -141,7 +146,7 @@ def motion_drawing(poses: pd.DataFrame, word: str, knocks_s: Sequence[float]) ->
     """
     unit, column, scale, at = _MOTIONS[word]
     first = poses["time_s"].min()
-    hours = ((poses["time_s"] - first) / 3600.0).round(4).tolist()
+    hours = ((poses["time_s"] - first) / 3600.0).round(4).to_numpy()
     figure = theme.new_figure(
         320, {"title": {"text": "time [h]"}}, {"title": {"text": f"{word} [{unit}]"}}
     )
@@ -149,17 +154,7 @@ def motion_drawing(poses: pd.DataFrame, word: str, knocks_s: Sequence[float]) ->
     for k, (name, color, dash) in enumerate(looks):
         value = scale * poses[column.format(name)].to_numpy()
         u = scale * np.sqrt(poses[f"motion_cov_{at + k}{at + k}"].to_numpy())
-        figure.add_scatter(
-            x=[*hours, *reversed(hours)],
-            y=_short((*(value - 2 * u), *(value + 2 * u)[::-1])),
-            fill="toself",
-            opacity=0.2,
-            line={"width": 0},
-            fillcolor=color,
-            mode="lines",
-            hoverinfo="skip",
-            showlegend=False,
-        )
+        _add_band(figure, hours, value, 2 * u, color, 0.2)
         figure.add_scatter(
             x=hours,
             y=_short(value),
@@ -181,9 +176,26 @@ def motion_drawing(poses: pd.DataFrame, word: str, knocks_s: Sequence[float]) ->
     )
 
 
-def _short(values: Iterable[float]) -> list[float]:
-    """Return values with four figures, which keep a page small."""
-    return [float(f"{value:.4g}") for value in values]
+def _short(values: Iterable[float]) -> list[float | None]:
+    """Return values with four figures, which keep a page small; None for nan."""
+    return [None if np.isnan(value) else float(f"{value:.4g}") for value in values]
+
+
+def _add_band(
+    figure: Any, x: Array, middle: Array, half: Array, color: str, opacity: float
+) -> None:
+    """Add a band about a line, of which no legend speaks."""
+    figure.add_scatter(
+        x=[*x, *reversed(x)],
+        y=_short((*(middle - half), *(middle + half)[::-1])),
+        fill="toself",
+        opacity=opacity,
+        line={"width": 0},
+        fillcolor=color,
+        mode="lines",
+        hoverinfo="skip",
+        showlegend=False,
+    )
 
 
 def poses_drawing(poses: PosesNeeded) -> Drawing | None:
@@ -223,4 +235,195 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
             else "is wanted."
         ),
         "poses-needed",
+    )
+
+
+# Errors that depend on a joint's angle: maps over a turn, and as each campaign of a group has them.
+
+#: Effects whose parameters are the errors at even knots of a joint's turn.
+_MAPS = ("joint_error_map", "sensor_error", "gear_error")
+_ARC_SECONDS_A_MRAD = 206.265
+#: Points of a line over a turn, about, a whole number for every knot.
+_POINTS = 360
+#: Common angles from which campaigns are drawn about one mean [deg].
+_LEAST_COMMON_DEG = 10
+_DASHES_OF_CAMPAIGNS = ("solid", "solid", "dash", "dashdot")
+_COLOURS_OF_CAMPAIGNS = (theme.BLUE, theme.ORANGE, theme.GREEN, theme.PURPLE)
+
+
+def joint_map_drawings(verdict: VerdictRecord) -> Iterator[Drawing]:
+    """Yield the error of every joint that has a map over its turn, with its 95 % band."""
+    from scipy.interpolate import CubicSpline  # late: a third of a second, for few campaigns
+
+    maps: dict[int, tuple[int, Array, Array, Array]] = {}
+    for effect in verdict.effects:
+        if effect.id in _MAPS:
+            names = sorted(effect.parameters, key=lambda name: int(name.rpartition("_")[2]))
+            around = [effect.parameters[name] for name in (*names, names[0])]
+            knots_deg = np.linspace(0.0, 360.0, len(around))
+            angle = np.linspace(0.0, 360.0, max(_POINTS // len(names), 2) * len(names) + 1)
+            spline = CubicSpline(knots_deg, [knot.value for knot in around], bc_type="periodic")
+            half = HALF_WIDTH_95 * np.interp(angle, knots_deg, [knot.std for knot in around])
+            joint = int(effect.of.removeprefix("joint "))
+            maps[joint] = len(names), angle, 1e3 * np.asarray(spline(angle)), 1e3 * half
+    limit = 1.1 * max((float(np.abs(line).max()) for _, _, line, _ in maps.values()), default=1.0)
+    for joint, (knots, angle, line, half) in sorted(maps.items()):
+        unseen = np.zeros(len(angle), dtype=bool)
+        if verdict.angles_seen is not None:
+            low, high = np.degrees(verdict.angles_seen[joint - 1].stretches).T[:, None]
+            unseen = ~((angle[:, None] >= low) & (angle[:, None] <= high)).any(axis=1)
+        figure = _turn_figure(limit)
+        ends = np.flatnonzero(np.diff(np.concatenate([[0], unseen, [0]]))).reshape(-1, 2)
+        for begin, end in ends:
+            x0, x1 = float(angle[begin]), float(angle[end - 1])
+            figure.add_vrect(x0=x0, x1=x1, fillcolor=theme.GREY, opacity=0.25, line_width=0)
+        _add_band(figure, angle, line, half, theme.SKY, 0.45)
+        for name, hidden, dash in (("map", unseen, "solid"), ("extrapolated", ~unseen, "dot")):
+            figure.add_scatter(
+                x=angle,
+                y=_short(np.where(hidden, np.nan, line)),
+                mode="lines",
+                name=name,
+                line={"color": theme.AFTER, "dash": dash, "width": 2},
+                hovertemplate="%{x:.0f}°: %{y:.3f} mrad<extra></extra>",
+            )
+        shown, over = (line, "turn") if unseen.all() else (line[~unseen], "measured angles")
+        rms = float(np.sqrt(np.mean(shown**2)))
+        yield Drawing(
+            figure,
+            f"Joint {joint}: error over its angle",
+            f"Rms {rms:.3f} mrad ({_ARC_SECONDS_A_MRAD * rms:.1f} arc seconds) over the {over}; "
+            f"{100.0 * np.mean(~unseen):.0f} % of the turn measured; knots {360.0 / knots:.3g}° "
+            "apart.",
+            f"joint-error-{joint}",
+        )
+
+
+def campaigns_drawings(verdict: VerdictRecord) -> Iterator[Drawing]:
+    """Yield every joint's error by its angle, the campaigns of a group on top of each other."""
+    of_joints = sorted((e for e in verdict.by_campaign or () if e.errors), key=lambda e: e.of)
+    names = dict.fromkeys(name for effect in of_joints for name in effect.errors or ())
+    looks = dict(
+        zip(names, zip(_COLOURS_OF_CAMPAIGNS, _DASHES_OF_CAMPAIGNS, strict=True), strict=False)
+    )
+    effects = {(effect.id, effect.of): effect for effect in verdict.effects}
+    shown = [errors_about_mean(effect) for effect in of_joints]
+    every = [error for errors in shown for error in errors.values()]
+    limit = 1.05 * float(np.nanmax(np.abs(every))) if every else 1.0
+    for effect, errors in zip(of_joints, shown, strict=True):
+        figure = _turn_figure(limit)
+        for name, error in errors.items():
+            color, dash = looks.get(name, (theme.GREY, "dot"))
+            figure.add_scatter(
+                y=[None if np.isnan(value) else float(f"{value:.4g}") for value in error],
+                mode="lines",
+                name=name,
+                line={"color": color, "dash": dash, "width": 1.5},
+                hovertemplate=f"%{{x:.0f}}°: %{{y:.3f}} mrad<extra>{name}</extra>",
+            )
+        said = [
+            f"r {pair.correlation:.2f} ({pair.correlation95[0]:.2f} to {pair.correlation95[1]:.2f})"
+            for pair in effect.agreement
+            if pair.correlation is not None and pair.correlation95 is not None
+        ]
+        witness = getattr(effects.get((effect.id, effect.of)), "witness", None)
+        if witness is not None and witness.ripple is not None:
+            low, high = witness.ripple.interval95
+            said.append(f"α {witness.ripple.alpha:.2f} ({low:.2f} to {high:.2f})")
+        yield Drawing(
+            figure,
+            f"{effect.of.capitalize()}: error over its angle, campaign by campaign",
+            sentence(", ".join(said) or "seen by the campaigns at other angles"),
+            f"campaigns-{effect.id}-{effect.of}".replace(" ", "-").replace("_", "-"),
+        )
+
+
+def errors_about_mean(effect: EffectByCampaign) -> dict[str, Array]:
+    """Return the error of every campaign at whole degrees [mrad], nan where it has no poses.
+
+    Less its mean over the angles that all campaigns visited, or else over its own.
+    """
+    errors = effect.errors or {}
+    common = np.all([alone.visited for alone in errors.values()], axis=0)
+    shown = {}
+    for name, alone in errors.items():
+        error = np.where(alone.visited, alone.error_mrad, np.nan)
+        about = common if common.sum() >= _LEAST_COMMON_DEG else alone.visited
+        shown[name] = np.asarray(error - error[about].mean() if about.any() else error)
+    return shown
+
+
+def _turn_figure(limit_mrad: float) -> Any:
+    """Return an empty figure of an error over a turn of a joint."""
+    x = {"title": {"text": "joint angle [deg], by the turn"}, "range": [0, 360], "dtick": 45}
+    y = {"title": {"text": "error [mrad]"}, "range": [-limit_mrad, limit_mrad], "zeroline": True}
+    return theme.new_figure(280, x, y)
+
+
+def plane_drawings(planes: Sequence[PlaneRecord]) -> Iterator[Drawing]:
+    """Yield the error that resolver uncertainty alone causes, over every plane of Monte Carlo."""
+    every = np.concatenate([plane.map.rows[:, 2] for plane in planes])
+    for plane in planes:
+        x, y, error = plane.map.rows.T
+        limit = 1.08e3 * plane.reach_m[1]
+        sides = {"range": [-limit, limit], "showgrid": False, "zeroline": False}
+        figure = theme.new_figure(
+            330,
+            {"title": {"text": "x [mm]"}, "constrain": "domain", **sides},
+            {"title": {"text": "y [mm]"}, "scaleanchor": "x", **sides},
+        )
+        if len(error):
+            figure.add_heatmap(
+                x=x,
+                y=y,
+                z=_short(error),
+                zmin=float(every.min()),
+                zmax=float(every.max()),
+                colorscale="Cividis",
+                colorbar={"title": {"text": "mm"}, "outlinewidth": 0},
+                hovertemplate="(%{x}, %{y}): %{z:.3f} mm<extra></extra>",
+            )
+        for radius in (1e3 * reach_m for reach_m in plane.reach_m):
+            ends = {"x0": -radius, "x1": radius, "y0": -radius, "y1": radius}
+            figure.add_shape(type="circle", line={"color": theme.GREY, "width": 1}, **ends)
+        mean = f"mean {error.mean():.3f} mm" if len(error) else "no grid point in reach"
+        yield Drawing(
+            figure,
+            f"Monte Carlo: error over the plane z = {plane.plane_mm} mm",
+            f"{sentence(mean)} Circles: requested reach. White between them: no posture within the "
+            "joint limits.",
+            f"plane-{plane.plane_mm}",
+        )
+
+
+# Errors of every arm of a fleet.
+
+_ROW_PX, _LEAST_PX, _MOST_PX = 16, 300, 1600
+
+
+def fleet_drawing(judged: Sequence[FleetCampaign]) -> Drawing:
+    """Return the errors before and after of the last campaign of each arm."""
+    figure = theme.new_figure(
+        int(np.clip(_ROW_PX * len(judged) + 90, _LEAST_PX, _MOST_PX)),
+        {"title": {"text": "mean position error [mm]"}, "type": "log"},
+        {"type": "category", "title": {"text": "arm"}},
+    )
+    for name, model, color, symbol in (
+        ("before_mm", "uncalibrated", theme.BEFORE, "diamond"),
+        ("after_mm", "final model", theme.AFTER, "circle"),
+    ):
+        figure.add_scatter(
+            x=[getattr(campaign.became, name) for campaign in judged],
+            y=[campaign.arm for campaign in judged],
+            mode="markers",
+            name=model,
+            marker={"color": color, "symbol": symbol, "size": 7},
+            hovertemplate="%{y}: %{x:.4f} mm<extra>" + model + "</extra>",
+        )
+    return Drawing(
+        figure,
+        "Mean position error of every arm",
+        "Last campaign of each arm, the most accurate below. Over held-out poses where a campaign "
+        "has some, else over the poses fitted.",
+        "fleet-errors",
     )
