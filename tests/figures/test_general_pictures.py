@@ -79,7 +79,7 @@ def test_campaigns_of_a_group_are_drawn_about_their_mean_where_they_have_poses(l
     )
     verdict = learnt.verdict.model_copy(update={"by_campaign": (by_campaign,)})
     (drawing,) = campaigns_drawings(verdict)
-    assert drawing.caption == "R 0.90 (0.80 to 0.95)."
+    assert drawing.caption == "Agreement: r 0.90 (0.80 to 0.95)."
     a, b = map(values, drawing.figure.data)
     for shown, there in ((a, visited["a"]), (b, visited["b"])):
         np.testing.assert_array_equal(np.isfinite(shown), there)
