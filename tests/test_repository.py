@@ -144,6 +144,7 @@ MAY_IMPORT = {
         "reports.summary",
     },
     "reports": {
+        "evaluation.options",
         "observe.instrument",
         "observe.quantities",
         "observe.kinds",

@@ -122,10 +122,7 @@ class Section:
 
 
 def grid(
-    caption: str,
-    header: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    numbers: Iterable[int] = (),
+    caption: str, header: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()
 ) -> Grid:
     """Return a table of rows of texts."""
     return Grid(caption, tuple(header), tuple(tuple(row) for row in rows), frozenset(numbers))

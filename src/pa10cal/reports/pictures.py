@@ -166,10 +166,7 @@ def shares_drawing(held_out: HoldoutRecord, titles: Mapping[str, str], unit: str
 # Motion of the base over time.
 
 #: Motion of the base: unit shown, columns of the table of poses, their scale and first covariance.
-_MOTIONS = {
-    "shift": ("mm", "motion_{}_mm", 1.0, 0),
-    "turn": ("mrad", "motion_r{}_rad", 1e3, 3),
-}
+_MOTIONS = {"shift": ("mm", "motion_{}_mm", 1.0, 0), "turn": ("mrad", "motion_r{}_rad", 1e3, 3)}
 
 
 def motion_drawing(poses: pd.DataFrame, word: str, knocks_s: Sequence[float]) -> Drawing:

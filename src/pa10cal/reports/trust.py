@@ -131,11 +131,7 @@ def _checks(case: CalibrationRecord) -> Iterator[tuple[str, str, str]]:
     if isinstance(case, GeneralCalibrationRecord):
         names = ", ".join(outlier.pose for outlier in case.suspected_outliers[:6])
         yield "no suspected outlier", names or "none", yes_no[not case.suspected_outliers]
-    yield (
-        "starts that end in the same minimum",
-        f"{case.starts_agreeing} of {case.starts}",
-        "",
-    )
+    yield ("starts that end in the same minimum", f"{case.starts_agreeing} of {case.starts}", "")
 
 
 def _evidence(effect: discovery.FoundEffect) -> str:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from operator import attrgetter
+from typing import NamedTuple
+
+import pandas as pd
 
 from pa10cal.figures import published
 from pa10cal.figures.published import SOURCES, is_of_papers_arm, reduction_percent
@@ -12,17 +15,7 @@ from pa10cal.figures.registry import picture
 from pa10cal.figures.repeats import Scatter, incompleteness, places, scatter_by_load
 from pa10cal.figures.table import Table, frame_of
 from pa10cal.reports.blocks import Grid, grid
-from pa10cal.reports.formatting import (
-    K_CUB,
-    K_LIN,
-    KINDS,
-    Kind,
-    figures,
-    joints_of,
-    std_of,
-    written,
-    written_load,
-)
+from pa10cal.reports.formatting import KINDS, figures, written, written_load
 from pa10cal.reports.results_bundle import COMBINED, ResultsBundle
 from pa10cal.results.calibration import PaperCalibrationRecord
 from pa10cal.results.evaluation import Accuracy, HeldOutModel
@@ -41,7 +34,19 @@ _ERRORS = (
     ("peak position error", "mm", ".2f", attrgetter("peak_mm")),
     ("mean orientation error", "deg", "g", attrgetter("orientation_deg")),
 )
-_Row = tuple[str, str, str, str, str, str, str, str]
+
+
+class _Row(NamedTuple):
+    """One value of the paper beside ours."""
+
+    quantity: str
+    condition: str
+    unit: str
+    paper: object  # as printed
+    ours: str  # from this campaign
+    source: str  # where in the paper it stands
+    remark: str = ""  # what to know before comparing
+    recomputed: str = ""  # from the paper's other values, where it draws a conclusion from them
 
 
 @picture(
@@ -68,30 +73,8 @@ def tabulate_paper_against_ours(results: ResultsBundle) -> Table:
     ]
     lacking = incompleteness(results.papers(), scatter)
     notes = _NOTES if lacking is None else (*_NOTES, lacking)
-    return Table("The paper's values beside ours", frame_of(_COLUMNS, rows), notes=notes)
-
-
-def _row(
-    quantity: str,
-    condition: str,
-    unit: str,
-    paper: object,
-    ours: str,
-    source: str,
-    remark: str = "",
-    recomputed: str = "",
-) -> _Row:
-    """Return one value of the paper beside ours.
-
-    Args:
-        quantity, condition, unit: what it is.
-        paper: as printed.
-        ours: from this campaign.
-        source: where in the paper it stands.
-        remark: what to know before comparing.
-        recomputed: from the paper's other values, where it draws a conclusion from them.
-    """
-    return quantity, condition, unit, str(paper), recomputed, ours, source, remark
+    data = pd.DataFrame(rows).astype(str)[list(_COLUMNS)]
+    return Table("The paper's values beside ours", data, notes=notes)
 
 
 def _grid_rows(results: ResultsBundle, scatter: Mapping[str, Scatter]) -> Iterator[_Row]:
@@ -118,7 +101,7 @@ def _grid_rows(results: ResultsBundle, scatter: Mapping[str, Scatter]) -> Iterat
                 paper = ("", "")
                 if load in stated:
                     paper = f"{value_of(stated[load]):{digits}}", source
-                yield _row(f"{name} {when}", at, unit, paper[0], found, paper[1], remark)
+                yield _Row(f"{name} {when}", at, unit, paper[0], found, paper[1], remark)
     for load in loads:
         found, remark = NOT_MEASURED, "no configuration was measured more than once"
         if load not in cases:
@@ -135,7 +118,7 @@ def _grid_rows(results: ResultsBundle, scatter: Mapping[str, Scatter]) -> Iterat
         if load in published.REPEATABILITY_MM:
             paper = f"≤ {published.REPEATABILITY_MM[load]}", SOURCES["repeatability"]
         quantity, at = "standard deviation within one configuration", written_load(load)
-        yield _row(quantity, at, "mm", paper[0], found, paper[1], remark)
+        yield _Row(quantity, at, "mm", paper[0], found, paper[1], remark)
 
 
 def _held_out_rows(results: ResultsBundle) -> Iterator[_Row]:
@@ -147,7 +130,7 @@ def _held_out_rows(results: ResultsBundle) -> Iterator[_Row]:
             remark = _twist_remark(results, model) if model and unit == "deg" else ""
             paper, ours = f"{value_of(stated):g}", _measured(model, value_of)
             source = SOURCES["held_out"]
-            yield _row(f"{quantity}, held out", name, unit, paper, ours, source, remark)
+            yield _Row(f"{quantity}, held out", name, unit, paper, ours, source, remark)
 
 
 def _twist_remark(results: ResultsBundle, model: HeldOutModel) -> str:
@@ -189,8 +172,8 @@ def _monte_carlo_rows(results: ResultsBundle, scatter: Mapping[str, Scatter]) ->
             )
     paper_mm = published.MONTE_CARLO_MEAN_MM, published.MONTE_CARLO_STD_MM
     quantity = "Monte Carlo mean position error"
-    yield _row(quantity, at, "mm", paper_mm[0], mean, source, systematic)
-    yield _row("Monte Carlo standard deviation", at, "mm", paper_mm[1], std, source, between)
+    yield _Row(quantity, at, "mm", paper_mm[0], mean, source, systematic)
+    yield _Row("Monte Carlo standard deviation", at, "mm", paper_mm[1], std, source, between)
     for z_mm in published.MONTE_CARLO_PARALLEL_PLANES_MM:
         ours, remark = NOT_COMPUTED, ""
         if plane is not None and (other := planes.get(z_mm)) is not None:
@@ -211,7 +194,7 @@ def _monte_carlo_rows(results: ResultsBundle, scatter: Mapping[str, Scatter]) ->
                 remark = f"does not reproduce: {reason}{remark}"
         quantity = "Monte Carlo mean, difference of a parallel plane"
         differ = f"< {published.MONTE_CARLO_PLANES_DIFFER_MM}"
-        yield _row(quantity, f"z = {z_mm} mm", "mm", differ, ours, source, remark)
+        yield _Row(quantity, f"z = {z_mm} mm", "mm", differ, ours, source, remark)
 
 
 def _parameter_rows(results: ResultsBundle) -> Iterator[_Row]:
@@ -223,7 +206,7 @@ def _parameter_rows(results: ResultsBundle) -> Iterator[_Row]:
         "together they are 36"
     )
     ours = f"{case.unknowns}, of which {case.rank} identifiable"
-    yield _row("unknowns", "all loads together", "", 30, ours, SOURCES["unknowns"], remark)
+    yield _Row("unknowns", "all loads together", "", 30, ours, SOURCES["unknowns"], remark)
     for kind, unit, stated, source in (
         ("K_lin", "N m/rad", published.K_LIN, SOURCES["k_lin"]),
         ("K_cub", "N m/rad³", published.K_CUB[reading], SOURCES[reading]),
@@ -232,22 +215,22 @@ def _parameter_rows(results: ResultsBundle) -> Iterator[_Row]:
             parameter = case.parameters.get(f"{kind}_{joint}")
             ours, remark = "not estimated", "held rigid"
             if parameter is not None:
-                std = std_of(parameter)
+                std = parameter.std or 0.0
                 power = math.floor(math.log10(max(abs(parameter.value), std)))
                 ours = f"({parameter.value / 10.0**power:.3f} ± {std / 10.0**power:.3f})e{power}"
                 remark = "± one standard uncertainty; all loads together"
                 remark += "; at its bound" if parameter.at_bound else ""
             paper = f"{value:.2e}".replace("e+0", "e")
-            yield _row(kind, f"joint {joint}", unit, paper, ours, source, remark)
+            yield _Row(kind, f"joint {joint}", unit, paper, ours, source, remark)
     quantity, at = "uncertainty of the coordinate measuring machine", "one measured centre"
     ours, remark = f"{results.description.instrument.uncertainty_mm:g}", "as the campaign states it"
     cmm = published.CMM_UNCERTAINTY_MM, ours, SOURCES["cmm"]
-    yield _row(quantity, at, "mm", *cmm, f"ours: {remark}")
+    yield _Row(quantity, at, "mm", *cmm, f"ours: {remark}")
     for quantity, paper in (
         ("sag of the apparatus under its own weight", f"{published.APPARATUS_SAG_MM:.3f}"),
         ("deflection by the touch of the probe", f"< {published.TOUCH_DEFLECTION_MM}"),
     ):
-        yield _row(quantity, "largest", "mm", paper, NOT_MEASURED, SOURCES["apparatus"])
+        yield _Row(quantity, "largest", "mm", paper, NOT_MEASURED, SOURCES["apparatus"])
 
 
 def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
@@ -266,7 +249,7 @@ def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
                     "below the Monte Carlo mean: these data hold less resolver error than it "
                     "assumes, or the calibration has absorbed it"
                 )
-        yield _row(
+        yield _Row(
             *("mean error after calibration less the Monte Carlo mean", written_load(load), "mm"),
             *(f"< {published.CLAIMED_DISTANCE_FROM_MINIMUM_MM}", ours, source, remark),
             recomputed=f"{stated.mean_mm - published.MONTE_CARLO_MEAN_MM:.2f}",
@@ -297,7 +280,7 @@ def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
         if before_mm is not None and after_mm is not None:
             ours = f"{reduction_percent(before_mm, after_mm):.0f}"
         recomputed = f"{reduction_percent(*paper_mm):.0f}"
-        yield _row(f"reduction of the {error}", at, "%", claim, ours, stated_in, "", recomputed)
+        yield _Row(f"reduction of the {error}", at, "%", claim, ours, stated_in, "", recomputed)
 
 
 def _measured(errors: Accuracy | None, value_of: attrgetter[float | None]) -> str:
@@ -346,14 +329,12 @@ def tabulate_table1_parameters(results: ResultsBundle) -> Table:
         stated = {name: published.parameter(name, reading) for name in combined.parameters}
     rows: list[tuple[object, ...]] = []
     for load, case in cases.items():
-        for kind in KINDS:
-            for joint in joints_of(kind, list(case.parameters)):
-                name = kind.name(joint)
-                found = case.parameters[name]
-                values = (found.value, found.std, stated.get(name), found.tolerance)
-                numbers = [figures(value, 6) for value in values]
-                flags = found.identifiable, found.at_bound
-                rows.append((load, name, joint, found.unit, *numbers, *flags))
+        for _, joint, name in _names(case):
+            found = case.parameters[name]
+            values = (found.value, found.std, stated.get(name), found.tolerance)
+            numbers = [figures(value, 6) for value in values]
+            flags = found.identifiable, found.at_bound
+            rows.append((load, name, joint, found.unit, *numbers, *flags))
     directions = "; ".join(" with ".join(map(written, names)) for names in combined.null_directions)
     notes = [
         "± is one standard uncertainty.",
@@ -382,38 +363,39 @@ def tabulate_table1_parameters(results: ResultsBundle) -> Table:
     )
 
 
+def _names(case: PaperCalibrationRecord) -> list[tuple[str, int, str]]:
+    """Return kind, joint and name of every parameter of a joint, kind by kind."""
+    parts = [(*name.rpartition("_")[::2], name) for name in case.parameters]
+    order = list(KINDS)
+    of_joints = [(key, int(joint), name) for key, joint, name in parts if key in KINDS]
+    return sorted(of_joints, key=lambda part: (order.index(part[0]), part[1]))
+
+
 def _layout(
     load: str, case: PaperCalibrationRecord, stated: Mapping[str, float | None] | None
 ) -> Grid:
     """Lay the parameters out as Table I does: a row a joint, ours and the paper's beside it."""
-    names = list(case.parameters)
-    joints = sorted({joint for kind in KINDS for joint in joints_of(kind, names)})
+    joints = sorted({joint for _, joint, _ in _names(case)})
     header, columns = ["joint"], [[str(joint) for joint in joints]]
-    for kind in KINDS:
+    for key, kind in KINDS.items():
+        absent = _RIGID if key in ("K_lin", "K_cub") else _NONE
         header.append(f"{kind.symbol} [{kind.unit}]")
-        columns.append([_cell(kind, joint, case) for joint in joints])
+        columns.append([absent] * len(joints))
+        for k, joint in enumerate(joints):
+            if (parameter := case.parameters.get(f"{key}_{joint}")) is not None:
+                value, std = (
+                    f"{kind.scale * number:{kind.digits}}"
+                    for number in (parameter.value, parameter.std or 0.0)
+                )
+                value = value.lstrip("-") if float(value) == 0.0 else value
+                mark = f" {_AT_BOUND}" if parameter.at_bound else ""
+                known = parameter.identifiable
+                columns[-1][k] = (
+                    f"{value} ± {std}{mark}" if known else f"{value} {_NOT_IDENTIFIABLE}"
+                )
         if stated is not None:
-            values = [stated.get(kind.name(joint)) for joint in joints]
+            values = [stated.get(f"{key}_{joint}") for joint in joints]
             header.append("paper")
-            columns.append(
-                [_absent(kind) if v is None else f"{kind.scale * v:.4g}" for v in values]
-            )
+            columns.append([absent if v is None else f"{kind.scale * v:.4g}" for v in values])
     caption = "All loads together" if load == COMBINED else f"{written_load(load)} alone"
     return grid(caption, header, zip(*columns, strict=True))
-
-
-def _cell(kind: Kind, joint: int, case: PaperCalibrationRecord) -> str:
-    parameter = case.parameters.get(kind.name(joint))
-    if parameter is None:
-        return _absent(kind)
-    value, std = (
-        f"{kind.scale * number:{kind.digits}}" for number in (parameter.value, std_of(parameter))
-    )
-    value = value.lstrip("-") if float(value) == 0.0 else value
-    if not parameter.identifiable:
-        return f"{value} {_NOT_IDENTIFIABLE}"
-    return f"{value} ± {std}{f' {_AT_BOUND}' * parameter.at_bound}"
-
-
-def _absent(kind: Kind) -> str:
-    return _RIGID if kind in (K_LIN, K_CUB) else _NONE

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -160,14 +160,17 @@ the authors measured.
 def draw_fig5_before_after(results: ResultsBundle) -> Figure:
     """Draw mean and peak position error, and mean orientation error, on logarithmic axes."""
     cases, with_paper = results.load_cases(), is_of_papers_arm(results)
-    columns = _columns(results, lambda errors: (errors.mean_mm, errors.peak_mm))
+    columns, angles = [], []
+    for k, slot, errors, is_paper in _errors(results):
+        columns.append(_Column(k, slot, errors.mean_mm, errors.peak_mm, is_paper))
+        if errors.orientation_deg is not None:
+            angles.append(_Column(k, slot, errors.orientation_deg, None, is_paper))
     scatter = scatter_by_load(places(results))
     repeats = {load: of.largest_per_axis_mm for load, of in scatter.items()}
     for by_load, is_paper in ((repeats, False), (published.REPEATABILITY_MM, True)):
         for k, load in enumerate(cases):
             if load in by_load and (with_paper or not is_paper):
                 columns.append(_Column(k, "repeats", by_load[load], None, is_paper))
-    angles = _columns(results, lambda errors: (errors.orientation_deg, None))
     seen = any(not column.is_paper for column in angles)
     raised = _ORIENTATION_MM if seen else 0.0
     figure = style.new_figure(
@@ -196,27 +199,18 @@ def draw_fig5_before_after(results: ResultsBundle) -> Figure:
     return figure
 
 
-def _columns(
+def _errors(
     results: ResultsBundle,
-    shown: Callable[[Accuracy | published.PublishedError], tuple[float | None, float | None]],
-) -> list[_Column]:
-    """Return a column a load and model, without those whose figure was not measured."""
+) -> Iterator[tuple[int, str, Accuracy | published.PublishedError, bool]]:
+    """Yield errors of every load and model: place of the load, slot, and whether the paper's."""
     combined, with_paper = results.papers(), is_of_papers_arm(results)
-    columns = []
     for k, (load, case) in enumerate(results.load_cases().items()):
-        entries: list[tuple[str, Accuracy | published.PublishedError, bool]] = [
-            ("before", case.errors[load].before, False),
-            ("after", case.errors[load].after, False),
-            ("combined", combined.errors[load].after, False),
-        ]
+        yield k, "before", case.errors[load].before, False
+        yield k, "after", case.errors[load].after, False
+        yield k, "combined", combined.errors[load].after, False
         for slot, stated in (("before", published.BEFORE), ("after", published.AFTER)):
             if with_paper and load in stated:
-                entries.append((slot, stated[load], True))
-        for slot, errors, is_paper in entries:
-            mean, peak = shown(errors)
-            if mean is not None:
-                columns.append(_Column(k, slot, mean, peak, is_paper))
-    return columns
+                yield k, slot, stated[load], True
 
 
 def _draw_columns(
@@ -303,8 +297,7 @@ def draw_fig6_holdout(results: ResultsBundle) -> Figure:
         models = {{"cubic": "calibrated"}.get(name, name): of for name, of in models.items()}
         said = "All joints were held rigid; calibrated"
     figure = style.new_figure(
-        146.0,
-        "Error at held-out points and loads, which no fit uses (compare Fig. 6 of the paper)",
+        146.0, "Error at held-out points and loads, which no fit uses (compare Fig. 6 of the paper)"
     )
     single = style.panel(figure, 16.0, 81.0, 152.0, 53.0)
     _draw_configurations(single, models)
@@ -351,9 +344,7 @@ def _draw_configurations(axes: Axes, models: dict[str, HeldOutModel]) -> None:
 
 
 def _draw_summary(
-    axes: Axes,
-    models: dict[str, HeldOutModel],
-    stated: dict[str, published.PublishedError],
+    axes: Axes, models: dict[str, HeldOutModel], stated: dict[str, published.PublishedError]
 ) -> None:
     """Draw mean and peak of each model, ours above the paper's."""
     shown: list[HeldOutModel | published.PublishedError] = [*models.values(), *stated.values()]
