@@ -12,9 +12,9 @@ from made_up_results import elsewhere
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours
-from pa10cal.figures.table import Table, frame_of, write_table
+from pa10cal.figures.table import Table, figures, frame_of, write_table
 from pa10cal.reports.blocks import grid
-from pa10cal.reports.formatting import figures, with_half_width
+from pa10cal.reports.formatting import with_half_width
 
 
 @pytest.fixture(scope="module")

@@ -59,9 +59,12 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
         "to judge."
     )
     title = "Position error [mm] and orientation error [deg]"
-    header = ("poses", "load", "model", "rms", "peak", "mean", "orientation, mean")
-    header += ("configurations",)
-    whole, parts = [], []
+    header = (
+        *("poses", "load", "model", "rms", "peak", "mean"),
+        *("orientation, mean", "configurations"),
+    )
+    whole: list[tuple[str, ...]] = []
+    parts: list[tuple[str, ...]] = []
     for errors in errors_of(results):
         of = errors.of
         (whole if errors.load == ALL else parts).append(

@@ -44,11 +44,6 @@ def deg(value: float | None) -> str:
     return NOT_KNOWN if value is None else f"{value:.4f}"
 
 
-def figures(value: float | None, count: int) -> float:
-    """Return a number with so many significant figures, nan for None."""
-    return math.nan if value is None else float(f"{value:.{count}g}")
-
-
 def with_half_width(value: float, half: float) -> str:
     """Return a value and half an interval with the same digits, two of the latter: `0.55 ± 0.12`.
 

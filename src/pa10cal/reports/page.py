@@ -254,7 +254,7 @@ def fleet_page_text(fleet: FleetRecord) -> str:
             (first if urgent else Paragraph("No arm needs attention.", lead=True),),
         )
     ]
-    often = Counter(arm.attention for arm in urgent)
+    often: Counter[str] = Counter(arm.attention for arm in urgent)
     kinds = [f"{often[kind]} {words}" for kind, words in ATTENTION.items() if often[kind]]
     glances = [
         Glance("Arms", str(len(fleet.arms)), f"{count(len(fleet.campaigns), 'campaign')} of them."),
@@ -307,5 +307,5 @@ def _campaigns(campaigns: Sequence[FleetCampaign]) -> Iterator[Block]:
         if each.moved and each.agrees is not True
     ]
     if changed:
-        header = ("campaign", "arm", "what was found")
-        yield grid("Campaigns whose model differs from the one before it", header, changed)
+        title = "Campaigns whose model differs from the one before it"
+        yield grid(title, ("campaign", "arm", "what was found"), changed)

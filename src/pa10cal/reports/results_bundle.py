@@ -159,8 +159,10 @@ class ResultsBundle:
     @cached_property
     def _own_records(self) -> tuple[CampaignRecord, ...]:
         general = _record(CalibrationRecord, f"calibration/{GENERAL}.json")(self)
-        every = (self.base_frame, self.calibration, general, self.verdict, self.analysis)
-        every += (self.extended, self.held_out, self.iso9283)
+        every = (
+            *(self.base_frame, self.calibration, general, self.verdict, self.analysis),
+            *(self.extended, self.held_out, self.iso9283),
+        )
         return tuple(record for record in every if record is not None)
 
     @cached_property

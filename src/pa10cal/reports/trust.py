@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 from pa10cal.reports.blocks import Beside, Block, Callout, Folded, Grid, Items, Paragraph, grid
 from pa10cal.reports.formatting import (
@@ -169,15 +170,15 @@ def _angles_seen(
         if isinstance(joint, dict) and isinstance(row, dict):
             slides = bool(row.get("prismatic"))
             unit, scale = ("mm", 1e3) if slides else ("°", 180.0 / math.pi)
-            limits = row.get("limits_m" if slides else "limits_rad")
-            intervals = (joint.get("intervals"), None if limits is None else [limits])
-            in_words = (
+            limits: Any = row.get("limits_m" if slides else "limits_rad")
+            intervals: Any = joint.get("intervals")
+            seen_at, allowed = (
                 ", ".join(f"{scale * low:.1f} to {scale * high:.1f} {unit}" for low, high in each)
                 if isinstance(each, list)
                 else NOT_KNOWN
-                for each in intervals
+                for each in (intervals, None if limits is None else [limits])
             )
-            yield str(number), *in_words
+            yield str(number), seen_at, allowed
 
 
 # What is missing from results and model, and what to measure next.

@@ -191,7 +191,7 @@ def _draw_orders(axes: Axes, fits: tuple[LackOfFit, LackOfFit], k: int) -> None:
         axes.plot(order, explained, color=color, linewidth=0.7 * broad)
         marked = 1e6 * found.marked_rad
         axes.vlines(found.marked, 0.0, marked, color=color, linewidth=0.8 * broad)
-        look = {"color": color, "marker": marker, "linestyle": "none"}
+        look: dict[str, Any] = {"color": color, "marker": marker, "linestyle": "none"}
         axes.plot(found.marked, marked, markersize=2.0 + broad, **look)
     axes.set_xlim(found.orders[0], last)
     axes.xaxis.set_major_locator(FixedLocator(list(found.marked)))

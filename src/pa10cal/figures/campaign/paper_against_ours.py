@@ -13,9 +13,9 @@ from pa10cal.figures import published
 from pa10cal.figures.published import SOURCES, is_of_papers_arm, reduction_percent
 from pa10cal.figures.registry import picture
 from pa10cal.figures.repeats import Scatter, incompleteness, places, scatter_by_load
-from pa10cal.figures.table import Table, frame_of
+from pa10cal.figures.table import Table, figures, frame_of
 from pa10cal.reports.blocks import Grid, grid
-from pa10cal.reports.formatting import KINDS, figures, written, written_load
+from pa10cal.reports.formatting import KINDS, written, written_load
 from pa10cal.reports.results_bundle import COMBINED, ResultsBundle
 from pa10cal.results.calibration import PaperCalibrationRecord
 from pa10cal.results.evaluation import Accuracy, HeldOutModel

@@ -350,7 +350,7 @@ def _draw_summary(
     shown: list[HeldOutModel | published.PublishedError] = [*models.values(), *stated.values()]
     for k, (name, model) in enumerate(models.items()):
         digits = ".2f" if model.mean_mm > 0.1 else ".3f"
-        rows = [(k - 0.17, model, digits, "", _dots(name), theme.BLACK)]
+        rows: list[tuple[Any, ...]] = [(k - 0.17, model, digits, "", _dots(name), theme.BLACK)]
         if name in stated:
             look = _dots(name) | {"markerfacecolor": "white", "marker": "D"}
             rows.append((k + 0.2, stated[name], "g", "paper: ", look, theme.GREY))
