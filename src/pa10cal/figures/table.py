@@ -12,6 +12,8 @@ import pandas as pd
 from pa10cal.files.output import csv_cell, markdown_cell, whole_files, write_text
 from pa10cal.reports.blocks import Grid
 
+Row = tuple[str, ...]
+
 
 @dataclass(frozen=True)
 class Table:
