@@ -9,7 +9,7 @@ import pytest
 from matplotlib.text import Text
 
 from made_up_results import elsewhere
-from pa10cal.figures.campaign import montecarlo, paper_against_ours, paper_figures
+from pa10cal.figures.campaign import paper_against_ours, paper_figures
 from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.repeats import PLACE_MM, places
 
@@ -98,7 +98,7 @@ def test_the_papers_figures_stand_beside_its_own_arm_only(results):
     other = elsewhere(results, robot="other")
     for make in (
         paper_figures.draw_fig5_before_after,
-        montecarlo.draw_montecarlo_planes,
+        paper_figures.draw_montecarlo_planes,
     ):
         ours = legend_of(make(other))
         with_paper = legend_of(make(results))
