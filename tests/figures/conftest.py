@@ -216,15 +216,16 @@ def project_looks():
 
 
 @pytest.fixture
-def changed_from(tmp_path):
-    """Copy results with changes to the JSON of one of them."""
+def changed_from(tmp_path_factory):
+    """Copy results with changes to the JSON of one of them, or of all that a pattern fits."""
 
-    def copy(results, name, change):
-        folder = tmp_path / "changed"
+    def copy(results, pattern, change):
+        folder = tmp_path_factory.mktemp("changed") / results.folder.name
         shutil.copytree(results.folder, folder)
-        record = json.loads((folder / name).read_text("utf-8"))
-        change(record)
-        (folder / name).write_text(json.dumps(record), encoding="utf-8")
+        for path in folder.glob(pattern):
+            record = json.loads(path.read_text("utf-8"))
+            change(record)
+            path.write_text(json.dumps(record), encoding="utf-8")
         return elsewhere(results, folder)
 
     return copy

@@ -1,7 +1,5 @@
 """What pictures show is what the records say."""
 
-import json
-import shutil
 from functools import partial
 
 import numpy as np
@@ -57,20 +55,13 @@ def test_before_and_after_are_written_as_recorded(results):
     assert {"0.58 / 1.22", "1.80 / 2.45", "0.33 / 0.71", "0.014"} <= set(texts)
 
 
-def without_attitude(record):
-    for errors in record["errors"].values():
-        for found in errors.values():
-            found["orientation_deg"] = None
+def test_an_attitude_that_was_not_seen_has_no_panel(changed):
+    def without_attitude(record):
+        for errors in record["errors"].values():
+            for found in errors.values():
+                found["orientation_deg"] = None
 
-
-def test_an_attitude_that_was_not_seen_has_no_panel(results, tmp_path):
-    folder = tmp_path / "positions"
-    shutil.copytree(results.folder, folder)
-    for path in (folder / "calibration").glob("*.json"):
-        record = json.loads(path.read_text("utf-8"))
-        without_attitude(record)
-        path.write_text(json.dumps(record), encoding="utf-8")
-    source = elsewhere(results, folder)
+    source = changed("calibration/*.json", without_attitude)
     figure = paper_figures.draw_fig5_before_after(source)
     assert [axes.get_ylabel() for axes in figure.axes] == ["position error [mm]"]
     assert figure.axes[0].get_xlabel() == "external load"

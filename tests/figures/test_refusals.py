@@ -1,6 +1,5 @@
 """Nothing is drawn of a fit that did not converge, or of another model than the picture is of."""
 
-import json
 import shutil
 from dataclasses import replace
 
@@ -22,20 +21,16 @@ REMEDY = r"allowed: a calibration whose status is converged; .*calibration\.max_
 
 
 @pytest.fixture
-def unfinished(tmp_path):
+def unfinished(changed_from):
     """Copy results in which the fits named did not converge."""
 
-    def copy(source, *keys, loads=None):
-        folder = tmp_path / "unfinished"
-        shutil.copytree(source.folder, folder)
-        for path in (folder / "calibration").glob("*.json"):
-            if loads is None or path.stem in loads:
-                record = json.loads(path.read_text("utf-8"))
-                for key in keys:
-                    fit = record[key] if key else record
-                    fit.update(status="not converged", reason=REASON)
-                path.write_text(json.dumps(record), encoding="utf-8")
-        return elsewhere(source, folder)
+    def copy(source, *keys, load="*"):
+        def end_early(record):
+            for key in keys:
+                fit = record[key] if key else record
+                fit.update(status="not converged", reason=REASON)
+
+        return changed_from(source, f"calibration/{load}.json", end_early)
 
     return copy
 
@@ -61,12 +56,12 @@ def test_nor_of_the_models_it_is_compared_with(unfinished, learnt):
 
 def test_nor_of_linear_springs(unfinished, results):
     with pytest.raises(RecordError, match=r"combined\.json: linear: the fit did not converge"):
-        make("fig6_holdout", unfinished(results, "linear", loads=["combined"]))
+        make("fig6_holdout", unfinished(results, "linear", load="combined"))
 
 
 @pytest.mark.parametrize("name", ["fig5_before_after", "table1_parameters", "paper_against_ours"])
 def test_nor_of_one_load_alone(unfinished, results, name):
-    source = unfinished(results, "", loads=["22N"])
+    source = unfinished(results, "", load="22N")
     with pytest.raises(RecordError, match=r"22N\.json: the fit did not converge"):
         make(name, source)
 
@@ -98,15 +93,11 @@ def test_pictures_of_the_general_model_are_of_no_other(results, tmp_path):
 
 
 @pytest.fixture
-def suspect(results, tmp_path):
+def suspect(results, changed_from):
     """Results of a calibration whose input is suspect."""
-    folder = tmp_path / "suspect"
-    shutil.copytree(results.folder, folder)
-    path = folder / "calibration/combined.json"
-    record = json.loads(path.read_text("utf-8"))
-    record["health"].update(grade="suspect_input", line="joint 6: its sign is reversed")
-    path.write_text(json.dumps(record), encoding="utf-8")
-    return elsewhere(results, folder)
+    found = {"grade": "suspect_input", "line": "joint 6: its sign is reversed"}
+    name = "calibration/combined.json"
+    return changed_from(results, name, lambda record: record["health"].update(found))
 
 
 def test_nothing_is_drawn_of_a_suspect_input_without_force(suspect):
