@@ -94,11 +94,6 @@ def listed(names: Iterable[str], nothing: str = "none") -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def parameters(names: Iterable[str]) -> str:
-    """Return parameters' names as readers see them, as a list within a sentence."""
-    return listed(map(written, names))
-
-
 def sentence(text: str) -> str:
     """Return a text that begins with a capital and ends with a full stop."""
     text = text.strip().removesuffix(".")

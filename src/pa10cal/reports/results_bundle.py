@@ -42,18 +42,6 @@ POSES = "ingest/poses.parquet"
 MODEL = "model/model.yaml"
 #: The calibration of all loads, and that of the general model beside the paper's.
 COMBINED, GENERAL = "combined", "general"
-#: What a whole run leaves: file, command that writes it, the log of its stage.
-_STAGES = {
-    POSES: ("ingest", "ingest"),
-    BaseFrameRecord.FILE: ("seed", "base_frame"),
-    "calibration": ("calibrate", "calibrate"),
-    VerdictRecord.FILE: ("discover", "discover"),
-    AnalysisRecord.FILE: ("discover", "discover"),
-    ExtendedRecord.FILE: ("discover", "discover"),
-    HoldoutRecord.FILE: ("evaluate", "evaluate"),
-    Iso9283Record.FILE: ("evaluate", "evaluate"),
-    MODEL: ("export", "export"),
-}
 #: Between a stage and its message, where that is why a result is missing.
 REFUSED = " refused: "
 #: Beginning of the provenance of simulated data.
@@ -215,7 +203,7 @@ class ResultsBundle:
     def absent(self) -> Mapping[str, str]:
         """Why each result of a whole run that is not there is missing, and what to do about it."""
         return {
-            file: self._why(file, command, log)
+            file: self._why_absent(file, command, log)
             for file, (command, log) in _stages(self.load_case).items()
             if not (self.folder / file).exists()
         }
@@ -224,7 +212,7 @@ class ResultsBundle:
         """Say why a result is not there, and what to do about it."""
         return self.absent.get(file, f"There is no {file}.")
 
-    def _why(self, file: str, command: str, log: str) -> str:
+    def _why_absent(self, file: str, command: str, log: str) -> str:
         """Say why a result is not there: what its stage refused, where its log tells."""
         path = self.folder / f"logs/{log}.log"
         printed = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
@@ -351,7 +339,15 @@ def results_bundle(
 
 
 def _stages(load_case: str) -> dict[str, tuple[str, str]]:
+    """Return what a whole run leaves: file, command that writes it, the log of its stage."""
     return {
-        (f"calibration/{load_case}.json" if file == "calibration" else file): stage
-        for file, stage in _STAGES.items()
+        POSES: ("ingest", "ingest"),
+        BaseFrameRecord.FILE: ("seed", "base_frame"),
+        f"calibration/{load_case}.json": ("calibrate", "calibrate"),
+        VerdictRecord.FILE: ("discover", "discover"),
+        AnalysisRecord.FILE: ("discover", "discover"),
+        ExtendedRecord.FILE: ("discover", "discover"),
+        HoldoutRecord.FILE: ("evaluate", "evaluate"),
+        Iso9283Record.FILE: ("evaluate", "evaluate"),
+        MODEL: ("export", "export"),
     }

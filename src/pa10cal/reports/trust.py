@@ -14,7 +14,6 @@ from pa10cal.reports.formatting import (
     listed,
     mm,
     named,
-    parameters,
     sentence,
     written,
 )
@@ -95,7 +94,7 @@ def _checks(case: CalibrationRecord) -> Iterator[tuple[str, str, str]]:
     health, poses, ratio = case.health, case.health.poses, case.health.error_over_noise
     yes_no = {True: "yes", False: "no"}
     yield "the fit converged", health.ending, yes_no[health.converged]
-    at_bounds = parameters(health.at_bounds)
+    at_bounds = listed(map(written, health.at_bounds))
     yield "no parameter at the end of its range", at_bounds, yes_no[not len(health.at_bounds)]
     yield (
         "every parameter is determined",
@@ -200,7 +199,7 @@ def missing(results: ResultsBundle) -> Iterator[Block]:
     texts, tables = [], []
     if case is not None:
         if case.health.not_identifiable:
-            names = parameters(case.health.not_identifiable)
+            names = listed(map(written, case.health.not_identifiable))
             texts.append(f"Not identifiable from these poses: {names}.")
         if not case.health.repeats:
             texts.append("No pose is repeated often enough to know how readings scatter.")
