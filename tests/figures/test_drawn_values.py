@@ -45,7 +45,7 @@ def test_the_path_is_that_of_the_arm_in_its_own_frame(results):
 
 def test_before_and_after_are_written_as_recorded(results):
     texts = texts_of(paper_figures.draw_fig5_before_after(results))
-    alone, together = results.load_cases(), results.papers()
+    alone, together = results.load_cases(), results.paper_calibration()
     for load, case in alone.items():
         before, after = case.errors[load].before, case.errors[load].after
         assert f"{before.mean_mm:.2f} / {before.peak_mm:.2f}" in texts

@@ -38,7 +38,7 @@ def lines(section, results):
 
 class TestParameters:
     def test_shows_units_of_the_workshop_and_what_was_left_out(self, sighted):
-        case = sighted["pose"].general()
+        case = sighted["pose"].general_calibration()
         found = lines(parameters, sighted["pose"])
         length, angle = case.parameters["delta_a_2"], case.parameters["delta_theta_3"]
         shown = with_interval(1e3 * length.value, 1e3 * length.std)
@@ -78,7 +78,7 @@ class TestSuspectedOutliers:
         assert f"| P007 | 0 | 8.25 | 0.400 | {entry['why']} |" in lines(trust, source)
         table = tabulate_suspected_outliers(source)
         assert table.data.loc[0].tolist() == ["P007", 0.0, 8.25, 0.4, entry["why"]]
-        assert f"1 of {source.general().health.poses.measured} poses" in table.notes[0]
+        assert f"1 of {source.general_calibration().health.poses.measured} poses" in table.notes[0]
 
     def test_none_is_said(self, changed_from, sighted, tmp_path):
         source = changed_from(sighted["pose"], COMBINED, lambda r: r.update(suspected_outliers=[]))
@@ -98,7 +98,7 @@ class TestAccuracy:
         return each.of
 
     def test_errors_of_all_loads_are_pooled(self, sighted):
-        errors = sighted["points"].general().errors
+        errors = sighted["points"].general_calibration().errors
         assert list(errors) == ["0N", "20N"]
         parts = [each.after for each in errors.values()]
         count = np.array([part.configurations for part in parts])
@@ -142,7 +142,7 @@ class TestAccuracy:
 
 class TestHealth:
     def test_is_that_of_the_record(self, results):
-        case = results.papers()
+        case = results.paper_calibration()
         found = lines(trust, results)
         assert any(line.startswith("What the grade of the calibration stands on") for line in found)
         rank = f"| rank {case.health.rank} of {case.health.unknowns}, condition number"
@@ -156,7 +156,7 @@ class TestHealth:
 
         source = changed_from(sighted["pose"], COMBINED, change)
         assert "| δa₂ | δd₄ | -0.988 |" in lines(missing, source)
-        ordered = len(source.general().health.poses.d_optimal_order)
+        ordered = len(source.general_calibration().health.poses.d_optimal_order)
         said = f"more than {ordered} well-chosen poses"
         assert any(said in line for line in lines(trust, source))
 

@@ -37,14 +37,17 @@ def test_loads_are_those_that_the_combined_calibration_was_fitted_to(spoiled):
 
 
 def test_the_general_model_stands_beside_the_papers_or_alone(results, sighted):
-    assert [results.papers().model, results.general().model] == ["paper", "general"]
-    assert results.general().load == "general"
-    assert sighted["pose"].general().model == "general"
-    assert sighted["pose"].general().load == "combined"
+    assert [results.paper_calibration().model, results.general_calibration().model] == [
+        "paper",
+        "general",
+    ]
+    assert results.general_calibration().load == "general"
+    assert sighted["pose"].general_calibration().model == "general"
+    assert sighted["pose"].general_calibration().load == "combined"
 
 
 def test_planes_are_those_of_the_settings(results):
-    assert [plane.plane_mm for plane in results.planes_set()] == [300, 500, 700]
+    assert [plane.plane_mm for plane in results.planes_of_settings()] == [300, 500, 700]
 
 
 def test_poses_come_in_order_of_time(results):
@@ -56,14 +59,14 @@ def test_poses_come_in_order_of_time(results):
 @pytest.mark.parametrize(
     ("name", "read", "stage"),
     [
-        ("calibration/combined.json", lambda r: r.papers(), "calibrate"),
-        ("calibration/general.json", lambda r: r.general(), "calibrate"),
+        ("calibration/combined.json", lambda r: r.paper_calibration(), "calibrate"),
+        ("calibration/general.json", lambda r: r.general_calibration(), "calibrate"),
         ("calibration/22N.json", lambda r: r.load_cases(), "calibrate"),
         ("evaluation/holdout.json", lambda r: r.sound_held_out(), "evaluate"),
         ("seed/base_frame.json", lambda r: r.read(BaseFrameRecord), "seed"),
-        ("montecarlo/z500.json", lambda r: r.planes_set(), "montecarlo"),
-        ("discovery/analysis.json", lambda r: r.sound(AnalysisRecord), "discover"),
-        ("discovery/verdict.json", lambda r: r.sound(VerdictRecord), "discover"),
+        ("montecarlo/z500.json", lambda r: r.planes_of_settings(), "montecarlo"),
+        ("discovery/analysis.json", lambda r: r.sound_record(AnalysisRecord), "discover"),
+        ("discovery/verdict.json", lambda r: r.sound_record(VerdictRecord), "discover"),
         ("ingest/poses.parquet", places, "ingest"),
     ],
 )

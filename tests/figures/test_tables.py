@@ -104,7 +104,7 @@ class TestPaperAgainstOurs:
             assert (row["paper"], row["recomputed"]) == ("≥ 75", value)
 
     def test_ours_are_those_of_the_records(self, compared, results):
-        cases, together = results.load_cases(), results.papers()
+        cases, together = results.load_cases(), results.paper_calibration()
         name = "mean position error after calibration"
         alone = cases["44N"].errors["44N"]
         row = one(compared, name, "44 N", "this load alone")
@@ -114,7 +114,7 @@ class TestPaperAgainstOurs:
         row = one(compared, "reduction of the mean position error", "44 N")
         fell = published.reduction_percent(alone.before.mean_mm, alone.after.mean_mm)
         assert float(row["ours"]) == pytest.approx(fell, abs=0.5)
-        plane = results.planes_set()[1]
+        plane = results.planes_of_settings()[1]
         row = one(compared, "mean error after calibration less the Monte Carlo mean", "44 N")
         assert float(row["ours"]) == pytest.approx(alone.after.mean_mm - plane.mean_mm, abs=5e-3)
         assert "below the Monte Carlo mean" in row["remark"]
@@ -205,7 +205,7 @@ class TestPaperAgainstOurs:
         change = partial(update, {"calibration": "22N"})
         source = changed_from(results, "evaluation/holdout.json", change)
         rows = rows_of(paper_against_ours.tabulate_paper_against_ours(source))
-        left = results.papers("22N").errors["22N"].after.orientation_deg
+        left = results.paper_calibration("22N").errors["22N"].after.orientation_deg
         remark = one(rows, "mean orientation error, held out", "cubic")["remark"]
         said = remark.partition("calibration (22N) leaves ")[2].split()[0]
         assert float(said) == pytest.approx(left, rel=5e-3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from pa10cal.reports import pictures
-from pa10cal.reports.blocks import Beside, Block, Callout, Folded, Grid, Paragraph, grid
+from pa10cal.reports.blocks import Beside, Block, Callout, Grid, Paragraph, folded, grid
 from pa10cal.reports.errors import (
     ALL,
     FITTED,
@@ -76,7 +76,7 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
     yield grid(title, header, whole, range(3, 8))
     if len({row[1] for row in parts}) > 1:
         by_load = grid(f"{title}, load by load", header, parts, range(3, 8))
-        yield Folded(by_load.caption, (by_load,))
+        yield folded(by_load)
     if results.held_out is None:
         yield Callout("missing", results.why_absent(HoldoutRecord.FILE))
     elif not results.held_out.models:
@@ -211,8 +211,8 @@ def parameters(results: ResultsBundle) -> Iterator[Block]:
             same = " + ".join(parts).replace("+ -", "− ")
             redundant.append((written(entry.name), same or "nothing: it has no effect"))
         if redundant:
-            title = "Omitted: redundant parameters"
-            yield Folded(title, (grid(title, ("omitted", "the same as"), redundant),))
+            header = ("omitted", "the same as")
+            yield folded(grid("Omitted: redundant parameters", header, redundant))
         if case.group is not None:
             yield from _campaign_grids(case.group)
     rows = []
@@ -225,7 +225,7 @@ def parameters(results: ResultsBundle) -> Iterator[Block]:
     if rows:
         title = "Parameters that had absorbed part of the effects"
         header = ("parameter", "without the effects", "with them, 95 % interval", "unit", "change")
-        yield Folded(title, (grid(title, header, rows, (1, 2, 4)),))
+        yield folded(grid(title, header, rows, (1, 2, 4)))
 
 
 def _parameter_row(name: str, found: Parameter) -> tuple[str, ...]:
@@ -343,7 +343,7 @@ def repeats(results: ResultsBundle) -> Iterator[Block]:
         )
     departs.append("its five poses lie in a cube, at the rated load and speed")
     yield Callout("note", f"The conditions are not those of the standard: {'; '.join(departs)}.")
-    yield Folded("Every configuration", (_every_configuration(record, rows),))
+    yield folded(_every_configuration(record, rows), "Every configuration")
 
 
 def _every_configuration(record: Iso9283Record, rows: RepeatabilityRows) -> Grid:

@@ -126,3 +126,8 @@ def grid(
 ) -> Grid:
     """Return a table of rows of texts."""
     return Grid(caption, tuple(header), tuple(tuple(row) for row in rows), frozenset(numbers))
+
+
+def folded(table: Grid, title: str = "") -> Folded:
+    """Return a table that is unfolded by its caption, or by a title of its own."""
+    return Folded(title or table.caption, (table,))

@@ -27,6 +27,7 @@ from pa10cal.reports.blocks import (
     Links,
     Paragraph,
     Section,
+    folded,
     grid,
 )
 from pa10cal.reports.errors import headline
@@ -300,7 +301,7 @@ def _campaigns(campaigns: Sequence[FleetCampaign]) -> Iterator[Block]:
         for became in [each.became]
     ]
     table = grid("Mean position errors [mm]", header, rows, (6, 7))
-    yield Folded("The table, one row a campaign", (table,))
+    yield folded(table, "The table, one row a campaign")
     changed = [
         (each.campaign, each.arm, str(each.moved))
         for each in campaigns

@@ -256,7 +256,7 @@ class ResultsBundle:
             )
         return found
 
-    def papers(self, load: str = COMBINED) -> PaperCalibrationRecord:
+    def paper_calibration(self, load: str = COMBINED) -> PaperCalibrationRecord:
         """Read `calibration/<load>.json` of the paper's model.
 
         Raises:
@@ -264,7 +264,7 @@ class ResultsBundle:
         """
         return self._of_model(PaperCalibrationRecord, "paper", load)
 
-    def general(self) -> GeneralCalibrationRecord:
+    def general_calibration(self) -> GeneralCalibrationRecord:
         """Read the calibration of all loads with the general model.
 
         It is `calibration/combined.json`, or stands beside that of the paper's model.
@@ -289,9 +289,13 @@ class ResultsBundle:
 
     def load_cases(self) -> dict[str, PaperCalibrationRecord]:
         """Read the calibration of each single load, by its key in `errors`: `0N`, `22N`, …."""
-        return {name: self.papers(name) for N in self.papers().loads_fitted for name in [f"{N:g}N"]}
+        return {
+            name: self.paper_calibration(name)
+            for N in self.paper_calibration().loads_fitted
+            for name in [f"{N:g}N"]
+        }
 
-    def sound(self, kind: type[_R]) -> _R:
+    def sound_record(self, kind: type[_R]) -> _R:
         """Read what discovery found, of a sound calibration: the evaluated one."""
         self.sound_calibration(self.settings.evaluation.calibration)
         return self.read(kind)
@@ -305,7 +309,7 @@ class ResultsBundle:
         models = {name: model for name, model in found.models.items() if name != "extended"}
         return found.model_copy(update={"models": models})
 
-    def planes_set(self) -> list[PlaneRecord]:
+    def planes_of_settings(self) -> list[PlaneRecord]:
         """Read `montecarlo/z<mm>.json` for every plane of the settings, from low to high."""
         heights = sorted(set(self.settings.montecarlo.planes_mm))
         return [self.read(PlaneRecord, f"montecarlo/z{height}.json") for height in heights]

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from pa10cal.reports.blocks import Beside, Block, Callout, Folded, Grid, Items, Paragraph, grid
+from pa10cal.reports.blocks import Beside, Block, Callout, Grid, Items, Paragraph, folded, grid
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     count,
@@ -234,7 +234,7 @@ def missing(results: ResultsBundle) -> Iterator[Block]:
     if texts:
         yield Items(tuple(texts))
     for table, row in tables:
-        yield Folded(f"{table.caption} ({count(len(table.rows), row)})", (table,))
+        yield folded(table, f"{table.caption} ({count(len(table.rows), row)})")
     if not (results.absent or texts or (record is not None and record.not_testable)):
         yield Paragraph("Nothing is missing that these data could have shown.")
 

@@ -127,7 +127,7 @@ in the arm appears in several joints.
 )
 def draw_where_joints(results: ResultsBundle) -> Figure:
     """Draw points above and the periodogram below, a column a joint, before and after."""
-    found = results.sound(AnalysisRecord)
+    found = results.sound_record(AnalysisRecord)
     fits = (found.before, found.after)
     joints = found.before.cells.joints
     known = [part.periodogram for part in found.before.by_joint if part.periodogram is not None]
@@ -234,7 +234,7 @@ only.
 )
 def draw_where_torque(results: ResultsBundle) -> Figure:
     """Draw residual torques before above those after, a column a joint."""
-    found = results.sound(AnalysisRecord)
+    found = results.sound_record(AnalysisRecord)
     joints = found.before.cells.joints
     if any(joint.torque_residual_Nm is None for joint in joints):
         raise NothingToShowError("no torques were logged, or the weights are not known")

@@ -71,7 +71,7 @@ def tabulate_paper_against_ours(results: ResultsBundle) -> Table:
         *_parameter_rows(results),
         *_conclusion_rows(results),
     ]
-    lacking = incompleteness(results.papers(), scatter)
+    lacking = incompleteness(results.paper_calibration(), scatter)
     notes = _NOTES if lacking is None else (*_NOTES, lacking)
     data = pd.DataFrame(rows).astype(str)[list(_COLUMNS)]
     return Table("The paper's values beside ours", data, notes=notes)
@@ -79,7 +79,7 @@ def tabulate_paper_against_ours(results: ResultsBundle) -> Table:
 
 def _grid_rows(results: ResultsBundle, scatter: Mapping[str, Scatter]) -> Iterator[_Row]:
     """Yield errors before and after, and the scatter within one configuration, at each load."""
-    combined, cases = results.papers(), results.load_cases()
+    combined, cases = results.paper_calibration(), results.load_cases()
     before = {load: errors.before for load, errors in combined.errors.items()}
     alone = {load: case.errors[load].after for load, case in cases.items()}
     together = {load: errors.after for load, errors in combined.errors.items()}
@@ -139,7 +139,7 @@ def _twist_remark(results: ResultsBundle, model: HeldOutModel) -> str:
     if twist is None:
         return ""
     calibration = results.sound_held_out().calibration
-    evaluated = results.papers(calibration)
+    evaluated = results.paper_calibration(calibration)
     angles = [evaluated.errors[f"{N:g}N"].after.orientation_deg for N in evaluated.loads_fitted]
     known = [angle for angle in angles if angle is not None]
     mean = _three_figures(sum(known) / len(known)) if known else NOT_MEASURED
@@ -153,7 +153,10 @@ def _twist_remark(results: ResultsBundle, model: HeldOutModel) -> str:
 
 def _monte_carlo_rows(results: ResultsBundle, scatter: Mapping[str, Scatter]) -> Iterator[_Row]:
     """Yield what resolver uncertainty alone does to the position."""
-    planes, source = {of.plane_mm: of for of in results.planes_set()}, SOURCES["monte_carlo"]
+    planes, source = (
+        {of.plane_mm: of for of in results.planes_of_settings()},
+        SOURCES["monte_carlo"],
+    )
     plane = planes.get(published.MONTE_CARLO_PLANE_MM)
     at = f"z = {published.MONTE_CARLO_PLANE_MM} mm"
     mean, std, between = NOT_COMPUTED, NOT_COMPUTED, ""
@@ -200,7 +203,7 @@ def _monte_carlo_rows(results: ResultsBundle, scatter: Mapping[str, Scatter]) ->
 def _parameter_rows(results: ResultsBundle) -> Iterator[_Row]:
     """Yield the number of unknowns, the stiffnesses, and what limits the measurement itself."""
     assert results.description is not None
-    case, reading = results.papers(), results.settings.kcub_reading
+    case, reading = results.paper_calibration(), results.settings.kcub_reading
     remark = (
         "the paper counts 24 link parameters with 6 stiffnesses, then with 6 of the base frame; "
         "together they are 36"
@@ -235,9 +238,11 @@ def _parameter_rows(results: ResultsBundle) -> Iterator[_Row]:
 
 def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
     """Yield distance from the Monte Carlo mean, reductions of mean and of held-out peak errors."""
-    before = {load: errors.before.mean_mm for load, errors in results.papers().errors.items()}
+    before = {
+        load: errors.before.mean_mm for load, errors in results.paper_calibration().errors.items()
+    }
     after = {load: case.errors[load].after.mean_mm for load, case in results.load_cases().items()}
-    planes, source = {of.plane_mm: of for of in results.planes_set()}, SOURCES["conclusion"]
+    planes, source = {of.plane_mm: of for of in results.planes_of_settings()}, SOURCES["conclusion"]
     plane = planes.get(published.MONTE_CARLO_PLANE_MM)
     for load, stated in published.AFTER.items():
         ours, remark = (NOT_MEASURED if load not in after else NOT_COMPUTED), ""
@@ -321,7 +326,7 @@ lightcap2008 is simulated with Table I, so a difference there is an estimation e
 )
 def tabulate_table1_parameters(results: ResultsBundle) -> Table:
     """Return every link and spring parameter of every calibration, the paper's beside the first."""
-    combined, of_papers_arm = results.papers(), is_of_papers_arm(results)
+    combined, of_papers_arm = results.paper_calibration(), is_of_papers_arm(results)
     cases = {COMBINED: combined} | results.load_cases()
     stated: dict[str, float | None] = {}
     if of_papers_arm:

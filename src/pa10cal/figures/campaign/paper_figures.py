@@ -203,7 +203,7 @@ def _errors(
     results: ResultsBundle,
 ) -> Iterator[tuple[int, str, Accuracy | published.PublishedError, bool]]:
     """Yield errors of every load and model: place of the load, slot, and whether the paper's."""
-    combined, with_paper = results.papers(), is_of_papers_arm(results)
+    combined, with_paper = results.paper_calibration(), is_of_papers_arm(results)
     for k, (load, case) in enumerate(results.load_cases().items()):
         yield k, "before", case.errors[load].before, False
         yield k, "after", case.errors[load].after, False
@@ -287,7 +287,7 @@ the cubic term.
 def draw_fig6_holdout(results: ResultsBundle) -> Figure:
     """Draw every configuration by load, and mean and peak of each model beside the paper's."""
     held_out = results.sound_held_out()
-    case = results.papers(held_out.calibration)  # refuses another model than the paper's
+    case = results.paper_calibration(held_out.calibration)  # refuses another model than the paper's
     models = dict(held_out.models)
     if not models:
         raise NothingToShowError("no held-out configuration was measured")
@@ -396,7 +396,7 @@ paper's sense only. No measurement is used here.
 )
 def draw_montecarlo_planes(results: ResultsBundle) -> Figure:
     """Draw the mean with the spread within a position, and the mean alone enlarged."""
-    planes, with_paper = results.planes_set(), is_of_papers_arm(results)
+    planes, with_paper = results.planes_of_settings(), is_of_papers_arm(results)
     figure = style.new_figure(
         103.0, "Position error that resolver uncertainty alone causes, by plane"
     )

@@ -55,7 +55,7 @@ Errors common to all poses are removed first.
 )
 def draw_where_breakdown(results: ResultsBundle) -> Figure:
     """Draw errors by load, axis, joint and direction, and drifts, beside the floor."""
-    found, gap = results.sound(AnalysisRecord), results.sound(VerdictRecord).gap
+    found, gap = results.sound_record(AnalysisRecord), results.sound_record(VerdictRecord).gap
     before, after = found.before, found.after
     figure = style.new_figure(
         _HEIGHT_MM, "Where model and measurement disagree, without and with the named effects"
@@ -212,7 +212,7 @@ beyond the fitted poses.
 )
 def draw_gap_by_step(results: ResultsBundle) -> Figure:
     """Draw mean, root mean square and peak of every step, from the calibrated model downward."""
-    found, gap = results.sound(AnalysisRecord), results.sound(VerdictRecord).gap
+    found, gap = results.sound_record(AnalysisRecord), results.sound_record(VerdictRecord).gap
     steps, floor_mm = found.naming, found.noise_floor_mm
     rows_mm = _ROW_MM * len(steps)
     figure = style.new_figure(
@@ -282,7 +282,7 @@ effect that the model lacks.
 )
 def tabulate_suspected_outliers(results: ResultsBundle) -> Table:
     """Return every suspected outlier, the worst first."""
-    case = results.general()
+    case = results.general_calibration()
     rows = [
         (of.pose, of.load_N, round(of.distance, 2), round(of.weight, 3), of.why)
         for of in case.suspected_outliers
