@@ -114,7 +114,6 @@ def with_verdict(folder: Path, word: str) -> Path:
 
 def elsewhere(results, folder=None, **described):
     """The same results in another folder, or of a campaign that is described otherwise."""
-    bundle = results.bundle
-    description = bundle.description.model_copy(update=described)
-    folder = bundle.folder if folder is None else folder
-    return replace(results, bundle=replace(bundle, folder=folder, description=description))
+    description = results.description.model_copy(update=described)
+    folder = results.folder if folder is None else folder
+    return replace(results, folder=folder, description=description)

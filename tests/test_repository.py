@@ -153,6 +153,7 @@ MAY_IMPORT = {
         "reports.summary",
     },
     "reports": {
+        "evaluation.options",
         "observe.instrument",
         "observe.quantities",
         "observe.kinds",

@@ -134,6 +134,8 @@ class Tab:
         self.send("Performance.enable", timeDomain="threadTicks")
         self.send("Page.navigate", url=page.absolute().as_uri())
         browser.wait_for("Page.loadEventFired", session)
+        # Figures are drawn once their library is unpacked, which the page's `drawn` promises.
+        self.evaluate("drawn.then(() => 0)")
         self.evaluate("new Promise(done => requestAnimationFrame(() => setTimeout(done, 0)))")
         metrics = self.send("Performance.getMetrics")["metrics"]
         self.seconds = next(each["value"] for each in metrics if each["name"] == "TaskDuration")

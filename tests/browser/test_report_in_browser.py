@@ -14,7 +14,7 @@ from pa10cal.results.codec import write
 from pa10cal.results.fleet import Caption, PicturesRecord
 
 SIZES = {"wide": (1280, 900, False), "dark": (1280, 900, True), "narrow": (380, 800, False)}
-MOST_BYTES = 6e6
+MOST_BYTES = 5e6
 NOTICE = "Synthetic data: simulated, no robot was measured."
 #: The largest contrast of a colour to its ground, after WCAG 2; the least for text is 4.5.
 CONTRAST = """

@@ -47,12 +47,12 @@ def test_writes_a_figure_in_three_formats(run, capsys):
 def test_writes_everything_that_there_is_and_says_what_was_omitted(run, tmp_path, capsys):
     code, written = run(None)
     assert code == 0
-    names = ("montecarlo_map", "montecarlo_planes")
+    names = ("montecarlo_planes",)
     files = [f"{name}.{ending}" for name in names for ending in ("pdf", "png", "svg")]
     assert written == sorted([*files, "pictures.json"])
     said = capsys.readouterr().out
     assert "cell-null: where_joints: omitted, there is no discovery/analysis.json\n" in said
-    assert f"cell-null: 2 drawn: {', '.join(names)}\n" in said
+    assert f"cell-null: 1 drawn: {', '.join(names)}\n" in said
     record = json.loads((tmp_path / "out/pictures.json").read_text("utf-8"))
     assert record["drawn"] == list(names)
     assert record["omitted"]["fig4_test_path"] == "there is no calibration/combined.json"
@@ -90,13 +90,13 @@ def test_refuses_when_a_result_is_missing(run, capsys, figure, missing, stage):
 
 
 def test_refuses_a_plane_that_was_not_run(run, capsys):
-    code, written = run("montecarlo_map", {"montecarlo": {"planes_mm": [400, 500]}})
+    code, written = run("montecarlo_planes", {"montecarlo": {"planes_mm": [400, 500]}})
     assert (code, written) == (REFUSED, [])
     assert "z400.json" in capsys.readouterr().err
 
 
 def test_refuses_the_results_of_another_campaign(run, capsys):
-    code, written = run("montecarlo_map", campaign=CAMPAIGN.with_name("cell-a"))
+    code, written = run("montecarlo_planes", campaign=CAMPAIGN.with_name("cell-a"))
     assert (code, written) == (REFUSED, [])
     assert "another campaign (got 'cell-null'); allowed: cell-a" in capsys.readouterr().err
 

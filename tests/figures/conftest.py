@@ -11,10 +11,11 @@ import pytest
 from built_once import built_once
 from made_up_records import accuracy, effect, made_up_gap, set_gap, stretches_deg, verdict_keys
 from made_up_results import elsewhere
+from pa10cal.campaign.description import read_description
 from pa10cal.commands.command_line import run_command
 from pa10cal.evaluation.options import PictureOptions
-from pa10cal.figures.results import Results
 from pa10cal.figures.style import looks
+from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.codec import write
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.maps import AnglesSeen
@@ -44,8 +45,9 @@ def _discover(place, raw=CAMPAIGN):
     _run("discover", "--campaign-dir", raw, *given, *words)
 
 
-def _results(folder, raw, settings=None) -> Results:
-    return Results.of(raw, folder, settings or PictureOptions())
+def _results(folder, raw, settings=None) -> ResultsBundle:
+    description = read_description(raw)
+    return ResultsBundle(folder, description=description, settings=settings or PictureOptions())
 
 
 @pytest.fixture(scope="session")
@@ -75,13 +77,13 @@ def _calibrated(within: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def results(folder) -> Results:
+def results(folder) -> ResultsBundle:
     settings = PictureOptions.model_validate({"montecarlo": {"planes_mm": PLANES_MM}})
     return _results(folder, CAMPAIGN, settings)
 
 
 @pytest.fixture(scope="session")
-def named(results, tmp_path_factory) -> Results:
+def named(results, tmp_path_factory) -> ResultsBundle:
     """The same campaign with a kinematic error in joint 2, which discovery names."""
     place = built_once(tmp_path_factory, "named", lambda within: _named(within, results.folder))
     return elsewhere(results, place)
@@ -113,7 +115,7 @@ SIGHTED = {
 
 
 @pytest.fixture(scope="session")
-def sighted(tmp_path_factory) -> dict[str, Results]:
+def sighted(tmp_path_factory) -> dict[str, ResultsBundle]:
     """Campaigns calibrated with the general model, by what the instrument sees.
 
     Their poses are too few for effects to be sought.
@@ -153,7 +155,7 @@ def _sighted(kind, place) -> None:
 
 
 @pytest.fixture(scope="session")
-def learnt(sighted, tmp_path_factory) -> Results:
+def learnt(sighted, tmp_path_factory) -> ResultsBundle:
     """The campaign of poses, its held-out poses judged with a model that learnt by joint angle.
 
     Joints 1 and 3 have maps of three waves a turn; of joint 3 the angles from 10.2 to 27.8 degrees
@@ -214,15 +216,16 @@ def project_looks():
 
 
 @pytest.fixture
-def changed_from(tmp_path):
-    """Copy results with changes to the JSON of one of them."""
+def changed_from(tmp_path_factory):
+    """Copy results with changes to the JSON of one of them, or of all that a pattern fits."""
 
-    def copy(results, name, change):
-        folder = tmp_path / "changed"
+    def copy(results, pattern, change):
+        folder = tmp_path_factory.mktemp("changed") / results.folder.name
         shutil.copytree(results.folder, folder)
-        record = json.loads((folder / name).read_text("utf-8"))
-        change(record)
-        (folder / name).write_text(json.dumps(record), encoding="utf-8")
+        for path in folder.glob(pattern):
+            record = json.loads(path.read_text("utf-8"))
+            change(record)
+            path.write_text(json.dumps(record), encoding="utf-8")
         return elsewhere(results, folder)
 
     return copy

@@ -8,6 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from pa10cal.figures.campaign import by_joint, where
+from pa10cal.figures.campaign.by_joint import highest_told
 from pa10cal.figures.registry import NothingToShowError
 
 pytestmark = pytest.mark.usefixtures("project_looks")
@@ -24,16 +25,16 @@ def changed(named, changed_from):
 
 
 def test_discovery_names_what_the_spoiled_campaign_hides(named):
-    (effect,) = named.verdict().effects
+    (effect,) = named.verdict.effects
     assert (effect.id, effect.of) == ("transmission_error", "joint 2")
     amplitude = effect.parameters["A"]
     assert amplitude.value == pytest.approx(4e-4, abs=4 * amplitude.std)
-    assert named.analysis().effects[0].words == "transmission error, joint 2"
+    assert named.analysis.effects[0].words == "transmission error, joint 2"
 
 
 class TestBreakdown:
     def test_shows_both_fits_beside_the_floor(self, named):
-        found = named.analysis()
+        found = named.analysis
         by_load = where.draw_where_breakdown(named).axes[0]
         floor, before, after = (line.get_ydata() for line in by_load.lines[:3])
         np.testing.assert_allclose(floor, [part.floor_mm for part in found.before.by_load])
@@ -52,7 +53,7 @@ class TestBreakdown:
         (said,) = (
             t for t in texts_of(where.draw_where_breakdown(named)) if t.startswith("F, variance")
         )
-        assert f"{named.analysis().before.pose.shared.F:.0f} before (p < 0.001)" in said
+        assert f"{named.analysis.before.pose.shared.F:.0f} before (p < 0.001)" in said
         (said,) = (
             t for t in texts_of(where.draw_where_breakdown(results)) if t.startswith("F, variance")
         )
@@ -86,7 +87,7 @@ class TestBreakdown:
 
 class TestTorque:
     def test_every_cell_is_drawn_by_its_direction(self, results):
-        joint = results.analysis().before.cells.joints[2]
+        joint = results.analysis.before.cells.joints[2]
         axes = by_joint.draw_where_torque(results).axes[2]
         drawn = {line.get_marker(): line.get_ydata() for line in axes.lines[:-1]}
         forward = np.sign(joint.arrival) > 0
@@ -117,7 +118,7 @@ class TestTorque:
 
 class TestGapByStep:
     def test_a_row_a_name_with_its_errors(self, named):
-        found = named.analysis()
+        found = named.analysis
         texts = texts_of(where.draw_gap_by_step(named))
         assert {"calibrated model", "+ transmission error\n   joint 2"} <= set(texts)
         for step in found.naming:
@@ -148,7 +149,7 @@ class TestGapOfHeldOut:
                 row["extrapolated"] = k < 5
 
         source = changed("discovery/analysis.json", beyond)
-        rows = source.analysis().gap.holdout
+        rows = source.analysis.gap.holdout
         error = np.linalg.norm(rows.after_mm[:5], axis=1)
         said = f"{np.sqrt(np.mean(error**2)):.3f} mm in 5 of {len(rows)}"
         drawn = where.draw_gap_by_step(source)
@@ -164,3 +165,81 @@ class TestGapOfHeldOut:
         texts = texts_of(where.draw_gap_by_step(changed("discovery/analysis.json", beyond)))
         assert any("mm; all poses are extrapolated." in text for text in texts)
         assert not any("nan" in text for text in texts)
+
+
+class TestJoints:
+    def test_the_marked_order_of_the_joint_stands_out(self, named):
+        orders = by_joint.draw_where_joints(named).axes[6:]
+        marked = [axes.lines[1].get_ydata() for axes in orders]
+        assert np.unravel_index(np.argmax(marked), (6, 4)) == (1, 3)
+        assert [label.get_text() for label in orders[1].get_xticklabels()] == [
+            "1",
+            "2",
+            "N",
+            "\n2N",
+        ]
+        assert list(orders[1].lines[1].get_xdata()) == [1.0, 2.0, 50.0, 100.0]
+
+    def test_orders_that_the_poses_cannot_tell_are_shaded_and_not_drawn(self, named):
+        axes = by_joint.draw_where_joints(named).axes[7]
+        shaded = axes.patches[0].get_extents().transformed(axes.transData.inverted())
+        assert max(axes.lines[0].get_xdata()) <= shaded.x0 * (1.0 + 1e-9)
+        assert shaded.x0 < 100.0  # 27 poses
+
+    def test_without_a_gear_ratio_there_is_no_axis_of_it(self, changed):
+        def ungeared(record):
+            for fit in ("before", "after"):
+                for joint in record[fit]["by_joint"]:
+                    if joint["periodogram"]:
+                        for key in ("marked", "marked_rad"):
+                            joint["periodogram"][key] = joint["periodogram"][key][:2]
+
+        figure = by_joint.draw_where_joints(changed("discovery/analysis.json", ungeared))
+        assert not any("gear" in text for text in texts_of(figure))
+        axes = figure.axes[7]
+        assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2"]
+        assert axes.get_xlim()[1] <= 30.0
+
+    def test_a_point_a_cell_over_the_joints_own_angle(self, named):
+        points = by_joint.draw_where_joints(named).axes[1]
+        joint = named.analysis.before.cells.joints[1]
+        before = points.lines[1]
+        np.testing.assert_allclose(before.get_xdata(), np.degrees(joint.q_rad))
+        np.testing.assert_allclose(before.get_ydata(), 1e6 * np.array(joint.error_rad))
+
+    def test_a_joint_that_hardly_turned_has_no_periodogram(self, changed):
+        def still(record):
+            for fit in ("before", "after"):
+                record[fit]["by_joint"][0]["periodogram"] = None
+
+        texts = texts_of(by_joint.draw_where_joints(changed("discovery/analysis.json", still)))
+        assert texts.count("hardly\nturned") == 1
+
+    def test_an_arm_of_which_no_joint_turned_is_drawn(self, changed):
+        def still(record):
+            for fit in ("before", "after"):
+                for joint in record[fit]["by_joint"]:
+                    joint["periodogram"] = None
+
+        texts = texts_of(by_joint.draw_where_joints(changed("discovery/analysis.json", still)))
+        assert texts.count("hardly\nturned") == 6
+
+
+ORDERS = np.arange(0.5, 300.0, 0.5)
+
+
+@pytest.mark.parametrize(("count", "turns"), [(21, 0.25), (101, 0.25), (101, 0.8)])
+def test_two_angles_an_order_are_needed(count, turns):
+    q_rad = 2.0 * np.pi * np.linspace(0.0, turns, count)
+    cycles = turns * highest_told(ORDERS, q_rad)
+    assert (count - 1) / 2 <= cycles < (count + 1) / 2
+
+
+def test_repeats_of_an_angle_add_nothing():
+    q_rad = 2.0 * np.pi * np.linspace(0.0, 0.25, 21)
+    again = np.concatenate([q_rad, q_rad + 1e-6, q_rad - 1e-6])
+    assert highest_told(ORDERS, again) == pytest.approx(highest_told(ORDERS, q_rad), abs=4.0)
+
+
+def test_two_angles_tell_nothing():
+    assert highest_told(ORDERS, np.array([0.0, 3.0])) < 4.0

@@ -1,8 +1,5 @@
 """What pictures show is what the records say."""
 
-import json
-import shutil
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,9 +7,9 @@ import pytest
 from matplotlib.text import Text
 
 from made_up_results import elsewhere
-from pa10cal.figures.campaign import montecarlo, paper_against_ours, paper_figures
+from pa10cal.figures.campaign import paper_against_ours, paper_figures
 from pa10cal.figures.registry import NothingToShowError
-from pa10cal.figures.results import PLACE_MM
+from pa10cal.figures.repeats import PLACE_MM, places
 
 pytestmark = pytest.mark.usefixtures("project_looks")
 
@@ -37,8 +34,8 @@ def test_the_path_is_that_of_the_arm_in_its_own_frame(results):
     grid, held_out, line_x, line_y = (np.array(line.get_data_3d()) for line in space.lines[:4])
     assert grid.shape == (3, 27)
     assert held_out.shape == (3, 10)
-    T = results.base_frame()
-    poses = results.places()
+    T = results.base_frame.T_instr_base
+    poses = places(results)
     first = poses[poses["kind"] == "grid"][list(PLACE_MM)].to_numpy()[0]
     np.testing.assert_allclose(1e3 * T[:3, 3] + T[:3, :3] @ grid[:, 0], first, atol=1e-9)
     # The straight moves run along the axes of the frame that they give, to what the arm errs by.
@@ -48,7 +45,7 @@ def test_the_path_is_that_of_the_arm_in_its_own_frame(results):
 
 def test_before_and_after_are_written_as_recorded(results):
     texts = texts_of(paper_figures.draw_fig5_before_after(results))
-    alone, together = results.load_cases(), results.calibration()
+    alone, together = results.load_cases(), results.paper_calibration()
     for load, case in alone.items():
         before, after = case.errors[load].before, case.errors[load].after
         assert f"{before.mean_mm:.2f} / {before.peak_mm:.2f}" in texts
@@ -58,20 +55,13 @@ def test_before_and_after_are_written_as_recorded(results):
     assert {"0.58 / 1.22", "1.80 / 2.45", "0.33 / 0.71", "0.014"} <= set(texts)
 
 
-def without_attitude(record):
-    for errors in record["errors"].values():
-        for found in errors.values():
-            found["orientation_deg"] = None
+def test_an_attitude_that_was_not_seen_has_no_panel(changed):
+    def without_attitude(record):
+        for errors in record["errors"].values():
+            for found in errors.values():
+                found["orientation_deg"] = None
 
-
-def test_an_attitude_that_was_not_seen_has_no_panel(results, tmp_path):
-    folder = tmp_path / "positions"
-    shutil.copytree(results.folder, folder)
-    for path in (folder / "calibration").glob("*.json"):
-        record = json.loads(path.read_text("utf-8"))
-        without_attitude(record)
-        path.write_text(json.dumps(record), encoding="utf-8")
-    source = elsewhere(results, folder)
+    source = changed("calibration/*.json", without_attitude)
     figure = paper_figures.draw_fig5_before_after(source)
     assert [axes.get_ylabel() for axes in figure.axes] == ["position error [mm]"]
     assert figure.axes[0].get_xlabel() == "external load"
@@ -99,7 +89,7 @@ def test_the_papers_figures_stand_beside_its_own_arm_only(results):
     other = elsewhere(results, robot="other")
     for make in (
         paper_figures.draw_fig5_before_after,
-        montecarlo.draw_montecarlo_planes,
+        paper_figures.draw_montecarlo_planes,
     ):
         ours = legend_of(make(other))
         with_paper = legend_of(make(results))
@@ -110,7 +100,7 @@ def test_the_papers_figures_stand_beside_its_own_arm_only(results):
 
 def test_held_out_errors_are_drawn_load_by_load(results):
     axes = paper_figures.draw_fig6_holdout(results).axes[0]
-    models = results.held_out().models
+    models = results.held_out.models
     for line, (name, model) in zip(axes.lines, models.items(), strict=False):
         assert name.split("_")[0] in line.get_label()
         drawn = line.get_ydata()
@@ -161,28 +151,3 @@ def test_says_which_calibration_was_evaluated(results, changed):
     assert any(
         "with 22N alone" in text for text in texts_of(paper_figures.draw_fig6_holdout(other))
     )
-
-
-def test_the_map_shows_every_point_and_nothing_elsewhere(results):
-    plane = results.planes()[0]
-    image = montecarlo.draw_montecarlo_map(results).axes[0].images[0]
-    shown = image.get_array()
-    assert shown.count() == len(plane.map.rows)
-    left, right, bottom, top = image.get_extent()
-    for x_mm, y_mm, mean_mm in plane.map.rows:
-        column = int((x_mm - left) / (right - left) * shown.shape[1])
-        row = int((y_mm - bottom) / (top - bottom) * shown.shape[0])
-        assert shown[row, column] == mean_mm
-
-
-def test_a_plane_without_a_grid_point_in_reach_says_so(results, changed):
-    def empty(record):
-        record["map"]["rows"] = []
-
-    part = changed("montecarlo/z500.json", empty)
-    assert texts_of(montecarlo.draw_montecarlo_map(part)).count("no grid point in reach") == 1
-    settings = part.settings.model_copy(
-        update={"montecarlo": part.settings.montecarlo.model_copy(update={"planes_mm": (500,)})}
-    )
-    alone = montecarlo.draw_montecarlo_map(replace(part, settings=settings))
-    assert "no grid point in reach" in texts_of(alone)

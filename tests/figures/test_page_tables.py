@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pa10cal.figures.campaign.where import tabulate_suspected_outliers
+from pa10cal.figures.draw import draw_all, of_campaign
 from pa10cal.figures.table import write_table
 from pa10cal.reports.accuracy import accuracy, gap_grid, parameters
 from pa10cal.reports.blocks import Folded, Grid
@@ -29,7 +30,7 @@ def lines(section, results):
             elif isinstance(block, Folded):
                 yield from grids(block.blocks)
 
-    found = list(grids(section(results.bundle)))
+    found = list(grids(section(results)))
     return [each.caption for each in found] + [
         f"| {' | '.join(row)} |" for each in found for row in (each.header, *each.rows)
     ]
@@ -37,7 +38,7 @@ def lines(section, results):
 
 class TestParameters:
     def test_shows_units_of_the_workshop_and_what_was_left_out(self, sighted):
-        case = sighted["pose"].general()
+        case = sighted["pose"].general_calibration()
         found = lines(parameters, sighted["pose"])
         length, angle = case.parameters["delta_a_2"], case.parameters["delta_theta_3"]
         shown = with_interval(1e3 * length.value, 1e3 * length.std)
@@ -77,11 +78,13 @@ class TestSuspectedOutliers:
         assert f"| P007 | 0 | 8.25 | 0.400 | {entry['why']} |" in lines(trust, source)
         table = tabulate_suspected_outliers(source)
         assert table.data.loc[0].tolist() == ["P007", 0.0, 8.25, 0.4, entry["why"]]
-        assert f"1 of {source.general().health.poses.measured} poses" in table.notes[0]
+        assert f"1 of {source.general_calibration().health.poses.measured} poses" in table.notes[0]
 
     def test_none_is_said(self, changed_from, sighted, tmp_path):
         source = changed_from(sighted["pose"], COMBINED, lambda r: r.update(suspected_outliers=[]))
-        write_table(tabulate_suspected_outliers(source), source.footer, tmp_path, "table")
+        write_table(
+            tabulate_suspected_outliers(source), of_campaign(source).footer, tmp_path, "table"
+        )
         assert "| none | – | – | – | – |" in (tmp_path / "table.md").read_text("utf-8")
 
 
@@ -89,13 +92,13 @@ class TestAccuracy:
     def one(self, results, poses, model, load="all", part="all"):
         (each,) = (
             each
-            for each in errors_of(results.bundle)
+            for each in errors_of(results)
             if (each.poses, each.name, each.load, each.part) == (poses, model, load, part)
         )
         return each.of
 
     def test_errors_of_all_loads_are_pooled(self, sighted):
-        errors = sighted["points"].general().errors
+        errors = sighted["points"].general_calibration().errors
         assert list(errors) == ["0N", "20N"]
         parts = [each.after for each in errors.values()]
         count = np.array([part.configurations for part in parts])
@@ -108,7 +111,7 @@ class TestAccuracy:
         assert alone.mean_mm == errors["20N"].after.mean_mm
 
     def test_held_out_errors_are_those_of_the_record(self, sighted):
-        for name, model in sighted["pose"].held_out().models.items():
+        for name, model in sighted["pose"].sound_held_out().models.items():
             found = self.one(sighted["pose"], "held out", name)
             assert found.rms_mm == model.rms_mm
             assert found.orientation_deg == model.orientation_deg
@@ -119,27 +122,27 @@ class TestAccuracy:
         source = sighted["points"]
         record = json.loads((source.folder / "evaluation/holdout.json").read_text("utf-8"))
         assert record["models"]["extended"] == record["models"]["linear"]
-        assert "extended" not in {each.name for each in errors_of(source.bundle)}
+        assert "extended" not in {each.name for each in errors_of(source)}
 
     def test_what_is_extrapolated_stands_apart(self, learnt):
-        extended = learnt.held_out().models["extended"]
+        extended = learnt.held_out.models["extended"]
         for part, errors in (("inside", extended.inside), ("extrapolated", extended.outside)):
             assert self.one(learnt, "held out", "extended", part=part).rms_mm == errors.rms_mm
         fitted = self.one(learnt, "fitted", "extended")
-        assert fitted.rms_mm == learnt.verdict().gap.train.after.rms_mm
+        assert fitted.rms_mm == learnt.verdict.gap.train.after.rms_mm
         shown = " ".join(lines(accuracy, learnt))
         assert "with the effects found, extrapolated" in shown
         assert "| held out, extrapolated | all |" in shown
         assert "0.0770 |" in shown
 
     def test_an_attitude_not_seen_is_a_dash(self, sighted):
-        assert {each.of.orientation_deg for each in errors_of(sighted["distance"].bundle)} == {None}
+        assert {each.of.orientation_deg for each in errors_of(sighted["distance"])} == {None}
         assert any(" | – | " in line for line in lines(accuracy, sighted["distance"]))
 
 
 class TestHealth:
     def test_is_that_of_the_record(self, results):
-        case = results.calibration()
+        case = results.paper_calibration()
         found = lines(trust, results)
         assert any(line.startswith("What the grade of the calibration stands on") for line in found)
         rank = f"| rank {case.health.rank} of {case.health.unknowns}, condition number"
@@ -153,7 +156,7 @@ class TestHealth:
 
         source = changed_from(sighted["pose"], COMBINED, change)
         assert "| δa₂ | δd₄ | -0.988 |" in lines(missing, source)
-        ordered = len(source.general().health.poses.d_optimal_order)
+        ordered = len(source.general_calibration().health.poses.d_optimal_order)
         said = f"more than {ordered} well-chosen poses"
         assert any(said in line for line in lines(trust, source))
 
@@ -189,7 +192,7 @@ class TestVerdict:
 
     @pytest.mark.parametrize("kind", ["points", "distance"])
     def test_where_effects_were_not_sought_there_is_no_before_and_after(self, sighted, kind):
-        found = gap_grid(sighted[kind].verdict())
+        found = gap_grid(sighted[kind].verdict)
         assert found.header == ("poses", "load", "mean", "rms", "peak")
         assert {row[0] for row in found.rows} == {"fitted", "held out"}
 
@@ -206,11 +209,10 @@ class TestVerdict:
         found = lines(verdict, source)
         assert any("| backlash at joint 3 |" in line for line in found)
         assert "| joint 4 | A smooth function predicts it. |" in found
-        assert "held out" not in {row[0] for row in gap_grid(source.verdict()).rows}
+        assert "held out" not in {row[0] for row in gap_grid(source.verdict).rows}
 
 
 def test_the_page_shows_pictures_that_lie_among_the_results(results, tmp_path):
-    from pa10cal.figures.draw import draw_all, of_campaign
     from pa10cal.reports.page import images
 
     draw_all(of_campaign(results), tmp_path, results.settings.figures)

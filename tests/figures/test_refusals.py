@@ -1,6 +1,5 @@
 """Nothing is drawn of a fit that did not converge, or of another model than the picture is of."""
 
-import json
 import shutil
 from dataclasses import replace
 
@@ -8,6 +7,7 @@ import pytest
 
 from made_up_results import elsewhere
 from pa10cal.errors import RecordError
+from pa10cal.figures.draw import of_campaign
 from pa10cal.figures.registry import entries
 
 NEEDS = {name: {*entry.needs} for name, entry in entries("campaign").items()}
@@ -21,20 +21,16 @@ REMEDY = r"allowed: a calibration whose status is converged; .*calibration\.max_
 
 
 @pytest.fixture
-def unfinished(tmp_path):
+def unfinished(changed_from):
     """Copy results in which the fits named did not converge."""
 
-    def copy(source, *keys, loads=None):
-        folder = tmp_path / "unfinished"
-        shutil.copytree(source.folder, folder)
-        for path in (folder / "calibration").glob("*.json"):
-            if loads is None or path.stem in loads:
-                record = json.loads(path.read_text("utf-8"))
-                for key in keys:
-                    fit = record[key] if key else record
-                    fit.update(status="not converged", reason=REASON)
-                path.write_text(json.dumps(record), encoding="utf-8")
-        return elsewhere(source, folder)
+    def copy(source, *keys, load="*"):
+        def end_early(record):
+            for key in keys:
+                fit = record[key] if key else record
+                fit.update(status="not converged", reason=REASON)
+
+        return changed_from(source, f"calibration/{load}.json", end_early)
 
     return copy
 
@@ -45,8 +41,8 @@ def make(name, results):
 
 
 @pytest.mark.parametrize("name", DRAWN_OF_FITS)
-def test_nothing_is_drawn_of_a_fit_that_did_not_converge(unfinished, results, learnt, name):
-    source = unfinished(learnt if name == "joint_error_maps" else results, "")
+def test_nothing_is_drawn_of_a_fit_that_did_not_converge(unfinished, results, name):
+    source = unfinished(results, "")
     where = r"calibration/(combined|general)\.json: the fit did not converge"
     with pytest.raises(RecordError, match=rf"{where}.*not converged: {REASON}.*{REMEDY}"):
         make(name, source)
@@ -55,17 +51,17 @@ def test_nothing_is_drawn_of_a_fit_that_did_not_converge(unfinished, results, le
 def test_nor_of_the_models_it_is_compared_with(unfinished, learnt):
     source = unfinished(learnt, "geometry")
     with pytest.raises(RecordError, match=rf"combined\.json: geometry: the fit did.*{REMEDY}"):
-        make("joint_error_maps", source)
+        make("suspected_outliers", source)
 
 
 def test_nor_of_linear_springs(unfinished, results):
     with pytest.raises(RecordError, match=r"combined\.json: linear: the fit did not converge"):
-        make("fig6_holdout", unfinished(results, "linear", loads=["combined"]))
+        make("fig6_holdout", unfinished(results, "linear", load="combined"))
 
 
 @pytest.mark.parametrize("name", ["fig5_before_after", "table1_parameters", "paper_against_ours"])
 def test_nor_of_one_load_alone(unfinished, results, name):
-    source = unfinished(results, "", loads=["22N"])
+    source = unfinished(results, "", load="22N")
     with pytest.raises(RecordError, match=r"22N\.json: the fit did not converge"):
         make(name, source)
 
@@ -97,26 +93,22 @@ def test_pictures_of_the_general_model_are_of_no_other(results, tmp_path):
 
 
 @pytest.fixture
-def suspect(results, tmp_path):
+def suspect(results, changed_from):
     """Results of a calibration whose input is suspect."""
-    folder = tmp_path / "suspect"
-    shutil.copytree(results.folder, folder)
-    path = folder / "calibration/combined.json"
-    record = json.loads(path.read_text("utf-8"))
-    record["health"].update(grade="suspect_input", line="joint 6: its sign is reversed")
-    path.write_text(json.dumps(record), encoding="utf-8")
-    return elsewhere(results, folder)
+    found = {"grade": "suspect_input", "line": "joint 6: its sign is reversed"}
+    name = "calibration/combined.json"
+    return changed_from(results, name, lambda record: record["health"].update(found))
 
 
 def test_nothing_is_drawn_of_a_suspect_input_without_force(suspect):
     with pytest.raises(RecordError, match=r"grade suspect_input.*its sign is reversed.*--force"):
         make("table1_parameters", suspect)
-    assert "Grade" not in suspect.footer
+    assert "Grade" not in of_campaign(suspect).footer
 
 
 def test_with_force_it_is_drawn_and_every_picture_is_marked(suspect, unfinished, results):
     forced = replace(suspect, force=True)
     assert make("table1_parameters", forced) is not None
-    assert "Grade of the calibration: suspect_input." in forced.footer
-    assert "Grade" not in replace(results, force=True).footer
+    assert "Grade of the calibration: suspect_input." in of_campaign(forced).footer
+    assert "Grade" not in of_campaign(replace(results, force=True)).footer
     assert make("table1_parameters", replace(unfinished(results, ""), force=True)) is not None

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from pa10cal.figures.draw import draw_all, of_campaign, summary
-from pa10cal.figures.registry import FOLDERS, entries, picture
-from pa10cal.figures.results import FILES
+from pa10cal.figures.registry import FOLDERS, NEEDS, entries, picture
 from pa10cal.reports.page import SECTIONS
 
 PACKAGE = Path(__file__).parents[2] / "src/pa10cal/figures"
@@ -31,7 +30,7 @@ def test_every_function_that_draws_is_a_picture(folder):
 
 @pytest.mark.parametrize("name", entries("campaign"))
 def test_every_need_of_a_campaign_is_one_that_there_is(name):
-    assert {*entries("campaign")[name].needs} <= {"positions", "gap", *FILES}
+    assert {*entries("campaign")[name].needs} <= set(NEEDS)
 
 
 def test_names_differ_as_files_do():
@@ -69,13 +68,12 @@ PAPER = {
     "fig4_test_path",
     "fig5_before_after",
     "fig6_holdout",
-    "montecarlo_map",
     "montecarlo_planes",
     "paper_against_ours",
     "table1_parameters",
 }
 #: Pictures of some campaigns alone. What was added to these is where its needs are met.
-OTHERS = {"where_torque", "joint_error_maps"}
+OTHERS = {"where_torque"}
 
 
 class TestAll:
@@ -109,14 +107,20 @@ class TestAll:
         assert not set(drawn.drawn) & set(drawn.omitted)
 
     def test_older_files_of_what_is_omitted_are_removed_and_the_reason_is_kept(
-        self, results, tmp_path
+        self, results, changed_from, tmp_path
     ):
+        def without_torques(record):
+            for fit in ("before", "after"):
+                for joint in record[fit]["cells"]["joints"]:
+                    joint["torque_residual_Nm"] = None
+
         (tmp_path / "figures").mkdir()
-        old = tmp_path / "figures/joint_error_maps.svg"
+        old = tmp_path / "figures/where_torque.svg"
         old.write_text("old")
-        drawn = draw_all(of_campaign(results), tmp_path, results.settings.figures)
+        source = changed_from(results, "discovery/analysis.json", without_torques)
+        drawn = draw_all(of_campaign(source), tmp_path, results.settings.figures)
         assert not old.exists()
-        why = "no error that depends on a joint's angle was named"
-        assert drawn.omitted["joint_error_maps"] == why
-        assert f"joint_error_maps: omitted, {why}" in summary(drawn)
+        why = "no torques were logged, or the weights are not known"
+        assert drawn.omitted["where_torque"] == why
+        assert f"where_torque: omitted, {why}" in summary(drawn)
         assert why in (tmp_path / "pictures.json").read_text("utf-8")

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.figures.results import PLACE_MM, Scatter, incompleteness, scatter_by_load
+from pa10cal.figures.repeats import PLACE_MM, Scatter, incompleteness, scatter_by_load
 
 
 def poses(p_mm, loads, kind="grid"):
@@ -51,12 +51,12 @@ def after(case, mean_mm):
 @pytest.mark.parametrize(("mean_mm", "times"), [(0.029, None), (0.2, "20 times")])
 def test_a_model_is_incomplete_when_it_leaves_more_than_repeats_scatter(results, mean_mm, times):
     scatter = dict.fromkeys(("0N", "22N"), Scatter(0.1, 0.03, 0.01))
-    said = incompleteness(after(results.calibration(), mean_mm), scatter)
+    said = incompleteness(after(results.paper_calibration(), mean_mm), scatter)
     assert said is None if times is None else times in said
 
 
 def test_nothing_is_said_of_a_model_without_repeats(results):
-    assert incompleteness(after(results.calibration(), 9.0), {}) is None
+    assert incompleteness(after(results.paper_calibration(), 9.0), {}) is None
 
 
 def test_nothing_is_known_without_repeats_or_without_grid_poses():

@@ -9,6 +9,12 @@ import pytest
 
 from made_up_results import elsewhere
 from pa10cal.errors import Pa10calError, RawDataError, RecordError
+from pa10cal.figures.draw import of_campaign
+from pa10cal.figures.published import is_of_papers_arm
+from pa10cal.figures.repeats import places
+from pa10cal.results.analysis import AnalysisRecord
+from pa10cal.results.calibration import BaseFrameRecord
+from pa10cal.results.discovery import VerdictRecord
 
 
 @pytest.fixture
@@ -31,18 +37,21 @@ def test_loads_are_those_that_the_combined_calibration_was_fitted_to(spoiled):
 
 
 def test_the_general_model_stands_beside_the_papers_or_alone(results, sighted):
-    assert [results.calibration().model, results.general().model] == ["paper", "general"]
-    assert results.general().load == "general"
-    assert sighted["pose"].general().model == "general"
-    assert sighted["pose"].general().load == "combined"
+    assert [results.paper_calibration().model, results.general_calibration().model] == [
+        "paper",
+        "general",
+    ]
+    assert results.general_calibration().load == "general"
+    assert sighted["pose"].general_calibration().model == "general"
+    assert sighted["pose"].general_calibration().load == "combined"
 
 
 def test_planes_are_those_of_the_settings(results):
-    assert [plane.plane_mm for plane in results.planes()] == [300, 500, 700]
+    assert [plane.plane_mm for plane in results.planes_of_settings()] == [300, 500, 700]
 
 
 def test_poses_come_in_order_of_time(results):
-    poses = results.places()
+    poses = places(results)
     assert len(poses) == 952
     assert list(poses["kind"].iloc[[0, 11, 22, -1]]) == ["line_x", "line_y", "grid", "holdout"]
 
@@ -50,15 +59,15 @@ def test_poses_come_in_order_of_time(results):
 @pytest.mark.parametrize(
     ("name", "read", "stage"),
     [
-        ("calibration/combined.json", lambda r: r.calibration(), "calibrate"),
-        ("calibration/general.json", lambda r: r.general(), "calibrate"),
+        ("calibration/combined.json", lambda r: r.paper_calibration(), "calibrate"),
+        ("calibration/general.json", lambda r: r.general_calibration(), "calibrate"),
         ("calibration/22N.json", lambda r: r.load_cases(), "calibrate"),
-        ("evaluation/holdout.json", lambda r: r.held_out(), "evaluate"),
-        ("seed/base_frame.json", lambda r: r.base_frame(), "seed"),
-        ("montecarlo/z500.json", lambda r: r.planes(), "montecarlo"),
-        ("discovery/analysis.json", lambda r: r.analysis(), "discover"),
-        ("discovery/verdict.json", lambda r: r.verdict(), "discover"),
-        ("ingest/poses.parquet", lambda r: r.places(), "ingest"),
+        ("evaluation/holdout.json", lambda r: r.sound_held_out(), "evaluate"),
+        ("seed/base_frame.json", lambda r: r.read(BaseFrameRecord), "seed"),
+        ("montecarlo/z500.json", lambda r: r.planes_of_settings(), "montecarlo"),
+        ("discovery/analysis.json", lambda r: r.sound_record(AnalysisRecord), "discover"),
+        ("discovery/verdict.json", lambda r: r.sound_record(VerdictRecord), "discover"),
+        ("ingest/poses.parquet", places, "ingest"),
     ],
 )
 class TestRefuses:
@@ -92,7 +101,7 @@ class TestRefuses:
 def test_names_the_key_that_is_missing(spoiled):
     change(spoiled.folder / "evaluation/holdout.json", models={"linear": {"mean_mm": 1}})
     with pytest.raises(RecordError, match=r"the record lacks models\.linear\.peak_mm"):
-        spoiled.held_out()
+        spoiled.sound_held_out()
 
 
 def test_names_the_column_that_is_missing(spoiled):
@@ -100,19 +109,19 @@ def test_names_the_column_that_is_missing(spoiled):
     table = pq.read_table(path)
     pq.write_table(table.drop_columns(["ee_z_mm"]), path)
     with pytest.raises(RecordError, match=r"has no column.*ee_z_mm"):
-        spoiled.places()
+        places(spoiled)
 
 
 def test_an_array_is_no_result(spoiled):
     (spoiled.folder / "seed/base_frame.json").write_text("[]", encoding="utf-8")
     with pytest.raises(RecordError, match=r"not a record of this kind.*schema pa10cal-base-frame"):
-        spoiled.base_frame()
+        spoiled.read(BaseFrameRecord)
 
 
 def test_a_table_of_something_else_is_no_table_of_poses(spoiled):
     pq.write_table(pa.table({"a": [1]}), spoiled.folder / "ingest/poses.parquet")
     with pytest.raises(RawDataError, match="cannot be read"):
-        spoiled.places()
+        places(spoiled)
 
 
 @pytest.mark.parametrize(
@@ -127,17 +136,22 @@ def test_a_table_of_something_else_is_no_table_of_poses(spoiled):
     ],
 )
 def test_footer_gives_the_provenance_and_says_when_data_are_synthetic(results, provenance, footer):
-    assert elsewhere(results, provenance=provenance).footer == f"Campaign cell-null. {footer}"
+    assert (
+        of_campaign(elsewhere(results, provenance=provenance)).footer
+        == f"Campaign cell-null. {footer}"
+    )
 
 
 def test_a_long_provenance_is_cut_after_a_sentence(results):
     first = f"Measured by C. Lang et al. in {'a hall, ' * 30}2021."
     second = f"Angles are {'the commanded ones, ' * 8}not read back."
-    footer = elsewhere(results, provenance=f"{first} {second} {second}").footer
+    footer = of_campaign(elsewhere(results, provenance=f"{first} {second} {second}")).footer
     assert footer == f"Campaign cell-null. Provenance: {first} More in its campaign.yaml."
-    assert elsewhere(results, provenance=f"{first} Short.").footer.endswith(f"{first} Short.")
+    assert of_campaign(elsewhere(results, provenance=f"{first} Short.")).footer.endswith(
+        f"{first} Short."
+    )
 
 
-def test_parameters_of_another_arm_are_not_compared_with_the_papers(results):
-    assert results.published("delta_a_1") == 0.33e-3
-    assert elsewhere(results, robot="other").published("delta_a_1") is None
+def test_figures_of_another_arm_are_not_compared_with_the_papers(results):
+    assert is_of_papers_arm(results)
+    assert not is_of_papers_arm(elsewhere(results, robot="other"))

@@ -24,13 +24,17 @@ def simple(text="a line"):
     return figure
 
 
+def size_of(png):
+    """Return width and height of a picture in pixels."""
+    return np.frombuffer(png.read_bytes()[16:24], ">u4").astype(int)
+
+
 def test_writes_svg_pdf_and_png_without_a_date(tmp_path, project_looks):
     write_figure(simple(), "footer", tmp_path, "line", 100)
     assert {path.name for path in tmp_path.iterdir()} == {"line.svg", "line.pdf", "line.png"}
     assert b"<dc:date>" not in (tmp_path / "line.svg").read_bytes()
     assert b"CreationDate" not in (tmp_path / "line.pdf").read_bytes()
-    size = np.frombuffer((tmp_path / "line.png").read_bytes()[16:24], ">u4")
-    assert size[0] == round(100 * WIDTH_MM / 25.4 - 0.5)
+    assert size_of(tmp_path / "line.png")[0] == round(100 * WIDTH_MM / 25.4 - 0.5)
 
 
 def test_a_long_footer_hangs_below_and_is_whole(tmp_path, project_looks):
@@ -40,10 +44,7 @@ def test_a_long_footer_hangs_below_and_is_whole(tmp_path, project_looks):
     write_figure(long, " ".join(words), tmp_path, "long", 100)
     lines = [text.get_text() for text in long.texts if text.get_text().startswith("word")]
     assert " ".join(lines).split() == words
-    sizes = [
-        np.frombuffer((tmp_path / f"{name}.png").read_bytes()[16:24], ">u4").astype(int)
-        for name in ("short", "long")
-    ]
+    sizes = [size_of(tmp_path / f"{name}.png") for name in ("short", "long")]
     assert abs(sizes[1][0] - sizes[0][0]) <= 1
     assert len(lines) == 3
     assert sizes[1][1] - sizes[0][1] == pytest.approx((len(lines) - 1) * 3.5 * 100 / 25.4, abs=1.5)
@@ -58,10 +59,7 @@ def test_a_title_names_what_it_is_of_and_grows_upward(tmp_path, project_looks):
     lines = long.get_suptitle().splitlines()
     assert len(lines) == 2
     assert lines[0].startswith("of-a-rather-long-name-")
-    heights = [
-        int(np.frombuffer((tmp_path / f"{name}.png").read_bytes()[16:24], ">u4")[1])
-        for name in ("mine", "of-a")
-    ]
+    heights = [size_of(tmp_path / f"{name}.png")[1] for name in ("mine", "of-a")]
     assert heights[1] - heights[0] == pytest.approx(3.5 * 100 / 25.4, abs=1.5)
 
 

@@ -1,9 +1,8 @@
 """Tables: complete, with the paper's conclusions recomputed, and readable in every format."""
 
 import csv
-import json
-import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,9 +11,9 @@ from made_up_results import elsewhere
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours
-from pa10cal.figures.table import Table, frame_of, write_table
+from pa10cal.figures.table import Table, figures, frame_of, write_table
 from pa10cal.reports.blocks import grid
-from pa10cal.reports.formatting import figures, with_half_width
+from pa10cal.reports.formatting import with_half_width
 
 
 @pytest.fixture(scope="module")
@@ -24,6 +23,10 @@ def compared(results):
 
 def rows_of(table):
     return table.data.to_dict("records")
+
+
+def update(changes, record):
+    record.update(changes)
 
 
 def one(rows, quantity, condition, remark=""):
@@ -101,7 +104,7 @@ class TestPaperAgainstOurs:
             assert (row["paper"], row["recomputed"]) == ("≥ 75", value)
 
     def test_ours_are_those_of_the_records(self, compared, results):
-        cases, together = results.load_cases(), results.calibration()
+        cases, together = results.load_cases(), results.paper_calibration()
         name = "mean position error after calibration"
         alone = cases["44N"].errors["44N"]
         row = one(compared, name, "44 N", "this load alone")
@@ -111,7 +114,7 @@ class TestPaperAgainstOurs:
         row = one(compared, "reduction of the mean position error", "44 N")
         fell = published.reduction_percent(alone.before.mean_mm, alone.after.mean_mm)
         assert float(row["ours"]) == pytest.approx(fell, abs=0.5)
-        plane = results.planes()[1]
+        plane = results.planes_of_settings()[1]
         row = one(compared, "mean error after calibration less the Monte Carlo mean", "44 N")
         assert float(row["ours"]) == pytest.approx(alone.after.mean_mm - plane.mean_mm, abs=5e-3)
         assert "below the Monte Carlo mean" in row["remark"]
@@ -140,20 +143,19 @@ class TestPaperAgainstOurs:
         assert "% of it" in remark
 
     def test_rows_stay_when_a_load_a_plane_and_the_held_out_points_are_missing(
-        self, results, tmp_path
+        self, results, changed_from
     ):
-        shutil.copytree(results.folder, tmp_path / "part")
-        path = tmp_path / "part/calibration/combined.json"
-        record = json.loads(path.read_text("utf-8"))
-        record["loads_fitted"].remove(44.0)
-        del record["errors"]["44N"]
-        path.write_text(json.dumps(record), encoding="utf-8")
-        path = tmp_path / "part/evaluation/holdout.json"
-        path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), "models": {}}))
+        def without_44_N(record):
+            record["loads_fitted"].remove(44.0)
+            del record["errors"]["44N"]
+
+        part = changed_from(results, "calibration/combined.json", without_44_N)
+        part = changed_from(part, "evaluation/holdout.json", lambda r: r.update(models={}))
         settings = PictureOptions.model_validate({"montecarlo": {"planes_mm": [300]}})
-        part = replace(elsewhere(results, tmp_path / "part"), settings=settings)
         whole = rows_of(paper_against_ours.tabulate_paper_against_ours(results))
-        rows = rows_of(paper_against_ours.tabulate_paper_against_ours(part))
+        rows = rows_of(
+            paper_against_ours.tabulate_paper_against_ours(replace(part, settings=settings))
+        )
         keys = [(row["quantity"], row["condition"]) for row in rows]
         assert keys == [(row["quantity"], row["condition"]) for row in whole]
         assert one(rows, "peak position error, held out", "cubic")["ours"] == "not measured"
@@ -164,17 +166,15 @@ class TestPaperAgainstOurs:
         row = one(rows, "standard deviation within one configuration", "44 N")
         assert row["remark"] == "this load was not measured"
 
-    def test_loads_that_the_paper_has_not_stand_there_too(self, results, tmp_path):
-        folder = shutil.copytree(results.folder, tmp_path / "more")
-        for name in ("combined", "0N"):
-            path = folder / f"calibration/{name}.json"
-            record = json.loads(path.read_text("utf-8"))
-            if name == "combined":
-                record["loads_fitted"] = [10.0, 22.0, 44.0]
+    def test_loads_that_the_paper_has_not_stand_there_too(self, results, changed_from):
+        def renamed(record):
+            record["loads_fitted"] = [10.0 if N == 0.0 else N for N in record["loads_fitted"]]
             record["errors"]["10N"] = record["errors"].pop("0N")
-            target = path if name == "combined" else path.with_name("10N.json")
-            target.write_text(json.dumps(record), encoding="utf-8")
-        rows = rows_of(paper_against_ours.tabulate_paper_against_ours(elsewhere(results, folder)))
+
+        source = changed_from(results, "calibration/combined.json", renamed)
+        source = changed_from(source, "calibration/0N.json", renamed)
+        (source.folder / "calibration/0N.json").rename(source.folder / "calibration/10N.json")
+        rows = rows_of(paper_against_ours.tabulate_paper_against_ours(source))
         for quantity in (*BY_LOAD, *AFTER_BY_LOAD):
             ours = [r for r in rows if (r["quantity"], r["condition"]) == (quantity, "10 N")]
             assert len(ours) == (1 if quantity in BY_LOAD else 2)
@@ -185,48 +185,45 @@ class TestPaperAgainstOurs:
                 assert ours[0]["remark"].endswith("positions at 10 N")
 
     def test_a_plane_that_differs_more_than_the_papers_is_said_not_to_reproduce(
-        self, results, tmp_path
+        self, results, changed_from
     ):
-        folder = shutil.copytree(results.folder, tmp_path / "other")
+        source = results
         for plane_mm, changes in {
             500: {"mean_mm": 0.198, "rejected_positions": 7},
             300: {"mean_mm": 0.1985},
             700: {"mean_mm": 0.193, "rejected_positions": 91},
         }.items():
-            path = folder / f"montecarlo/z{plane_mm}.json"
-            path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), **changes}))
-        rows = rows_of(paper_against_ours.tabulate_paper_against_ours(elsewhere(results, folder)))
+            source = changed_from(source, f"montecarlo/z{plane_mm}.json", partial(update, changes))
+        rows = rows_of(paper_against_ours.tabulate_paper_against_ours(source))
         name = "Monte Carlo mean, difference of a parallel plane"
         assert "reproduce" not in one(rows, name, "z = 300 mm")["remark"]
         remark = one(rows, name, "z = 700 mm")["remark"]
         assert remark.startswith("does not reproduce: the ring of positions is cut")
         assert "91 positions" in remark
 
-    def test_the_evaluated_calibration_is_named(self, results, tmp_path):
-        folder = shutil.copytree(results.folder, tmp_path / "single")
-        path = folder / "evaluation/holdout.json"
-        path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), "calibration": "22N"}))
-        rows = rows_of(paper_against_ours.tabulate_paper_against_ours(elsewhere(results, folder)))
-        left = results.calibration("22N").errors["22N"].after.orientation_deg
+    def test_the_evaluated_calibration_is_named(self, results, changed_from):
+        change = partial(update, {"calibration": "22N"})
+        source = changed_from(results, "evaluation/holdout.json", change)
+        rows = rows_of(paper_against_ours.tabulate_paper_against_ours(source))
+        left = results.paper_calibration("22N").errors["22N"].after.orientation_deg
         remark = one(rows, "mean orientation error, held out", "cubic")["remark"]
         said = remark.partition("calibration (22N) leaves ")[2].split()[0]
         assert float(said) == pytest.approx(left, rel=5e-3)
 
     def test_notes_say_when_uncertainties_do_not_cover_what_the_model_lacks(
-        self, results, tmp_path
+        self, results, changed_from
     ):
-        folder = shutil.copytree(results.folder, tmp_path / "worse")
-        path = folder / "calibration/combined.json"
-        record = json.loads(path.read_text("utf-8"))
-        for errors in record["errors"].values():
-            errors["after"]["mean_mm"] = 1.0
-        path.write_text(json.dumps(record), encoding="utf-8")
+        def worse(record):
+            for errors in record["errors"].values():
+                errors["after"]["mean_mm"] = 1.0
+
+        source = changed_from(results, "calibration/combined.json", worse)
         for make in (
             paper_against_ours.tabulate_paper_against_ours,
             paper_against_ours.tabulate_table1_parameters,
         ):
             complete = make(results).notes
-            lacking = make(elsewhere(results, folder)).notes
+            lacking = make(source).notes
             assert set(complete) < set(lacking)
             assert "the model is incomplete" in lacking[-1]
 
@@ -263,14 +260,12 @@ class TestTableOne:
         assert table.shown[0].rows[4][-1] == value
         assert any(reading[-2:] in note.replace("1e", "e") for note in table.notes)
 
-    def test_an_arm_without_springs_has_its_table(self, results, tmp_path):
-        folder = shutil.copytree(results.folder, tmp_path / "rigid")
-        for path in (folder / "calibration").glob("*.json"):
-            record = json.loads(path.read_text("utf-8"))
+    def test_an_arm_without_springs_has_its_table(self, results, changed_from):
+        def without_springs(record):
             parameters = record["parameters"].items()
             record["parameters"] = {n: p for n, p in parameters if not n.startswith("K_")}
-            path.write_text(json.dumps(record), encoding="utf-8")
-        rigid = elsewhere(results, folder)
+
+        rigid = changed_from(results, "calibration/*.json", without_springs)
         table = paper_against_ours.tabulate_table1_parameters(rigid)
         assert len(rows_of(table)) == 4 * 24
         assert all(row[-1] == "∞" for part in table.shown[1:] for row in part.rows)

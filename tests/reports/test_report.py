@@ -64,6 +64,13 @@ class Page(HTMLParser):
         return [attributes for name, attributes in self.tags if name == tag]
 
 
+def change(results, pattern, **changes):
+    """Change keys of all records that a pattern fits."""
+    for path in results.rglob(pattern):
+        record = json.loads(path.read_text("utf-8"))
+        path.write_text(json.dumps({**record, **changes}), encoding="utf-8")
+
+
 @pytest.fixture
 def page(tmp_path):
     """Write the report of some results and read it."""
@@ -250,9 +257,7 @@ def test_repeats_give_accuracy_and_repeatability_before_and_after(copied, page):
 
 
 def test_nothing_held_out_is_said(copied, page):
-    path = copied / "evaluation/holdout.json"
-    record = json.loads(path.read_text("utf-8"))
-    path.write_text(json.dumps({**record, "models": {}, "note": "no held-out rows measured"}))
+    change(copied, "holdout.json", models={}, note="no held-out rows measured")
     assert "Nothing was held out (no held-out rows measured)" in page(copied).text
 
 
@@ -321,10 +326,8 @@ def test_a_model_that_is_not_to_be_used_is_marked(copied, page):
 
 def test_what_moved_since_the_prior_is_said(copied, page):
     said = "started from the model of June: the zero of joint 2 moved by +1.500 mrad"
-    path = copied / "calibration/combined.json"
-    record = json.loads(path.read_text())
-    record["prior"] = {"campaign": "June", "moved": [], "factor": 1.0, "line": said}
-    path.write_text(json.dumps(record))
+    prior = {"campaign": "June", "moved": [], "factor": 1.0, "line": said}
+    change(copied, "combined.json", prior=prior)
     assert said[1:] in page(copied).text
     assert any(said in note for note in summarise(copied).notes)
 
@@ -351,9 +354,7 @@ def test_its_commands_do_what_it_says(copied, page, monkeypatch):
 
 
 def test_measured_data_are_not_called_synthetic(copied, page):
-    for path in copied.rglob("*.json"):
-        record = json.loads(path.read_text("utf-8"))
-        path.write_text(json.dumps({**record, "provenance": "measured with a tracker"}))
+    change(copied, "*.json", provenance="measured with a tracker")
     found = page(copied).text
     assert "Synthetic" not in found
     assert "In the campaign's own words: measured with a tracker." in found
@@ -363,9 +364,7 @@ def test_measured_data_are_not_called_synthetic(copied, page):
 def test_where_data_come_from_is_one_line_and_the_rest_folded_away(copied, page):
     told = "Measured by A. Owner with a laser tracker in the year 2022. Fetched at a commit. "
     told += "Angles of the controller, not read back, and so on for several lines of text."
-    for path in copied.rglob("*.json"):
-        record = json.loads(path.read_text("utf-8"))
-        path.write_text(json.dumps({**record, "provenance": told}))
+    change(copied, "*.json", provenance=told)
     found = page(copied)
     fact = "in the year 2022. Fetched at a commit. Arm"
     assert fact in found.text
@@ -374,9 +373,7 @@ def test_where_data_come_from_is_one_line_and_the_rest_folded_away(copied, page)
 
 
 def test_what_a_campaign_says_stays_text(copied, page):
-    for path in copied.rglob("*.json"):
-        record = json.loads(path.read_text("utf-8"))
-        path.write_text(json.dumps({**record, "provenance": "<script>alert(1)</script>&"}))
+    change(copied, "*.json", provenance="<script>alert(1)</script>&")
     found = page(copied)
     assert "<script>alert(1)</script>&" in found.text
 

@@ -335,7 +335,7 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
     write(record, out)
     if figures is not None:
         from pa10cal.evaluation.options import FigureOptions
-        from pa10cal.figures.over_campaigns import write_drift
+        from pa10cal.figures.draw import write_drift
 
         write_drift(record, figures, out.stem, FigureOptions().png_dpi)
     for step in record.steps:

@@ -1,24 +1,36 @@
-"""The pictures and tables of one results folder, drawn in one process."""
+"""The pictures and tables of one results folder, drawn in one process; parameters in time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+
+from pa10cal.campaign.description import read_description
 from pa10cal.errors import RecordError, SettingsError
 from pa10cal.evaluation.options import FigureOptions, PictureOptions
 from pa10cal.figures.curve import read_curve
-from pa10cal.figures.registry import NothingToShowError, Picture, entries
-from pa10cal.figures.results import Results
-from pa10cal.figures.style import looks, name_in_title, write_figure
+from pa10cal.figures.registry import NEEDS, NothingToShowError, Picture, entries
+from pa10cal.figures.style import looks, name_in_title, new_figure, panel, write_figure
 from pa10cal.figures.table import write_table
 from pa10cal.files.output import whole_file
+from pa10cal.reports.formatting import first_sentences, shown_in, written
+from pa10cal.reports.results_bundle import MODEL_NAMES, ResultsBundle, is_synthetic
+from pa10cal.reports.theme import BLUE, GREY, VERMILLION
 from pa10cal.results.codec import read, write
+from pa10cal.results.comparison import DriftRecord
 from pa10cal.results.fleet import Caption, PicturesRecord
+from pa10cal.results.health import UNRESERVED
 from pa10cal.results.studies import CurveCalibrationRecord
 from pa10cal.results.trials import TrialScoresRecord
+
+#: Folder of the files of a picture, by what it is.
+_PLACES = {"figure": "figures", "table": "tables", "film": "figures"}
+#: Longer provenances are cut after a sentence.
+_MOST_LETTERS = 400
 
 
 @dataclass(frozen=True)
@@ -29,8 +41,6 @@ class Source:
     name: str  # what messages call it, and every title begins with
     footer: str  # stands below every picture: where its data come from
     content: Any  # what each module of that folder draws
-    # says why a need of a picture is not met, None where it is; studies have no needs
-    lacks: Callable[[str], str | None] = lambda _: None
 
 
 def read_source(
@@ -49,16 +59,30 @@ def read_source(
         RecordError, RawDataError: when they cannot be used.
     """
     if campaign_dir is not None:
-        return of_campaign(Results.of(campaign_dir, folder, settings, force=force))
-    if (folder / "scores.json").exists():
-        return _of_scores(folder / "scores.json")
+        description = read_description(campaign_dir)
+        return of_campaign(
+            ResultsBundle(folder, description=description, settings=settings, force=force)
+        )
+    if (path := folder / "scores.json").exists():
+        scores = read(TrialScoresRecord, path)
+        trials = "wild trials" if scores.measured == "wild" else "blind trials"
+        footer = f"{scores.trials} {trials}. Synthetic data. Provenance: {scores.provenance}."
+        return Source("trials", folder.name, footer, scores)
     if (folder / "curve.json").exists():
-        found = read_curve(folder)
-        links = f"{found.record.links} links of {found.record.link_m:.4g} m on a continuous curve"
-        footer = f"{links}: {found.record.shapes[0].ending_is}. Synthetic data."
-        return Source("curve", folder.name, footer, found)
-    if (folder / "calibration.json").exists():
-        return _of_chain(folder.name, read(CurveCalibrationRecord, folder / "calibration.json"))
+        curve = read_curve(folder)
+        links = f"{curve.record.links} links of {curve.record.link_m:.4g} m on a continuous curve"
+        footer = f"{links}: {curve.record.shapes[0].ending_is}. Synthetic data."
+        return Source("curve", folder.name, footer, curve)
+    if (path := folder / "calibration.json").exists():
+        study = read(CurveCalibrationRecord, path)
+        plan: Any = study.settings
+        footer = (
+            f"{study.summaries[0].individuals} arms of {plan['links']} links of "
+            f"{plan['link_m']:g} m each way, {plan['postures']} postures each, noise "
+            f"{plan['position_mm']:g} mm and {1e3 * plan['attitude_rad']:g} mrad. Synthetic data. "
+            f"Provenance: {study.provenance}."
+        )
+        return Source("chain", folder.name, footer, study)
     raise SettingsError(
         "results of nothing that pictures are drawn of",
         where="--results",
@@ -68,31 +92,23 @@ def read_source(
     )
 
 
-def of_campaign(results: Results) -> Source:
-    """Return the source of a campaign's pictures."""
-    return Source("campaign", results.description.name, results.footer, results, results.lacks)
+def of_campaign(results: ResultsBundle) -> Source:
+    """Return the source of a campaign's pictures, with a description.
 
-
-def _of_scores(path: Path) -> Source:
-    scores = read(TrialScoresRecord, path)
-    trials = "wild trials" if scores.measured == "wild" else "blind trials"
-    footer = f"{scores.trials} {trials}. Synthetic data. Provenance: {scores.provenance}."
-    return Source("trials", path.parent.name, footer, scores)
-
-
-def _of_chain(name: str, study: CurveCalibrationRecord) -> Source:
-    asked: Any = study.settings
-    footer = (
-        f"{study.summaries[0].individuals} arms of {asked['links']} links of "
-        f"{asked['link_m']:g} m each way, {asked['postures']} postures each, noise "
-        f"{asked['position_mm']:g} mm and {1e3 * asked['attitude_rad']:g} mrad. Synthetic data. "
-        f"Provenance: {study.provenance}."
-    )
-    return Source("chain", name, footer, study)
-
-
-#: Folder of the files of a picture, by what it is.
-_PLACES = {"figure": "figures", "table": "tables", "film": "figures"}
+    Every picture says where the data come from, in the campaign's words, the first of many. One of
+    a calibration that is drawn because of `force` alone is marked by its grade.
+    """
+    assert results.description is not None
+    name, text = results.description.name, results.description.provenance.strip()
+    words = [f"Campaign {name}."]
+    if results.force and (results.folder / "calibration/combined.json").exists():
+        grade = results.sound_calibration().health.grade
+        words += [] if grade in UNRESERVED else [f"Grade of the calibration: {grade}."]
+    words += ["Synthetic data."] if is_synthetic(text) else []
+    first = text if len(text) <= _MOST_LETTERS else first_sentences(text, _MOST_LETTERS)
+    words.append(f"Provenance: {first.removesuffix('.')}.")
+    words += [] if first == text else ["More in its campaign.yaml."]
+    return Source("campaign", name, " ".join(words), results)
 
 
 def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesRecord:
@@ -113,7 +129,10 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesReco
     for place in {_PLACES[entry.kind] for entry in every}:
         (out / place).mkdir(parents=True, exist_ok=True)
     for entry in every:
-        why = next((why for need in entry.needs if (why := source.lacks(need))), None)
+        why = None
+        if isinstance(source.content, ResultsBundle):
+            missing = (_why_not(source.content, need) for need in entry.needs)
+            why = next(filter(None, missing), None)
         try:
             if why is None:
                 _write(entry, source, out, settings)
@@ -132,6 +151,23 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesReco
     )
     write(record, out / "pictures.json")
     return record
+
+
+def _why_not(results: ResultsBundle, need: str) -> str | None:
+    """Say why a need of a picture is not met, None where it is."""
+    verdict, file = results.verdict, NEEDS[need][0]
+    if need == "analysis" and verdict is not None and verdict.verdict == "not_sought":
+        return f"effects were not sought: {verdict.why}"
+    if not (results.folder / file).exists():
+        return f"there is no {file}"
+    general_beside = (results.folder / "calibration/general.json").exists()
+    if need == "papers_calibration" or (need == "general" and not general_beside):
+        model = results.sound_calibration().model
+        needed = "general" if need == "general" else "paper"
+        return None if model == needed else f"calibrated with the {MODEL_NAMES[model]}"
+    if need == "held_out" and not results.sound_held_out().models:
+        return "no configuration was held out"
+    return None
 
 
 def summary(record: PicturesRecord) -> list[str]:
@@ -172,8 +208,8 @@ def _write(entry: Picture, source: Source, out: Path, settings: FigureOptions) -
     place = out / _PLACES[entry.kind]
     if entry.kind == "table":
         table = entry.make(source.content)
-        named = replace(table, title=f"{source.name}: {table.title}")
-        write_table(named, source.footer, place, entry.name)
+        titled = replace(table, title=f"{source.name}: {table.title}")
+        write_table(titled, source.footer, place, entry.name)
         return
     with looks():
         if entry.kind == "film":
@@ -183,3 +219,52 @@ def _write(entry: Picture, source: Source, out: Path, settings: FigureOptions) -
             figure = entry.make(source.content)
             name_in_title(figure, source.name)
             write_figure(figure, source.footer, place, entry.name, settings.png_dpi)
+
+
+# Parameters of one arm over its campaigns.
+
+_COLUMNS, _WIDE_MM, _HIGH_MM, _APART_MM = 4, 30.0, 20.0, 10.0
+
+
+def write_drift(record: DriftRecord, folder: Path, name: str, png_dpi: int) -> None:
+    """Draw every parameter less its value in the first campaign, as SVG, PDF and PNG.
+
+    Args:
+        record: what was found.
+        folder: to write to.
+        name: of the files.
+        png_dpi: resolution of the PNG.
+    """
+    rows, count = record.parameters, len(record.campaigns)
+    keys = list(dict.fromkeys(zip(rows.term, rows.of, rows.parameter, strict=True)))
+    moved = {thing.of for step in record.steps for thing in step.what_moved.moved}
+    height_mm = 26.0 - (-len(keys) // _COLUMNS) * (_HIGH_MM + _APART_MM)
+    with looks():
+        title = f"{record.robot}: parameters over {count} campaigns, less the first"
+        figure = new_figure(height_mm, title)
+        for k, (term, of, parameter) in enumerate(keys):
+            line, column = divmod(k, _COLUMNS)
+            x_mm = 12.0 + column * (_WIDE_MM + 10.0)
+            y_mm = height_mm - 4.0 - (line + 1) * (_HIGH_MM + _APART_MM)
+            axes = panel(figure, x_mm, y_mm, _WIDE_MM, _HIGH_MM)
+            at = (rows.term == term) & (rows.of == of) & (rows.parameter == parameter)
+            unit, scale = shown_in(str(rows.unit[at][0]))
+            joint = f"joint {parameter.rpartition('_')[2]}"
+            of_joint = joint in moved and parameter.startswith(("delta_theta", "K_lin"))
+            axes.axhline(0.0, color=GREY, linewidth=0.6)
+            axes.errorbar(
+                [record.campaigns.index(campaign) for campaign in rows.campaign[at]],
+                scale * (rows.value[at] - rows.value[at][0]),
+                scale * (rows.high[at] - rows.value[at]),
+                color=VERMILLION if parameter in moved or of_joint else BLUE,
+                marker="o",
+                markersize=2.5,
+                linewidth=0.8,
+                capsize=1.5,
+            )
+            axes.set(title=f"{written(parameter)} [{unit}]", xlim=(-0.4, count - 0.6))
+            axes.set_xticks(np.arange(count), [""] * count)
+            axes.yaxis.set_major_locator(MaxNLocator(3))
+        names = ", ".join(f"{k + 1} {campaign}" for k, campaign in enumerate(record.campaigns))
+        footer = f"Bars: 95 % intervals. Campaigns from left to right: {names}. {record.line}"
+        write_figure(figure, footer, folder, name, png_dpi)

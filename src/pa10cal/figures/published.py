@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pa10cal.reports.results_bundle import ResultsBundle
+
 #: Description of the arm the paper is about; its parameters are compared with no other arm's.
 ROBOT = "pa10_6ce"
 
@@ -112,6 +114,11 @@ SOURCES = {
     "conclusion": "Section IV",
     "unknowns": "Section II.C",
 }
+
+
+def is_of_papers_arm(results: ResultsBundle) -> bool:
+    """Return whether the arm is the paper's, so that its figures may stand beside the results."""
+    return results.description is not None and results.description.robot == ROBOT
 
 
 def parameter(name: str, kcub_reading: str) -> float | None:

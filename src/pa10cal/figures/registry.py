@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -23,6 +23,22 @@ F = TypeVar("F", bound=Callable[..., Any])
 FOLDERS = ("campaign", "trials", "curve", "chain")
 _KINDS: dict[str, Kind] = {"draw": "figure", "tabulate": "table", "film": "film"}
 
+_COMBINED, _VERDICT = "calibration/combined.json", "discovery/verdict.json"
+#: Results of a campaign by the names that pictures need them by: the file that has to be there,
+#: then what else is read with it. The verdict says whether effects were sought, the calibration
+#: whether it converged.
+NEEDS: dict[str, tuple[str, ...]] = {
+    "papers_calibration": (_COMBINED,),
+    "general": (_COMBINED,),
+    "poses": ("ingest/poses.parquet",),
+    "base_frame": ("seed/base_frame.json",),
+    "planes": ("montecarlo",),
+    "evaluation": ("evaluation/holdout.json", _COMBINED, _VERDICT),
+    "held_out": ("evaluation/holdout.json", _COMBINED, _VERDICT),
+    "analysis": ("discovery/analysis.json", _COMBINED, _VERDICT),
+    "verdict": (_VERDICT, _COMBINED),
+}
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -31,8 +47,7 @@ class Picture:
     name: str  # of the files
     kind: Kind  # what it makes
     title: str  # what pages call it
-    # what it is drawn from, in the names of the results it belongs to; a picture is left out where
-    # one of them is not there
+    # what it is drawn from, of `NEEDS`; a picture is left out where one of them is not there
     needs: tuple[str, ...]
     caption: str  # plain text that pages show below it; `{name}` stands for the campaign or study
     section: str  # of a campaign's page that shows it
@@ -52,7 +67,7 @@ def picture(
         TypeError: when its name does not say what it makes.
     """
 
-    def said(function: F) -> F:
+    def mark(function: F) -> F:
         kind, _, name = function.__name__.partition("_")
         if kind not in _KINDS:
             raise TypeError(f"{function.__name__} must begin with {', '.join(_KINDS)}")
@@ -62,20 +77,19 @@ def picture(
         )
         return function
 
-    return said
+    return mark
 
 
 @cache
 def entries(folder: str) -> dict[str, Picture]:
     """Return the pictures and tables of one of `FOLDERS` by name, in alphabetical order."""
-    return {entry.name: entry for entry in sorted(_found(folder), key=lambda entry: entry.name)}
-
-
-def _found(folder: str) -> Iterator[Picture]:
     package = import_module(f"{pa10cal.figures.__name__}.{folder}")
     within = [info.name for info in iter_modules(getattr(package, "__path__", ()))]
-    for module in [package, *(import_module(f"{package.__name__}.{name}") for name in within)]:
-        for function in vars(module).values():
-            said = getattr(function, "__dict__", {}).get("picture")
-            if isinstance(said, Picture) and function.__module__ == module.__name__:
-                yield said
+    found = {
+        function.picture.name: function.picture
+        for module in (package, *(import_module(f"{package.__name__}.{name}") for name in within))
+        for function in vars(module).values()
+        if isinstance(getattr(function, "picture", None), Picture)
+        and function.__module__ == module.__name__
+    }
+    return dict(sorted(found.items()))

@@ -40,28 +40,20 @@ PAPER: dict[str, Any] = {
     "markerfacecolor": "white",
 }
 
+_TEXTS = ("font", "axes.title", "axes.label", "xtick.label", "ytick.label", "legend.font")
 _LOOKS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
-    "font.size": 8.0,
-    "axes.titlesize": 8.0,
+    **{f"{of}{'.size' if of == 'font' else 'size'}": 8.0 for of in _TEXTS},
+    "figure.titlesize": 9.0,
     "axes.titlelocation": "left",
     "axes.titley": 1.0,  # where it stands anyway; to look for room takes a tenth of the drawing
-    "axes.labelsize": 8.0,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "legend.fontsize": 8.0,
-    "figure.titlesize": 9.0,
-    "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
     "axes.grid": True,
-    "grid.linewidth": 0.4,
     "grid.color": "#d9d9d9",
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
+    **dict.fromkeys(("axes.linewidth", "xtick.major.width", "ytick.major.width"), 0.6),
+    **dict.fromkeys(("grid.linewidth", "xtick.minor.width", "ytick.minor.width"), 0.4),
     "lines.linewidth": 1.0,
     "lines.markersize": 4.0,
     "legend.frameon": False,

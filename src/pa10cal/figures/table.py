@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,48 +26,40 @@ class Table:
     notes: tuple[str, ...] = ()  # said below it
 
 
+def figures(value: float | None, count: int) -> float:
+    """Return a number with so many significant figures, nan for None."""
+    return math.nan if value is None else float(f"{value:.{count}g}")
+
+
 def frame_of(header: Sequence[str], rows: Iterable[Sequence[object]]) -> pd.DataFrame:
     """Return rows under a header, each as long as it."""
     return pd.DataFrame([list(row) for row in rows], columns=list(header))
 
 
-def _parts(table: Table) -> Iterator[tuple[str, Row, Sequence[Row]]]:
-    """Yield caption, header and rows of what is shown; a row says where there are none."""
-    cells = table.data.astype(object).where(table.data.notna(), "")
-    rows = tuple(tuple(map(str, row)) for row in cells.to_numpy())
-    as_it_is = (Grid("", tuple(table.data.columns), rows),)
-    for part in table.shown or as_it_is:
-        none = ("none", *["–"] * (len(part.header) - 1))
-        yield part.caption, part.header, part.rows or [none]
-
-
 def write_table(table: Table, footer: str, folder: Path, name: str) -> None:
-    """Write a table as CSV and Markdown: both or none."""
-    with whole_files(folder / f"{name}.csv", folder / f"{name}.md") as (data, shown):
-        write_text(data, _csv(table.data))
-        write_text(shown, _markdown(table, footer))
+    """Write a table as CSV and Markdown: both or none.
 
-
-def _csv(data: pd.DataFrame) -> str:
-    data = data.copy()
-    for name in data.select_dtypes("bool"):
-        data[name] = data[name].map({True: "true", False: "false"})
-    for name in data.select_dtypes(["object", "str"]):
-        data[name] = data[name].map(csv_cell)
-    return data.to_csv(index=False, float_format="%.10g", lineterminator="\n")
-
-
-def _markdown(table: Table, footer: str) -> str:
+    Args:
+        table: to write; a part without rows says `none`.
+        footer: where its data come from, below the title.
+        folder: to write to.
+        name: of the files.
+    """
+    data = table.data.copy()
+    for column in data.select_dtypes("bool"):
+        data[column] = data[column].map({True: "true", False: "false"})
+    for column in data.select_dtypes(["object", "str"]):
+        data[column] = data[column].map(csv_cell)
     parts = [f"# {table.title}", footer]
-    for caption, header, rows in _parts(table):
-        if caption:
-            parts.append(f"## {caption}")
-        every = [header, ["---"] * len(header), *rows]
-        parts.append("\n".join(_markdown_row(row) for row in every))
+    cells = table.data.astype(object).where(table.data.notna(), "").astype(str).to_numpy()
+    as_it_is = Grid("", tuple(table.data.columns), tuple(map(tuple, cells)))
+    for grid in table.shown or (as_it_is,):
+        none = ("none", *["–"] * (len(grid.header) - 1))
+        rows = [grid.header, ["---"] * len(grid.header), *(grid.rows or [none])]
+        parts += [f"## {grid.caption}"] if grid.caption else []
+        parts.append("\n".join(f"| {' | '.join(map(markdown_cell, row))} |" for row in rows))
     if table.notes:
         parts.append("\n".join(f"- {note}" for note in table.notes))
-    return "\n\n".join(parts) + "\n"
-
-
-def _markdown_row(row: Iterable[str]) -> str:
-    return "| " + " | ".join(markdown_cell(cell) for cell in row) + " |"
+    with whole_files(folder / f"{name}.csv", folder / f"{name}.md") as (csv, markdown):
+        write_text(csv, data.to_csv(index=False, float_format="%.10g", lineterminator="\n"))
+        write_text(markdown, "\n\n".join(parts) + "\n")

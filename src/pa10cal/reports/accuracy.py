@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Iterator, Mapping
 
 from pa10cal.reports import pictures
-from pa10cal.reports.blocks import Beside, Block, Callout, Folded, Grid, Paragraph, grid
+from pa10cal.reports.blocks import Beside, Block, Callout, Grid, Paragraph, folded, grid
 from pa10cal.reports.errors import (
     ALL,
     FITTED,
     HELD_OUT,
     PARTS,
     UNCALIBRATED,
-    Errors,
     errors_of,
     headline,
     model_title,
@@ -31,11 +27,10 @@ from pa10cal.reports.formatting import (
     written,
 )
 from pa10cal.reports.results_bundle import ResultsBundle
-from pa10cal.results.analysis import ParameterShift
 from pa10cal.results.calibration import GeneralCalibrationRecord, GroupOfCampaigns
-from pa10cal.results.discovery import Reduction, VerdictRecord
+from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import (
-    BeforeAfter,
+    Accuracy,
     HoldoutRecord,
     Iso9283Record,
     Parameter,
@@ -45,30 +40,43 @@ from pa10cal.results.evaluation import (
 
 def accuracy(results: ResultsBundle) -> Iterator[Block]:
     """Yield what calibration and effects gained."""
-    every = errors_of(results)
-    if not every:
+    ends = headline(results)
+    if ends is None:
         yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    ends = headline(results)
-    if ends is not None:
-        before, after = ends
-        apart = f"; {told}" if (told := after.with_flagged("rms_mm")) else ""
-        yield Paragraph(
-            f"Over the {before.kind} poses the position error fell from "
-            f"{mm(before.counted.rms_mm)} mm to {mm(after.counted.rms_mm)} mm rms, its peak from "
-            f"{mm(before.counted.peak_mm)} mm to {mm(after.counted.peak_mm)} mm"
-            f"{apart}.",
-            lead=True,
-        )
+    before, after = ends
+    flagged = after.with_flagged("rms_mm")
+    yield Paragraph(
+        f"Over the {before.kind} poses the position error fell from "
+        f"{mm(before.counted.rms_mm)} mm to {mm(after.counted.rms_mm)} mm rms, its peak from "
+        f"{mm(before.counted.peak_mm)} mm to {mm(after.counted.peak_mm)} mm"
+        f"{'; ' * bool(flagged)}{flagged}.",
+        lead=True,
+    )
     yield Paragraph(
         f"{'' if results.words is None else f'{results.words.of} '}"
         "Repeats of a configuration are averaged. Held-out poses are only used "
         "to judge."
     )
-    first, *by_load = errors_grids(every)
-    yield first
-    for each in by_load:
-        yield Folded(each.caption, (each,))
+    title = "Position error [mm] and orientation error [deg]"
+    header = (
+        *("poses", "load", "model", "rms", "peak", "mean"),
+        *("orientation, mean", "configurations"),
+    )
+    whole: list[tuple[str, ...]] = []
+    parts: list[tuple[str, ...]] = []
+    for errors in errors_of(results):
+        of = errors.of
+        (whole if errors.load == ALL else parts).append(
+            (
+                *(errors.poses, errors.load, errors.model, mm(of.rms_mm), mm(of.peak_mm)),
+                *(mm(of.mean_mm), deg(of.orientation_deg), str(of.configurations)),
+            )
+        )
+    yield grid(title, header, whole, range(3, 8))
+    if len({row[1] for row in parts}) > 1:
+        by_load = grid(f"{title}, load by load", header, parts, range(3, 8))
+        yield folded(by_load)
     if results.held_out is None:
         yield Callout("missing", results.why_absent(HoldoutRecord.FILE))
     elif not results.held_out.models:
@@ -78,11 +86,11 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
             "predicts new poses is not tested. Measure some poses more and mark them as held out.",
         )
     else:
-        beside = results.held_out.models
-        titles = {name: model_title(name, results, beside) for name in beside}
+        models = results.held_out.models
+        titles = {name: model_title(name, results, models) for name in models}
         shown = {name: title for name, title in titles.items() if title is not None}
         shares = [pictures.shares_drawing(results.held_out, shown, unit) for unit in ("mm", "deg")]
-        yield Beside(tuple(each for each in shares if each is not None))
+        yield Beside(tuple(drawing for drawing in shares if drawing is not None))
     if results.verdict is not None and results.verdict.effects:
         yield gap_grid(results.verdict)
         yield Paragraph(
@@ -97,79 +105,48 @@ def accuracy(results: ResultsBundle) -> Iterator[Block]:
         yield Paragraph(f"Noise alone would leave a mean error of {mm(floor)} mm.")
 
 
-def errors_grids(every: Iterable[Errors]) -> list[Grid]:
-    """Return errors of every model over all loads and, where there are several, at each."""
-    title = "Position error [mm] and orientation error [deg]"
-    header = (
-        *("poses", "load", "model", "rms", "peak", "mean"),
-        *("orientation, mean", "configurations"),
-    )
-    rows = [
-        (
-            *(each.poses, each.load, each.model),
-            *(mm(each.of.rms_mm), mm(each.of.peak_mm), mm(each.of.mean_mm)),
-            deg(each.of.orientation_deg),
-            str(each.of.configurations),
-        )
-        for each in every
-    ]
-    whole = [row for row in rows if row[1] == ALL]
-    grids = [grid(title, header, whole, range(3, 8))]
-    parts = [row for row in rows if row[1] != ALL]
-    if len({row[1] for row in parts}) > 1:
-        grids.append(grid(f"{title}, load by load", header, parts, range(3, 8)))
-    return grids
-
-
 def gap_grid(record: VerdictRecord) -> Grid:
     """Return the errors without and with the effects of a verdict, over parts of the poses too."""
     sought = record.verdict != "not_sought"
+    rows: list[list[str]] = []
+
+    def add(poses: str, load: str, before: Accuracy, after: Accuracy) -> None:
+        models = (before, after)[: 1 + sought]
+        errors = [(of.mean_mm, of.rms_mm, of.peak_mm) for of in models]
+        rows.append(
+            [poses, load, *(f"{error:.4f}" for by in zip(*errors, strict=True) for error in by)]
+        )
+
+    for poses, gap in ((FITTED, record.gap.train), (HELD_OUT, record.gap.holdout)):
+        if gap is None:
+            continue
+        for load, of in {ALL: gap, **(gap.per_load if len(gap.per_load) > 1 else {})}.items():
+            add(poses, load, of.before, of.after)
+            if sought and of.reduction is not None:
+                low, high = (f"{end:.4f}" for end in of.reduction.interval95_mm)
+                rows[-1].append(f"{low} to {high} ({count(of.reduction.poses, 'pose')})")
+        both = gap.inside is not None and gap.outside is not None
+        for part, within in (
+            (PARTS["inside"], gap.inside if both else None),
+            (PARTS["extrapolated"], gap.outside if both else None),
+            ("the motion of the base taken out", gap.without_motion),
+        ):
+            if within is not None:
+                add(f"{poses}, {part}", ALL, within.before, within.after)
+        if gap.with_rivals is not None:
+            name = f"{poses}, with what has no name, not written"
+            add(name, ALL, gap.before, gap.with_rivals)
     header = ["poses", "load"]
-    for name in ("mean", "rms", "peak"):
-        header += [f"{name} before", "after"] if sought else [name]
+    for error in ("mean", "rms", "peak"):
+        header += [f"{error} before", "after"] if sought else [error]
     header += ["mean falls by, 95 % interval"] if sought else []
-    rows = []
-    for poses, load, errors, reduction in _gaps(record):
-        row = [poses, load]
-        for name in ("mean_mm", "rms_mm", "peak_mm"):
-            row += [
-                f"{getattr(of, name):.4f}" for of in (errors.before, errors.after)[: 1 + sought]
-            ]
-        if sought and reduction is not None:
-            low, high = (f"{end:.4f}" for end in reduction.interval95_mm)
-            row.append(f"{low} to {high} ({count(reduction.poses, 'pose')})")
-        rows.append(row + [NOT_KNOWN] * (len(header) - len(row)))
     return grid(
         f"Position error [mm]; {record.gap.floor_is} alone leaves a mean of "
         f"{record.gap.noise_floor_mm:.4f} mm in the poses fitted",
         header,
-        rows,
+        [row + [NOT_KNOWN] * (len(header) - len(row)) for row in rows],
         range(2, len(header)),
     )
-
-
-def _gaps(record: VerdictRecord) -> Iterator[tuple[str, str, BeforeAfter, Reduction | None]]:
-    for poses, gap in (
-        (FITTED, record.gap.train),
-        (HELD_OUT, record.gap.holdout),
-    ):
-        if gap is None:
-            continue
-        yield poses, ALL, gap, gap.reduction
-        for load, at_load in gap.per_load.items() if len(gap.per_load) > 1 else ():
-            yield poses, load, at_load, at_load.reduction
-        rivals = gap.with_rivals
-        for part, within in (
-            (PARTS["inside"], gap.inside if gap.outside is not None else None),
-            (PARTS["extrapolated"], gap.outside if gap.inside is not None else None),
-            ("the motion of the base taken out", gap.without_motion),
-            (
-                "with what has no name, not written",
-                None if rivals is None else BeforeAfter(before=gap.before, after=rivals),
-            ),
-        ):
-            if within is not None:
-                yield f"{poses}, {part}", ALL, within, None
 
 
 # Parameters of the final model, with intervals.
@@ -188,10 +165,11 @@ _GROUPS = (
 
 def parameters(results: ResultsBundle) -> Iterator[Block]:
     """Yield the parameters of the model that is exported."""
-    if results.calibration is None:
+    case = results.calibration
+    if case is None:
         yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    shown: Mapping[str, Parameter] = results.calibration.parameters
+    shown: Mapping[str, Parameter] = case.parameters
     of = "calibrated model"
     if results.extended is not None and results.extended.named:
         shown, of = results.extended.parameters, "model with the effects found"
@@ -200,8 +178,15 @@ def parameters(results: ResultsBundle) -> Iterator[Block]:
         "measurement leaves open; it holds no effect that the model lacks. A tolerance is what a "
         "maker is expected to keep."
     )
-    shifts = _shifts(results)
-    drawing = pictures.tolerances_drawing(shown, {each.name: each.before for each in shifts})
+    shifts = []
+    if results.analysis is not None and results.analysis.effects:
+        moved = [
+            (abs(shift.after - shift.before) / shift.std, shift)
+            for shift in results.analysis.parameter_shifts
+            if shift.identifiable and shift.std and shift.before != shift.after
+        ]
+        shifts = [shift for _, shift in sorted(moved, key=lambda by_interval: -by_interval[0])]
+    drawing = pictures.tolerances_drawing(shown, {shift.name: shift.before for shift in shifts})
     if drawing is not None:
         yield drawing
     weights = [n for n, each in shown.items() if _WEIGHTS in n and not each.identifiable]
@@ -212,113 +197,90 @@ def parameters(results: ResultsBundle) -> Iterator[Block]:
             "base's level stay near the values described, within what a description is "
             "usually off. The poses fitted do not identify them."
         )
-    yield from parameter_grids(shown)
-    if isinstance(results.calibration, GeneralCalibrationRecord):
-        if results.calibration.redundant:
-            redundant = redundant_grid(results.calibration)
-            yield Folded(redundant.caption, (redundant,))
-        if results.calibration.group is not None:
-            yield from campaign_grids(results.calibration.group)
-    if shifts:
-        title = "Parameters that had absorbed part of the effects"
-        header = ("parameter", "without the effects", "with them, 95 % interval", "unit", "change")
-        yield Folded(title, (grid(title, header, map(_shift, shifts), (1, 2, 4)),))
-
-
-def parameter_grids(parameters: Mapping[str, Parameter]) -> Iterator[Grid]:
-    """Yield the parameters of a model, group by group."""
-    remaining = dict(parameters)
-    header = ("parameter", "value, 95 % interval", "unit", "tolerance", "remark")
+    remaining = dict(shown)
+    header: tuple[str, ...] = ("parameter", "value, 95 % interval", "unit", "tolerance", "remark")
     for title, begins in _GROUPS:
         names = [name for name in remaining if name.startswith(begins)]
-        if names:
-            rows = [_row(name, remaining.pop(name)) for name in names]
+        rows = [_parameter_row(name, remaining.pop(name)) for name in names]
+        if rows:
             yield grid(title, header, rows, (1, 3))
-
-
-def redundant_grid(case: GeneralCalibrationRecord) -> Grid:
-    """Return parameters that were not fitted, and what does the same in any pose."""
+    if isinstance(case, GeneralCalibrationRecord):
+        redundant = []
+        for entry in case.redundant:
+            parts = [f"{part:.4g} × {written(name)}" for name, part in entry.replaced_by.items()]
+            same = " + ".join(parts).replace("+ -", "− ")
+            redundant.append((written(entry.name), same or "nothing: it has no effect"))
+        if redundant:
+            header = ("omitted", "the same as")
+            yield folded(grid("Omitted: redundant parameters", header, redundant))
+        if case.group is not None:
+            yield from _campaign_grids(case.group)
     rows = []
-    for entry in case.redundant:
-        parts = [f"{part:.4g} × {written(name)}" for name, part in entry.replaced_by.items()]
-        same = " + ".join(parts).replace("+ -", "− ")
-        rows.append((written(entry.name), same or "nothing: it has no effect"))
-    return grid("Omitted: redundant parameters", ("omitted", "the same as"), rows)
+    for shift in shifts:
+        unit, scale = shown_in(shift.unit, shift.after)
+        change = (shift.after - shift.before) / (shift.tolerance or abs(shift.before) or 1.0)
+        by = f"{change:+.2f} tolerances" if shift.tolerance else f"{100 * change:+.1f} %"
+        after = with_interval(scale * shift.after, scale * (shift.std or 0.0))
+        rows.append((written(shift.name), f"{scale * shift.before:.4g}", after, unit, by))
+    if rows:
+        title = "Parameters that had absorbed part of the effects"
+        header = ("parameter", "without the effects", "with them, 95 % interval", "unit", "change")
+        yield folded(grid(title, header, rows, (1, 2, 4)))
 
 
-def campaign_grids(group: GroupOfCampaigns) -> Iterator[Grid]:
+def _parameter_row(name: str, found: Parameter) -> tuple[str, ...]:
+    unit, scale = shown_in(found.unit, found.value)
+    tolerance = NOT_KNOWN if found.tolerance is None else f"{scale * found.tolerance:g}"
+    std = None if found.std is None else scale * found.std
+    value, remark = with_interval(scale * found.value, std), ""
+    if not found.identifiable:
+        value, remark = NOT_KNOWN, "not identifiable from these poses"
+    elif getattr(found, "at_bound", False):
+        value = "rigid" if name.startswith("K_lin") else f"{scale * found.value:.4g}"
+        remark = "at the end of its physical range"
+    elif found.std == 0.0:
+        remark = "not fitted"
+    elif found.tolerance and abs(found.value) > 3.0 * found.tolerance:
+        remark = f"{abs(found.value) / found.tolerance:.0f} tolerances"
+    return written(name), value, unit, tolerance, remark
+
+
+def _campaign_grids(group: GroupOfCampaigns) -> Iterator[Grid]:
     """Yield where every shared parameter comes from, and each campaign against the others."""
     names = tuple(group.campaigns)
-    cells, compared = [], []
+    rows: list[tuple[str, ...]] = []
     for name, found in group.parameters.items():
         unit, scale = shown_in(found.unit)
         alone = [
-            f"{scale * found.std_alone[each]:.4f}" if each in found.determined_by else NOT_KNOWN
-            for each in names
+            f"{scale * found.std_alone[of]:.4f}" if of in found.determined_by else NOT_KNOWN
+            for of in names
         ]
         by = ", ".join(found.determined_by) or "all together"
-        cells.append((written(name), unit, f"{scale * found.std:.4f}", *alone, by))
-    for name, each in group.campaigns.items():
-        unit, scale = shown_in(each.worst.unit)
-        off, u = scale * each.worst.value, scale * each.worst.std
-        compared.append(
-            (
-                *(name, str(each.poses), mm(each.rms_mm), mm(each.alone_rms_mm)),
-                *(f"{each.chi_square:.1f} for {each.dof:.0f}", f"{each.p_value:.2g}"),
-                f"{written(each.worst.name)}: {off:.3g} ± {u:.2g} {unit}",
-                "yes" if each.contradicts else "no",
-            )
-        )
-    header = ("parameter", "unit", "std", *(f"std {name}" for name in names), "determined by")
+        rows.append((written(name), unit, f"{scale * found.std:.4f}", *alone, by))
     yield grid(
         "Standard uncertainty of shared parameters, by all campaigns and by each alone",
-        header,
-        cells,
+        ("parameter", "unit", "std", *(f"std {name}" for name in names), "determined by"),
+        rows,
         range(2, 3 + len(names)),
     )
-    header = ("campaign", "poses", "rms [mm]", "alone [mm]", "χ²", "p", "most by", "contradicts")
+    rows = []
+    for name, of in group.campaigns.items():
+        unit, scale = shown_in(of.worst.unit)
+        worst = f"{scale * of.worst.value:.3g} ± {scale * of.worst.std:.2g} {unit}"
+        rows.append(
+            (
+                *(name, str(of.poses), mm(of.rms_mm), mm(of.alone_rms_mm)),
+                *(f"{of.chi_square:.1f} for {of.dof:.0f}", f"{of.p_value:.2g}"),
+                *(f"{written(of.worst.name)}: {worst}", "yes" if of.contradicts else "no"),
+            )
+        )
     yield grid(
         "Each campaign against the others: they contradict each other where chance does not "
         "explain the difference and parameters of its own take away a tenth of the squared error",
-        header,
-        compared,
+        ("campaign", "poses", "rms [mm]", "alone [mm]", "χ²", "p", "most by", "contradicts"),
+        rows,
         (1, 2, 3),
     )
-
-
-def _shifts(results: ResultsBundle) -> list[ParameterShift]:
-    """Return what the effects changed, the largest part of its interval first."""
-    if results.analysis is None or not results.analysis.effects:
-        return []
-    moved = [
-        each
-        for each in results.analysis.parameter_shifts
-        if each.identifiable and each.std and each.before != each.after
-    ]
-    return sorted(moved, key=lambda each: -abs(each.after - each.before) / each.std)
-
-
-def _shift(each: ParameterShift) -> tuple[str, ...]:
-    unit, scale = shown_in(each.unit, each.after)
-    change = (each.after - each.before) / (each.tolerance or abs(each.before) or 1.0)
-    of = f"{change:+.2f} tolerances" if each.tolerance else f"{100 * change:+.1f} %"
-    after = with_interval(scale * each.after, scale * each.std)
-    return written(each.name), f"{scale * each.before:.4g}", after, unit, of
-
-
-def _row(name: str, found: Parameter) -> tuple[str, ...]:
-    unit, scale = shown_in(found.unit, found.value)
-    tolerance = NOT_KNOWN if found.tolerance is None else f"{scale * found.tolerance:g}"
-    if not found.identifiable:
-        return written(name), NOT_KNOWN, unit, tolerance, "not identifiable from these poses"
-    std = None if found.std is None else scale * found.std
-    if getattr(found, "at_bound", False):
-        value = "rigid" if name.startswith("K_lin") else f"{scale * found.value:.4g}"
-        return written(name), value, unit, tolerance, "at the end of its physical range"
-    remark = "not fitted" if found.std == 0.0 else ""
-    if not remark and found.tolerance and abs(found.value) > 3.0 * found.tolerance:
-        remark = f"{abs(found.value) / found.tolerance:.0f} tolerances"
-    return written(name), with_interval(scale * found.value, std), unit, tolerance, remark
 
 
 # Pose accuracy and repeatability after ISO 9283, before and after calibration.
@@ -346,6 +308,20 @@ def repeats(results: ResultsBundle) -> Iterator[Block]:
         "three standard deviations. It does not depend on the model, and holds the noise of the "
         "instrument too."
     )
+    table = []
+    for name, of in record.accuracy.items():
+        title = model_title(name, results, record.accuracy)
+        if title is not None:
+            command = "nominal model" if title == UNCALIBRATED else f"model {title}"
+            position = mm(of.AP_mean_mm), mm(of.AP_largest_mm)
+            angle = deg(of.AP_mean_deg), deg(of.AP_largest_deg)
+            table.append((f"AP, {command}", *position, *angle))
+    worst = None if rows.RP_deg is None else rows.RP_deg.max(axis=1)
+    angle = (
+        deg(None if worst is None else worst.mean()),
+        deg(None if worst is None else worst.max()),
+    )
+    table.append(("RP", mm(rows.RP_mm.mean()), mm(rows.RP_mm.max()), *angle))
     fitted = int((rows.kind == "grid").sum())
     parts = [(fitted, "used for the fit"), (len(rows) - fitted, "held out")]
     which = listed(f"{count(k, 'configuration')} {what}" for k, what in parts if k)
@@ -354,74 +330,47 @@ def repeats(results: ResultsBundle) -> Iterator[Block]:
     yield grid(
         f"Over {which} with {span} readings each",
         ("quantity", "mean position [mm]", "largest [mm]", "mean angle [deg]", "largest [deg]"),
-        [*_accuracy(results, record), _repeatability(rows)],
+        table,
         range(1, 5),
     )
-    yield from _conditions(rows)
-    yield Folded("Every configuration", (_every(record, rows),))
-
-
-def _accuracy(results: ResultsBundle, record: Iso9283Record) -> Iterator[tuple[str, ...]]:
-    for name, of in (record.accuracy or {}).items():
-        title = model_title(name, results, record.accuracy or {})
-        if title is None:
-            continue
-        command = "nominal model" if title == UNCALIBRATED else f"model {title}"
-        yield (
-            f"AP, {command}",
-            mm(of.AP_mean_mm),
-            mm(of.AP_largest_mm),
-            deg(of.AP_mean_deg),
-            deg(of.AP_largest_deg),
-        )
-
-
-def _repeatability(rows: RepeatabilityRows) -> tuple[str, ...]:
-    turned = [NOT_KNOWN, NOT_KNOWN]
-    if rows.RP_deg is not None:
-        worst = rows.RP_deg.max(axis=1)
-        turned = [deg(float(worst.mean())), deg(float(worst.max()))]
-    return "RP", mm(float(rows.RP_mm.mean())), mm(float(rows.RP_mm.max())), *turned
-
-
-def _conditions(rows: RepeatabilityRows) -> Iterator[Block]:
-    """Say where the measurement departs from the standard."""
     departs = []
-    if rows.repeats.min() < _STANDARD_REPEATS:
+    if least < _STANDARD_REPEATS:
         departs.append(f"it has {_STANDARD_REPEATS} repeats")
-    mixed = int((~rows.one_direction).sum())
-    if mixed:
+    if mixed := int((~rows.one_direction).sum()):
         departs.append(
             "every pose is approached from one side, while here joints arrived from either side in "
             f"{count(mixed, 'configuration')}, so RP holds lost motion as well"
         )
     departs.append("its five poses lie in a cube, at the rated load and speed")
     yield Callout("note", f"The conditions are not those of the standard: {'; '.join(departs)}.")
+    yield folded(_every_configuration(record, rows), "Every configuration")
 
 
-def _every(record: Iso9283Record, rows: RepeatabilityRows) -> Block:
+def _every_configuration(record: Iso9283Record, rows: RepeatabilityRows) -> Grid:
     models = list((record.accuracy or {}).values())
     first, last = models[0].rows, models[-1].rows
+    positions, angles = (
+        (first.AP_mm, last.AP_mm, rows.RP_mm),
+        (first.AP_deg, last.AP_deg, rows.RP_deg),
+    )
     table = [
         (
-            str(rows.pose[k]),
-            f"{rows.load_N[k]:g}",
-            str(rows.repeats[k]),
-            mm(float(first.AP_mm[k])),
-            mm(float(last.AP_mm[k])),
-            mm(float(rows.RP_mm[k])),
-            _angles(None if first.AP_deg is None else first.AP_deg[k]),
-            _angles(None if last.AP_deg is None else last.AP_deg[k]),
-            _angles(None if rows.RP_deg is None else rows.RP_deg[k]),
+            *(str(rows.pose[k]), f"{rows.load_N[k]:g}", str(rows.repeats[k])),
+            *(mm(values[k]) for values in positions),
+            *(
+                NOT_KNOWN if abc is None else ", ".join(f"{angle:.3f}" for angle in abc[k])
+                for abc in angles
+            ),
         )
         for k in range(min(len(rows), _MOST_ROWS))
     ]
     more = f"; the first {_MOST_ROWS} of {len(rows)}" if len(rows) > _MOST_ROWS else ""
-    header = ("pose", "load [N]", "readings", "AP before", "AP after", "RP")
-    angles = ("AP abc before", "AP abc after", "RP abc")
-    caption = f"Positions [mm]; angles about x, y and z [deg]{more}. All are in {record.FILE}."
-    return grid(caption, (*header, *angles), table, range(1, 9))
-
-
-def _angles(abc: NDArray[np.float64] | None) -> str:
-    return NOT_KNOWN if abc is None else ", ".join(f"{angle:.3f}" for angle in abc)
+    return grid(
+        f"Positions [mm]; angles about x, y and z [deg]{more}. All are in {record.FILE}.",
+        (
+            *("pose", "load [N]", "readings", "AP before", "AP after", "RP"),
+            *("AP abc before", "AP abc after", "RP abc"),
+        ),
+        table,
+        range(1, 9),
+    )

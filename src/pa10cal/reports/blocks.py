@@ -24,7 +24,7 @@ class Block:
 class Paragraph(Block):
     """A paragraph."""
 
-    text: str  # plain text
+    text: str
     lead: bool = False  # whether it is the sentence of its section
 
 
@@ -32,8 +32,8 @@ class Paragraph(Block):
 class Callout(Block):
     """A sentence that stands out, with a word that says why."""
 
-    word: Literal["warning", "missing", "note"]  # `warning`, `missing` or `note`
-    text: str  # plain text
+    word: Literal["warning", "missing", "note"]
+    text: str
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,13 @@ class Items(Block):
 
 
 @dataclass(frozen=True)
+class Links(Block):
+    """Other pages: path from this page, and what is there."""
+
+    rows: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
 class Grid(Block):
     """A table."""
 
@@ -65,14 +72,14 @@ class Code(Block):
     """Something to type."""
 
     caption: str  # what it does
-    text: str  # as it is typed
+    text: str
 
 
 @dataclass(frozen=True)
 class Drawing(Block):
-    """A figure."""
+    """A figure of plotly."""
 
-    figure: Figure  # of plotly
+    figure: Figure
     title: str  # what it shows, in a few words
     caption: str  # what to see in it
     id: str  # of its element in the page
@@ -88,13 +95,6 @@ class Image(Block):
     caption: str  # what to see in it
     id: str  # of its element in the page
     saved_as: tuple[str, ...]  # what it can be saved as
-
-
-@dataclass(frozen=True)
-class Links(Block):
-    """Other pages."""
-
-    rows: tuple[tuple[str, str], ...]  # path from this page, and what is there
 
 
 @dataclass(frozen=True)
@@ -122,10 +122,12 @@ class Section:
 
 
 def grid(
-    caption: str,
-    header: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    numbers: Iterable[int] = (),
+    caption: str, header: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()
 ) -> Grid:
     """Return a table of rows of texts."""
     return Grid(caption, tuple(header), tuple(tuple(row) for row in rows), frozenset(numbers))
+
+
+def folded(table: Grid, title: str = "") -> Folded:
+    """Return a table that is unfolded by its caption, or by a title of its own."""
+    return Folded(title or table.caption, (table,))

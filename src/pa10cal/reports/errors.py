@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.reports.results_bundle import ResultsBundle
-from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.evaluation import Accuracy, flagged
 
 UNCALIBRATED, CALIBRATED, EXTENDED = "not calibrated", "calibrated", "with the effects found"
@@ -64,19 +63,14 @@ class Errors:
 def errors_of(results: ResultsBundle) -> list[Errors]:
     """Return the errors of every model, over all loads first, then load by load."""
     every = [*_fitted(results), *_held_out(results)]
-    return [each for each in every if each.load == ALL] + [
-        each for each in every if each.load != ALL
-    ]
+    return sorted(every, key=lambda errors: errors.load != ALL)
 
 
 def headline(results: ResultsBundle) -> tuple[Errors, Errors] | None:
     """Return the errors before and after that count: held out where there are such poses."""
-    every = [each for each in errors_of(results) if each.load == each.part == ALL]
-    for poses in (HELD_OUT, FITTED):
-        of = [each for each in every if each.poses == poses]
-        if of:
-            return of[0], of[-1]
-    return None
+    whole = [errors for errors in errors_of(results) if errors.load == errors.part == ALL]
+    counted = [errors for errors in whole if errors.poses == HELD_OUT] or whole
+    return (counted[0], counted[-1]) if counted else None
 
 
 def model_title(name: str, results: ResultsBundle, beside: Iterable[str]) -> str | None:
@@ -99,18 +93,18 @@ def _fitted(results: ResultsBundle) -> Iterator[Errors]:
         return
     sprung = bool(getattr(record, "springs", True))
     last = "cubic" if record.model == "paper" else "linear"
-    models = {
-        "before": ("uncalibrated", UNCALIBRATED),
-        "geometry": ("geometry", _SPRINGS["geometry"]),
-        "after": (last, _SPRINGS[last] if sprung else CALIBRATED),
-    }
-    for key, (name, title) in models.items():
-        by_load = {load: getattr(each, key, None) for load, each in record.errors.items()}
-        known = {load: each for load, each in by_load.items() if each is not None}
-        if not known or (key == "geometry" and not sprung):
-            continue
-        parts = {"trusted": less} if (less := _trusted(record, key, known)) else {}
-        yield from _model(FITTED, name, title, _together(list(known.values())), known, parts)
+    for key, name, title in (
+        ("before", "uncalibrated", UNCALIBRATED),
+        *([("geometry", "geometry", _SPRINGS["geometry"])] if sprung else []),
+        ("after", last, _SPRINGS[last] if sprung else CALIBRATED),
+    ):
+        by_load = {load: getattr(of, key, None) for load, of in record.errors.items()}
+        known = {load: of for load, of in by_load.items() if of is not None}
+        if known:
+            less = {load: getattr(record.errors[load].trusted, key, None) for load in known}
+            trusted = _together([less[load] or of for load, of in known.items()])
+            parts = {"trusted": trusted} if any(less.values()) else {}
+            yield from _model(FITTED, name, title, _together([*known.values()]), known, parts)
     if results.verdict is not None and results.verdict.effects:
         gap = results.verdict.gap.train
         regions = {"inside": gap.inside, "extrapolated": gap.outside}
@@ -119,25 +113,13 @@ def _fitted(results: ResultsBundle) -> Iterator[Errors]:
         yield from _model(FITTED, "extended", EXTENDED, gap.after, per_load, after)
 
 
-def _trusted(record: CalibrationRecord, key: str, known: Mapping[str, Accuracy]) -> Accuracy | None:
-    """Return errors before or after without suspected outliers; None where there is none."""
-    less = {load: getattr(record.errors[load].trusted, key, None) for load in known}
-    if not any(less.values()):
-        return None
-    return _together([less[load] or each for load, each in known.items()])
-
-
 def _held_out(results: ResultsBundle) -> Iterator[Errors]:
-    if results.held_out is None:
-        return
-    for name, model in results.held_out.models.items():
-        title = model_title(name, results, results.held_out.models)
+    models = {} if results.held_out is None else results.held_out.models
+    for name, model in models.items():
+        title = model_title(name, results, models)
         if title is not None:
-            parts = {
-                "inside": model.inside,
-                "extrapolated": model.outside,
-                "trusted": model.trusted,
-            }
+            parts = {"inside": model.inside, "extrapolated": model.outside}
+            parts |= {"trusted": model.trusted}
             known = {part: of for part, of in parts.items() if of is not None}
             yield from _model(HELD_OUT, name, title, model, model.per_load, known)
 

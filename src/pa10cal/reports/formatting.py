@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from pa10cal.arm.statics import reported_name
-from pa10cal.results.evaluation import EffectParameter, Parameter
+from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.record import HALF_WIDTH_95, EffectName
 
 # Numbers with units and intervals.
@@ -41,11 +42,6 @@ def mm(value: float | None) -> str:
 def deg(value: float | None) -> str:
     """Return an angle in degrees, four decimals."""
     return NOT_KNOWN if value is None else f"{value:.4f}"
-
-
-def figures(value: float | None, count: int) -> float:
-    """Return a number with so many significant figures, nan for None."""
-    return math.nan if value is None else float(f"{value:.{count}g}")
 
 
 def with_half_width(value: float, half: float) -> str:
@@ -98,15 +94,24 @@ def listed(names: Iterable[str], nothing: str = "none") -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def parameters(names: Iterable[str]) -> str:
-    """Return parameters' names as readers see them, as a list within a sentence."""
-    return listed(map(written, names))
-
-
 def sentence(text: str) -> str:
     """Return a text that begins with a capital and ends with a full stop."""
     text = text.strip().removesuffix(".")
     return f"{text[:1].upper()}{text[1:]}." if text else ""
+
+
+#: Where a sentence ends: not after an initial, nor within `Fig. 4` or a name of a file.
+_SENTENCE_END = re.compile(r"(?<=[a-z\d)\]][a-z\d)\]][.;])\s+(?=[A-Z])")
+
+
+def first_sentences(text: str, most: int) -> str:
+    """Return the sentences at the beginning of a text that have so many letters; the first one."""
+    first, *others = _SENTENCE_END.split(text)
+    for other in others:
+        if len(first) + 1 + len(other) > most:
+            break
+        first = f"{first} {other}"
+    return first
 
 
 def count(number: int, one: str, many: str | None = None) -> str:
@@ -119,64 +124,40 @@ def count(number: int, one: str, many: str | None = None) -> str:
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
-@dataclass(frozen=True)
-class Kind:
+class Kind(NamedTuple):
     """Parameters of one kind, one a joint."""
 
-    key: str  # begins their names in results
-    symbol: str  # as the paper writes it
+    symbol: str  # as the paper writes it; of a spring the name in results
     unit: str  # to show them in
     scale: float  # from the unit of results to the unit shown
     digits: str  # format of a value in that unit
 
-    def name(self, joint: int) -> str:
-        """Return the name in results."""
-        return f"{self.key}_{joint}"
 
-    def written(self, joint: int) -> str:
-        """Return the symbol with the joint as its index; of a spring the name in results."""
-        if self.symbol == self.key:
-            return self.name(joint)
-        return self.symbol + str(joint).translate(_SUBSCRIPTS)
-
-
-K_LIN = Kind("K_lin", "K_lin", "kN m/rad", 1e-3, ".2f")
-K_CUB = Kind("K_cub", "K_cub", "MN m/rad³", 1e-6, ".1f")
-KINDS = (
-    Kind("delta_a", "δa", "mm", 1e3, ".3f"),
-    Kind("delta_alpha", "δα", "mrad", 1e3, ".3f"),
-    Kind("delta_d", "δd", "mm", 1e3, ".3f"),
-    Kind("delta_beta", "δβ", "mrad", 1e3, ".3f"),
-    Kind("delta_theta", "δθ", "mrad", 1e3, ".3f"),
-    K_LIN,
-    K_CUB,
-)
+#: By what begins their names in results.
+KINDS = {
+    "delta_a": Kind("δa", "mm", 1e3, ".3f"),
+    "delta_alpha": Kind("δα", "mrad", 1e3, ".3f"),
+    "delta_d": Kind("δd", "mm", 1e3, ".3f"),
+    "delta_beta": Kind("δβ", "mrad", 1e3, ".3f"),
+    "delta_theta": Kind("δθ", "mrad", 1e3, ".3f"),
+    "K_lin": Kind("K_lin", "kN m/rad", 1e-3, ".2f"),
+    "K_cub": Kind("K_cub", "MN m/rad³", 1e-6, ".1f"),
+}
 #: The base frame: the instrument's origin in it, and the turns to the instrument's axes.
 _FRAME = {f"base_p_cmm_{axis}": f"p_{axis}" for axis in "xyz"}
 _FRAME |= {f"gamma_{axis}": f"γ_{axis}" for axis in "xyz"}
-
-
-def joints_of(kind: Kind, names: list[str]) -> list[int]:
-    """Return the joints that have a parameter of a kind, in order."""
-    begin = f"{kind.key}_"
-    return sorted(int(name.removeprefix(begin)) for name in names if name.startswith(begin))
 
 
 def written(name: str) -> str:
     """Return a parameter's name as readers see it: `δa₂`, `K_lin_2`, `tool x`."""
     name = reported_name(name)
     key, _, joint = name.rpartition("_")
-    for kind in KINDS:
-        if kind.key == key and joint.isdigit():
-            return kind.written(int(joint))
+    if key in KINDS and joint.isdigit():
+        symbol = KINDS[key].symbol
+        return name if symbol == key else symbol + joint.translate(_SUBSCRIPTS)
     return _FRAME.get(name, name.replace("_", " "))
 
 
 def written_load(load: str) -> str:
     """Return a load such as `22N`, as results name it, as readers see it: `22 N`."""
     return f"{load.removesuffix('N')} N"
-
-
-def std_of(parameter: Parameter) -> float:
-    """Return the standard uncertainty of a parameter, nan where there is none."""
-    return math.nan if parameter.std is None else parameter.std

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from textwrap import shorten
 
 import numpy as np
-import pandas as pd
 
-from pa10cal.campaign.description import CampaignDescription
-from pa10cal.reports import blocks
-from pa10cal.reports.formatting import count, listed, mm, sentence
+from pa10cal.reports.blocks import (
+    Beside,
+    Block,
+    Callout,
+    Code,
+    Facts,
+    Folded,
+    Items,
+    Paragraph,
+    grid,
+)
+from pa10cal.reports.formatting import count, first_sentences, listed, mm, sentence
 from pa10cal.reports.pictures import motion_drawing
 from pa10cal.reports.results_bundle import MODEL, POSES, ResultsBundle
 from pa10cal.results.health import UNRESERVED
 
 #: Characters that a line of a fact holds.
 _ONE_LINE = 90
-#: Where a sentence ends: not after an initial, nor within `Fig. 4` or a name of a file.
-_SENTENCE = re.compile(r"(?<=[a-z\d)\]][a-z\d)\]][.;])\s+(?=[A-Z])")
 _KINDS = {
     "grid": "to fit",
     "holdout": "held out",
@@ -38,73 +43,68 @@ _FRAMES = {
 _NOT_SOUGHT = "; rows give an order alone, and no step, drift or wander is sought"
 
 
-def measured(results: ResultsBundle) -> Iterator[blocks.Block]:
+def measured(results: ResultsBundle) -> Iterator[Block]:
     """Yield what was measured, and where the data come from."""
-    yield blocks.Facts(tuple(_facts(results)))
-    words = _provenance(results)
-    if words is not None and _in_one_line(words) != words:
-        told = (blocks.Paragraph(sentence(words)),)
-        yield blocks.Folded("Where the data come from, in the campaign's own words", told)
-    if results.poses is None:
-        yield blocks.Callout("missing", results.why_absent(POSES))
+    facts, poses, frame = [("Campaign", results.campaign)], results.poses, results.base_frame
+    words = None if results.provenance is None else " ".join(results.provenance.split())
+    line = words
+    if words is not None:
+        line = first_sentences(words, _ONE_LINE)
+        if not _ONE_LINE / 2 < len(line) <= _ONE_LINE:
+            line = shorten(words, _ONE_LINE, placeholder=" …")
+        kind = "Synthetic data. " if results.synthetic else ""
+        end = "" if line.endswith((".", "…")) else "."
+        origin = f"{kind}In the campaign's own words: {line}{end}"
+        facts.append(("Where the data come from", origin))
+    facts += [("Arm", _arm(results)), ("Instrument", _instrument(results))]
+    if poses is not None:
+        facts.append(("Duration", _duration(results)))
+        if "motion_x_mm" in poses:
+            facts.append(("Targets on the base", _base_motion(results)))
+        warm = poses["temperature_C"].dropna()
+        if len(warm):
+            facts.append(("Temperature", f"{warm.min():.1f} to {warm.max():.1f} °C"))
+    if frame is not None:
+        scatter = f"positions scatter by {frame.origin_scatter_mm:.3f} mm about it"
+        method = _FRAMES.get(frame.method, frame.method)
+        facts.append(("Base frame found from", f"{method}; {scatter}"))
+    yield Facts(tuple(facts))
+    if words is not None and line != words:
+        title = "Where the data come from, in the campaign's own words"
+        yield Folded(title, (Paragraph(sentence(words)),))
+    if poses is None:
+        yield Callout("missing", results.why_absent(POSES))
         return
-    yield blocks.grid(
+    rows = []
+    for kind, use_of in _KINDS.items():
+        for load_N, at in poses[poses["kind"] == kind].groupby("load_N"):
+            repeats = at.groupby("pose").size()
+            least, most = repeats.min(), repeats.max()
+            span = str(most) if least == most else f"{least} to {most}"
+            rows.append((use_of, f"{load_N:g}", str(len(repeats)), str(len(at)), span))
+    yield grid(
         "Measured configurations. A configuration is a pose at a load.",
         ("used", "load [N]", "poses", "readings", "readings of a configuration"),
-        _counts(results.poses),
+        rows,
         numbers=(1, 2, 3),
     )
-    if "motion_x_mm" in results.poses and results.motion is not None:
+    if "motion_x_mm" in poses and results.motion is not None:
         kinds = ("shift", "turn") if results.motion.turns else ("shift",)
-        knocks_s = [each.time_s for each in results.motion.knocked]
-        yield blocks.Beside(tuple(motion_drawing(results.poses, word, knocks_s) for word in kinds))
-        if knocks_s:
-            yield blocks.Items(tuple(sentence(str(each)) for each in results.motion.knocked))
+        knocks = results.motion.knocked
+        at_s = [knock.time_s for knock in knocks]
+        yield Beside(tuple(motion_drawing(poses, word, at_s) for word in kinds))
+        if knocks:
+            yield Items(tuple(sentence(str(knock)) for knock in knocks))
     if results.quarantined:
         reasons = listed(f"{number} × {reason}" for reason, number in results.quarantined.items())
         total = count(sum(results.quarantined.values()), "raw row")
-        yield blocks.Callout("note", f"{total} not used, see ingest/quarantine.csv: {reasons}.")
+        yield Callout("note", f"{total} not used, see ingest/quarantine.csv: {reasons}.")
 
 
-def _facts(results: ResultsBundle) -> Iterator[tuple[str, str]]:
-    yield "Campaign", results.campaign
-    words = _provenance(results)
-    if words is not None:
-        kind = "Synthetic data. " if results.synthetic else ""
-        told = f"{kind}In the campaign's own words: {_in_one_line(words)}"
-        yield "Where the data come from", told if told.endswith((".", "…")) else f"{told}."
-    yield "Arm", _arm(results)
-    yield "Instrument", _instrument(results)
-    if results.poses is not None:
-        yield "Duration", _duration(results.poses, results.description)
-        if "motion_x_mm" in results.poses:
-            yield "Targets on the base", _base_motion(results.poses)
-        warm = results.poses["temperature_C"].dropna()
-        if len(warm):
-            yield "Temperature", f"{warm.min():.1f} to {warm.max():.1f} °C"
-    if (frame := results.base_frame) is not None:
-        scatter = f"positions scatter by {frame.origin_scatter_mm:.3f} mm about it"
-        yield "Base frame found from", f"{_FRAMES.get(frame.method, frame.method)}; {scatter}"
-
-
-def _provenance(results: ResultsBundle) -> str | None:
-    return None if results.provenance is None else " ".join(results.provenance.split())
-
-
-def _in_one_line(words: str) -> str:
-    """Return the sentences that fill one line; where they do not, the beginning of the text."""
-    first, *others = _SENTENCE.split(words)
-    for each in others:
-        if len(first) + len(each) >= _ONE_LINE:
-            break
-        first = f"{first} {each}"
-    whole = _ONE_LINE / 2 < len(first) <= _ONE_LINE
-    return first if whole else shorten(words, _ONE_LINE, placeholder=" …")
-
-
-def _base_motion(poses: pd.DataFrame) -> str:
+def _base_motion(results: ResultsBundle) -> str:
+    assert results.poses is not None
     shift, turn = (
-        np.linalg.norm(poses[[f"motion_{name}" for name in names]].to_numpy(), axis=1).max()
+        np.linalg.norm(results.poses[[f"motion_{name}" for name in names]], axis=1).max()
         for names in (("x_mm", "y_mm", "z_mm"), ("rx_rad", "ry_rad", "rz_rad"))
     )
     if not shift:
@@ -116,7 +116,9 @@ def _base_motion(poses: pd.DataFrame) -> str:
     )
 
 
-def _duration(poses: pd.DataFrame, description: CampaignDescription | None) -> str:
+def _duration(results: ResultsBundle) -> str:
+    poses, description = results.poses, results.description
+    assert poses is not None
     own = None if description is None else description.columns
     no_column = own is not None and own.poses is not None and own.poses.time is None
     if no_column or (description is not None and not description.time_recorded):
@@ -145,19 +147,10 @@ def _instrument(results: ResultsBundle) -> str:
         stated = f"; stated standard uncertainty {uncertainty:g} mm along each axis"
     elif results.calibration is not None:
         repeats = results.calibration.health.repeats
-        stated_m = [each.stated for each in repeats if not each.kind.startswith("attitude")]
+        stated_m = [of.stated for of in repeats if not of.kind.startswith("attitude")]
         if stated_m:
             stated = f"; stated standard uncertainty of a reading {mm(1e3 * stated_m[0])} mm"
     return f"{'not known' if results.words is None else results.words.instrument}{stated}"
-
-
-def _counts(poses: pd.DataFrame) -> Iterator[tuple[str, ...]]:
-    for kind, words in _KINDS.items():
-        for load_N, at in poses[poses["kind"] == kind].groupby("load_N"):
-            repeats = at.groupby("pose").size()
-            least, most = repeats.min(), repeats.max()
-            span = str(most) if least == most else f"{least} to {most}"
-            yield words, f"{load_N:g}", str(len(repeats)), str(len(at)), span
 
 
 # How to use the model: where it is, and what to type.
@@ -172,39 +165,39 @@ _FILES = {
     "discovery/suggested_poses.csv": "poses to measure next",
     "ingest/quarantine.csv": "raw rows that are not used, with the reason",
     "figures": "figures as SVG, PDF and PNG",
-    "tables": "tables as CSV, Markdown and HTML",
+    "tables": "tables as CSV and Markdown",
 }
+_COMMAND = "pa10cal {} --model " + MODEL + " \\\n  --{} {}.csv --out {}.csv --frame tool"
 
 
-def use(results: ResultsBundle) -> Iterator[blocks.Block]:
+def use(results: ResultsBundle) -> Iterator[Block]:
     """Yield what to type to predict and to compensate."""
     if results.model is None:
-        yield blocks.Callout("missing", results.why_absent(MODEL))
+        yield Callout("missing", results.why_absent(MODEL))
     else:
         grade = None if results.calibration is None else results.calibration.health.grade
-        doubtful = grade is not None and grade not in UNRESERVED
-        if doubtful:
-            yield blocks.Callout(
+        if grade is not None and grade not in UNRESERVED:
+            yield Callout(
                 "warning",
                 f"The calibration is graded {grade}. The commands refuse its model without "
                 "--force: mend the input first.",
             )
-        yield blocks.Paragraph(
+        yield Paragraph(
             f"Run the commands in the folder of these results, {results.folder.absolute().name}: "
             "the paths below begin there. Poses are in the robot's base frame. Angles are in "
             "degrees."
         )
-        yield blocks.Code("Where is the tool at these joint positions?", _command("predict"))
-        yield blocks.Code(
-            "Which joint positions bring the tool to these poses?", _command("compensate")
-        )
-        yield blocks.Code(
+        predict = _COMMAND.format("predict", "joints", "joints", "poses")
+        yield Code("Where is the tool at these joint positions?", predict)
+        compensate = _COMMAND.format("compensate", "targets", "targets", "commands")
+        yield Code("Which joint positions bring the tool to these poses?", compensate)
+        yield Code(
             "From Python",
             "import pa10cal\n\n"
             f'model = pa10cal.load_model("{MODEL}")\n'
             'found = model.predict(q_rad, frame="tool")  # found.T [m], found.u_mm, found.inside',
         )
-        yield blocks.Items(
+        yield Items(
             (
                 "joints.csv: id,q1_deg,…,load_N; a row for each pose to predict.",
                 "targets.csv: id,x_mm,y_mm,z_mm,qw,qx,qy,qz; a row for each pose to reach.",
@@ -213,11 +206,4 @@ def use(results: ResultsBundle) -> Iterator[blocks.Block]:
         )
     rows = [(file, what) for file, what in _FILES.items() if (results.folder / file).exists()]
     if rows:
-        yield blocks.grid("Files of this campaign", ("file", "holds"), rows)
-
-
-def _command(name: str) -> str:
-    given, out = {"predict": ("joints", "poses"), "compensate": ("targets", "commands")}[name]
-    return (
-        f"pa10cal {name} --model {MODEL} \\\n  --{given} {given}.csv --out {out}.csv --frame tool"
-    )
+        yield grid("Files of this campaign", ("file", "holds"), rows)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
-from pa10cal.reports.blocks import Block, Callout, Grid, Items, Paragraph, grid
+from pa10cal.reports.blocks import Beside, Block, Callout, Items, Paragraph, grid
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     listed,
@@ -15,6 +15,7 @@ from pa10cal.reports.formatting import (
     sized,
     unbroken,
 )
+from pa10cal.reports.pictures import campaigns_drawings, joint_map_drawings
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.explained import ProposedFormula, percent
@@ -33,6 +34,33 @@ _MEANINGS = {
 }
 #: Of more parameters only a summary is shown.
 _MOST_PARAMETERS = 6
+
+
+def errors_by_angle(results: ResultsBundle) -> Iterator[Block]:
+    """Yield the error of each joint over its angle, where one was found."""
+    if results.verdict is None:
+        return
+    if maps := tuple(joint_map_drawings(results.verdict)):
+        yield Paragraph(
+            "Errors that depend on a joint angle, as discovery found them: the position error of "
+            "each joint over a whole turn, with a 95 % band from the uncertainty of the knots. A "
+            "constant over the measured angles can hardly be separated from the joint zero or the "
+            "base and widens the band equally at all knots. Shaded: angles without fitted poses, "
+            "where the line is a smooth continuation of its neighbours and the model extrapolates. "
+            "A map shows at which joint an error is and how it depends on the angle, not whether "
+            "encoder, gear or controller causes it. Joints without a map showed no need of one."
+        )
+        yield Beside(maps)
+    if campaigns := tuple(campaigns_drawings(results.verdict)):
+        yield Paragraph(
+            "One robot, several campaigns: the same errors as each campaign alone has them, where "
+            "it has poses, less the mean over the angles that all visited, or else its own. Where "
+            "campaigns lie on top of each other the error belongs to the robot. Below each joint: "
+            "the correlation r of the campaigns with its 95 % interval, and α, the share of the "
+            "error that the joint's motor followed, with its 95 % interval, where the motor's own "
+            "ripple shows it: 0 if the gear makes the error, 1 if the sensor does."
+        )
+        yield Beside(campaigns)
 
 
 def grade(results: ResultsBundle) -> Iterator[Block]:
@@ -57,10 +85,7 @@ def grade(results: ResultsBundle) -> Iterator[Block]:
         yield grid(
             "What is probably wrong in the input",
             ("where", "what", "what to do", "would leave [mm rms]"),
-            [
-                (each.where, each.what, each.remedy, mm(each.would_leave_mm))
-                for each in health.findings
-            ],
+            [(f.where, f.what, f.remedy, mm(f.would_leave_mm)) for f in health.findings],
             numbers=(3,),
         )
 
@@ -84,11 +109,14 @@ def verdict(results: ResultsBundle) -> Iterator[Block]:
         if lead.sentences:
             yield Items(lead.sentences)
     yield Paragraph(verdict_sentence(record), lead=lead is None)
-    faults, effects, no_name, proposed = verdict_grids(record, formulas_of(results))
     if record.faults:
-        yield faults
+        yield grid(
+            "Faults of the log",
+            ("fault", "where", "what", "what to do"),
+            [(f.kind.replace("_", " "), f.where, f.what, f.remedy) for f in record.faults],
+        )
     if record.effects:
-        yield effects
+        yield _effects_grid(results, record)
     if record.verdict in _MEANINGS:
         yield Paragraph(_MEANINGS[record.verdict])
     if record.unexplained is not None:
@@ -96,9 +124,24 @@ def verdict(results: ResultsBundle) -> Iterator[Block]:
         if lead is not None:
             part = f"{percent(lead.without_a_name)} of the error beyond noise"
         yield Callout("warning", f"{part} has no name.")
-        yield no_name
+        places = record.unexplained.all
+        rows = [(place.of or "place not known", sentence(place.why)) for place in places]
+        yield grid("Unexplained: a gap without a name", ("at", "why"), rows)
     if record.proposed:
-        yield proposed
+        yield grid(
+            "Formulas proposed for it: they do as well, and name nothing",
+            ("at", "formula", "size", "does as well as", "takes away of the squared error"),
+            [
+                (
+                    unbroken(formula.of.replace("_", " ")),
+                    formula.formula,
+                    _size(formula),
+                    listed(map(named, formula.does_as_well_as), "noise alone"),
+                    f"{100 * formula.gain:.0f} %",
+                )
+                for formula in record.proposed
+            ],
+        )
     if record.falls_back is not None:
         yield Callout(
             "note",
@@ -107,74 +150,35 @@ def verdict(results: ResultsBundle) -> Iterator[Block]:
         )
 
 
-def verdict_grids(
-    record: VerdictRecord, formulas: Mapping[tuple[str, str], str]
-) -> tuple[Grid, Grid, Grid, Grid]:
-    """Return faults of the log, effects, what has no name and formulas proposed for it.
-
-    Args:
-        record: the verdict.
-        formulas: what effects add, by id and place.
-    """
-    no_name = () if record.unexplained is None else record.unexplained.all
-    taken: tuple[str, ...] = ()
+def _effects_grid(results: ResultsBundle, record: VerdictRecord) -> Block:
+    """Return the effects found: formula from the fitted model, and what each takes away."""
+    terms = results.extended.fitted_model.get("terms") if results.extended is not None else None
+    formulas = {
+        (str(term["id"]), str(term["of"])): str(term["formula"])
+        for term in (terms if isinstance(terms, list) else [])
+        if isinstance(term, dict) and {"id", "of", "formula"} <= term.keys()
+    }
+    header: tuple[str, ...] = ("effect", "at", "size", "what it adds", "could also be")
+    takes: dict[tuple[str, str], tuple[str, str]] = {}
     if (explained := record.explained) is not None:
-        taken = (f"takes away, over {explained.over} [mm rms]", "of the error beyond noise")
-    return (
-        grid(
-            "Faults of the log",
-            ("fault", "where", "what", "what to do"),
-            [
-                (each.kind.replace("_", " "), each.where, each.what, each.remedy)
-                for each in record.faults
-            ],
-        ),
-        grid(
-            "Effects, those that take most away first, with 95 % intervals",
-            ("effect", "at", "size", "what it adds", "could also be", *taken),
-            [
-                (
-                    each.id.replace("_", " "),
-                    unbroken(each.of.replace("_", " ")),
-                    _size(each),
-                    formulas.get((each.id, each.of), NOT_KNOWN),
-                    listed(map(named, each.alternatives), "nothing else"),
-                    *_taken(record, each),
-                )
-                for each in record.effects_by_share
-            ],
-        ),
-        grid(
-            "Unexplained: a gap without a name",
-            ("at", "why"),
-            [(place.of or "place not known", sentence(place.why)) for place in no_name],
-        ),
-        grid(
-            "Formulas proposed for it: they do as well, and name nothing",
-            ("at", "formula", "size", "does as well as", "takes away of the squared error"),
-            [
-                (
-                    unbroken(each.of.replace("_", " ")),
-                    each.formula,
-                    _size(each),
-                    listed(map(named, each.does_as_well_as), "noise alone"),
-                    f"{100 * each.gain:.0f} %",
-                )
-                for each in record.proposed or ()
-            ],
-        ),
-    )
-
-
-def _taken(record: VerdictRecord, effect: FoundEffect) -> tuple[str, ...]:
-    """Return what an effect takes away, and its share, where that is known."""
-    if record.explained is None:
-        return ()
-    for each in record.explained.of:
-        if (each.ids[0], each.of) == (effect.id, effect.of):
-            fall = unbroken(f"{mm(each.before_mm)} → {mm(each.after_mm)}")
-            return (fall, unbroken(percent(each.share)))
-    return (NOT_KNOWN, NOT_KNOWN)
+        header += (f"takes away, over {explained.over} [mm rms]", "of the error beyond noise")
+        for part in explained.of:
+            fall = unbroken(f"{mm(part.before_mm)} → {mm(part.after_mm)}")
+            takes.setdefault((part.ids[0], part.of), (fall, unbroken(percent(part.share))))
+    rows = []
+    for effect in record.effects_by_share:
+        key = (effect.id, effect.of)
+        row = (
+            effect.id.replace("_", " "),
+            unbroken(effect.of.replace("_", " ")),
+            _size(effect),
+            formulas.get(key, NOT_KNOWN),
+            listed(map(named, effect.alternatives), "nothing else"),
+        )
+        taken = takes.get(key, (NOT_KNOWN, NOT_KNOWN)) if explained is not None else ()
+        rows.append((*row, *taken))
+    title = "Effects, those that take most away first, with 95 % intervals"
+    return grid(title, header, rows)
 
 
 def verdict_glance(record: VerdictRecord) -> tuple[str, str]:
@@ -198,7 +202,9 @@ def verdict_sentence(record: VerdictRecord) -> str:
     if record.verdict == "not_sought":
         return f"Effects were not sought: {sentence(record.why or 'not known why')}"
     if record.verdict == "check_the_log":
-        faults = listed(f"{each.kind.replace('_', ' ')} ({each.where})" for each in record.faults)
+        faults = listed(
+            f"{fault.kind.replace('_', ' ')} ({fault.where})" for fault in record.faults
+        )
         besides = f" Whatever becomes of that, {lacks[0].lower()}{lacks[1:]}"
         return f"Check the log first: {faults}.{besides if record.effects else ''}"
     if record.verdict == "unexplained":
@@ -211,35 +217,23 @@ def verdict_sentence(record: VerdictRecord) -> str:
 def _together(effects: tuple[FoundEffect, ...]) -> str:
     """Return effects as a list within a sentence, those of one kind at several joints as one."""
     joints: dict[str, list[str]] = {}
-    for each in effects:
-        if each.of.startswith("joint ") and not each.alternatives:
-            joints.setdefault(each.id, []).append(each.of.removeprefix("joint "))
-    told = []
-    for each in effects:
-        at = joints.get(each.id, [])
-        if len(at) < 2 or each.alternatives or not each.of.startswith("joint "):
-            told.append(" or ".join(map(named, (each, *each.alternatives))))
-        elif each.of == f"joint {at[0]}":
-            told.append(f"{each.id.replace('_', ' ')} at joints {listed(sorted(at, key=int))}")
-    return ", and ".join(told) if len(told) == 2 and "and" in told[0] else listed(told)
+    for effect in effects:
+        if effect.of.startswith("joint ") and not effect.alternatives:
+            joints.setdefault(effect.id, []).append(effect.of.removeprefix("joint "))
+    names = []
+    for effect in effects:
+        at = joints.get(effect.id, [])
+        if len(at) < 2 or effect.alternatives or not effect.of.startswith("joint "):
+            names.append(" or ".join(map(named, (effect, *effect.alternatives))))
+        elif effect.of == f"joint {at[0]}":
+            names.append(f"{effect.id.replace('_', ' ')} at joints {listed(sorted(at, key=int))}")
+    return ", and ".join(names) if len(names) == 2 and "and" in names[0] else listed(names)
 
 
 def _size(effect: NamedEffect | ProposedFormula) -> str:
     if len(effect.parameters) > _MOST_PARAMETERS:
-        values = [each.value for each in effect.parameters.values()]
+        values = [parameter.value for parameter in effect.parameters.values()]
         unit, scale = shown_in(next(iter(effect.parameters.values())).unit)
         rms = scale * (sum(value**2 for value in values) / len(values)) ** 0.5
         return unbroken(f"{len(values)} values, rms {rms:.3g} {unit}")
-    return "; ".join(f"{name} = {sized(each)}" for name, each in effect.parameters.items())
-
-
-def formulas_of(results: ResultsBundle) -> dict[tuple[str, str], str]:
-    """Return formulas of terms, as the fitted model states them, by id and place."""
-    terms = results.extended.fitted_model.get("terms") if results.extended is not None else None
-    if not isinstance(terms, list):
-        return {}
-    return {
-        (str(term["id"]), str(term["of"])): str(term["formula"])
-        for term in terms
-        if isinstance(term, dict) and {"id", "of", "formula"} <= term.keys()
-    }
+    return "; ".join(f"{name} = {sized(value)}" for name, value in effect.parameters.items())

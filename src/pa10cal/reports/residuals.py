@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
 from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Paragraph, grid
-from pa10cal.reports.formatting import mm
+from pa10cal.reports.formatting import mm, sentence
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.theme import BLUE, VERMILLION, new_space
 
 #: The longest line is this part of what the positions span.
 _LONGEST_PART = 0.25
-_STEPS = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
+_STEPS = np.array([1.0, 1.5, 2.0, 3.0, 5.0, 7.0])
 #: Of more configurations of a kind an even selection is drawn.
 _MOST_LINES = 300
 _MOST_ROWS = 8
@@ -24,6 +24,7 @@ _MOST_ROWS = 8
 _CROWD = 150
 _MARGIN_MM = 10.0
 _LOOKS = {"fitted": (BLUE, "circle"), "held out": (VERMILLION, "diamond")}
+_BEFORE, _AFTER = "calibrated", "with the effects found"
 
 
 @dataclass(frozen=True)
@@ -34,18 +35,24 @@ class _Field:
     label: NDArray[np.str_]  # (N,) labels of the poses
     load_N: Array
     place_mm: Array  # (N, 3) where they are
-    # (N, 3) by what the model is: `calibrated`, `with the effects found`
-    residual_mm: dict[str, Array]
+    residual_mm: dict[str, Array]  # (N, 3) by what the model is: `_BEFORE`, `_AFTER`
 
 
 def residuals(results: ResultsBundle) -> Iterator[Block]:
     """Yield the residual field, before and after effects joined the model."""
-    fields = _fields(results)
+    fields = list(_fields(results))
     if not fields:
         yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    models = list(fields[0].residual_mm)
-    scale = _enlarged(fields, models[0])
+    # A round number by which the longest residual fills its part of the picture.
+    places = np.concatenate([field.place_mm for field in fields])
+    before = np.concatenate([field.residual_mm[_BEFORE] for field in fields])
+    longest = max(float(np.linalg.norm(before, axis=1).max()), 1e-9)
+    wanted = max(_LONGEST_PART * float(np.ptp(places, axis=0).max()) / longest, 1.0)
+    steps = _STEPS * 10.0 ** np.floor(np.log10(wanted))
+    scale = float(steps[steps <= wanted].max())
+    ends = np.concatenate([places, places + scale * before])
+    ranges_mm = np.stack([ends.min(axis=0) - _MARGIN_MM, ends.max(axis=0) + _MARGIN_MM], axis=1)
     words = results.words
     lines = "" if words is None else f" {words.arrows.replace('Arrows', 'Lines')}"
     yield Paragraph(
@@ -54,87 +61,67 @@ def residuals(results: ResultsBundle) -> Iterator[Block]:
         "in every picture. Lines that agree or turn steadily from place to place show an effect "
         f"that the model lacks; noise has no common direction.{lines}"
     )
-    ranges = _ranges(fields, models[0], scale)
-    drawings = tuple(_drawing(fields, model, scale, ranges) for model in models)
+    models = list(fields[0].residual_mm)
+    drawings = tuple(_drawing(fields, model, scale, ranges_mm) for model in models)
     yield Beside(drawings) if len(drawings) > 1 else drawings[0]
     last = models[-1]
+    rows = [
+        (float(np.linalg.norm(vector)), str(label), f"{load_N:g}", field.poses, vector)
+        for field in fields
+        for label, load_N, vector in zip(
+            field.label, field.load_N, field.residual_mm[last], strict=True
+        )
+    ]
+    rows.sort(key=lambda row: -row[0])
     yield grid(
         f"The largest residuals, {last} [mm]",
         ("pose", "load [N]", "poses", "x", "y", "z", "length"),
-        _largest(fields, last),
+        [(*words, *map(mm, vector), mm(length)) for length, *words, vector in rows[:_MOST_ROWS]],
         (1, 3, 4, 5, 6),
     )
 
 
-def _fields(results: ResultsBundle) -> list[_Field]:
-    before, after = "calibrated", "with the effects found"
+def _fields(results: ResultsBundle) -> Iterator[_Field]:
     if results.analysis is not None:
         gap = results.analysis.gap
         with_effects = results.verdict is not None and bool(results.verdict.effects)
-        return [
-            _Field(
-                poses,
-                rows.pose,
-                rows.load_N,
-                rows.place_mm,
-                {before: rows.before_mm, **({after: rows.after_mm} if with_effects else {})},
-            )
-            for poses, rows in (("fitted", gap.train), ("held out", gap.holdout))
-            if rows is not None and len(rows)
-        ]
-    if results.calibration is not None:
-        rows = results.calibration.residuals
-        return [_Field("fitted", rows.pose, rows.load_N, rows.place_mm, {before: rows.position_mm})]
-    return []
-
-
-def _enlarged(fields: list[_Field], model: str) -> float:
-    """Return a round number by which the longest residual fills its part of the picture."""
-    places = np.concatenate([field.place_mm for field in fields])
-    longest = max(float(np.linalg.norm(f.residual_mm[model], axis=1).max()) for f in fields)
-    wanted = _LONGEST_PART * float(np.ptp(places, axis=0).max()) / max(longest, 1e-9)
-    wanted = max(wanted, 1.0)
-    decade = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(step * decade for step in _STEPS if step * decade <= wanted))
-
-
-def _ranges(fields: list[_Field], model: str, scale: float) -> Array:
-    """Return the ends (3, 2) of axes that hold every line, the same in every picture [mm]."""
-    begins = np.concatenate([field.place_mm for field in fields])
-    ends = begins + scale * np.concatenate([field.residual_mm[model] for field in fields])
-    every = np.concatenate([begins, ends])
-    return np.stack([every.min(axis=0) - _MARGIN_MM, every.max(axis=0) + _MARGIN_MM], axis=1)
+        for poses, rows in (("fitted", gap.train), ("held out", gap.holdout)):
+            if rows is not None and len(rows):
+                after = {_AFTER: rows.after_mm} if with_effects else {}
+                residual_mm = {_BEFORE: rows.before_mm, **after}
+                yield _Field(poses, rows.pose, rows.load_N, rows.place_mm, residual_mm)
+    elif results.calibration is not None:
+        fit = results.calibration.residuals
+        residual_mm = {_BEFORE: fit.position_mm}
+        yield _Field("fitted", fit.pose, fit.load_N, fit.place_mm, residual_mm)
 
 
 def _drawing(fields: list[_Field], model: str, scale: float, ranges_mm: Array) -> Drawing:
     figure = new_space(460, ranges_mm)
     crowded = sum(len(field.label) for field in fields) > _CROWD
+    rms_of = []
     for field in fields:
         color, symbol = _LOOKS[field.poses]
-        rows = np.unique(np.linspace(0, len(field.label) - 1, _MOST_LINES).round().astype(int))
+        count = len(field.label)
+        rows = np.unique(np.linspace(0, count - 1, _MOST_LINES).round().astype(int))
         places, residual = field.place_mm[rows], field.residual_mm[model][rows]
-        ends = places + scale * residual
-        gaps = np.full_like(places, np.nan)
-        x, y, z = np.stack([places, ends, gaps], axis=1).reshape(-1, 3).round(2).T
+        # A line from each place to its end, nan between the lines.
+        lines = np.stack([places, places + scale * residual, np.full_like(places, np.nan)], axis=1)
+        xyz = dict(zip("xyz", lines.reshape(-1, 3).round(2).T, strict=True))
         figure.add_scatter3d(
-            x=_with_gaps(x),
-            y=_with_gaps(y),
-            z=_with_gaps(z),
+            **xyz,
             mode="lines",
             line={"color": color, "width": 3 if crowded else 5},
             name=f"residual, {field.poses}",
             hoverinfo="skip",
             showlegend=False,
         )
+        some = f" ({len(rows)} of {count})" if len(rows) < count else ""
         figure.add_scatter3d(
-            x=places[:, 0].round(1),
-            y=places[:, 1].round(1),
-            z=places[:, 2].round(1),
+            **dict(zip("xyz", places.round(1).T, strict=True)),
             mode="markers",
             marker={"color": color, "size": 1.8 if crowded else 2.5, "symbol": symbol},
-            name=f"{field.poses} ({len(rows)} of {len(field.label)})"
-            if len(rows) < len(field.label)
-            else field.poses,
+            name=f"{field.poses}{some}",
             text=[
                 f"{label}, {load:g} N: {np.linalg.norm(vector):.3f} mm"
                 f"<br>({vector[0]:.3f}, {vector[1]:.3f}, {vector[2]:.3f})"
@@ -144,30 +131,13 @@ def _drawing(fields: list[_Field], model: str, scale: float, ranges_mm: Array) -
             ],
             hoverinfo="text",
         )
-    rms_mm = {f.poses: np.sqrt(np.mean(np.sum(f.residual_mm[model] ** 2, axis=1))) for f in fields}
-    told = ", ".join(f"{poses} {rms:.3f} mm rms" for poses, rms in rms_mm.items())
+        rms_mm = np.sqrt(np.mean(np.sum(field.residual_mm[model] ** 2, axis=1)))
+        rms_of.append(f"{field.poses} {rms_mm:.3f} mm rms")
     shapes = "Circles: fitted; diamonds: held out. " if len(fields) > 1 else ""
     return Drawing(
         figure,
         f"Residuals, {model}",
-        f"{shapes}{told[:1].upper()}{told[1:]}. Drag to turn, point at a mark for its numbers.",
+        f"{shapes}{sentence(', '.join(rms_of))} Drag to turn, point at a mark for its numbers.",
         f"residuals-{model.replace(' ', '-')}",
         in_space=True,
     )
-
-
-def _with_gaps(values: Array) -> list[float | None]:
-    """Return values as plotly takes them, None between the lines."""
-    return [None if np.isnan(value) else float(value) for value in values]
-
-
-def _largest(fields: list[_Field], model: str) -> Iterator[tuple[str, ...]]:
-    rows = [
-        (float(np.linalg.norm(vector)), str(label), float(load), field.poses, vector)
-        for field in fields
-        for label, load, vector in zip(
-            field.label, field.load_N, field.residual_mm[model], strict=True
-        )
-    ]
-    for length, label, load, poses, vector in sorted(rows, key=lambda row: -row[0])[:_MOST_ROWS]:
-        yield label, f"{load:g}", poses, *(mm(part) for part in vector), mm(length)

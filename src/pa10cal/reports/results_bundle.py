@@ -1,4 +1,4 @@
-"""The results folder of one campaign: what it holds, and what is missing from it."""
+"""The one reader of a results folder: what it holds, what is missing, what is not to be drawn."""
 
 from __future__ import annotations
 
@@ -14,16 +14,24 @@ from typing import TYPE_CHECKING, TypeVar, cast
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_base_motion, read_pose_table
 from pa10cal.errors import RecordError, last_message
+from pa10cal.evaluation.options import PictureOptions
 from pa10cal.observe.instrument import MotionFound
 from pa10cal.observe.kinds import instrument_of
 from pa10cal.observe.quantities import Words
 from pa10cal.results.analysis import AnalysisRecord
-from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
+from pa10cal.results.calibration import (
+    BaseFrameRecord,
+    CalibrationRecord,
+    GeneralCalibrationRecord,
+    PaperCalibrationRecord,
+)
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record
 from pa10cal.results.fleet import PicturesRecord
+from pa10cal.results.health import UNRESERVED
 from pa10cal.results.record import CampaignRecord, MeasuredRecord, Record
+from pa10cal.results.studies import PlaneRecord
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,18 +40,23 @@ _R = TypeVar("_R", bound=Record)
 
 POSES = "ingest/poses.parquet"
 MODEL = "model/model.yaml"
-#: What a whole run leaves: file, command that writes it, the log of its stage.
-_STAGES = {
-    POSES: ("ingest", "ingest"),
-    BaseFrameRecord.FILE: ("seed", "base_frame"),
-    "calibration": ("calibrate", "calibrate"),
-    VerdictRecord.FILE: ("discover", "discover"),
-    AnalysisRecord.FILE: ("discover", "discover"),
-    ExtendedRecord.FILE: ("discover", "discover"),
-    HoldoutRecord.FILE: ("evaluate", "evaluate"),
-    Iso9283Record.FILE: ("evaluate", "evaluate"),
-    MODEL: ("export", "export"),
+#: The calibration of all loads, and that of the general model beside the paper's.
+COMBINED, GENERAL = "combined", "general"
+#: Between a stage and its message, where that is why a result is missing.
+REFUSED = " refused: "
+#: Beginning of the provenance of simulated data.
+_SYNTHETIC = re.compile(r"\W*(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
+#: What messages call the models, and what to do about a calibration with the other one.
+MODEL_NAMES = {"paper": "paper's model", "general": "general model"}
+_OTHER_MODEL = {
+    "paper": "draw the pictures of the general model, or calibrate with calibration.model: paper",
+    "general": "run pa10cal calibrate --load general",
 }
+
+
+def is_synthetic(provenance: str) -> bool:
+    """Return whether the words on where data come from begin by saying that they are simulated."""
+    return _SYNTHETIC.match(provenance) is not None
 
 
 def _record(kind: type[_R], file: str | None = None) -> Callable[[ResultsBundle], _R | None]:
@@ -58,12 +71,20 @@ def _record(kind: type[_R], file: str | None = None) -> Callable[[ResultsBundle]
 
 @dataclass(frozen=True)
 class ResultsBundle:
-    """The results of one campaign, each read when it is first used; what is not there is None."""
+    """The results of one campaign, each read when it is first used.
+
+    Attributes are None where a result is not there, and hold whatever grade they have: the page
+    says which. Methods are for pictures, which carry no such warning: they refuse a result that is
+    missing or rests on a calibration that did not converge or is not to be used.
+    """
 
     folder: Path  # `<results_dir>/<campaign>`
-    load_case: str = "combined"  # calibration that was evaluated: `combined`, or a load
+    load_case: str = COMBINED  # calibration that was evaluated: `combined`, or a load
     # what the campaign says of itself, where its raw files were given
     description: CampaignDescription | None = None
+    # what pictures read of the settings
+    settings: PictureOptions = field(default_factory=PictureOptions)
+    force: bool = False  # whether calibrations are drawn whatever their grade
     _records: dict[str, Record] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def read(self, kind: type[_R], file: str | None = None) -> _R:
@@ -82,28 +103,25 @@ class ResultsBundle:
     def _described(self) -> str | None:
         return None if self.description is None else self.description.name
 
-    @cached_property
-    def campaign(self) -> str:
-        """Return the name of the campaign that all results are of."""
-        names = {record.campaign for record in self.records}
-        names |= set() if self.poses is None else {str(self.poses.attrs["campaign"])}
-        names |= set() if self.description is None else {self.description.name}
-        if len(names) > 1:
-            raise RecordError(
-                "results of several campaigns in one folder",
-                where=str(self.folder),
-                value=", ".join(sorted(names)),
-                allowed="the results of one campaign, and its own raw files",
-                remedy="run pa10cal run again, into a folder of its own",
-            )
-        return names.pop() if names else self.folder.absolute().name
+    base_frame = cached_property(_record(BaseFrameRecord))  # before calibration
+    verdict = cached_property(_record(VerdictRecord))
+    analysis = cached_property(_record(AnalysisRecord))  # what the search for effects saw
+    extended = cached_property(_record(ExtendedRecord))  # the model with the effects found
+    held_out = cached_property(_record(HoldoutRecord))  # errors of held-out poses
+    iso9283 = cached_property(_record(Iso9283Record))  # accuracy and repeatability
+    pictures = cached_property(_record(PicturesRecord))  # which were drawn, with their captions
 
     @cached_property
-    def provenance(self) -> str | None:
-        """Where the data come from, in the campaign's words; None where no result says it."""
-        told = [each.provenance for each in self.records if isinstance(each, MeasuredRecord)]
-        told += [] if self.description is None else [self.description.provenance]
-        return told[0] if told else None
+    def calibration(self) -> CalibrationRecord | None:
+        """The calibration that was evaluated."""
+        return _record(CalibrationRecord, f"calibration/{self.load_case}.json")(self)
+
+    @cached_property
+    def planes(self) -> list[PlaneRecord]:
+        """The planes of the Monte Carlo, from low to high."""
+        files = (self.folder / "montecarlo").glob("z*.json")
+        planes = [self.read(PlaneRecord, f"montecarlo/{path.name}") for path in files]
+        return sorted(planes, key=lambda plane: plane.plane_mm)
 
     @cached_property
     def poses(self) -> pd.DataFrame | None:
@@ -127,37 +145,36 @@ class ResultsBundle:
         return dict(Counter(reasons).most_common())
 
     @cached_property
-    def absent(self) -> Mapping[str, str]:
-        """Why each result of a whole run that is not there is missing, and what to do about it."""
-        return {
-            file: _why_absent(self.folder, file, *stage)
-            for file, stage in _stages(self.load_case).items()
-            if not (self.folder / file).exists()
-        }
-
-    base_frame = cached_property(_record(BaseFrameRecord))  # before calibration
-    #: The general model beside the paper's.
-    general = cached_property(_record(CalibrationRecord, "calibration/general.json"))
-    verdict = cached_property(_record(VerdictRecord))
-    analysis = cached_property(_record(AnalysisRecord))  # what the search for effects saw
-    extended = cached_property(_record(ExtendedRecord))  # the model with the effects found
-    held_out = cached_property(_record(HoldoutRecord))  # errors of held-out poses
-    iso9283 = cached_property(_record(Iso9283Record))  # accuracy and repeatability
-    pictures = cached_property(_record(PicturesRecord))  # which were drawn, with their captions
-
-    @cached_property
-    def calibration(self) -> CalibrationRecord | None:
-        """The calibration that was evaluated."""
-        return _record(CalibrationRecord, f"calibration/{self.load_case}.json")(self)
-
-    @cached_property
-    def records(self) -> tuple[CampaignRecord, ...]:
-        """The records that are there."""
+    def _own_records(self) -> tuple[CampaignRecord, ...]:
+        general = _record(CalibrationRecord, f"calibration/{GENERAL}.json")(self)
         every = (
-            *(self.base_frame, self.calibration, self.general, self.verdict),
-            *(self.analysis, self.extended, self.held_out, self.iso9283),
+            *(self.base_frame, self.calibration, general, self.verdict, self.analysis),
+            *(self.extended, self.held_out, self.iso9283),
         )
         return tuple(record for record in every if record is not None)
+
+    @cached_property
+    def campaign(self) -> str:
+        """Return the name of the campaign that all results are of."""
+        names = {record.campaign for record in self._own_records}
+        names |= set() if self.poses is None else {str(self.poses.attrs["campaign"])}
+        names |= set() if self.description is None else {self.description.name}
+        if len(names) > 1:
+            raise RecordError(
+                "results of several campaigns in one folder",
+                where=str(self.folder),
+                value=", ".join(sorted(names)),
+                allowed="the results of one campaign, and its own raw files",
+                remedy="run pa10cal run again, into a folder of its own",
+            )
+        return names.pop() if names else self.folder.absolute().name
+
+    @cached_property
+    def provenance(self) -> str | None:
+        """Where the data come from, in the campaign's words; None where no result says it."""
+        words = [of.provenance for of in self._own_records if isinstance(of, MeasuredRecord)]
+        words += [] if self.description is None else [self.description.provenance]
+        return words[0] if words else None
 
     @property
     def synthetic(self) -> bool:
@@ -180,22 +197,126 @@ class ResultsBundle:
         path = self.folder / MODEL
         return path if path.exists() else None
 
+    # What is missing.
+
+    @cached_property
+    def absent(self) -> Mapping[str, str]:
+        """Why each result of a whole run that is not there is missing, and what to do about it."""
+        return {
+            file: self._why_absent(file, command, log)
+            for file, (command, log) in _stages(self.load_case).items()
+            if not (self.folder / file).exists()
+        }
+
     def why_absent(self, file: str) -> str:
         """Say why a result is not there, and what to do about it."""
         return self.absent.get(file, f"There is no {file}.")
 
+    def _why_absent(self, file: str, command: str, log: str) -> str:
+        """Say why a result is not there: what its stage refused, where its log tells."""
+        path = self.folder / f"logs/{log}.log"
+        printed = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+        if (message := last_message(printed)) is not None:
+            return f"pa10cal {command}{REFUSED}{message[1]}. Then run it again."
+        return (
+            f"There is no {file}: pa10cal {command} was not run, or did not come to its end. "
+            "pa10cal run makes it."
+        )
 
-#: Beginning of the provenance of simulated data.
-_SYNTHETIC = re.compile(r"\W*(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
+    # What pictures are drawn from.
 
+    def sound_calibration(self, load: str = COMBINED) -> CalibrationRecord:
+        """Read `calibration/<load>.json`, whatever the model.
 
-def is_synthetic(provenance: str) -> bool:
-    """Return whether the words on where data come from begin by saying that they are simulated."""
-    return _SYNTHETIC.match(provenance) is not None
+        Raises:
+            RecordError: when one of its fits did not converge, or its input is suspect.
+        """
+        name = f"calibration/{load}.json"
+        path = self.folder / name
+        found = self.read(CalibrationRecord, name)
+        if self.force:
+            return found
+        for key, fit in found.fits.items():
+            if fit.status != "converged":
+                raise RecordError(
+                    "the fit did not converge, so nothing is drawn of it",
+                    where=f"{path}: {key}" if key else str(path),
+                    value=f"{fit.status}: {fit.reason}",
+                    allowed="a calibration whose status is converged",
+                    remedy="allow more steps (calibration.max_iterations), free fewer parameters "
+                    "or measure more poses, and run pa10cal calibrate again",
+                )
+        if found.health.grade not in UNRESERVED:
+            raise RecordError(
+                f"nothing is drawn of a calibration of grade {found.health.grade}",
+                where=f"{path}: health",
+                value=found.health.line,
+                allowed="good, few_poses or incomplete",
+                remedy="follow the remedy in the line, or draw it with --force",
+            )
+        return found
+
+    def paper_calibration(self, load: str = COMBINED) -> PaperCalibrationRecord:
+        """Read `calibration/<load>.json` of the paper's model.
+
+        Raises:
+            RecordError: when it did not converge, or is of the general model.
+        """
+        return self._of_model(PaperCalibrationRecord, "paper", load)
+
+    def general_calibration(self) -> GeneralCalibrationRecord:
+        """Read the calibration of all loads with the general model.
+
+        It is `calibration/combined.json`, or stands beside that of the paper's model.
+
+        Raises:
+            RecordError: when it did not converge, or is not of the general model.
+        """
+        alone = self.sound_calibration().model == "general"
+        return self._of_model(GeneralCalibrationRecord, "general", COMBINED if alone else GENERAL)
+
+    def _of_model(self, kind: type[_R], model: str, load: str) -> _R:
+        found = self.sound_calibration(load)
+        if isinstance(found, kind):
+            return found
+        raise RecordError(
+            f"the picture is of the {MODEL_NAMES[model]}",
+            where=str(self.folder / f"calibration/{load}.json"),
+            value=f"a calibration with the {MODEL_NAMES[found.model]}",
+            allowed=f"a calibration with the {MODEL_NAMES[model]}",
+            remedy=_OTHER_MODEL[model],
+        )
+
+    def load_cases(self) -> dict[str, PaperCalibrationRecord]:
+        """Read the calibration of each single load, by its key in `errors`: `0N`, `22N`, …."""
+        return {
+            name: self.paper_calibration(name)
+            for N in self.paper_calibration().loads_fitted
+            for name in [f"{N:g}N"]
+        }
+
+    def sound_record(self, kind: type[_R]) -> _R:
+        """Read what discovery found, of a sound calibration: the evaluated one."""
+        self.sound_calibration(self.settings.evaluation.calibration)
+        return self.read(kind)
+
+    def sound_held_out(self) -> HoldoutRecord:
+        """Read errors of held-out poses, without an extended model that is the calibrated one."""
+        found = self.read(HoldoutRecord)
+        self.sound_calibration(found.calibration)
+        if self.verdict is None or self.verdict.verdict != "not_sought":
+            return found
+        models = {name: model for name, model in found.models.items() if name != "extended"}
+        return found.model_copy(update={"models": models})
+
+    def planes_of_settings(self) -> list[PlaneRecord]:
+        """Read `montecarlo/z<mm>.json` for every plane of the settings, from low to high."""
+        heights = sorted(set(self.settings.montecarlo.planes_mm))
+        return [self.read(PlaneRecord, f"montecarlo/z{height}.json") for height in heights]
 
 
 def results_bundle(
-    folder: Path, load_case: str = "combined", campaign_dir: Path | None = None
+    folder: Path, load_case: str = COMBINED, campaign_dir: Path | None = None
 ) -> ResultsBundle:
     """Return the results in a folder of one campaign.
 
@@ -222,23 +343,15 @@ def results_bundle(
 
 
 def _stages(load_case: str) -> dict[str, tuple[str, str]]:
+    """Return what a whole run leaves: file, command that writes it, the log of its stage."""
     return {
-        (f"calibration/{load_case}.json" if file == "calibration" else file): stage
-        for file, stage in _STAGES.items()
+        POSES: ("ingest", "ingest"),
+        BaseFrameRecord.FILE: ("seed", "base_frame"),
+        f"calibration/{load_case}.json": ("calibrate", "calibrate"),
+        VerdictRecord.FILE: ("discover", "discover"),
+        AnalysisRecord.FILE: ("discover", "discover"),
+        ExtendedRecord.FILE: ("discover", "discover"),
+        HoldoutRecord.FILE: ("evaluate", "evaluate"),
+        Iso9283Record.FILE: ("evaluate", "evaluate"),
+        MODEL: ("export", "export"),
     }
-
-
-#: Between a stage and its message, where that is why a result is missing.
-REFUSED = " refused: "
-
-
-def _why_absent(folder: Path, file: str, command: str, log: str) -> str:
-    """Say why a result is not there: what its stage refused, where its log tells."""
-    path = folder / f"logs/{log}.log"
-    printed = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
-    if (told := last_message(printed)) is not None:
-        return f"pa10cal {command}{REFUSED}{told[1]}. Then run it again."
-    return (
-        f"There is no {file}: pa10cal {command} was not run, or did not come to its end. "
-        "pa10cal run makes it."
-    )

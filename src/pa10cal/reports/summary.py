@@ -44,15 +44,6 @@ class CampaignSummary:
         """Return the sentence of the grade, effects and faults, a line each."""
         return (f"{self.became.grade}: {self.became.line}", *(self.became.notes or ()))
 
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """Return its row of the table."""
-        became = self.became
-        counted = self.trusted or (became.before_mm, became.after_mm)
-        before, after = ("—" if mm is None else f"{mm:.3f} mm" for mm in counted)
-        over = "; ".join(filter(None, (became.over, self.with_flagged)))
-        return (became.campaign, str(became.grade), str(became.verdict), before, after, over)
-
 
 def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
     """Read the results of a campaign.
@@ -109,38 +100,40 @@ def notes(verdict: VerdictKeys) -> tuple[str, ...]:
 
 def table(campaigns: Sequence[CampaignSummary]) -> str:
     """Return the table, and under it what to know of each campaign."""
-    rows = [_HEAD, *(each.cells for each in campaigns)]
-    widths = [max(len(row[k]) for row in rows) for k in range(len(_HEAD))]
+    rows: list[Sequence[str]] = [_HEAD]
+    for of in campaigns:
+        became = of.became
+        errors = of.trusted or (became.before_mm, became.after_mm)
+        before, after = ("—" if mm is None else f"{mm:.3f} mm" for mm in errors)
+        over = "; ".join(filter(None, (became.over, of.with_flagged)))
+        rows.append((became.campaign, str(became.grade), str(became.verdict), before, after, over))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    rows.insert(1, ["-" * width for width in widths])
     lines = [
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
         for row in rows
     ]
-    lines.insert(1, "  ".join("-" * width for width in widths))
-    told = [
-        f"{each.became.campaign}: {note}" if len(campaigns) > 1 else note
-        for each in campaigns
-        for note in each.notes
+    known = [
+        f"{of.became.campaign}: {note}" if len(campaigns) > 1 else note
+        for of in campaigns
+        for note in of.notes
     ]
-    return "\n".join((*lines, "", *told))
+    return "\n".join((*lines, "", *known))
 
 
 def paths(results: Path) -> str:
-    """Return what a campaign's folder holds, one line each."""
-    found = [
-        (title, results / name)
-        for title, name in _PATHS.items()
-        if _holds_something(results / name)
-    ]
+    """Return what a campaign's folder holds, one line each; no table without a row."""
+    found = []
+    for title, name in _PATHS.items():
+        path = results / name
+        there = path.exists()
+        if there and path.suffix == ".csv":
+            with path.open(encoding="utf-8") as file:
+                there = len(list(islice(file, 2))) > 1
+        if there:
+            found.append((title, path))
     width = max((len(title) for title, _ in found), default=0)
     return "\n".join(f"{title:<{width}}  {_short(path)}" for title, path in found)
-
-
-def _holds_something(path: Path) -> bool:
-    """Return whether a file or folder is there and, if a table, has a row below its header."""
-    if path.suffix != ".csv" or not path.exists():
-        return path.exists()
-    with path.open(encoding="utf-8") as file:
-        return len(list(islice(file, 2))) > 1
 
 
 def reports(results: Iterable[Path]) -> str:

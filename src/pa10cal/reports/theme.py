@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
+import json
+from base64 import b64encode
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,10 +38,34 @@ MODELS = {
 }
 BEFORE, AFTER, AFTER_COMBINED = VERMILLION, BLUE, SKY
 
-_GRID = "rgba(128,128,128,0.35)"
 _CLEAR = "rgba(0,0,0,0)"
-_FONT = {"family": "system-ui, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif", "size": 13}
-_AXIS = {"gridcolor": _GRID, "zerolinecolor": GREY, "linecolor": GREY, "tickcolor": GREY}
+_AXIS = {
+    "gridcolor": "rgba(128,128,128,0.35)",
+    "zerolinecolor": GREY,
+    "linecolor": GREY,
+    "tickcolor": GREY,
+    "automargin": True,
+}
+_LAYOUT: dict[str, Any] = {
+    "template": "none",
+    "autosize": True,
+    "paper_bgcolor": _CLEAR,
+    "plot_bgcolor": _CLEAR,
+    "font": {
+        "family": "system-ui, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif",
+        "size": 13,
+        "color": GREY,
+    },
+    "legend": {
+        "orientation": "h",
+        "y": 1.0,
+        "yanchor": "bottom",
+        "x": 0,
+        "bgcolor": _CLEAR,
+        "itemsizing": "constant",
+    },
+    "hoverlabel": {"font": {"size": 13}},
+}
 #: No button that leads elsewhere; only figures that can be turned have some.
 _CONFIG = {"responsive": True, "displaylogo": False, "scrollZoom": False, "displayModeBar": False}
 _CONFIG_IN_SPACE = {
@@ -57,16 +85,10 @@ def new_figure(height: int, x: dict[str, Any], y: dict[str, Any], **layout: Any)
     """
     from plotly.graph_objects import Figure  # late: half a second, and tables need none
 
-    return Figure(
-        layout={
-            **_ground(height),
-            "margin": {"l": 10, "r": 10, "t": 30, "b": 10},
-            "dragmode": False,
-            "xaxis": {**_AXIS, "automargin": True, "showline": True, "ticks": "outside", **x},
-            "yaxis": {**_AXIS, "automargin": True, **y},
-            **layout,
-        }
-    )
+    axes = {"xaxis": {**_AXIS, "showline": True, "ticks": "outside", **x}, "yaxis": {**_AXIS, **y}}
+    margin = {"l": 10, "r": 10, "t": 30, "b": 10}
+    own = {"height": height, "margin": margin, "dragmode": False, **axes, **layout}
+    return Figure(layout={**_LAYOUT, **own})
 
 
 def new_space(height: int, ranges_mm: NDArray[np.float64]) -> Any:
@@ -76,70 +98,35 @@ def new_space(height: int, ranges_mm: NDArray[np.float64]) -> Any:
         height: in pixels; the width is that of the page.
         ranges_mm: (3, 2) ends of the axes.
     """
-    axis = {
-        "gridcolor": GREY,
-        "zerolinecolor": GREY,
-        "showbackground": False,
-        "showspikes": False,
-        "color": GREY,
-        "nticks": 6,
-    }
-    scene = {
-        f"{name}axis": {**axis, "title": {"text": f"{name} [mm]"}, "range": ends.tolist()}
+    from plotly.graph_objects import Figure
+
+    look = {"gridcolor": GREY, "zerolinecolor": GREY, "color": GREY, "nticks": 6}
+    look |= {"showbackground": False, "showspikes": False}
+    scene: dict[str, Any] = {
+        f"{name}axis": {**look, "title": {"text": f"{name} [mm]"}, "range": ends.tolist()}
         for name, ends in zip("xyz", ranges_mm, strict=True)
     }
-    camera = {"eye": {"x": 1.6, "y": -1.6, "z": 1.0}, "center": {"x": 0, "y": 0, "z": -0.15}}
-    from plotly.graph_objects import Figure  # late: half a second, and tables need none
-
-    return Figure(
-        layout={
-            **_ground(height),
-            "margin": {"l": 0, "r": 0, "t": 30, "b": 0},
-            "modebar": {"bgcolor": _CLEAR, "color": GREY, "activecolor": BLUE},
-            "scene": {**scene, "aspectmode": "data", "camera": camera, "dragmode": "turntable"},
-        }
-    )
+    eye, center = {"x": 1.6, "y": -1.6, "z": 1.0}, {"x": 0, "y": 0, "z": -0.15}
+    scene |= {"aspectmode": "data", "dragmode": "turntable"}
+    scene |= {"camera": {"eye": eye, "center": center}}
+    modebar = {"bgcolor": _CLEAR, "color": GREY, "activecolor": BLUE}
+    margin = {"l": 0, "r": 0, "t": 30, "b": 0}
+    own = {"height": height, "margin": margin, "modebar": modebar, "scene": scene}
+    return Figure(layout={**_LAYOUT, **own})
 
 
-def _ground(height: int) -> dict[str, Any]:
-    return {
-        "template": "none",
-        "height": height,
-        "autosize": True,
-        "paper_bgcolor": _CLEAR,
-        "plot_bgcolor": _CLEAR,
-        "font": {**_FONT, "color": GREY},
-        "legend": {
-            "orientation": "h",
-            "y": 1.0,
-            "yanchor": "bottom",
-            "x": 0,
-            "bgcolor": _CLEAR,
-            "itemsizing": "constant",
-        },
-        "hoverlabel": {"font": {"size": 13}},
-    }
-
-
-def drawn(drawing: Drawing) -> Markup:
-    """Return a figure as it stands in the page, without the library."""
+def packed_figure(drawing: Drawing) -> Markup:
+    """Return what plotly's own code draws a figure from: JSON that stands within the page."""
     from markupsafe import Markup
 
-    return Markup(
-        drawing.figure.to_html(
-            include_plotlyjs=False,
-            full_html=False,
-            div_id=drawing.id,
-            config=_CONFIG_IN_SPACE if drawing.in_space else _CONFIG,
-            default_width="100%",
-            default_height=f"{drawing.figure.layout.height}px",
-        )
-    )
+    config = _CONFIG_IN_SPACE if drawing.in_space else _CONFIG
+    text = f'{{"config": {json.dumps(config)}, {drawing.figure.to_json()[1:]}'
+    return Markup(text.replace("</", "<\\/"))
 
 
-def library() -> Markup:
-    """Return plotly's own code, which stands in the page once."""
-    from markupsafe import Markup
+@cache
+def packed_library() -> str:
+    """Return plotly's own code, which stands in the page once, packed: a third of its size."""
     from plotly.offline import get_plotlyjs
 
-    return Markup(get_plotlyjs())
+    return b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode()

@@ -5,137 +5,133 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
-from pa10cal.reports.blocks import Block, Callout, Folded, Grid, Items, Paragraph, grid
+from pa10cal.reports.blocks import Beside, Block, Callout, Grid, Items, Paragraph, folded, grid
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     count,
     listed,
     mm,
     named,
-    parameters,
     sentence,
     written,
 )
-from pa10cal.reports.pictures import poses_drawing
+from pa10cal.reports.pictures import plane_drawings, poses_drawing
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results import discovery
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
-from pa10cal.results.health import Health
 
 
 def trust(results: ResultsBundle) -> Iterator[Block]:
     """Yield what to check before the model is relied on."""
-    if results.calibration is None:
+    case = results.calibration
+    if case is None:
         yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    yield checks_grid(results.calibration, "calibration")
-    if isinstance(results.calibration, GeneralCalibrationRecord):
-        if results.calibration.prior:
-            yield Callout("note", sentence(results.calibration.prior.line))
-        if results.calibration.suspected_outliers:
-            yield outliers_grid(results.calibration)
-    warnings = dict.fromkeys(results.calibration.warnings)
+    title = f"What the grade of the calibration stands on: {case.health.grade.replace('_', ' ')}"
+    yield grid(title, ("check", "found", "passes"), _checks(case))
+    if isinstance(case, GeneralCalibrationRecord):
+        if case.prior:
+            yield Callout("note", sentence(case.prior.line))
+        if case.suspected_outliers:
+            yield outliers_grid(case)
+    warnings = dict.fromkeys(case.warnings)
     if results.extended is not None and results.extended.named:
-        warnings |= dict.fromkeys(f"with the effects: {each}" for each in results.extended.warnings)
-    for warning in warnings:
-        if warning != results.calibration.health.line:
-            yield Callout("warning", sentence(warning))
+        warnings |= dict.fromkeys(f"with the effects: {text}" for text in results.extended.warnings)
+    warnings.pop(case.health.line, None)
+    yield from (Callout("warning", sentence(text)) for text in warnings)
     record = results.verdict
     if record is not None and record.effects:
-        yield evidence_grid(record)
+        rows = [(named(effect), _evidence(effect)) for effect in record.effects]
+        yield grid("What decided about the effects", ("effect", "evidence"), rows)
     if record is not None and record.falls_back is not None:
         yield Callout("warning", sentence(f"limits of the effects: {record.falls_back.why}"))
-    yield Items(tuple(_limits(results)))
-    seen = tuple(_seen(results))
-    if seen:
+    limits = []
+    if results.synthetic:
+        limits.append("The data are synthetic: nothing here was measured on a real robot.")
+    limits.append(
+        "Intervals hold the noise of the measurement, not effects that the model lacks; held-out "
+        "errors show how large those are."
+    )
+    heaviest_N = max(case.loads_fitted, default=0.0)
+    limits.append(
+        f"The heaviest load of the fit is {heaviest_N:g} N: beyond it is extrapolation."
+        if heaviest_N > 0.0
+        else "The fit has seen no external load: any is extrapolation."
+    )
+    limits.append(
+        "Outside the joint positions of the table below a prediction is an extrapolation; the "
+        "column inside of pa10cal predict says so row by row."
+    )
+    yield Items(tuple(limits))
+    if seen := tuple(_angles_seen(case if results.extended is None else results.extended)):
         yield grid("Joint positions that the fit has seen", ("joint", "seen", "allowed"), seen)
-
-
-def checks_grid(case: CalibrationRecord, what: str) -> Grid:
-    """Return what the grade of a calibration stands on.
-
-    Args:
-        case: the calibration.
-        what: how the caption calls it.
-    """
-    title = f"What the grade of the {what} stands on: {case.health.grade.replace('_', ' ')}"
-    return grid(title, ("check", "found", "passes"), _checks(case))
+    if results.planes:
+        yield Paragraph(
+            "Expected position error caused by resolver uncertainty over each plane of the Monte "
+            "Carlo, from the closed form, in one colour scale for all planes. The error grows with "
+            "the distance from the base, because the first joints act over a longer arm. The mean "
+            "is over the grid of the map; the picture below uses positions drawn at random in the "
+            "same plane, so the two differ a little. Only the nominal arm is used: the maps of all "
+            "campaigns of one arm are the same."
+        )
+        yield Beside(tuple(plane_drawings(results.planes)))
 
 
 def outliers_grid(case: GeneralCalibrationRecord) -> Grid:
     """Return poses far outside the scatter of the others; distances in units of the scatter."""
     rows = [
-        (each.pose, f"{each.load_N:g}", f"{each.distance:.2f}", f"{each.weight:.3f}", each.why)
-        for each in case.suspected_outliers
+        (of.pose, f"{of.load_N:g}", f"{of.distance:.2f}", f"{of.weight:.3f}", of.why)
+        for of in case.suspected_outliers
     ]
     header = ("pose", "load [N]", "distance", "weight", "why")
     return grid("Suspected outliers, in the fit with less weight", header, rows, (1, 2, 3))
 
 
-def evidence_grid(record: discovery.VerdictRecord) -> Grid:
-    """Return the statistics that decided about each effect."""
-    rows = [(named(each), _evidence(each)) for each in record.effects]
-    return grid("What decided about the effects", ("effect", "evidence"), rows)
-
-
 def _checks(case: CalibrationRecord) -> Iterator[tuple[str, str, str]]:
-    health = case.health
-    yield "the fit converged", health.ending, _passes(health.converged)
-    bounds = len(health.at_bounds)
-    at_bounds = parameters(health.at_bounds)
-    yield "no parameter at the end of its range", at_bounds, _passes(not bounds)
-    full = health.rank == health.unknowns
+    """Yield what the grade stands on: check, what was found, whether it passes."""
+    health, poses, ratio = case.health, case.health.poses, case.health.error_over_noise
+    yes_no = {True: "yes", False: "no"}
+    yield "the fit converged", health.ending, yes_no[health.converged]
+    at_bounds = listed(map(written, health.at_bounds))
+    yield "no parameter at the end of its range", at_bounds, yes_no[not len(health.at_bounds)]
     yield (
         "every parameter is determined",
         f"rank {health.rank} of {health.unknowns}, condition number {health.condition:.4g}",
-        _passes(full) if full else "no: see what is missing",
+        "yes" if health.rank == health.unknowns else "no: see what is missing",
     )
-    ratio = health.error_over_noise
-    yield (
-        "remaining error agrees with the noise",
-        NOT_KNOWN
-        if ratio is None
-        else f"{mm(health.train_rms_mm)} mm rms, {ratio:.1f} times the {case.noise_is}",
-        NOT_KNOWN if ratio is None else _passes(health.grade in ("good", "few_poses")),
-    )
-    yield "held-out poses agree with what the fit promises", *_held_out(health)
-    for each in health.repeats:
-        unit, scale = ("mrad", 1e3) if each.kind.startswith("attitude") else ("mm", 1e3)
-        agree = 1.0 / 3.0 <= each.found / each.stated <= 3.0 if each.stated else False
+    error, agrees = NOT_KNOWN, NOT_KNOWN
+    if ratio is not None:
+        error = f"{mm(health.train_rms_mm)} mm rms, {ratio:.1f} times the {case.noise_is}"
+        agrees = yes_no[health.grade in ("good", "few_poses")]
+    yield "remaining error agrees with the noise", error, agrees
+    held_out, agrees = "nothing was held out", "not tested"
+    if health.held_out_rms_mm is not None:
+        held_out = f"{mm(health.held_out_rms_mm)} mm rms; fitted {mm(health.train_rms_mm)} mm"
+        agrees = yes_no[health.held_out_over_expected is None]
+    yield "held-out poses agree with what the fit promises", held_out, agrees
+    for scatter in health.repeats:
+        unit = "mrad" if scatter.kind.startswith("attitude") else "mm"
         yield (
-            f"scatter of repeats agrees with the stated uncertainty, {each.kind}",
-            f"{scale * each.found:.4f} {unit}, stated {scale * each.stated:.4f} {unit}",
-            _passes(agree),
+            f"scatter of repeats agrees with the stated uncertainty, {scatter.kind}",
+            f"{1e3 * scatter.found:.4f} {unit}, stated {1e3 * scatter.stated:.4f} {unit}",
+            yes_no[bool(scatter.stated) and 1.0 / 3.0 <= scatter.ratio <= 3.0],
         )
-    poses = health.poses
     if poses.u_model_mm is not None:
         needed = f"more than {len(poses.d_optimal_order)}" if poses.needed is None else poses.needed
-        asked_mm = health.train_rms_mm if poses.wanted_mm is None else poses.wanted_mm
+        limit = "the remaining error" if poses.wanted_mm is None else "wanted"
+        limit_mm = health.train_rms_mm if poses.wanted_mm is None else poses.wanted_mm
         yield (
-            "expected uncertainty of a prediction is no larger than "
-            + ("the remaining error" if poses.wanted_mm is None else "wanted"),
+            f"expected uncertainty of a prediction is no larger than {limit}",
             f"{mm(poses.u_model_mm)} mm with {poses.measured} poses; {needed} well-chosen poses "
             f"reach {mm(poses.u_needed_mm)} mm",
-            _passes(poses.u_model_mm <= asked_mm),
+            yes_no[poses.u_model_mm <= limit_mm],
         )
     if isinstance(case, GeneralCalibrationRecord):
-        outliers = case.suspected_outliers
-        names = ", ".join(each.pose for each in outliers[:6])
-        yield "no suspected outlier", names or "none", _passes(not outliers)
-    agree_on = f"{case.starts_agreeing} of {case.starts}"
-    yield "starts that end in the same minimum", agree_on, ""
-
-
-def _held_out(health: Health) -> tuple[str, str]:
-    if health.held_out_rms_mm is None:
-        return "nothing was held out", "not tested"
-    told = f"{mm(health.held_out_rms_mm)} mm rms; fitted {mm(health.train_rms_mm)} mm"
-    return told, _passes(health.held_out_over_expected is None)
-
-
-def _passes(well: bool) -> str:
-    return "yes" if well else "no"
+        names = ", ".join(outlier.pose for outlier in case.suspected_outliers[:6])
+        yield "no suspected outlier", names or "none", yes_no[not case.suspected_outliers]
+    yield ("starts that end in the same minimum", f"{case.starts_agreeing} of {case.starts}", "")
 
 
 def _evidence(effect: discovery.FoundEffect) -> str:
@@ -161,49 +157,27 @@ def _evidence(effect: discovery.FoundEffect) -> str:
     )
 
 
-def _limits(results: ResultsBundle) -> Iterator[str]:
-    assert results.calibration is not None
-    if results.synthetic:
-        yield "The data are synthetic: nothing here was measured on a real robot."
-    yield (
-        "Intervals hold the noise of the measurement, not effects that the model lacks; held-out "
-        "errors show how large those are."
-    )
-    loads = results.calibration.loads_fitted
-    if max(loads, default=0.0) > 0.0:
-        yield f"The heaviest load of the fit is {max(loads):g} N: beyond it is extrapolation."
-    else:
-        yield "The fit has seen no external load: any is extrapolation."
-    yield (
-        "Outside the joint positions of the table below a prediction is an extrapolation; the "
-        "column inside of pa10cal predict says so row by row."
-    )
-
-
-def _seen(results: ResultsBundle) -> Iterator[tuple[str, str, str]]:
-    model = results.calibration if results.extended is None else results.extended
-    assert model is not None
+def _angles_seen(
+    model: CalibrationRecord | discovery.ExtendedRecord,
+) -> Iterator[tuple[str, str, str]]:
+    """Yield joint, positions that the fit has seen, and those allowed."""
     seen, arm = model.fitted_model.get("seen"), model.fitted_model.get("arm")
     rows = arm.get("rows") if isinstance(arm, dict) else None
     if not isinstance(seen, list) or not isinstance(rows, list):
         return
     for number, (joint, row) in enumerate(zip(seen, rows, strict=True), start=1):
-        if not isinstance(joint, dict) or not isinstance(row, dict):
-            continue
-        slides = bool(row.get("prismatic"))
-        unit, scale = ("mm", 1e3) if slides else ("°", 180.0 / math.pi)
-        limits = row.get("limits_m" if slides else "limits_rad")
-        yield (
-            str(number),
-            _stretches(joint.get("intervals"), scale, unit),
-            NOT_KNOWN if limits is None else _stretches([limits], scale, unit),
-        )
-
-
-def _stretches(intervals: object, scale: float, unit: str) -> str:
-    if not isinstance(intervals, list):
-        return NOT_KNOWN
-    return ", ".join(f"{scale * low:.1f} to {scale * high:.1f} {unit}" for low, high in intervals)
+        if isinstance(joint, dict) and isinstance(row, dict):
+            slides = bool(row.get("prismatic"))
+            unit, scale = ("mm", 1e3) if slides else ("°", 180.0 / math.pi)
+            limits: Any = row.get("limits_m" if slides else "limits_rad")
+            intervals: Any = joint.get("intervals")
+            seen_at, allowed = (
+                ", ".join(f"{scale * low:.1f} to {scale * high:.1f} {unit}" for low, high in each)
+                if isinstance(each, list)
+                else NOT_KNOWN
+                for each in (intervals, None if limits is None else [limits])
+            )
+            yield str(number), seen_at, allowed
 
 
 # What is missing from results and model, and what to measure next.
@@ -220,75 +194,60 @@ _OF_JOINT = re.compile(r"\bjoint (\d+)")
 
 def missing(results: ResultsBundle) -> Iterator[Block]:
     """Yield what these data do not show."""
-    for why in results.absent.values():
-        yield Callout("missing", why)
-    told = tuple(_told(results))
-    if told:
-        yield Items(told)
-    if results.calibration is not None and results.calibration.health.correlated_pairs:
-        yield _folded(pairs_grid(results.calibration.health), "pair")
-    record = results.verdict
+    yield from (Callout("missing", why) for why in results.absent.values())
+    case, record = results.calibration, results.verdict
+    texts, tables = [], []
+    if case is not None:
+        if case.health.not_identifiable:
+            names = listed(map(written, case.health.not_identifiable))
+            texts.append(f"Not identifiable from these poses: {names}.")
+        if not case.health.repeats:
+            texts.append("No pose is repeated often enough to know how readings scatter.")
+        if not case.torques_logged:
+            texts.append(
+                "Joint torques were not logged: springs use those of the described masses."
+            )
+        if case.health.correlated_pairs:
+            title = "Parameters that these poses can hardly separate"
+            rows = [
+                (*map(written, pair.parameters), f"{pair.correlation:+.3f}")
+                for pair in case.health.correlated_pairs
+            ]
+            tables.append((grid(title, ("parameter", "and", "correlation"), rows, (2,)), "pair"))
     if record is not None:
-        yield from (_folded(each, "effect") for each in hidden_grids(record))
-    if not (results.absent or told or (record is not None and record.not_testable)):
+        if record.verdict == "not_sought":
+            texts.append(f"Effects were not sought. {sentence(record.remedy or '')}")
+        for title, entries in (
+            ("These data cannot show some effects", record.not_testable),
+            (
+                "Effects that were sought, but are likely to be missed at their plausible size",
+                record.below_detection_limit,
+            ),
+        ):
+            if entries:
+                table = grid(title, ("effect", "of", "why"), _by_effect(entries))
+                tables.append((table, "effect"))
+        if record.indistinguishable:
+            groups = [(listed(each.words for each in group),) for group in record.indistinguishable]
+            table = grid("Effects that these poses cannot separate", ("group",), groups)
+            tables.append((table, "effect"))
+    if texts:
+        yield Items(tuple(texts))
+    for table, row in tables:
+        yield folded(table, f"{table.caption} ({count(len(table.rows), row)})")
+    if not (results.absent or texts or (record is not None and record.not_testable)):
         yield Paragraph("Nothing is missing that these data could have shown.")
-
-
-def _told(results: ResultsBundle) -> Iterator[str]:
-    if results.calibration is not None:
-        health = results.calibration.health
-        if health.not_identifiable:
-            names = parameters(health.not_identifiable)
-            yield f"Not identifiable from these poses: {names}."
-        if not health.repeats:
-            yield "No pose is repeated often enough to know how readings scatter."
-        if not results.calibration.torques_logged:
-            yield "Joint torques were not logged: springs use those of the described masses."
-    if results.verdict is not None and results.verdict.verdict == "not_sought":
-        yield f"Effects were not sought. {sentence(results.verdict.remedy or '')}"
-
-
-def _folded(table: Grid, row: str) -> Folded:
-    return Folded(f"{table.caption} ({count(len(table.rows), row)})", (table,))
-
-
-def pairs_grid(health: Health) -> Grid:
-    """Return pairs of parameters that the poses can hardly separate."""
-    pairs = health.correlated_pairs
-    return grid(
-        "Parameters that these poses can hardly separate",
-        ("parameter", "and", "correlation"),
-        [(*map(written, each.parameters), f"{each.correlation:+.3f}") for each in pairs],
-        (2,),
-    )
-
-
-def hidden_grids(record: discovery.VerdictRecord) -> Iterator[Grid]:
-    """Yield the effects that the data cannot show, are likely to miss, or cannot separate."""
-    sets = (
-        ("These data cannot show some effects", record.not_testable),
-        (
-            "Effects that were sought, but are likely to be missed at their plausible size",
-            record.below_detection_limit or (),
-        ),
-    )
-    for title, entries in sets:
-        if entries:
-            yield grid(title, ("effect", "of", "why"), _by_effect(entries))
-    if record.indistinguishable:
-        groups = [(listed(each.words for each in group),) for group in record.indistinguishable]
-        yield grid("Effects that these poses cannot separate", ("group",), groups)
 
 
 def _by_effect(entries: Iterable[discovery.NotTestable]) -> Iterator[tuple[str, str, str]]:
     """Yield a row an effect: where it sits, and the reasons, each with its places."""
-    places: dict[str, dict[str, list[str]]] = {}
+    by_effect: dict[str, dict[str, list[str]]] = {}
     for entry in entries:
-        places.setdefault(entry.id, {}).setdefault(entry.why, []).append(entry.of)
-    for effect, by_reason in places.items():
-        everywhere = _places([of for each in by_reason.values() for of in each])
-        reasons = [f"{_places(each)}: {why}" for why, each in by_reason.items()]
-        why = next(iter(by_reason)) if len(by_reason) == 1 else "; ".join(reasons)
+        by_effect.setdefault(entry.id, {}).setdefault(entry.why, []).append(entry.of)
+    for effect, places in by_effect.items():
+        everywhere = _places([of for each in places.values() for of in each])
+        reasons = [f"{_places(each)}: {why}" for why, each in places.items()]
+        why = next(iter(places)) if len(places) == 1 else "; ".join(reasons)
         yield effect.replace("_", " "), everywhere, why
 
 
@@ -302,23 +261,21 @@ def _places(places: Sequence[str]) -> str:
             runs[-1].append(joint)
         else:
             runs.append([joint])
-    told = ", ".join(
+    in_words = ", ".join(
         f"{run[0]} to {run[-1]}" if len(run) > _MOST_LISTED else ", ".join(map(str, run))
         for run in runs
     )
-    return ", ".join([f"joint{'s' * (len(joints) > 1)} {told}"] * bool(joints) + others)
+    return ", ".join([f"joint{'s' * (len(joints) > 1)} {in_words}"] * bool(joints) + others)
 
 
 def next_poses(results: ResultsBundle) -> Iterator[Block]:
     """Yield what to measure next, and what for."""
     if results.calibration is not None:
         poses = results.calibration.health.poses
-        enough = (
-            "would add hardly anything to the remaining error"
-            if poses.wanted_mm is None
-            else "is wanted"
-        )
         now = f"{poses.measured} poses give a standard uncertainty of {mm(poses.u_model_mm)} mm"
+        enough = "is wanted"
+        if poses.wanted_mm is None:
+            enough = "would add hardly anything to the remaining error"
         if poses.u_model_mm is None:
             yield Paragraph("How uncertain predictions are is not known.")
         elif poses.needed is None:
@@ -333,8 +290,7 @@ def next_poses(results: ResultsBundle) -> Iterator[Block]:
                 "repetition of the campaign, the most informative of those measured are, in order: "
                 f"{', '.join(list(dict.fromkeys(poses.d_optimal_order))[:_MOST_POSES])}."
             )
-        drawing = poses_drawing(poses)
-        if drawing is not None:
+        if (drawing := poses_drawing(poses)) is not None:
             yield drawing
     record = results.verdict
     if record is None:
@@ -343,45 +299,43 @@ def next_poses(results: ResultsBundle) -> Iterator[Block]:
     if not record.suggested_poses:
         yield Paragraph("No further poses are suggested to tell effects apart.")
         return
-    joints = len(record.suggested_poses[0].q_deg)
+    rows = []
+    for number, pose in enumerate(record.suggested_poses[:_MOST_POSES], start=1):
+        arrows = [""] * len(pose.q_deg)
+        if pose.arrive_from is not None:
+            arrows = [" ↑" if side < 0 else " ↓" for side in pose.arrive_from]
+        angles = (f"{q:.1f}{arrow}" for q, arrow in zip(pose.q_deg, arrows, strict=True))
+        rows.append((str(number), *angles, f"{pose.load_N:g}", _aim(pose)))
+    joints = range(1, len(record.suggested_poses[0].q_deg) + 1)
     yield grid(
-        f"The {count(min(len(record.suggested_poses), _MOST_POSES), 'pose')} that tell most, in "
+        f"The {count(len(rows), 'pose')} that tell most, in "
         "discovery/suggested_poses.csv too. An arrow says whether the joint arrives from smaller "
         "(↑) or from larger (↓) angles.",
-        ("order", *(f"q{j} [deg]" for j in range(1, joints + 1)), "load [N]", "what for"),
-        [
-            (str(k), *_angles(each.q_deg, each.arrive_from), f"{each.load_N:g}", _aim(each))
-            for k, each in enumerate(record.suggested_poses[:_MOST_POSES], start=1)
-        ],
-        range(joints + 2),
+        ("order", *(f"q{joint} [deg]" for joint in joints), "load [N]", "what for"),
+        rows,
+        range(len(joints) + 2),
     )
-    hopeless = [each.pair for each in record.separations or () if not each.can_be_split]
+    hopeless = [pair.pair for pair in record.separations or () if not pair.can_be_split]
     if hopeless:
-        names = "; ".join(each.replace("_", " ") for each in hopeless)
+        names = "; ".join(pair.replace("_", " ") for pair in hopeless)
         yield Callout("note", f"No pose of this arm and instrument shows: {names}.")
-
-
-def _angles(q_deg: object, arrive_from: object) -> Iterator[str]:
-    sides = [""] * len(q_deg) if arrive_from is None else arrive_from  # type: ignore[arg-type]
-    for angle, side in zip(q_deg, sides, strict=True):  # type: ignore[call-overload]
-        yield f"{angle:.1f}{'' if side == '' else ' ↑' if side < 0 else ' ↓'}"
 
 
 def _aim(pose: discovery.SuggestedPose) -> str:
     """Say in a sentence what a pose is for, with the joints that matter and where they stand."""
+
+    def angles(joints: Iterable[int]) -> str:
+        return listed(f"joint {joint} at {pose.q_deg[joint - 1]:.1f}°" for joint in joints)
+
     unseen = [int(found[1]) for name in pose.for_ if (found := _UNSEEN.fullmatch(name))]
     rivals = [name.replace("_", " ") for name in pose.for_ if not _UNSEEN.fullmatch(name)]
     parts = []
     if rivals:
         joints = sorted({int(joint) for name in rivals for joint in _OF_JOINT.findall(name)})
-        where = f" with {_standing(pose, joints)}" if joints else ""
+        where = f" with {angles(joints)}" if joints else ""
         nats = pose.separation_nats
         by_then = "" if nats is None else f" ({nats:.1f} nats expected up to this pose)"
         parts.append(f"separates {'; '.join(rivals)}{where}{by_then}")
     if unseen:
-        parts.append(f"shows {_standing(pose, unseen)}, where the fit has seen no pose")
-    return sentence("; ".join(parts)) if parts else ""
-
-
-def _standing(pose: discovery.SuggestedPose, joints: Sequence[int]) -> str:
-    return listed(f"joint {joint} at {pose.q_deg[joint - 1]:.1f}°" for joint in joints)
+        parts.append(f"shows {angles(unseen)}, where the fit has seen no pose")
+    return sentence("; ".join(parts))

@@ -11,17 +11,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
-from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.results import Results
 from pa10cal.figures.style import draw_points, legend_at, mark, new_figure, panel, write_text_at
+from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.theme import AFTER, BEFORE, BLUE, GREY, ORANGE, SEPARATOR
-from pa10cal.results.analysis import CellJoint, LackOfFit, Periodogram
+from pa10cal.results.analysis import AnalysisRecord, LackOfFit, Periodogram
 
-LEFT_MM = 18.0
-_RIGHT_MM, _GAP_MM = 168.0, 2.5
+_LEFT_MM, _RIGHT_MM, _GAP_MM = 18.0, 168.0, 2.5
 #: Part of a panel at either side that has no tick: labels of neighbours stay apart.
 _BARE = 0.14
 _BEYOND = 0.06
@@ -32,13 +30,13 @@ _STEPS = (5, 10, 20)
 _LEAST = 1.0
 
 
-def joint_panels(
+def _joint_panels(
     figure: Figure, count: int, bottom_mm: float, height_mm: float, label: str
 ) -> list[Axes]:
     """Return panels side by side, the label and the numbers of their common axis at the first."""
-    width = (_RIGHT_MM - LEFT_MM) / count
+    width = (_RIGHT_MM - _LEFT_MM) / count
     panels = [
-        panel(figure, LEFT_MM + k * width, bottom_mm, width - _GAP_MM, height_mm)
+        panel(figure, _LEFT_MM + k * width, bottom_mm, width - _GAP_MM, height_mm)
         for k in range(count)
     ]
     panels[0].set_ylabel(label)
@@ -47,7 +45,12 @@ def joint_panels(
     return panels
 
 
-def over_angle(axes: Axes, q_deg: NDArray[np.float64]) -> None:
+def _label_below(figure: Figure, y_mm: float, text: str) -> None:
+    """Write a common label below a row of panels."""
+    write_text_at(figure, (_LEFT_MM + _RIGHT_MM) / 2, y_mm, text, ha="center")
+
+
+def _span_angles(axes: Axes, q_deg: Array) -> None:
     """Let an axis span the angles of a joint, with two numbers."""
     middle = (float(q_deg.min()) + float(q_deg.max())) / 2.0
     span = max(float(np.ptp(q_deg)), _LEAST)
@@ -59,11 +62,6 @@ def over_angle(axes: Axes, q_deg: NDArray[np.float64]) -> None:
         if np.ptp(inside) > _APART * span:
             break
     axes.set_xticks(inside[[0, -1]])
-
-
-def label_below(figure: Figure, y_mm: float, text: str) -> None:
-    """Write a common label below a row of panels."""
-    write_text_at(figure, (LEFT_MM + _RIGHT_MM) / 2, y_mm, text, ha="center")
 
 
 # Up to which order of a joint's angle the measured angles tell sines apart.
@@ -88,34 +86,27 @@ def highest_told(orders: Array, q_rad: Array) -> float:
     angles = np.sort(q_rad / (2.0 * np.pi)).tolist()
     turns, highest = angles[-1] - angles[0], float(orders[0])
     for order in orders.tolist():
-        if _different(angles, _SAME_PHASE / order) < 1 + 2 * int(turns * order):
+        different, at = 0, 0
+        while at < len(angles):
+            different, at = different + 1, bisect_left(angles, angles[at] + _SAME_PHASE / order)
+        if different < 1 + 2 * int(turns * order):
             break
         highest = order
     return highest
 
 
-def _different(angles: list[float], apart: float) -> int:
-    """Return how many of ascending angles [turns] are so far apart."""
-    count, at = 0, 0
-    while at < len(angles):
-        count, at = count + 1, bisect_left(angles, angles[at] + apart)
-    return count
-
-
 # Angle error of every joint against its angle, and which orders of the angle it goes with.
 
-_HEIGHT_MM = 131.0
 #: Cells with so many times the usual uncertainty of a joint's angle do not set the scale.
 _POOR = 3.0
-#: Before is drawn broader, so that it is seen beneath after where nothing changed.
-_BROAD = 1.7
 #: Orders of a turn of the joint, and of the motor where the gear ratio is known.
 _KNOWN_WITH_RATIO = 4
 #: Where it is not, orders of the motor are not looked for.
 _MOST_UNGEARED = 30.0
 _BANDS_A_DECADE = 24.0
-_MARKERS = {BEFORE: "s", AFTER: "o"}
-_Fits = tuple[tuple[LackOfFit, str, float], ...]
+#: Fits before and after: colour, marker, and how broadly they are drawn. Before is broader, so that
+#: it is seen beneath after where nothing changed.
+_LOOKS = ((BEFORE, "s", 1.7), (AFTER, "o", 1.0))
 
 
 @picture(
@@ -134,85 +125,79 @@ error at one of them appears at many, so only the known orders are drawn there. 
 in the arm appears in several joints.
 """,
 )
-def draw_where_joints(results: Results) -> Figure:
+def draw_where_joints(results: ResultsBundle) -> Figure:
     """Draw points above and the periodogram below, a column a joint, before and after."""
-    found = results.analysis()
+    found = results.sound_record(AnalysisRecord)
+    fits = (found.before, found.after)
     joints = found.before.cells.joints
-    figure = new_figure(_HEIGHT_MM, "Error of each joint angle, and its orders in the angle")
-    fits = ((found.before, BEFORE, _BROAD), (found.after, AFTER, 1.0))
-    limit = max(_limit_urad(joint) for fit, _, _ in fits for joint in fit.cells.joints)
-    upper = joint_panels(figure, len(joints), 76.0, 43.0, "angle error [µrad]")
-    orders = joint_panels(figure, len(joints), 29.0, 30.0, "explained, rms [µrad]")
+    known = [part.periodogram for part in found.before.by_joint if part.periodogram is not None]
+    motor = "; N: gear ratio, one cycle a turn of the motor" if any(map(_geared, known)) else ""
+    figure = new_figure(131.0, "Error of each joint angle, and its orders in the angle")
+    upper = _joint_panels(figure, len(joints), 76.0, 43.0, "angle error [µrad]")
+    orders = _joint_panels(figure, len(joints), 29.0, 30.0, "explained, rms [µrad]")
+    _label_below(figure, 65.0, "joint angle [deg]")
+    _label_below(figure, 15.5, f"order: cycles a turn of the joint{motor}")
+    limit = max(
+        1.1e6
+        * float(np.abs(cells.error_rad)[cells.std_rad <= _POOR * np.median(cells.std_rad)].max())
+        for fit in fits
+        for cells in fit.cells.joints
+    )
     for k, joint in enumerate(joints):
         upper[k].set_title(f"joint {joint.joint}")
         upper[k].axhline(0.0, color=GREY, linewidth=0.6)
-        for fit, colour, broad in fits:
+        for fit, (color, marker, broad) in zip(fits, _LOOKS, strict=True):
             cells = fit.cells.joints[k]
-            look = {"color": colour, "marker": _MARKERS[colour], "markersize": 1.1 * broad}
+            look = {"color": color, "marker": marker, "markersize": 1.1 * broad}
             draw_points(upper[k], np.degrees(cells.q_rad), 1e6 * cells.error_rad, **look)
-            over_angle(upper[k], np.degrees(cells.q_rad))
+            _span_angles(upper[k], np.degrees(cells.q_rad))
         upper[k].set_ylim(-limit, limit)
         _draw_orders(orders[k], fits, k)
     drawn = [np.asarray(line.get_ydata(), dtype=float) for axes in orders for line in axes.lines]
     highest = max((float(y.max()) for y in drawn if len(y)), default=0.0)
     for axes in orders:
         axes.set_ylim(0.0, 1.1 * highest or 1.0)
-    label_below(figure, 65.0, "joint angle [deg]")
-    known = [part.periodogram for part in found.before.by_joint if part.periodogram is not None]
-    motor = "; N: gear ratio, one cycle a turn of the motor" if any(map(_geared, known)) else ""
-    label_below(figure, 15.5, f"order: cycles a turn of the joint{motor}")
     handles = [
         Line2D([], [], color=BEFORE, marker="s", label="before: without the effects"),
         Patch(color=SEPARATOR, alpha=0.35, label="orders that these poses cannot tell apart"),
         Line2D([], [], color=AFTER, marker="o", label="after: with the named effects"),
     ]
-    legend_at(figure, LEFT_MM, 6.0, handles, ncols=2)
+    legend_at(figure, _LEFT_MM, 6.0, handles, ncols=2)
     return figure
 
 
-def _limit_urad(joint: CellJoint) -> float:
-    """Return how far points reach, without uncertain ones."""
-    error, std = np.abs(joint.error_rad), joint.std_rad
-    return float(1.1e6 * error[std <= _POOR * np.median(std)].max())
-
-
-def _draw_orders(axes: Axes, fits: _Fits, k: int) -> None:
+def _draw_orders(axes: Axes, fits: tuple[LackOfFit, LackOfFit], k: int) -> None:
     """Draw what sines explain, order by order as far as the angles tell, and at known orders."""
     axes.set_xscale("log")
     axes.grid(visible=False, axis="x")
-    found = fits[0][0].by_joint[k].periodogram
+    found = fits[0].by_joint[k].periodogram
     if found is None:
         axes.text(0.5, 0.5, "hardly\nturned", transform=axes.transAxes, ha="center")
         axes.set_xticks([])
         return
-    told = highest_told(found.orders, fits[0][0].cells.joints[k].q_rad)
+    told = highest_told(found.orders, fits[0].cells.joints[k].q_rad)
     last = found.orders[-1] if _geared(found) else min(_MOST_UNGEARED, max(told, found.marked[-1]))
     axes.axvspan(told, last, color=SEPARATOR, alpha=0.35, linewidth=0.0)
-    for fit, colour, broad in fits:
+    for fit, (color, marker, broad) in zip(fits, _LOOKS, strict=True):
         found = fit.by_joint[k].periodogram or found
         shown = found.orders <= min(told, last)
-        order, highest = _highest_by_band(found.orders[shown], 1e6 * found.explained_rad[shown])
-        axes.plot(order, highest, color=colour, linewidth=0.7 * broad)
+        order, explained = found.orders[shown], 1e6 * found.explained_rad[shown]
+        if len(order):  # the highest in each of a few bands of orders, where there are many
+            band = np.floor(_BANDS_A_DECADE * np.log10(order / order[0])).astype(int)
+            first = np.flatnonzero(np.diff(band, prepend=-1))
+            parts = np.split(explained, first[1:])
+            highest = first + [int(np.argmax(part)) for part in parts]
+            order, explained = order[highest], explained[highest]
+        axes.plot(order, explained, color=color, linewidth=0.7 * broad)
         marked = 1e6 * found.marked_rad
-        look: dict[str, Any] = {"color": colour, "marker": _MARKERS[colour]}
-        axes.vlines(found.marked, 0.0, marked, color=colour, linewidth=0.8 * broad)
-        axes.plot(found.marked, marked, linestyle="none", ms=2.0 + broad, **look)
+        axes.vlines(found.marked, 0.0, marked, color=color, linewidth=0.8 * broad)
+        look: dict[str, Any] = {"color": color, "marker": marker, "linestyle": "none"}
+        axes.plot(found.marked, marked, markersize=2.0 + broad, **look)
     axes.set_xlim(found.orders[0], last)
     axes.xaxis.set_major_locator(FixedLocator(list(found.marked)))
     names = ["1", "2", "N", "\n2N"] if _geared(found) else [f"{order:g}" for order in found.marked]
     axes.xaxis.set_major_formatter(FixedFormatter(names))
     axes.xaxis.set_minor_locator(NullLocator())
-
-
-def _highest_by_band(orders: Array, explained: Array) -> tuple[Array, Array]:
-    """Return the highest peak in each of a few bands of orders, where there are many."""
-    if not len(orders):
-        return orders, explained
-    band = np.floor(_BANDS_A_DECADE * np.log10(orders / orders[0])).astype(int)
-    first = np.flatnonzero(np.diff(band, prepend=-1))
-    parts = np.split(explained, first[1:])
-    highest = first + [int(np.argmax(part)) for part in parts]
-    return orders[highest], explained[highest]
 
 
 def _geared(found: Periodogram) -> bool:
@@ -222,8 +207,6 @@ def _geared(found: Periodogram) -> bool:
 
 # Residual torque of every joint, by direction of arrival and joint angle.
 
-_TITLE = "Residual torque, logged minus static, joint by joint"
-_HEIGHT_MM_OF_TORQUE = 128.0
 _NOISES = 2.0
 #: Torques below this are those of a log that was calculated [N m].
 _LEAST_NM = 1e-6
@@ -249,45 +232,43 @@ are removed first. Each row has its own axis. Poses always reached from one side
 only.
 """,
 )
-def draw_where_torque(results: Results) -> Figure:
+def draw_where_torque(results: ResultsBundle) -> Figure:
     """Draw residual torques before above those after, a column a joint."""
-    found = results.analysis()
+    found = results.sound_record(AnalysisRecord)
     joints = found.before.cells.joints
     if any(joint.torque_residual_Nm is None for joint in joints):
         raise NothingToShowError("no torques were logged, or the weights are not known")
-    if max(map(_limit_of_torque, (found.before, found.after))) < _LEAST_NM:
+    limits = [  # how far the torques of any joint reach, and at least their noise
+        1.1
+        * max(
+            *(float(np.abs(np.asarray(of.torque_residual_Nm)).max()) for of in fit.cells.joints),
+            *(_NOISES * part.noise_Nm for part in fit.by_torque),
+        )
+        for fit in (found.before, found.after)
+    ]
+    if max(limits) < _LEAST_NM:
         raise NothingToShowError("the torques logged are those of the weights: none remain")
-    figure = new_figure(_HEIGHT_MM_OF_TORQUE, _TITLE)
-    for fit, bottom, when in ((found.before, 76.0, "before"), (found.after, 24.0, "after")):
-        limit = _limit_of_torque(fit)
+    figure = new_figure(128.0, "Residual torque, logged minus static, joint by joint")
+    _label_below(figure, 13.5, "joint angle [deg]")
+    for fit, limit, bottom_mm, when in (
+        (found.before, limits[0], 76.0, "before"),
+        (found.after, limits[1], 24.0, "after"),
+    ):
         label = f"{when}: residual [N m]"
-        panels = joint_panels(figure, len(joints), bottom, 38.0, label)
+        panels = _joint_panels(figure, len(joints), bottom_mm, 38.0, label)
         for axes, joint, part in zip(panels, fit.cells.joints, fit.by_torque, strict=True):
-            _draw_torques(axes, joint)
+            q_deg, residual_Nm = np.degrees(joint.q_rad), np.asarray(joint.torque_residual_Nm)
+            for sign, look, _ in _SIDES:
+                rows = np.sign(joint.arrival) == sign
+                if rows.any():
+                    draw_points(axes, q_deg[rows], residual_Nm[rows], markersize=2.5, **look)
+            axes.axhline(0.0, color=GREY, linewidth=0.6)
+            _span_angles(axes, q_deg)
             noise = _NOISES * part.noise_Nm
             axes.axhspan(-noise, noise, color=SEPARATOR, alpha=0.5, linewidth=0.0)
             axes.set(ylim=(-limit, limit), title=f"joint {joint.joint}" if when == "before" else "")
-    label_below(figure, 13.5, "joint angle [deg]")
     sides = {int(side) for joint in joints for side in np.sign(joint.arrival)}
     shown = [mark(label, **look) for sign, look, label in _SIDES if sign in sides]
     band = Line2D([], [], color=SEPARATOR, linewidth=5.0, label="noise, ± 2 standard deviations")
-    legend_at(figure, LEFT_MM, 6.0, [*shown, band], ncols=4)
+    legend_at(figure, _LEFT_MM, 6.0, [*shown, band], ncols=4)
     return figure
-
-
-def _limit_of_torque(fit: LackOfFit) -> float:
-    """Return how far the torques of any joint reach, and at least their noise."""
-    reach = [
-        float(np.abs(np.asarray(joint.torque_residual_Nm)).max()) for joint in fit.cells.joints
-    ]
-    return 1.1 * max(*reach, *(_NOISES * part.noise_Nm for part in fit.by_torque))
-
-
-def _draw_torques(axes: Axes, joint: CellJoint) -> None:
-    q_deg, residual_Nm = np.degrees(joint.q_rad), np.asarray(joint.torque_residual_Nm)
-    for sign, look, _ in _SIDES:
-        rows = np.sign(joint.arrival) == sign
-        if rows.any():
-            axes.plot(q_deg[rows], residual_Nm[rows], markersize=2.5, linestyle="none", **look)
-    axes.axhline(0.0, color=GREY, linewidth=0.6)
-    over_angle(axes, q_deg)

@@ -1,38 +1,35 @@
-"""Figures 4, 5 and 6 of the paper: test path, errors at each load, and of held-out poses."""
+"""Figures 4, 5 and 6 of the paper: test path, errors by load and held out; its Monte Carlo."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
 from pa10cal.arrays import Array
 from pa10cal.figures import published, style
+from pa10cal.figures.published import is_of_papers_arm
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.results import COMBINED, PLACE_MM, Results
+from pa10cal.figures.repeats import PLACE_MM, places, scatter_by_load
 from pa10cal.reports import theme
 from pa10cal.reports.formatting import written_load
-from pa10cal.results.evaluation import Accuracy, HeldOutModel, HoldoutRecord
+from pa10cal.reports.results_bundle import COMBINED, ResultsBundle
+from pa10cal.results.calibration import BaseFrameRecord
+from pa10cal.results.evaluation import Accuracy, HeldOutModel
 
-#: How the places of each kind are drawn, in space, and what is smaller in a view of them.
-_LOOKS: dict[str, dict[str, Any]] = {
-    "grid": {"color": theme.BLUE, "marker": "o", "linewidth": 0.8},
-    "holdout": {"color": theme.VERMILLION, "marker": "^", "linestyle": "none"},
-    "line_x": {"color": theme.GREEN, "marker": ".", "linewidth": 1.4},
-    "line_y": {"color": theme.ORANGE, "marker": ".", "linewidth": 1.4},
-}
-_IN_A_VIEW: dict[str, dict[str, Any]] = {
-    "grid": {"markersize": 2.5, "linewidth": 0.6},
-    "holdout": {},
-    "line_x": {"markersize": 2.0},
-    "line_y": {"markersize": 2.0},
+#: How the places of each kind are drawn: in space, and what differs in a view of them.
+_PATHS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "grid": (
+        {"color": theme.BLUE, "marker": "o", "linewidth": 0.8},
+        {"markersize": 2.5, "linewidth": 0.6},
+    ),
+    "holdout": ({"color": theme.VERMILLION, "marker": "^", "linestyle": "none"}, {}),
+    "line_x": ({"color": theme.GREEN, "marker": ".", "linewidth": 1.4}, {"markersize": 2.0}),
+    "line_y": ({"color": theme.ORANGE, "marker": ".", "linewidth": 1.4}, {"markersize": 2.0}),
 }
 _AXIS_LENGTH_MM = 150.0
 _MARGIN_MM = 60.0
@@ -51,31 +48,45 @@ measured in the instrument's frame and transformed with that estimate. The pictu
 shows where the arm went, not how accurate it was.
 """,
 )
-def draw_fig4_test_path(results: Results) -> Figure:
+def draw_fig4_test_path(results: ResultsBundle) -> Figure:
     """Draw the first pass over the grid, the held-out places and the straight-line moves."""
-    p_base_mm = _first_visits(results.places(), results.base_frame())
+    poses, T_instr_base = places(results), results.read(BaseFrameRecord).T_instr_base
+    first = poses.drop_duplicates(["kind", "pose"])
+    p_base_mm = {
+        kind: (
+            first.loc[first["kind"] == kind, list(PLACE_MM)].to_numpy() - 1e3 * T_instr_base[:3, 3]
+        )
+        @ T_instr_base[:3, :3]
+        for kind in _PATHS
+    }
+    every = np.vstack(list(p_base_mm.values()))
+    low = np.minimum(every.min(axis=0), 0.0) - _MARGIN_MM
+    high = np.maximum(every.max(axis=0), _AXIS_LENGTH_MM) + _MARGIN_MM
     figure = style.new_figure(
         128.0, "Experimental test path in the robot's base frame (compare Fig. 4 of the paper)"
     )
-    _draw_space(style.panel(figure, 2.0, 29.0, 110.0, 94.0, projection="3d"), p_base_mm)
-    _draw_view(style.panel(figure, 119.0, 76.0, 48.0, 38.0), p_base_mm, [0, 1], "From above")
-    _draw_view(style.panel(figure, 119.0, 15.0, 48.0, 46.0), p_base_mm, [0, 2], "From the side")
+    space = style.panel(figure, 2.0, 29.0, 110.0, 94.0, projection="3d")
+    _draw_space(space, p_base_mm, low, high)
+    for box, seen, title in (
+        ((119.0, 76.0, 48.0, 38.0), [0, 1], "From above"),
+        ((119.0, 15.0, 48.0, 46.0), [0, 2], "From the side"),
+    ):
+        axes = style.panel(figure, *box)
+        for kind, (look, in_a_view) in _PATHS.items():
+            axes.plot(*p_base_mm[kind][:, seen].T, **look | in_a_view)
+        axes.plot(0.0, 0.0, color=theme.BLACK, marker="s")
+        axes.annotate("base", (0.0, 0.0), (4.0, 4.0), textcoords="offset points")
+        (x_low, y_low), (x_high, y_high) = low[seen], high[seen]
+        axes.set(xlim=(x_low, x_high), ylim=(y_low, y_high), title=title)
+        axes.set_aspect("equal", adjustable="box", anchor="SW")
+        axes.xaxis.set_major_locator(MultipleLocator(200.0))
+        axes.yaxis.set_major_locator(MultipleLocator(200.0))
+        axes.set(xlabel=f"{'xyz'[seen[0]]} [mm]", ylabel=f"{'xyz'[seen[1]]} [mm]")
     figure.legend(loc="lower left", bbox_to_anchor=(0.012, 0.055), ncols=2)
     return figure
 
 
-def _first_visits(poses: pd.DataFrame, T_instr_base: Array) -> dict[str, Array]:
-    """Return where each pose was first measured [mm] in the base frame, (N, 3) by kind."""
-
-    def of_kind(kind: str) -> Array:
-        first = poses[poses["kind"] == kind].drop_duplicates("pose")
-        p_instr_mm = first[list(PLACE_MM)].to_numpy()
-        return np.asarray((p_instr_mm - 1e3 * T_instr_base[:3, 3]) @ T_instr_base[:3, :3])
-
-    return {kind: of_kind(kind) for kind in _LOOKS}
-
-
-def _draw_space(axes: Any, p_base_mm: dict[str, Array]) -> None:
+def _draw_space(axes: Any, p_base_mm: dict[str, Array], low: Array, high: Array) -> None:
     grid = p_base_mm["grid"]
     names = {
         "grid": f"{len(grid)} calibration poses, as measured",
@@ -83,18 +94,16 @@ def _draw_space(axes: Any, p_base_mm: dict[str, Array]) -> None:
         "line_x": "straight move along x",
         "line_y": "straight move along y",
     }
-    for kind, places in p_base_mm.items():
-        if len(places):
-            axes.plot(*places.T, label=names[kind], **_LOOKS[kind])
+    for kind, path in p_base_mm.items():
+        if len(path):
+            axes.plot(*path.T, label=names[kind], **_PATHS[kind][0])
     axes.text(*grid[0], "first ", ha="right", va="center", color=theme.BLUE)
     axes.text(*grid[-1], " last", ha="left", va="center", color=theme.BLUE)
     for name, tip in zip("xyz", _AXIS_LENGTH_MM * np.eye(3), strict=True):
         axes.quiver(0, 0, 0, *tip, color=theme.BLACK, linewidth=1.2, arrow_length_ratio=0.15)
         axes.text(*(1.25 * tip), name, ha="center", va="center")
-    axes.plot(
-        [0.0], [0.0], [0.0], color=theme.BLACK, marker="s", linestyle="none", label="robot base"
-    )
-    low, high = _extent(p_base_mm)
+    base = {"color": theme.BLACK, "marker": "s", "linestyle": "none", "label": "robot base"}
+    axes.plot([0.0], [0.0], [0.0], **base)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.05)
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
@@ -109,56 +118,28 @@ def _draw_space(axes: Any, p_base_mm: dict[str, Array]) -> None:
         axis.set_major_locator(MultipleLocator(200.0))
 
 
-def _draw_view(axes: Axes, p_base_mm: dict[str, Array], seen: list[int], title: str) -> None:
-    """Draw a projection along one of the base axes."""
-    for kind, places in p_base_mm.items():
-        axes.plot(*places[:, seen].T, **_LOOKS[kind] | _IN_A_VIEW[kind])
-    axes.plot(0.0, 0.0, color=theme.BLACK, marker="s")
-    axes.annotate("base", (0.0, 0.0), (4.0, 4.0), textcoords="offset points")
-    (x_low, y_low), (x_high, y_high) = (corner[seen] for corner in _extent(p_base_mm))
-    axes.set(xlim=(x_low, x_high), ylim=(y_low, y_high), title=title)
-    axes.set_aspect("equal", adjustable="box", anchor="SW")
-    axes.xaxis.set_major_locator(MultipleLocator(200.0))
-    axes.yaxis.set_major_locator(MultipleLocator(200.0))
-    axes.set(xlabel=f"{'xyz'[seen[0]]} [mm]", ylabel=f"{'xyz'[seen[1]]} [mm]")
-
-
-def _extent(p_base_mm: dict[str, Array]) -> tuple[Array, Array]:
-    """Return the corners of the box that holds all places and the base with its axes."""
-    every = np.vstack(list(p_base_mm.values()))
-    low = np.minimum(every.min(axis=0), 0.0) - _MARGIN_MM
-    return low, np.maximum(every.max(axis=0), _AXIS_LENGTH_MM) + _MARGIN_MM
-
-
 # Errors before and after calibration at each load, as Fig. 5 of the paper.
 
-_TITLE = "Error before and after calibration, at each load (compare Fig. 5 of the paper)"
-#: Where a load's columns stand about its middle.
-_SLOTS = {"before": -0.28, "after": -0.01, "combined": 0.10, "repeats": 0.38}
+#: What stands at each load: its place about the load's middle, its colour, and its name.
+_SLOTS = {
+    "before": (-0.28, theme.BEFORE, "before: nominal rigid model"),
+    "after": (-0.01, theme.AFTER, "after, calibrated at this load"),
+    "combined": (0.10, theme.AFTER_COMBINED, "after, all loads together"),
+    "repeats": (0.38, theme.BLACK, "repeats, one axis (largest)"),
+}
 _PAPER_ASIDE = -0.11
 #: What the panel of orientations adds to the height.
 _ORIENTATION_MM = 42.0
-_COLOURS = {
-    "before": theme.BEFORE,
-    "after": theme.AFTER,
-    "combined": theme.AFTER_COMBINED,
-    "repeats": theme.BLACK,
-}
 
 
-@dataclass(frozen=True)
-class _Column:
+class _Column(NamedTuple):
     """What stands in one column: a mean, a peak where there is one, and whose figures they are."""
 
-    load: int
-    slot: str
+    load: int  # place of the load
+    slot: str  # of `_SLOTS`
     mean: float
     peak: float | None
     is_paper: bool
-
-    @property
-    def x(self) -> float:
-        return self.load + _SLOTS[self.slot] + (_PAPER_ASIDE if self.is_paper else 0.0)
 
 
 @picture(
@@ -176,61 +157,60 @@ logarithmic. Agreement of a synthetic campaign with the paper says nothing about
 the authors measured.
 """,
 )
-def draw_fig5_before_after(results: Results) -> Figure:
+def draw_fig5_before_after(results: ResultsBundle) -> Figure:
     """Draw mean and peak position error, and mean orientation error, on logarithmic axes."""
-    loads = list(results.load_cases())
-    angles = _columns(results, lambda errors: (errors.orientation_deg, None))
+    cases, with_paper = results.load_cases(), is_of_papers_arm(results)
+    columns, angles = [], []
+    for k, slot, errors, is_paper in _errors(results):
+        columns.append(_Column(k, slot, errors.mean_mm, errors.peak_mm, is_paper))
+        if errors.orientation_deg is not None:
+            angles.append(_Column(k, slot, errors.orientation_deg, None, is_paper))
+    scatter = scatter_by_load(places(results))
+    repeats = {load: of.largest_per_axis_mm for load, of in scatter.items()}
+    for by_load, is_paper in ((repeats, False), (published.REPEATABILITY_MM, True)):
+        for k, load in enumerate(cases):
+            if load in by_load and (with_paper or not is_paper):
+                columns.append(_Column(k, "repeats", by_load[load], None, is_paper))
     seen = any(not column.is_paper for column in angles)
     raised = _ORIENTATION_MM if seen else 0.0
-    figure = style.new_figure(108.0 + raised, _TITLE)
+    figure = style.new_figure(
+        108.0 + raised,
+        "Error before and after calibration, at each load (compare Fig. 5 of the paper)",
+    )
     lowest = position = style.panel(figure, 23.0, 26.0 + raised, 145.0, 73.0)
-    columns = _columns(results, lambda errors: (errors.mean_mm, errors.peak_mm))
-    columns += _scatter_columns(results, loads)
-    _draw_columns(position, columns, loads, room=(3.0, 3.0))
+    _draw_columns(position, columns, list(cases), room=(3.0, 3.0))
     position.set_ylabel("position error [mm]")
     if seen:
         lowest = style.panel(figure, 23.0, 26.0, 145.0, 32.0)
-        _draw_columns(lowest, angles, loads, room=(2.5, 6.0))
+        _draw_columns(lowest, angles, list(cases), room=(2.5, 6.0))
         lowest.set_ylabel("orientation\nerror [deg]")
     lowest.set_xlabel("external load")
-    style.legend_at(
-        figure, 0.012 * style.WIDTH_MM, 6.75, _legend(results), ncols=3, columnspacing=1.2
-    )
+    handles = [
+        style.mark(text, color=color, marker="o", markerfacecolor=color)
+        for _, color, text in _SLOTS.values()
+    ]
+    if with_paper:
+        text = "the paper's figures, same colours"
+        handles.append(style.mark(text, color=theme.BLACK, marker="D", markerfacecolor="white"))
+    text = "mean / peak, as written"
+    handles.append(style.mark(text, color=theme.BLACK, marker="|", markersize=9.0))
+    corner_mm = 0.012 * style.WIDTH_MM
+    style.legend_at(figure, corner_mm, 6.75, handles, ncols=3, columnspacing=1.2)
     return figure
 
 
-def _columns(
-    results: Results,
-    shown: Callable[[Accuracy | published.PublishedError], tuple[float | None, float | None]],
-) -> list[_Column]:
-    """Return a column a load and model, without those whose figure was not measured."""
-    combined = results.calibration()
-    columns = []
+def _errors(
+    results: ResultsBundle,
+) -> Iterator[tuple[int, str, Accuracy | published.PublishedError, bool]]:
+    """Yield errors of every load and model: place of the load, slot, and whether the paper's."""
+    combined, with_paper = results.paper_calibration(), is_of_papers_arm(results)
     for k, (load, case) in enumerate(results.load_cases().items()):
-        entries: list[tuple[str, Accuracy | published.PublishedError, bool]] = [
-            ("before", case.errors[load].before, False),
-            ("after", case.errors[load].after, False),
-            ("combined", combined.errors[load].after, False),
-        ]
+        yield k, "before", case.errors[load].before, False
+        yield k, "after", case.errors[load].after, False
+        yield k, "combined", combined.errors[load].after, False
         for slot, stated in (("before", published.BEFORE), ("after", published.AFTER)):
-            if results.is_paper_arm and load in stated:
-                entries.append((slot, stated[load], True))
-        for slot, errors, is_paper in entries:
-            mean, peak = shown(errors)
-            if mean is not None:
-                columns.append(_Column(k, slot, mean, peak, is_paper))
-    return columns
-
-
-def _scatter_columns(results: Results, loads: list[str]) -> list[_Column]:
-    ours = {load: found.largest_per_axis_mm for load, found in results.scatter.items()}
-    stated = published.REPEATABILITY_MM if results.is_paper_arm else {}
-    return [
-        _Column(k, "repeats", by_load[load], None, is_paper)
-        for by_load, is_paper in ((ours, False), (stated, True))
-        for k, load in enumerate(loads)
-        if load in by_load
-    ]
+            if with_paper and load in stated:
+                yield k, slot, stated[load], True
 
 
 def _draw_columns(
@@ -244,24 +224,21 @@ def _draw_columns(
         loads: names of the places along the axis.
         room: factors by which the axis reaches beyond the figures, below and above.
     """
-    for column in columns:
-        colour = _COLOURS[column.slot]
-        face = "white" if column.is_paper else colour
-        if column.peak is not None:
-            axes.plot([column.x, column.x], [column.mean, column.peak], color=colour, linewidth=1.4)
-            axes.plot(column.x, column.peak, color=colour, marker="_", markersize=7.0)
-        axes.plot(
-            column.x,
-            column.mean,
-            color=colour,
-            marker="D" if column.is_paper else "o",
-            markersize=5.0,
-            markerfacecolor=face,
-        )
-        below = column.slot == "before"
+    for load, slot, mean, peak, is_paper in columns:
+        aside, color, _ = _SLOTS[slot]
+        x = load + aside + (_PAPER_ASIDE if is_paper else 0.0)
+        if peak is not None:
+            axes.plot([x, x], [mean, peak], color=color, linewidth=1.4)
+            axes.plot(x, peak, color=color, marker="_", markersize=7.0)
+        marker, face = ("D", "white") if is_paper else ("o", color)
+        axes.plot(x, mean, color=color, marker=marker, markersize=5.0, markerfacecolor=face)
+        digits = ".2f" if mean >= 0.1 else ".3f"
+        if is_paper and peak is None:
+            digits = "g"  # as it prints them
+        below = slot == "before"
         axes.annotate(
-            _text(column),
-            (column.x, column.mean if below else column.peak or column.mean),
+            " / ".join(f"{value:{digits}}" for value in (mean, peak) if value is not None),
+            (x, mean if below else peak or mean),
             (0.0, -5.0 if below else 5.0),
             textcoords="offset points",
             rotation=90.0,
@@ -279,52 +256,15 @@ def _draw_columns(
         axes.axvline(k - 0.5, color=theme.SEPARATOR, linewidth=0.6)
 
 
-def _text(column: _Column) -> str:
-    values = [column.mean] + ([column.peak] if column.peak is not None else [])
-    digits = ".2f" if column.mean >= 0.1 else ".3f"
-    if column.is_paper and column.peak is None:
-        digits = "g"  # as it prints them
-    return " / ".join(f"{value:{digits}}" for value in values)
-
-
-def _legend(results: Results) -> list[Line2D]:
-    entries = [
-        ("o", theme.BEFORE, theme.BEFORE, "before: nominal rigid model"),
-        ("o", theme.AFTER, theme.AFTER, "after, calibrated at this load"),
-        ("o", theme.AFTER_COMBINED, theme.AFTER_COMBINED, "after, all loads together"),
-        ("o", theme.BLACK, theme.BLACK, "repeats, one axis (largest)"),
-    ]
-    if results.is_paper_arm:
-        entries.append(("D", theme.BLACK, "white", "the paper's figures, same colours"))
-    handles = [
-        style.mark(text, color=edge, marker=marker, markerfacecolor=face)
-        for marker, edge, face, text in entries
-    ]
-    return [
-        *handles,
-        style.mark("mean / peak, as written", color=theme.BLACK, marker="|", markersize=9.0),
-    ]
-
-
 # Errors at held-out points and loads, as Fig. 6 of the paper.
 
-_TITLE_OF_FIG6 = (
-    "Error at held-out points and loads, which no fit uses (compare Fig. 6 of the paper)"
-)
-_NAMES_OF_FIG6 = {
-    "uncalibrated": "uncalibrated",
-    "linear": "linear springs",
-    "cubic": "cubic springs",
-    "calibrated": "calibrated",
-    "extended": "with named effects",
-}
-_MARKERS = {
-    "uncalibrated": "^",
-    "geometry": "D",
-    "linear": "s",
-    "cubic": "o",
-    "calibrated": "o",
-    "extended": "v",
+#: Models: what they are called and their marker.
+_MODELS = {
+    "uncalibrated": ("uncalibrated", "^"),
+    "linear": ("linear springs", "s"),
+    "cubic": ("cubic springs", "o"),
+    "calibrated": ("calibrated", "o"),
+    "extended": ("with named effects", "v"),
 }
 #: More configurations than this are not named one by one.
 _MOST_NAMES = 45
@@ -344,19 +284,23 @@ the cost of extrapolation. Where linear and cubic springs do equally well, the d
 the cubic term.
 """,
 )
-def draw_fig6_holdout(results: Results) -> Figure:
+def draw_fig6_holdout(results: ResultsBundle) -> Figure:
     """Draw every configuration by load, and mean and peak of each model beside the paper's."""
-    held_out = results.held_out()
-    case = results.calibration(held_out.calibration)  # refuses another model than the paper's
-    if not held_out.models:
+    held_out = results.sound_held_out()
+    case = results.paper_calibration(held_out.calibration)  # refuses another model than the paper's
+    models = dict(held_out.models)
+    if not models:
         raise NothingToShowError("no held-out configuration was measured")
     said = "Linear and cubic springs: as calibrated"
     if not case.has_springs:  # one model: what has no springs has no linear or cubic ones
-        held_out = _of_rigid_joints(held_out)
+        models.pop("linear", None)
+        models = {{"cubic": "calibrated"}.get(name, name): of for name, of in models.items()}
         said = "All joints were held rigid; calibrated"
-    figure = style.new_figure(146.0, _TITLE_OF_FIG6)
+    figure = style.new_figure(
+        146.0, "Error at held-out points and loads, which no fit uses (compare Fig. 6 of the paper)"
+    )
     single = style.panel(figure, 16.0, 81.0, 152.0, 53.0)
-    _draw_configurations(single, held_out)
+    _draw_configurations(single, models)
     load = held_out.calibration
     fitted = "all loads together" if load == COMBINED else f"{load} alone"
     style.note(figure, f"{said} with {fitted}.", 7.0)
@@ -364,39 +308,28 @@ def draw_fig6_holdout(results: Results) -> Figure:
         *single.get_legend_handles_labels(), loc="center", bbox_to_anchor=(0.5, 0.446), ncols=4
     )
     summary = style.panel(figure, 30.0, 22.0, 66.0, 32.0)
-    _draw_summary(summary, held_out, results.is_paper_arm)
+    _draw_summary(summary, models, published.HELD_OUT if is_of_papers_arm(results) else {})
     return figure
 
 
-def _of_rigid_joints(held_out: HoldoutRecord) -> HoldoutRecord:
-    """Return the models of an arm whose joints were held rigid: one is calibrated."""
-    names = {"linear": "", "cubic": "calibrated"}
-    models = {names.get(name, name): model for name, model in held_out.models.items()}
-    models.pop("", None)
-    return held_out.model_copy(update={"models": models})
-
-
-def _draw_configurations(axes: Axes, held_out: HoldoutRecord) -> None:
+def _draw_configurations(axes: Axes, models: dict[str, HeldOutModel]) -> None:
     # Every model is judged on the same configurations, in the same order.
-    first = next(iter(held_out.models.values())).rows
+    first = next(iter(models.values())).rows
     order = np.lexsort((first.pose, first.load_N))
     loads, poses = first.load_N[order], first.pose[order]
-    aside = np.linspace(-0.2, 0.2, len(held_out.models))
-    errors_mm = {
-        name: np.linalg.norm(model.rows.position_mm[order], axis=1)
-        for name, model in held_out.models.items()
-    }
-    for shift, (name, errors) in zip(aside, errors_mm.items(), strict=True):
+    errors_mm = np.array(
+        [np.linalg.norm(model.rows.position_mm[order], axis=1) for model in models.values()]
+    )
+    shifts = np.linspace(-0.2, 0.2, len(models))
+    for shift, errors, (name, model) in zip(shifts, errors_mm, models.items(), strict=True):
         at = np.arange(len(errors)) + shift
-        axes.plot(at, errors, label=_NAMES_OF_FIG6[name], **_dots(name))
-        extrapolated = held_out.models[name].rows.extrapolated
+        axes.plot(at, errors, label=_MODELS[name][0], **_dots(name))
+        extrapolated = model.rows.extrapolated
         if extrapolated is not None and extrapolated.any():
             beyond = extrapolated[order]
             hollow = _dots(name) | {"markerfacecolor": "white"}
             axes.plot(at[beyond], errors[beyond], label="extrapolated", **hollow)
-    lowest = min(errors.min() for errors in errors_mm.values())
-    highest = max(errors.max() for errors in errors_mm.values())
-    style.plain_log(axes, "y", lowest / 1.5, highest * 1.5)
+    style.plain_log(axes, "y", float(errors_mm.min()) / 1.5, float(errors_mm.max()) * 1.5)
     axes.set_xlim(-0.7, len(poses) - 0.3)
     axes.set_ylabel("position error [mm]")
     axes.set_xlabel("held-out configuration: pose, grouped by load")
@@ -410,47 +343,133 @@ def _draw_configurations(axes: Axes, held_out: HoldoutRecord) -> None:
             axes.axvline(at[0] - 0.5, color=theme.SEPARATOR, linewidth=0.6)
 
 
-def _draw_summary(axes: Axes, held_out: HoldoutRecord, with_paper: bool) -> None:
+def _draw_summary(
+    axes: Axes, models: dict[str, HeldOutModel], stated: dict[str, published.PublishedError]
+) -> None:
     """Draw mean and peak of each model, ours above the paper's."""
-    paper = published.HELD_OUT if with_paper else {}
-    for k, (name, model) in enumerate(held_out.models.items()):
+    shown: list[HeldOutModel | published.PublishedError] = [*models.values(), *stated.values()]
+    for k, (name, model) in enumerate(models.items()):
         digits = ".2f" if model.mean_mm > 0.1 else ".3f"
-        _draw_range(axes, k - 0.17, model, _text_of_model(model, digits), _dots(name))
-        if name in paper:
-            text = "paper: " + _text_of_model(paper[name], "g")
+        rows: list[tuple[Any, ...]] = [(k - 0.17, model, digits, "", _dots(name), theme.BLACK)]
+        if name in stated:
             look = _dots(name) | {"markerfacecolor": "white", "marker": "D"}
-            _draw_range(axes, k + 0.2, paper[name], text, look, theme.GREY)
-    shown: list[HeldOutModel | published.PublishedError] = [*held_out.models.values()]
-    shown += paper.values()
+            rows.append((k + 0.2, stated[name], "g", "paper: ", look, theme.GREY))
+        for y, errors, digits, whose, look, color in rows:
+            axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=look["color"], linewidth=1.4)
+            axes.plot(errors.peak_mm, y, color=look["color"], marker="|", markersize=7.0)
+            axes.plot(errors.mean_mm, y, **look)
+            text = f"{whose}{errors.mean_mm:{digits}} / {errors.peak_mm:{digits}} mm"
+            if errors.orientation_deg is not None:
+                text += f", orientation {errors.orientation_deg:{digits}}°"
+            style.write_beside(axes, y, text, 1.03, color=color)
     lowest, highest = min(e.mean_mm for e in shown), max(e.peak_mm for e in shown)
     style.plain_log(axes, "x", lowest / 1.5, highest * 1.5)
-    style.name_rows(axes, [_NAMES_OF_FIG6[name] for name in held_out.models], 0.6, lines=False)
+    style.name_rows(axes, [_MODELS[name][0] for name in models], 0.6, lines=False)
     axes.set_title(
         "Mean and peak over all held-out configurations: ours filled, the paper's hollow"
     )
     axes.set_xlabel("position error [mm], mean to peak")
 
 
-def _draw_range(
-    axes: Axes,
-    y: float,
-    errors: HeldOutModel | published.PublishedError,
-    text: str,
-    look: dict[str, Any],
-    color: str = theme.BLACK,
-) -> None:
-    axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=look["color"], linewidth=1.4)
-    axes.plot(errors.peak_mm, y, color=look["color"], marker="|", markersize=7.0)
-    axes.plot(errors.mean_mm, y, **look)
-    style.write_beside(axes, y, text, 1.03, color=color)
-
-
 def _dots(name: str) -> dict[str, Any]:
-    return {"color": theme.MODELS[name], "marker": _MARKERS[name], "linestyle": "none"}
+    return {"color": theme.MODELS[name], "marker": _MODELS[name][1], "linestyle": "none"}
 
 
-def _text_of_model(errors: HeldOutModel | published.PublishedError, digits: str) -> str:
-    position = f"{errors.mean_mm:{digits}} / {errors.peak_mm:{digits}} mm"
-    if errors.orientation_deg is None:
-        return position
-    return f"{position}, orientation {errors.orientation_deg:{digits}}°"
+# The Monte Carlo by plane (Section III.A); the error over each plane stands on the page.
+
+_ASIDE_MM = 18.0
+
+
+@picture(
+    title="Monte Carlo: error by plane",
+    needs=("planes",),
+    section="trust",
+    caption="""
+Position error caused by the stated resolver uncertainty alone, in horizontal planes, for the
+nominal arm. Left, the mean over all positions and draws with the standard deviation within a
+position, beside the paper's value. Right, the means enlarged: bars are 95 % intervals for the
+choice of positions, crosses the expectation from the Jacobian, which needs no draws. The paper
+calls this the lower bound of calibration. However, a resolver repeats its error whenever a
+joint returns to an angle, so a calibration can in principle remove it: it is a bound in the
+paper's sense only. No measurement is used here.
+""",
+)
+def draw_montecarlo_planes(results: ResultsBundle) -> Figure:
+    """Draw the mean with the spread within a position, and the mean alone enlarged."""
+    planes, with_paper = results.planes_of_settings(), is_of_papers_arm(results)
+    figure = style.new_figure(
+        103.0, "Position error that resolver uncertainty alone causes, by plane"
+    )
+    spread = style.panel(figure, 18.0, 42.0, 64.0, 50.0)
+    enlarged = style.panel(figure, 104.0, 42.0, 63.0, 50.0)
+    z_mm, mean_mm = [plane.plane_mm for plane in planes], [plane.mean_mm for plane in planes]
+    look: dict[str, Any] = {"color": theme.BLUE, "marker": "o", "linestyle": "none", "capsize": 3.0}
+    spread.errorbar(
+        z_mm,
+        mean_mm,
+        yerr=[plane.std_mm for plane in planes],
+        label="mean ± standard deviation within a position",
+        **look,
+    )
+    enlarged.errorbar(
+        z_mm,
+        mean_mm,
+        yerr=[plane.half_width95_positions_mm for plane in planes],
+        ecolor=theme.SKY,
+        label="mean, 95 % interval for the choice of positions",
+        **look,
+    )
+    enlarged.plot(
+        z_mm,
+        [plane.closed_form_mean_mm for plane in planes],
+        color=theme.GREEN,
+        marker="x",
+        markersize=6.0,
+        linestyle="none",
+        label="closed form from the Jacobian, same positions",
+    )
+    if with_paper:
+        _draw_papers(spread, enlarged)
+    spread.set_ylim(bottom=0.0)
+    spread.set_ylabel("position error [mm]")
+    enlarged.set(title="the means, enlarged", ylabel="mean position error [mm]")
+    for axes in (spread, enlarged):
+        axes.set_xticks(z_mm)
+        axes.set_xlim(z_mm[0] - 60.0, z_mm[-1] + 60.0)
+        axes.set_xlabel("height z of the plane above the base [mm]")
+    figure.legend(loc="lower left", bbox_to_anchor=(0.012, 0.155), ncols=2)
+    first = planes[0]
+    style.note(
+        figure,
+        f"Nominal arm; σ = {first.sigma_deg:g}° at every joint; {first.positions} positions, "
+        f"{first.cycles} draws at each,\n"
+        f"at {first.reach_m[0]:g} to {first.reach_m[1]:g} m from the base axis. "
+        "No measurement enters.",
+        6.5,
+    )
+    return figure
+
+
+def _draw_papers(spread: Axes, enlarged: Axes) -> None:
+    """Draw the paper's mean and spread, and how little it says that parallel planes differ."""
+    at_mm = published.MONTE_CARLO_PLANE_MM + _ASIDE_MM
+    mean_mm, apart_mm = published.MONTE_CARLO_MEAN_MM, published.MONTE_CARLO_PLANES_DIFFER_MM
+    spread.errorbar(
+        at_mm,
+        mean_mm,
+        yerr=published.MONTE_CARLO_STD_MM,
+        linestyle="none",
+        capsize=3.0,
+        label="the paper, z = 500 mm",
+        **style.PAPER,
+    )
+    enlarged.fill_between(
+        published.MONTE_CARLO_PARALLEL_PLANES_MM,
+        mean_mm - apart_mm,
+        mean_mm + apart_mm,
+        color=theme.GREY,
+        alpha=0.35,
+        linewidth=0.0,
+        label="the paper, z = 300 to 700 mm (± 0.001 mm)",
+    )
+    enlarged.plot(at_mm, mean_mm, **style.PAPER)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,13 @@ from matplotlib.lines import Line2D
 
 from pa10cal.figures import style
 from pa10cal.figures.registry import picture
-from pa10cal.figures.results import Results
 from pa10cal.figures.table import Table, frame_of
+from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.theme import AFTER, BEFORE, BLACK, BLUE, GREY, ORANGE
 from pa10cal.reports.trust import outliers_grid
 from pa10cal.results.analysis import AnalysisRecord
-from pa10cal.results.evaluation import Accuracy
+from pa10cal.results.discovery import VerdictRecord
+from pa10cal.results.evaluation import Estimate
 from pa10cal.results.record import HALF_WIDTH_95
 
 _S_PER_H = 3600.0
@@ -51,13 +53,13 @@ nothing remains; red and blue together, far from the bars, mean that an error wa
 Errors common to all poses are removed first.
 """,
 )
-def draw_where_breakdown(results: Results) -> Figure:
+def draw_where_breakdown(results: ResultsBundle) -> Figure:
     """Draw errors by load, axis, joint and direction, and drifts, beside the floor."""
-    found = results.analysis()
+    found, gap = results.sound_record(AnalysisRecord), results.sound_record(VerdictRecord).gap
+    before, after = found.before, found.after
     figure = style.new_figure(
         _HEIGHT_MM, "Where model and measurement disagree, without and with the named effects"
     )
-    before, after = found.before, found.after
     _draw_parts(
         style.panel(figure, 18.0, 95.0, 36.0, 38.0),
         [part.of.removesuffix(" N") for part in before.by_load],
@@ -70,25 +72,23 @@ def draw_where_breakdown(results: Results) -> Figure:
         [[part.rms_mm for part in fit.by_axis] for fit in (before, after)],
         [part.floor_mm for part in before.by_axis],
     ).set(title="by axis of the instrument", xlabel="axis", ylabel="rms [mm]")
-    joints = [str(part.joint) for part in before.by_joint]
     _draw_parts(
         style.panel(figure, 121.0, 95.0, 46.0, 38.0),
-        joints,
+        [str(part.joint) for part in before.by_joint],
         [[1e6 * part.rms_rad for part in fit.by_joint] for fit in (before, after)],
         [1e6 * part.floor_rad for part in before.by_joint],
     ).set(title="by joint, as an error of its angle", xlabel="joint", ylabel="rms [µrad]")
     direction = style.panel(figure, 18.0, 39.0, 85.0, 38.0)
-    _draw_directions(direction, found)
     direction.set_title("by direction of arrival: mean angle error, with 95 % intervals")
+    _draw_directions(direction, found)
     drift = style.panel(figure, 121.0, 39.0, 46.0, 38.0)
-    _draw_drifts(drift, found)
     drift.set_title("drift over the whole campaign")
-    noise_from = results.verdict().gap.noise_floor_from
-    style.write_text_at(figure, 18.0, 8.0, _against_pure_error(found, noise_from))
+    _draw_drifts(drift, found)
+    style.write_text_at(figure, 18.0, 8.0, _against_pure_error(found, gap.noise_floor_from))
     handles = [
         style.mark("before: without the effects", **_BEFORE),
         style.mark("after: with the named effects", **_AFTER),
-        style.mark(results.verdict().gap.floor_is, **_FLOOR),
+        style.mark(gap.floor_is, **_FLOOR),
     ]
     style.legend_at(figure, 4.0, 18.5, handles, ncols=3, columnspacing=1.2)
     return figure
@@ -100,20 +100,17 @@ def _draw_parts(axes: Axes, names: list[str], rms: list[list[float]], floor: lis
     axes.plot(at, floor, **_FLOOR)
     for values, aside, look in zip(rms, (-_ASIDE, _ASIDE), (_BEFORE, _AFTER), strict=True):
         axes.plot(at + aside, values, **look)
-    everything = [each for each in (*floor, *rms[0], *rms[1]) if each > 0.0]  # 0: not measured
+    everything = [value for value in (*floor, *rms[0], *rms[1]) if value > 0.0]  # 0: not measured
     low, high = min(everything) / _ROOM, max(everything) * _ROOM
     aside = max(np.sqrt(_LEAST_RATIO * low / high), 1.0)
     style.plain_log(axes, "y", low / aside, high * aside)
     axes.set_xlim(-0.6, len(names) - 0.4)
-    axes.set_xticks(at, names)
-    axes.tick_params(axis="x", length=0.0)
-    axes.grid(visible=False, axis="x")
+    _name_columns(axes, at, names)
     return axes
 
 
 def _draw_directions(axes: Axes, found: AnalysisRecord) -> None:
     """Draw, for each joint, the mean error at cells where it came from either side."""
-    ticks, labels = [], []
     if not any(part.arrivals for part in found.before.by_joint):
         axes.text(0.5, 0.55, "no direction was logged", transform=axes.transAxes, ha="center")
         axes.set(xticks=[], yticks=[])
@@ -123,46 +120,50 @@ def _draw_directions(axes: Axes, found: AnalysisRecord) -> None:
         (found.after, _AFTER, _ASIDE / 1.6),
     ):
         shown = [(part.joint, arrival) for part in fit.by_joint for arrival in part.arrivals]
-        at = np.array([joint + 0.22 * arrival.direction for joint, arrival in shown])
+        ticks = [joint + 0.22 * arrival.direction for joint, arrival in shown]
         mean = np.array([1e6 * arrival.mean_rad for _, arrival in shown])
         half = HALF_WIDTH_95 * np.array([1e6 * (arrival.std_rad or 0.0) for _, arrival in shown])
-        axes.errorbar(at + aside, mean, yerr=half, elinewidth=0.8, **look)
-        ticks = at.tolist()
-        labels = ["+" if arrival.direction > 0 else "−" for _, arrival in shown]
+        axes.errorbar(np.array(ticks) + aside, mean, yerr=half, elinewidth=0.8, **look)
+        signs = ["+" if arrival.direction > 0 else "−" for _, arrival in shown]
+        axes.set_xticks(ticks, signs, minor=True)
     joints = [part.joint for part in found.before.by_joint]
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    axes.set_xticks(ticks, labels, minor=True)
-    axes.set_xticks(joints, [f"\n{joint}" for joint in joints])
-    axes.tick_params(axis="x", length=0.0, which="both")
-    axes.grid(visible=False, axis="x")
+    _name_columns(axes, joints, [f"\n{joint}" for joint in joints])
     axes.set_xlim(joints[0] - 0.6, joints[-1] + 0.6)
     axes.set(xlabel="joint, arriving in − or + direction", ylabel="mean [µrad]")
 
 
 def _draw_drifts(axes: Axes, found: AnalysisRecord) -> None:
     """Draw slopes of the position error with time and temperature, over the range of each."""
-    cells, drifts = found.before.cells, found.before.drifts
+    cells = found.before.cells
     hours = float(np.ptp(cells.time_s)) / _S_PER_H
     known = np.isfinite(cells.temperature_C).all()
     kelvin = float(np.ptp(cells.temperature_C)) if known else 0.0
     for fit, look, aside in ((found.before, _BEFORE, -_ASIDE), (found.after, _AFTER, _ASIDE)):
-        by_time = [drift.by_time_mm_per_h for drift in fit.drifts]
+        slopes: list[tuple[float, float, Estimate | None]] = []
+        slopes += [(k, hours, drift.by_time_mm_per_h) for k, drift in enumerate(fit.drifts)]
         by_temperature = [drift.by_temperature_mm_per_K for drift in fit.drifts]
-        for first, slopes, span in ((0, by_time, hours), (4, by_temperature, kelvin)):
-            shown = [(first + k + aside, slope) for k, slope in enumerate(slopes) if slope]
+        slopes += [(k, kelvin, slope) for k, slope in enumerate(by_temperature, start=4)]
+        for part in (slopes[:3], slopes[3:]):
+            shown = [(x + aside, 1e3 * span, slope) for x, span, slope in part if slope]
             if shown:
-                value = [1e3 * span * slope.value for _, slope in shown]
-                half = [1e3 * span * HALF_WIDTH_95 * (slope.std or 0.0) for _, slope in shown]
-                axes.errorbar([x for x, _ in shown], value, yerr=half, elinewidth=0.8, **look)
+                half = [by * HALF_WIDTH_95 * (slope.std or 0.0) for _, by, slope in shown]
+                value = [by * slope.value for _, by, slope in shown]
+                axes.errorbar([x for x, _, _ in shown], value, yerr=half, elinewidth=0.8, **look)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    names = [drift.axis for drift in drifts]
-    warmed = any(drift.by_temperature_mm_per_K is not None for drift in drifts)
-    axes.set_xticks([0, 1, 2, 4, 5, 6][: 6 if warmed else 3], names * (2 if warmed else 1))
+    names = [drift.axis for drift in found.before.drifts]
+    warmed = any(drift.by_temperature_mm_per_K is not None for drift in found.before.drifts)
+    _name_columns(axes, [0, 1, 2, 4, 5, 6][: 6 if warmed else 3], names * (2 if warmed else 1))
     axes.set_xlim(-0.6, 6.6 if warmed else 2.6)
-    axes.tick_params(axis="x", length=0.0)
-    axes.grid(visible=False, axis="x")
     axes.set_xlabel("with time        with temperature" if warmed else "with time")
     axes.set_ylabel("slope × range [µm]")
+
+
+def _name_columns(axes: Axes, at: Iterable[float], names: list[str]) -> None:
+    """Name columns in place of an axis of numbers."""
+    axes.set_xticks(list(at), names)
+    axes.tick_params(axis="x", length=0.0, which="both")
+    axes.grid(visible=False, axis="x")
 
 
 def _against_pure_error(found: AnalysisRecord, noise_from: str | None) -> str:
@@ -209,35 +210,41 @@ may bring little one by one and much together. Where orange falls with blue, the
 beyond the fitted poses.
 """,
 )
-def draw_gap_by_step(results: Results) -> Figure:
+def draw_gap_by_step(results: ResultsBundle) -> Figure:
     """Draw mean, root mean square and peak of every step, from the calibrated model downward."""
-    found = results.analysis()
-    steps = found.naming
-    rows = _ROW_MM * len(steps)
-    height_mm = _BELOW_STEPS_MM + rows + _ABOVE_STEPS_MM
-    figure = style.new_figure(height_mm, "Gap between model and measurement, effect by effect")
-    axes = style.panel(figure, 46.0, _BELOW_STEPS_MM, 84.0, rows)
+    found, gap = results.sound_record(AnalysisRecord), results.sound_record(VerdictRecord).gap
+    steps, floor_mm = found.naming, found.noise_floor_mm
+    rows_mm = _ROW_MM * len(steps)
+    figure = style.new_figure(
+        _BELOW_STEPS_MM + rows_mm + _ABOVE_STEPS_MM,
+        "Gap between model and measurement, effect by effect",
+    )
+    axes = style.panel(figure, 46.0, _BELOW_STEPS_MM, 84.0, rows_mm)
+    ends_mm, names = [floor_mm], []
     for k, step in enumerate(steps):
-        _draw_errors(axes, k - _ASIDE_OF_STEP, step.train, _TRAIN)
-        if step.holdout is not None:
-            _draw_errors(axes, k + _ASIDE_OF_STEP, step.holdout, _HELD_OUT)
-    everything = [errors for step in steps for errors in (step.train, step.holdout) if errors]
-    floor = found.noise_floor_mm
-    lowest = min(floor, *(errors.mean_mm for errors in everything))
-    style.plain_log(axes, "x", lowest / 1.5, max(errors.peak_mm for errors in everything) * 1.4)
-    axes.axvline(floor, **_FLOOR_LINE)
-    names = []
-    for step in steps:
+        for y, errors, look in (
+            (k - _ASIDE_OF_STEP, step.train, _TRAIN),
+            (k + _ASIDE_OF_STEP, step.holdout, _HELD_OUT),
+        ):
+            if errors is not None:
+                mean, rms, peak = errors.mean_mm, errors.rms_mm, errors.peak_mm
+                axes.plot([mean, peak], [y, y], color=look["color"], linewidth=1.4)
+                axes.plot(rms, y, color=look["color"], marker="|", markersize=7.0)
+                axes.plot(peak, y, color=look["color"], marker="|", markersize=4.0)
+                axes.plot(mean, y, **look)
+                style.write_beside(axes, y, f"{mean:.3f} / {rms:.3f} / {peak:.3f}", 1.035)
+                ends_mm += [mean, peak]
         effect, _, place = step.effects[-1].words.partition(", ") if step.effects else ("", "", "")
         names.append(f"+ {effect}\n   {place}" if effect else "calibrated model")
+    style.plain_log(axes, "x", min(ends_mm) / 1.5, max(ends_mm) * 1.4)
+    axes.axvline(floor_mm, **_FLOOR_LINE)
     style.name_rows(axes, names, lines=False)
     axes.set_xlabel("position error [mm]: mean, rms (bar) and peak (end)")
-    style.write_text_at(figure, 133.0, _BELOW_STEPS_MM + rows + 2.0, "mean / rms / peak [mm]")
+    style.write_text_at(figure, 133.0, _BELOW_STEPS_MM + rows_mm + 2.0, "mean / rms / peak [mm]")
     handles = [Line2D([], [], label="poses fitted", **_TRAIN)]
     if steps[0].holdout is not None:
         handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
-    floor_is = f"{results.verdict().gap.floor_is} alone: mean"
-    handles.append(Line2D([], [], label=floor_is, **_FLOOR_LINE))
+    handles.append(Line2D([], [], label=f"{gap.floor_is} alone: mean", **_FLOOR_LINE))
     style.legend_at(figure, 10.0, 11.0, handles, ncols=3)
     style.write_text_at(figure, 10.0, 6.5, _beyond(found), color=GREY)
     return figure
@@ -262,15 +269,6 @@ def _beyond(found: AnalysisRecord) -> str:
     )
 
 
-def _draw_errors(axes: Axes, y: float, errors: Accuracy, look: dict[str, Any]) -> None:
-    axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=look["color"], linewidth=1.4)
-    for value, size in ((errors.rms_mm, 7.0), (errors.peak_mm, 4.0)):
-        axes.plot(value, y, color=look["color"], marker="|", markersize=size)
-    axes.plot(errors.mean_mm, y, **look)
-    said = f"{errors.mean_mm:.3f} / {errors.rms_mm:.3f} / {errors.peak_mm:.3f}"
-    style.write_beside(axes, y, said, 1.035)
-
-
 @picture(
     title="Suspected outliers",
     needs=("general",),
@@ -282,12 +280,12 @@ be a wrong reading. Several of them at neighbouring positions or joint angles ar
 effect that the model lacks.
 """,
 )
-def tabulate_suspected_outliers(results: Results) -> Table:
+def tabulate_suspected_outliers(results: ResultsBundle) -> Table:
     """Return every suspected outlier, the worst first."""
-    case = results.general()
+    case = results.general_calibration()
     rows = [
-        (each.pose, each.load_N, round(each.distance, 2), round(each.weight, 3), each.why)
-        for each in case.suspected_outliers
+        (of.pose, of.load_N, round(of.distance, 2), round(of.weight, 3), of.why)
+        for of in case.suspected_outliers
     ]
     return Table(
         title="Suspected outliers",

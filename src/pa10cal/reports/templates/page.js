@@ -1,3 +1,18 @@
+// The library is packed, which keeps the page small. Figures are drawn once it is unpacked.
+const drawn = (async () => {
+  const library = document.getElementById("library");
+  if (!library) return;
+  const packed = Uint8Array.from(atob(library.textContent), letter => letter.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const script = document.createElement("script");
+  script.text = await new Response(stream).text();
+  document.head.append(script);
+  for (const plot of document.querySelectorAll(".plot")) {
+    const {data, layout, config} = JSON.parse(plot.querySelector("script").textContent);
+    await Plotly.newPlot(plot.querySelector("div"), data, layout, config);
+  }
+})();
+
 // Saves a table as CSV, a figure as PNG or SVG, on a white ground; nothing is fetched.
 document.addEventListener("click", async event => {
   const kind = event.target.dataset && event.target.dataset.save;
