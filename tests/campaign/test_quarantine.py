@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pa10cal.campaign.own_words import refuse_too_many
+from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_rows import Quarantined, quarantine_csv, quarantined
 from pa10cal.errors import RawDataError
 

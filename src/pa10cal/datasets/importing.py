@@ -6,7 +6,7 @@ import difflib
 import hashlib
 import pkgutil
 import urllib.request
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from http.client import HTTPException
 from importlib import import_module
@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.campaign.description import JointPositions
 from pa10cal.campaign.raw_rows import Quarantined
 from pa10cal.datasets import readers
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals
 from pa10cal.files.output import whole_files
 
 # What a reader of a data set defines, and what it gives: campaigns not yet written.
@@ -42,12 +42,10 @@ class Published:
     def on_github(
         cls, repository: str, commit: str, sums: str, licence: str | None = None, folder: str = ""
     ) -> Published:
-        """Return files of a commit of a public repository.
+        """Return files of a commit of a public repository, `owner/name`.
 
-        Args:
-            repository: the owner's, as `owner/name`.
-            sums: checksums and paths, a line a file, as `sha256sum` prints them.
-            folder: of the repository, with a slash at its end, that the paths are counted from.
+        Checksums and paths are a line a file, as `sha256sum` prints them; paths are counted from a
+        folder of the repository, with a slash at its end.
         """
         address = f"https://raw.githubusercontent.com/{repository}/{commit}/"
         pairs = (line.split(maxsplit=1) for line in sums.strip().splitlines())
@@ -137,6 +135,38 @@ class DataSet:
 
 # The data sets that can be imported, found by looking through the folder of readers.
 
+_refusal = refusals(
+    RawDataError,
+    {
+        "like another": ("there is no reader of this data set", "{0}", "is {1!r} meant?"),
+        "no reader": (
+            "there is no reader of this data set",
+            "{0}",
+            "correct the name, or write a reader in pa10cal/datasets/readers (docs/datasets.md)",
+        ),
+        "no folder": (
+            "there is no such folder",
+            "a folder with {0}",
+            "correct the path, or fetch the data set",
+        ),
+        "missing": (
+            "files of the data set are missing in the folder",
+            "a folder with {0}",
+            "copy the missing files there, or fetch the data set again",
+        ),
+        "checksum": (
+            "the checksum differs from that of the published file",
+            "SHA-256 {0} (version {1})",
+            "{2}",
+        ),
+        "unreachable": (
+            "the file cannot be fetched",
+            "an address that can be reached, or a folder with the file",
+            "check the connection, or name a copy of the data set as the source",
+        ),
+    },
+)
+
 
 def dataset_names() -> tuple[str, ...]:
     """Return the names of all data sets: those of the readers' modules, with hyphens."""
@@ -145,24 +175,12 @@ def dataset_names() -> tuple[str, ...]:
 
 
 def dataset_named(name: str) -> DataSet:
-    """Return the data set of that name.
-
-    Raises:
-        RawDataError: when there is none, naming those that there are.
-    """
+    """Return the data set of that name; refuse one that is not there (RawDataError)."""
     known = dataset_names()
     if name not in known:
         near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-        raise RawDataError(
-            "there is no reader of this data set",
-            where="data set",
-            value=name,
-            allowed=", ".join(known),
-            remedy=f"is {near[0]!r} meant?"
-            if near
-            else "correct the name, or write a reader in "
-            "pa10cal/datasets/readers (docs/datasets.md)",
-        )
+        kind = "like another" if near else "no reader"
+        raise _refusal(kind, "data set", name, ", ".join(known), *near)
     module = import_module(f"{readers.__name__}.{name.replace('-', '_')}")
     dataset: DataSet = module.DATASET
     return dataset
@@ -184,35 +202,30 @@ def import_campaigns(
     Raises:
         RawDataError: when files are missing, cannot be read, or are not the published ones.
     """
-    refuse_missing(folder, dataset.files)
+    files = ", ".join(dataset.files)
+    if not folder.is_dir():
+        raise _refusal("no folder", "folder of the data set", str(folder), files)
+    if missing := [name for name in dataset.files if not (folder / name).is_file()]:
+        raise _refusal("missing", folder, ", ".join(missing), files)
     published = dataset.published
     differing = differing_files(folder, {name: published.sha256[name] for name in dataset.files})
     campaigns = dataset.read(folder, max_left_out)
-    if not differing:
-        return campaigns
-    if not any_version:
-        raise refusal_of(
-            differing,
-            published.version,
-            "fetch the data set again, or import it as it is with --any-version",
-        )
-    return tuple(_told(campaign, folder, differing) for campaign in campaigns)
-
-
-def _told(
-    campaign: ImportedCampaign, folder: Path, differing: tuple[Differing, ...]
-) -> ImportedCampaign:
-    """Describe a campaign which of its files are not the published ones."""
-    own = {str(folder / file) for file in campaign.files}
-    clauses = [
-        f"{Path(each.place).name} is not the published file (SHA-256 {each.found})"
-        for each in differing
-        if each.place in own
-    ]
-    if not clauses:
-        return campaign
-    told = f"{campaign.provenance} But {'; '.join(clauses)}."
-    return replace(campaign, provenance=told, notes=(*campaign.notes, *clauses))
+    if differing and not any_version:
+        remedy = "fetch the data set again, or import it as it is with --any-version"
+        raise _refusal_of(differing, published, remedy)
+    described = []
+    for campaign in campaigns:
+        clauses = [
+            f"{Path(file.place).name} is not the published file (SHA-256 {file.found})"
+            for file in differing
+            if file.place in {str(folder / own) for own in campaign.files}
+        ]
+        if clauses:
+            provenance = f"{campaign.provenance} But {'; '.join(clauses)}."
+            notes = (*campaign.notes, *clauses)
+            campaign = replace(campaign, provenance=provenance, notes=notes)
+        described.append(campaign)
+    return tuple(described)
 
 
 # Files of a data set against the checksums of their published version.
@@ -232,38 +245,8 @@ def sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def refuse_missing(folder: Path, files: Iterable[str]) -> None:
-    """Stop when files are not in the folder.
-
-    Raises:
-        RawDataError: naming all that are missing.
-    """
-    files = tuple(files)
-    if not folder.is_dir():
-        raise RawDataError(
-            "there is no such folder",
-            where="folder of the data set",
-            value=str(folder),
-            allowed=f"a folder with {', '.join(files)}",
-            remedy="correct the path, or fetch the data set",
-        )
-    missing = [name for name in files if not (folder / name).is_file()]
-    if missing:
-        raise RawDataError(
-            "files of the data set are missing in the folder",
-            where=str(folder),
-            value=", ".join(missing),
-            allowed=f"a folder with {', '.join(files)}",
-            remedy="copy the missing files there, or fetch the data set again",
-        )
-
-
 def differing_files(folder: Path, published: Mapping[str, str]) -> tuple[Differing, ...]:
-    """Return the files whose SHA-256 is not the published one.
-
-    Args:
-        published: checksum by path; all these files are there.
-    """
+    """Return the files, which are all there, whose SHA-256 is not the published one."""
     found = {name: sha256((folder / name).read_bytes()) for name in published}
     return tuple(
         Differing(str(folder / name), found[name], expected)
@@ -272,17 +255,15 @@ def differing_files(folder: Path, published: Mapping[str, str]) -> tuple[Differi
     )
 
 
-def refusal_of(differing: tuple[Differing, ...], version: str, remedy: str) -> RawDataError:
+def _refusal_of(
+    differing: tuple[Differing, ...], published: Published, remedy: str
+) -> RawDataError:
     """Return the refusal of files that are not those of a version, with both checksums of each."""
-    first, others = differing[0], differing[1:]
-    also = "".join(f"; so does {each.place} (SHA-256 {each.found})" for each in others)
-    return RawDataError(
-        "the checksum differs from that of the published file",
-        where=first.place,
-        value=f"SHA-256 {first.found}{also}",
-        allowed=f"SHA-256 {', '.join(each.published for each in differing)} (version {version})",
-        remedy=remedy,
-    )
+    first, *others = differing
+    also = "".join(f"; so does {file.place} (SHA-256 {file.found})" for file in others)
+    sums = ", ".join(file.published for file in differing)
+    value = f"SHA-256 {first.found}{also}"
+    return _refusal("checksum", first.place, value, sums, published.version, remedy)
 
 
 # The files of a public data set, fetched from where they are published, or from a copy.
@@ -294,13 +275,8 @@ TIMEOUT_S = 60.0
 def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[str, ...]:
     """Bring all files of a published data set into a folder: the pinned version, or nothing.
 
-    Files that are there already and are the published ones are not fetched again.
-
-    Args:
-        source: folder or address to take them from; None for where they are published.
-
-    Returns:
-        Paths of the files fetched, inside the folder.
+    Files that are there already and are the published ones are not fetched again. They are taken
+    from a folder or address, or from where they are published. Returns the paths that were fetched.
 
     Raises:
         RawDataError: when a file cannot be had, or one is not the published one.
@@ -312,7 +288,10 @@ def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[st
         for name, checksum in published.sha256.items()
         if not (folder / name).is_file() or sha256((folder / name).read_bytes()) != checksum
     }
-    base = published.address if source is None else _address(source)
+    base = published.address
+    if source is not None:
+        base = source if "://" in source else Path(source).resolve().as_uri()
+        base = base if base.endswith("/") else f"{base}/"
     contents = {name: _content(base + quote(name)) for name in expected}
     differing = tuple(
         Differing(base + name, sha256(content), expected[name])
@@ -320,17 +299,11 @@ def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[st
         if sha256(content) != expected[name]
     )
     if differing:
-        raise refusal_of(differing, published.version, "fetch it again, or from another source")
+        raise _refusal_of(differing, published, "fetch it again, or from another source")
     with whole_files(*(folder / name for name in expected)) as besides:
         for beside, content in zip(besides, contents.values(), strict=True):
             beside.write_bytes(content)
     return tuple(expected)
-
-
-def _address(source: str) -> str:
-    """Return what stands in front of a file's path."""
-    address = source if "://" in source else Path(source).resolve().as_uri()
-    return address if address.endswith("/") else f"{address}/"
 
 
 def _content(address: str) -> bytes:
@@ -338,17 +311,8 @@ def _content(address: str) -> bytes:
         with urllib.request.urlopen(address, timeout=TIMEOUT_S) as answer:
             content: bytes = answer.read()
     except (OSError, HTTPException, ValueError) as error:
-        raise RawDataError(
-            "the file cannot be fetched",
-            where=address.removeprefix("file://"),
-            value=_cause(error),
-            allowed="an address that can be reached, or a folder with the file",
-            remedy="check the connection, or name a copy of the data set as the source",
-        ) from None
+        # The reason, without the name of the function that failed.
+        cause = getattr(error, "reason", error)
+        reason = str(getattr(cause, "strerror", None) or cause)
+        raise _refusal("unreachable", address.removeprefix("file://"), reason) from None
     return content
-
-
-def _cause(error: Exception) -> str:
-    """Return the reason, without the name of the function that failed."""
-    cause = getattr(error, "reason", error)
-    return str(getattr(cause, "strerror", None) or cause)

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pa10cal.campaign.own_words import refuse_too_many
+from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_rows import quarantined
 from pa10cal.datasets.importing import ARMS, DataSet, ImportedCampaign, Published
 from pa10cal.errors import RawDataError

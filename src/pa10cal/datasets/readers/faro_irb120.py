@@ -54,7 +54,7 @@ def read(folder: Path, max_left_out: float) -> tuple[ImportedCampaign, ...]:
     for name, file in TARGETS.items():
         tables.append(read_bare_table(folder, file, [f"{name}_{axis}_mm" for axis in "xyz"]))
     joints, *places = same_rows(tables, max_left_out)
-    p_mm = np.stack([table.numbers(list(table.columns)) for table in places], axis=1)
+    p_mm = np.stack([table.numbers_of(list(table.columns)) for table in places], axis=1)
     seen = np.asarray((p_mm != 0.0).any(axis=2), dtype=bool)
     some = np.asarray(seen[:, :AT_FLANGE].any(axis=1), dtype=bool)
     unseen = quarantined(FILES[1], joints.line[~some], "no reflector was observed")
@@ -73,7 +73,7 @@ def read(folder: Path, max_left_out: float) -> tuple[ImportedCampaign, ...]:
             holdout={"last_fraction": 0.3},
             readings=pd.DataFrame(columns),
             files=FILES,
-            left_out=(*(row for table in tables for row in table.left_out), *unseen),
+            left_out=(*(row for table in tables for row in table.quarantined), *unseen),
             notes=(
                 f"{int(some.sum())} configurations, {not_seen[0]} places not seen at the flange "
                 f"and {not_seen[1]} on the base",

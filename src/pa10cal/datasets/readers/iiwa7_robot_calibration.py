@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.datasets.importing import ARMS, DataSet, ImportedCampaign, Published, rotation_columns
 from pa10cal.datasets.text_table import read_bare_table
 
@@ -55,9 +56,9 @@ def _campaign(
     folder: Path, name: str, file: str, payload_kg: float, max_left_out: float
 ) -> ImportedCampaign:
     table = read_bare_table(folder, file, COLUMNS, separator=",", header=True)
-    table.refuse_too_many(max_left_out)
-    T_mm = table.numbers(_T).reshape(-1, 4, 4)
-    q_deg, tau_Nm = np.degrees(table.numbers(_Q)), -table.numbers(_TAU)
+    refuse_too_many(table.quarantined, table.totals, max_left_out)
+    T_mm = table.numbers_of(_T).reshape(-1, 4, 4)
+    q_deg, tau_Nm = np.degrees(table.numbers_of(_Q)), -table.numbers_of(_TAU)
     columns = {f"q{k}_deg": q_deg[:, k - 1] for k in JOINTS}
     columns |= {f"tau{k}_Nm": tau_Nm[:, k - 1] for k in JOINTS}
     columns |= {f"{axis}_mm": T_mm[:, k, 3] for k, axis in enumerate("xyz")}
@@ -69,7 +70,7 @@ def _campaign(
         uncertainty_mm=ASSUMED_MM,
         readings=pd.DataFrame(columns | rotation_columns(T_mm[:, :3, :3])),
         files=(file,),
-        left_out=table.left_out,
+        left_out=table.quarantined,
         notes=(f"{len(table)} configurations",),
         arm=ARMS / "iiwa7.yaml",
         tool_mass_kg=payload_kg,

@@ -12,8 +12,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from pa10cal.campaign.own_columns import refuse_too_many
+from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.datasets.importing import ARMS, DataSet, ImportedCampaign, Published
-from pa10cal.datasets.text_table import TextTable, read_bare_table
+from pa10cal.datasets.text_table import read_bare_table
 
 PUBLISHED = Published.on_github(
     "BotScutters/robot_accuracy",
@@ -64,8 +66,8 @@ def _campaign(
     folder: Path, name: str, file: str, robot: str, max_left_out: float
 ) -> ImportedCampaign:
     table = read_bare_table(folder, file, COLUMNS, separator=",", header=True)
-    table.refuse_too_many(max_left_out)
-    q_deg = table.numbers(AXES) * SIGNS
+    refuse_too_many(table.quarantined, table.totals, max_left_out)
+    q_deg = table.numbers_of(AXES) * SIGNS
     columns = {"q1_mm": table.columns["E"]} if robot == "titan_rail" else {}
     first = 1 + len(columns)
     columns |= {f"q{first + k}_deg": q_deg[:, k] for k in range(len(AXES))}
@@ -79,16 +81,16 @@ def _campaign(
         uncertainty_mm=ASSUMED_MM,
         readings=pd.DataFrame(columns),
         files=(file,),
-        left_out=table.left_out,
+        left_out=table.quarantined,
         notes=(f"{len(table)} configurations",),
         joints="commanded",
         arm=ARMS / f"{robot}.yaml",
     )
 
 
-def _owners_error_mm(table: TextTable) -> float:
+def _owners_error_mm(table: RawRows) -> float:
     """Return the rms distance between the points as measured and as the owner's model has them."""
-    difference_mm = table.numbers(_places("n")) - table.numbers(_places("a"))
+    difference_mm = table.numbers_of(_places("n")) - table.numbers_of(_places("a"))
     return float(np.sqrt(np.mean(np.sum(difference_mm.reshape(-1, len(POINTS), 3) ** 2, axis=2))))
 
 

@@ -52,10 +52,10 @@ def _campaign(folder: Path, name: str, date: str, max_left_out: float) -> Import
         read_bare_table(folder, files[1], (*PLACE, *QUATERNION), separator=","),
     ]
     joints, poses = same_rows(tables, max_left_out)
-    wxyz = poses.numbers(QUATERNION)
+    wxyz = poses.numbers_of(QUATERNION)
     length = np.linalg.norm(wxyz, axis=1)
     wxyz = wxyz / np.where(wxyz[:, :1] < 0.0, -length[:, None], length[:, None])
-    q_deg = np.degrees(joints.numbers(JOINTS))
+    q_deg = np.degrees(joints.numbers_of(JOINTS))
     columns = {f"q{k}_deg": q_deg[:, k - 1] for k in range(1, len(JOINTS) + 1)}
     columns |= {place: poses.columns[place] for place in PLACE}
     columns |= dict(zip(QUATERNION, wxyz.T, strict=True))
@@ -67,7 +67,7 @@ def _campaign(folder: Path, name: str, date: str, max_left_out: float) -> Import
         uncertainty_mm=ASSUMED_MM,
         readings=pd.DataFrame(columns),
         files=files,
-        left_out=tuple(row for table in tables for row in table.left_out),
+        left_out=tuple(row for table in tables for row in table.quarantined),
         notes=(f"{len(joints)} configurations",),
         arm=ARMS / "ma2010.yaml",
     )
