@@ -273,7 +273,7 @@ def test_no_module_is_longer_than_600_lines():
 
 
 #: Modules of fewer than 60 lines, those that only mark a package among them: may only fall.
-LEAFLETS = 42
+LEAFLETS = 41
 
 
 def test_leaflets_only_become_fewer():

@@ -33,6 +33,7 @@ from pa10cal.campaign.raw_file import own_columns, quaternions
 from pa10cal.campaign.raw_rows import in_radians, position_columns
 from pa10cal.campaign.recognise import (
     JUDGED,
+    WORDS,
     Roles,
     format_of,
     plain,
@@ -53,12 +54,6 @@ _DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}")
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.I)
 #: Numbers of days since 1900, as workbooks count time, between 1982 and 2064.
 _SERIAL_DAYS = (30_000.0, 60_000.0)
-#: Words for rows to calibrate with and rows held out.
-_GRID = "grid train training calibration calib cal fit kalibrierung kalib calibrage calibracion"
-_HELD = (
-    "holdout test validation verification check val valid pruefung prufung validierung "
-    "verifikation controle verificacion validacion"
-)
 #: What is stated where the file says nothing.
 ASSUMED_MM = 0.05
 
@@ -319,7 +314,7 @@ class _Proposing:
         if "repeat" in single and np.isfinite(sniffed.column(single["repeat"])).all():
             columns["repeat"] = single["repeat"]
         if "kind" in single:
-            known = dict.fromkeys(_GRID.split(), "grid") | dict.fromkeys(_HELD.split(), "holdout")
+            known = {word: kind for kind, text in WORDS["kinds"].items() for word in text.split()}
             stands = {word: known.get(plain(word)) for word in set(sniffed.words(single["kind"]))}
             if all(stands.values()):
                 own = {word: kind for word, kind in sorted(stands.items()) if word != kind}

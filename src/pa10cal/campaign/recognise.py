@@ -8,38 +8,20 @@ import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pa10cal.errors import RawDataError
+from pa10cal.yaml_file import read_yaml
+
 #: The format of times as ISO 8601 has them.
 ISO = "iso"
-#: Units by the word that campaign.yaml has for each, and how files write it.
-_UNITS = {
-    "deg": "° deg degs degree degrees grad grade grado grados degre degres",
-    "rad": "rad rads radian radians radiant radianes",
-    "mrad": "mrad",
-    "mm": "mm millimeter millimetre millimetres millimeters milimetros",
-    "cm": "cm",
-    "m": "m meter metre meters metres metro metros",
-    "um": "um µm micron microns micrometer",
-    "in": "in inch inches zoll pouce pouces",
-    "s": "s sec secs second seconds sek sekunde sekunden seconde secondes segundos",
-    "ms": "ms msec millisekunden",
-    "us": "us µs usec",
-    "min": "min",
-    "d": "days",
-    "Nm": "nm n·m n*m n.m n-m newtonmeter",
-    "Nmm": "nmm n·mm n*mm",
-    "kNm": "knm",
-    "N": "n newton newtons",
-    "kg": "kg kilogramm kilogram",
-    "C": "c °c degc celsius gradc",
-    "K": "k kelvin",
-    "F": "f °f degf fahrenheit",
-}
-_SPELLED = {spelled: unit for unit, words in _UNITS.items() for spelled in words.split()}
+#: Words of units and of names, by what they say; see the file.
+WORDS = read_yaml(Path(__file__).with_name("words.yaml"), RawDataError, what="it cannot be read")
+_SPELLED = {spelled: unit for unit, words in WORDS["units"].items() for spelled in words.split()}
 _BRACKETED = re.compile(r"^(?P<bare>.*?)\s*[\[({<]\s*(?P<unit>[^\[\](){}<>]{1,14}?)\s*[\])}>]\s*$")
 _APART = re.compile(r"^(?P<bare>.+?)(?:\s+in\s+|[\s_/,;:-]+)(?P<unit>[^\s_/,;:-]{1,12})$")
 _SIGN = re.compile(r"^(?P<bare>.*?)\s*(?P<unit>°[CF]?)$")
@@ -76,59 +58,10 @@ _GREEK = {
     **{"α": "alpha", "β": "beta", "γ": "gamma", "θ": "theta", "φ": "phi", "ϕ": "phi"},
     **{"ψ": "psi", "ω": "omega", "τ": "tau"},
 }
-_COMMANDED = (
-    "goal target command commanded cmd nominal nom setpoint desired soll sollwert ref consigne "
-    "commande cible nominale consigna deseado objetivo"
-)
-_DEVIATION = (
-    "dev deviation error err delta diff difference abweichung fehler ecart erreur desviacion res "
-    "residual"
-)
-_UNCERTAIN = "std stdev sigma uncert uncertainty unc u rms unsicherheit incertitude incertidumbre"
-_TORQUE = "tau torque effort moment drehmoment couple par momento"
-_NO_POSITION = (
-    "speed velocity vel qd dq geschwindigkeit vitesse velocidad acc accel acceleration "
-    "beschleunigung current strom courant corriente voltage spannung temp temperature temperatur"
-)
-_JOINT = (
-    "joint joints axis axes achse achsen gelenk axe articulation art eje articulacion q j a ax "
-    "theta th jnt rax winkel angle encoder motor"
-)
-_ROTATION = (
-    "rot rotation r rotate drehung winkel angle orientation ori orient giro vector rotvec euler rv"
-)
-_QUATERNION = "quat quaternion quaternio q"
-_SINGLE = {
-    "time": "time timestamp stamp date datetime zeit zeitstempel uhrzeit datum temps heure "
-    "horodatage tiempo hora fecha t clock",
-    "temperature": "temp temperature temperatur temperatura tarm troom",
-    "load": "load payload last nutzlast traglast zusatzlast zuladung charge carga",
-    "pose": "pose label point name id punkt messpunkt nr no number index punto nom "
-    "nombre posennummer",
-    "repeat": "repeat run cycle wiederholung lauf zyklus repetition repeticion ciclo",
-    "kind": "kind set split satz jeu conjunto",
-    "distance": "dist distance range abstand distanz entfernung distancia",
+_VOCABULARY = {
+    kind: frozenset(words.split()) for kind, words in (WORDS["words"] | WORDS["single"]).items()
 }
-#: Endings of the columns of an orientation, and the convention that the names alone suggest.
-_ATTITUDES = (
-    (("qw", "qx", "qy", "qz"), "quaternion_wxyz"),
-    (("q0", "q1", "q2", "q3"), "quaternion_wxyz"),
-    (("q1", "q2", "q3", "q4"), "quaternion_wxyz"),
-    (("roll", "pitch", "yaw"), "rpy"),
-    (("rollen", "nicken", "gieren"), "rpy"),
-    (("roulis", "tangage", "lacet"), "rpy"),
-    (("alabeo", "cabeceo", "guinada"), "rpy"),
-    (("rx", "ry", "rz"), "rpy"),
-    (("rotx", "roty", "rotz"), "rpy"),
-    (("w", "p", "r"), "rpy"),
-    (("a", "b", "c"), "euler_ZYX"),
-    (("o", "a", "t"), "euler_ZYZ"),
-    (("alpha", "beta", "gamma"), "euler_XYZ"),
-    (("phi", "theta", "psi"), "rpy"),
-    (("omega", "phi", "kappa"), "euler_XYZ"),
-    (tuple(f"r{i}{j}" for i in "123" for j in "123"), "matrix"),
-    (tuple(f"r{i}{j}" for i in "012" for j in "012"), "matrix"),
-)
+_ORIENTATIONS = [(tuple(endings.split()), word) for endings, word in WORDS["orientations"]]
 #: What stands directly before or after x, y, z without anything between.
 _BEFORE_AXIS = "p|t|pos|tcp|trans|coord|meas|act|ist"
 _AFTER_AXIS = "pos|ist|act|actual|mess|meas|measured|coord|koord|soll|nom|cmd"
@@ -152,9 +85,9 @@ def _words(name: str) -> tuple[str, ...]:
     return tuple(re.findall(r"[a-z]+\d*|\d+", plain(bare)))
 
 
-def _has(words: Sequence[str], vocabulary: str) -> bool:
-    """Return whether one of the words is of a vocabulary."""
-    return not frozenset(vocabulary.split()).isdisjoint(words)
+def _has(words: Sequence[str], *kinds: str) -> bool:
+    """Return whether one of the words is of one of these kinds of `WORDS`."""
+    return any(not _VOCABULARY[kind].isdisjoint(words) for kind in kinds)
 
 
 @dataclass(frozen=True)
@@ -179,23 +112,23 @@ def roles_of(names: Sequence[str], joints: int | None) -> Roles:
         name
         for name in names
         if name not in of.values()
-        and not _has(_words(name)[:1], _UNCERTAIN)
-        and not _has(_words(name), _DEVIATION)
+        and not _has(_words(name)[:1], "uncertain")
+        and not _has(_words(name), "deviation")
     ]
-    attitude = _attitude([name for name in certain if not _has(_words(name), _NO_POSITION)])
+    attitude = _attitude([name for name in certain if not _has(_words(name), "no position")])
     free = [name for name in certain if attitude is None or name not in attitude[0]]
     positions: dict[str, tuple[str, ...]] = {}
     for some in _measured_first(free):
         for axes, place in _by_axis(some, "xyz"):
-            if not _has(place, f"{_ROTATION} {_NO_POSITION} {_TORQUE} force f kraft"):
+            if not _has(place, "rotation", "no position", "torque", "force"):
                 before = _around_axis(axes["x"])
                 label = before if before not in positions else f"{before}{len(positions) + 1}"
                 positions[label] = tuple(axes.values())
     taken = {name for triple in positions.values() for name in triple}
     free = [name for name in free if name not in taken]
-    torques = _numbered([name for name in free if _has(_words(name), _TORQUE)], joints)
-    free = [name for name in free if not _has(_words(name), _TORQUE)]
-    still = [name for name in free if not _has(_words(name), _NO_POSITION)]
+    torques = _numbered([name for name in free if _has(_words(name), "torque")], joints)
+    free = [name for name in free if not _has(_words(name), "torque")]
+    still = [name for name in free if not _has(_words(name), "no position")]
     turns = _numbered(still, joints)
     if not turns and attitude is not None and attitude[1].startswith("quaternion"):
         # q0 … q3 of an arm with four joints are these, where nothing else is.
@@ -203,22 +136,22 @@ def roles_of(names: Sequence[str], joints: int | None) -> Roles:
         attitude = None if turns else attitude
     free = [name for name in free if name not in turns]
     single: dict[str, str] = {}
-    for key, vocabulary in _SINGLE.items():
+    for key, vocabulary in WORDS["single"].items():
         some = [name for name in free if name not in single.values()]
-        whole = [name for name in some if _has(_words(name), vocabulary)]
+        whole = [name for name in some if _has(_words(name), key)]
         if not whole and key in ("time", "temperature", "load", "distance"):
             part = re.compile("|".join(word for word in vocabulary.split() if len(word) > 3))
             whole = [name for name in some if any(map(part.search, _words(name)))]
         if whole:
             single[key] = whole[0]
     others = {name for key, name in single.items() if key != "time"}
-    times = [name for name in free if _has(_words(name), _SINGLE["time"]) and name not in others]
+    times = [name for name in free if _has(_words(name), "time") and name not in others]
     return Roles(turns, torques, positions, attitude, of, single, tuple(times))
 
 
 def _measured_first(names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return columns of what was measured, then those of what was commanded."""
-    commanded = [name for name in names if _has(_words(name), _COMMANDED)]
+    commanded = [name for name in names if _has(_words(name), "commanded")]
     return [name for name in names if name not in commanded], commanded
 
 
@@ -235,14 +168,13 @@ def _numbered(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
         numbers = itertools.count(0 if 0 in listed else 1)
         run = [listed[k] for k in itertools.takewhile(listed.__contains__, numbers)]
         around_words = re.findall(r"[a-z]+", " ".join(around))
-        a_joint = _has(around_words, _JOINT)
+        a_joint = _has(around_words, "joint")
         fits = joints is None or len(run) == joints
-        score = (fits, not _has(around_words, _COMMANDED), a_joint, len(run))
+        score = (fits, not _has(around_words, "commanded"), a_joint, len(run))
         if score > best[0] and around_words and (a_joint or joints is not None):
             best = score, tuple(run)
     (fits, *_), numbered = best
-    axes = "joint axis achse gelenk articulation articulacion eje axe"
-    called = tuple(name for name in names if _has(_words(name), axes))
+    called = tuple(name for name in names if _has(_words(name), "called joint"))
     if (joints is None or len(called) == joints) and len(called) > len(numbered) * fits:
         return called if len(called) >= 2 else ()
     return numbered if len(numbered) >= 2 and fits else ()
@@ -257,16 +189,16 @@ def _attitude(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
         return order, "quaternion_wxyz" if order[0] == wxyz[0] else "quaternion_xyzw"
 
     for some in _measured_first(names):
-        for endings, convention in _ATTITUDES:
+        for endings, convention in _ORIENTATIONS:
             for columns in _with_endings(some, endings):
                 known = convention.startswith("quaternion")
                 return quaternion(columns) if known else (columns, convention)
         for axes, place in _by_axis(some, "wxyz"):
-            if _has(place, f"{_QUATERNION} {_ROTATION}"):
+            if _has(place, "quaternion", "rotation"):
                 return quaternion(tuple(axes.values()))
         for axes, place in _by_axis(some, "xyz"):
-            if _has(place, _ROTATION):
-                vector = _has(place, "vector rotvec rv")
+            if _has(place, "rotation"):
+                vector = _has(place, "vector")
                 return tuple(axes.values()), "rotation_vector" if vector else "rpy"
     return None
 
@@ -319,7 +251,7 @@ def _around_axis(name: str) -> str:
 
 def _uncertain(names: Sequence[str]) -> dict[str, str]:
     """Return the columns of uncertainties by the one that each is of."""
-    known = frozenset(_UNCERTAIN.split())
+    known = _VOCABULARY["uncertain"]
     called: dict[str, str] = {}
     for name in names:
         called.setdefault("".join(_words(name)), name)

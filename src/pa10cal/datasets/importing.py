@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
-import pkgutil
 import urllib.request
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from http.client import HTTPException
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pa10cal.campaign.description import JointPositions
 from pa10cal.campaign.raw_rows import Quarantined
-from pa10cal.datasets import readers
 from pa10cal.errors import RawDataError, refusals
 from pa10cal.files.output import whole_files
+from pa10cal.yaml_file import read_yaml
 
 # What a reader of a data set defines, and what it gives: campaigns not yet written.
 
@@ -35,34 +29,36 @@ class Published:
     version: str  # the version meant, such as a commit
     address: str  # what stands in front of a file's path
     sha256: Mapping[str, str]  # checksum of every file that is fetched, by its path
-    repository: str = ""  # the owner's, as `owner/name`
-    licence: str | None = None  # that which the owner states; None where none is
+    stated: Mapping[str, Any] = field(default_factory=dict)  # what its reader's YAML file states
 
     @classmethod
-    def on_github(
-        cls, repository: str, commit: str, sums: str, licence: str | None = None, folder: str = ""
-    ) -> Published:
-        """Return files of a commit of a public repository, `owner/name`.
+    def of(cls, name: str) -> Published:
+        """Return what `published/<name>.yaml` states of a data set.
 
-        Checksums and paths are a line a file, as `sha256sum` prints them; paths are counted from a
-        folder of the repository, with a slash at its end.
+        The files are those of a commit of a public repository on GitHub, counted from a folder of
+        it where one is stated.
         """
-        address = f"https://raw.githubusercontent.com/{repository}/{commit}/"
-        pairs = (line.split(maxsplit=1) for line in sums.strip().splitlines())
-        sha256 = {f"{folder}{path}": checksum for checksum, path in pairs}
-        return cls(commit, address, sha256, repository, licence)
+        path = Path(__file__).parent / "published" / f"{name}.yaml"
+        stated = read_yaml(path, RawDataError, what="what is stated of the data set is unreadable")
+        folder = f"{stated['folder']}/" if "folder" in stated else ""
+        sha256 = {f"{folder}{path}": checksum for path, checksum in stated["sha256"].items()}
+        commit = stated["commit"]
+        address = f"https://raw.githubusercontent.com/{stated['repository']}/{commit}/"
+        return cls(commit, address, sha256, stated)
 
-    def told(self, provenance: str, **more: object) -> str:
-        """Return a provenance with repository and commit in their places."""
-        return provenance.format(repository=self.repository, commit=self.version, **more)
+    def told(self, **more: object) -> str:
+        """Return the provenance with repository, commit and what else it names in their places."""
+        text: str = self.stated["provenance"]
+        return text.format(**{**self.stated, **more})
 
     @property
     def terms(self) -> str:
         """Return under which licence the files are, in a sentence."""
-        if self.licence is not None:
-            return f"{self.repository}: {self.licence}."
+        repository = self.stated["repository"]
+        if "licence" in self.stated:
+            return f"{repository}: {self.stated['licence']}."
         return (
-            f"{self.repository}: no licence is stated by the owner. The files are fetched from the "
+            f"{repository}: no licence is stated by the owner. The files are fetched from the "
             "owner for you alone; ask the owner before you pass them on."
         )
 
@@ -106,16 +102,6 @@ class ImportedCampaign:
         return self.readings
 
 
-#: Descriptions of arms that are measured in data sets and are not shipped as arms of their own.
-ARMS = Path(__file__).with_name("arms")
-
-
-def rotation_columns(R_instr_target: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Return orientations (N, 3, 3) as the columns qw to qz, qw not negative."""
-    quaternions = Rotation.from_matrix(R_instr_target).as_quat(canonical=True, scalar_first=True)
-    return dict(zip(("qw", "qx", "qy", "qz"), quaternions.T, strict=True))
-
-
 @dataclass(frozen=True)
 class DataSet:
     """A data set that can be imported."""
@@ -133,17 +119,11 @@ class DataSet:
         return tuple(path for path in self.published.sha256 if path not in self.unread)
 
 
-# The data sets that can be imported, found by looking through the folder of readers.
+# Campaigns of a data set.
 
 _refusal = refusals(
     RawDataError,
     {
-        "like another": ("there is no reader of this data set", "{0}", "is {1!r} meant?"),
-        "no reader": (
-            "there is no reader of this data set",
-            "{0}",
-            "correct the name, or write a reader in pa10cal/datasets/readers (docs/datasets.md)",
-        ),
         "no folder": (
             "there is no such folder",
             "a folder with {0}",
@@ -166,24 +146,6 @@ _refusal = refusals(
         ),
     },
 )
-
-
-def dataset_names() -> tuple[str, ...]:
-    """Return the names of all data sets: those of the readers' modules, with hyphens."""
-    modules = pkgutil.iter_modules(readers.__path__)
-    return tuple(sorted(module.name.replace("_", "-") for module in modules))
-
-
-def dataset_named(name: str) -> DataSet:
-    """Return the data set of that name; refuse one that is not there (RawDataError)."""
-    known = dataset_names()
-    if name not in known:
-        near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-        kind = "like another" if near else "no reader"
-        raise _refusal(kind, "data set", name, ", ".join(known), *near)
-    module = import_module(f"{readers.__name__}.{name.replace('-', '_')}")
-    dataset: DataSet = module.DATASET
-    return dataset
 
 
 def import_campaigns(

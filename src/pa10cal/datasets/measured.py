@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pa10cal.campaign.description import read_description
-from pa10cal.errors import Pa10calError
+from pa10cal.errors import Pa10calError, RecordError
 from pa10cal.files.arms import load_arm
 from pa10cal.files.output import csv_cell, markdown_cell, write_text
 from pa10cal.results import fleet
@@ -23,89 +23,31 @@ from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import HeldOutModel, HoldoutRecord, TransferRecord
+from pa10cal.yaml_file import read_yaml
 
 
 @dataclass(frozen=True)
 class Known:
     """What is known of a measured campaign before it is worked on."""
 
-    dataset: str | None  # the data set that it is imported of; None where none has it
     instrument: str  # what measured it, for a reader
+    dataset: str | None = None  # the data set that it is imported of; None where none has it
     # what the owner or somebody else reports of these data, with its source; empty where nothing
     # is known
     published: str = ""
 
 
-_TITAN, _IIWA7, _MOTOMAN = "titan-robot-accuracy", "iiwa7-robot-calibration", "welding-motoman"
-_JUSTIN, _UR10 = "dlr-elastic-calibration", "ipa-robot-accuracy"
-_OWNERS_TITAN = (
-    "the owner's own compensated model: {} mm rms over all points (columns xn1 … zn3 of {})"
-)
-_OPTICAL = "optical tracker, poses; torques logged"
-_ANOTHERS_SPRINGS = (
-    "an independent fit: springs of `iiwa7-free` carried here {} mm rms, {} without springs"
-)
-_GRAVITY = (
-    "the owners: an error with the form of gravity in joints 2 and 3; their model lowers the "
-    "largest error by more than half (arXiv 2510.19962)"
-)
-_LADDER = (
-    "the owners, mean in sample over both arms: frames alone 21.3 mm, geometry 10.5, joint "
-    "elasticity 5.64, lateral elasticity too 3.12 (Tenhumberg and Bäuml, ieeexplore 9555793)"
-)
-
+_STATED = read_yaml(Path(__file__).with_suffix(".yaml"), RecordError, what="it cannot be read")
 #: Campaigns in the order of the page.
 CAMPAIGNS: Mapping[str, Known] = {
-    "titan-fixed": Known(
-        _TITAN, "three points, instrument not stated", _OWNERS_TITAN.format(0.172, "robodata.csv")
-    ),
-    "titan-rail": Known(
-        _TITAN,
-        "three points, instrument not stated",
-        _OWNERS_TITAN.format("0.17 to 0.18", "robodata2.csv"),
-    ),
-    "ma2010-0516": Known(_MOTOMAN, "OptiTrack, poses", _GRAVITY),
-    "ma2010-0801": Known(_MOTOMAN, "OptiTrack, poses", _GRAVITY),
-    "iiwa7-free": Known(
-        _IIWA7, _OPTICAL, "an independent fit: geometry and springs 0.296 mm rms held out"
-    ),
-    "iiwa7-0kg": Known(_IIWA7, _OPTICAL, _ANOTHERS_SPRINGS.format(0.44, 1.39)),
-    "iiwa7-1250g": Known(_IIWA7, _OPTICAL, _ANOTHERS_SPRINGS.format("0.50", 1.58)),
-    "iiwa7-2500g": Known(_IIWA7, _OPTICAL, _ANOTHERS_SPRINGS.format(0.57, 1.77)),
-    "justin-left": Known(_JUSTIN, "Vicon, one marker", _LADDER),
-    "justin-left-tau": Known(None, "Vicon, one marker; torques of assumed masses", _LADDER),
-    "justin-right": Known(_JUSTIN, "Vicon, one marker", _LADDER),
-    "irb120": Known(
-        "faro-irb120",
-        "laser tracker, three reflectors, three on the base",
-        "an independent fit of poses made of the reflectors by hand: 0.59 mm rms held out, 0.48 "
-        "with effects; reflectors agree to 0.006 mm",
-    ),
-    "ur10-a": Known(
-        _UR10,
-        "laser tracker, poses",
-        "an independent fit: geometry 0.430 mm rms held out, springs 0.411, errors of the sensors "
-        "0.088",
-    ),
-    "ur10-c": Known(
-        _UR10,
-        "laser tracker, poses",
-        "an independent fit: geometry 0.485 mm rms held out, springs 0.483, errors of the sensors "
-        "0.078",
-    ),
+    name: Known(**stated) for name, stated in _STATED["campaigns"].items()
 }
 #: Several campaigns of one robot, fitted as one where all of them are at hand.
 GROUPS: Mapping[str, tuple[str, ...]] = {
-    "ma2010": ("ma2010-0516", "ma2010-0801"),
-    "iiwa7": ("iiwa7-free", "iiwa7-0kg", "iiwa7-1250g", "iiwa7-2500g"),
-    "ur10": ("ur10-a", "ur10-c"),
+    name: tuple(members) for name, members in _STATED["groups"].items()
 }
 #: Models carried to another campaign: source and target.
-CARRIED = (
-    *(("iiwa7-free", f"iiwa7-{payload}") for payload in ("0kg", "1250g", "2500g")),
-    ("ur10-a", "ur10-c"),
-    ("ur10-c", "ur10-a"),
-)
+CARRIED = tuple((source, target) for source, target in _STATED["carried"])
 
 
 @dataclass(frozen=True)
