@@ -21,7 +21,9 @@ from pa10cal.yaml_file import read_yaml
 ISO = "iso"
 #: Words of units and of names, by what they say; see the file.
 WORDS = read_yaml(Path(__file__).with_name("words.yaml"), RawDataError, what="it cannot be read")
-_SPELLED = {spelled: unit for unit, words in WORDS["units"].items() for spelled in words.split()}
+_SPELLED: dict[str, str] = {
+    spelled: unit for unit, words in WORDS["units"].items() for spelled in words.split()
+}
 _BRACKETED = re.compile(r"^(?P<bare>.*?)\s*[\[({<]\s*(?P<unit>[^\[\](){}<>]{1,14}?)\s*[\])}>]\s*$")
 _APART = re.compile(r"^(?P<bare>.+?)(?:\s+in\s+|[\s_/,;:-]+)(?P<unit>[^\s_/,;:-]{1,12})$")
 _SIGN = re.compile(r"^(?P<bare>.*?)\s*(?P<unit>°[CF]?)$")

@@ -191,11 +191,10 @@ def refuse_far(values_m: Sequence[float], key: str, where: str) -> None:
 
 
 def _check_row(row: ArmRow, where: str) -> None:
-    turns, slides = ("limits_deg", "torque_limit_Nm", "gear_ratio"), ("limits_m", "force_limit_N")
-    kind, other, own, foreign = ("turns", "slides", turns[:2], slides)
-    if row.prismatic:
-        kind, other, own, foreign = ("slides", "turns", slides, turns)
-    for key in foreign:
+    keys = {"turns": ["limits_deg", "torque_limit_Nm"], "slides": ["limits_m", "force_limit_N"]}
+    kind, other = ("slides", "turns") if row.prismatic else ("turns", "slides")
+    own = keys[kind]
+    for key in (*keys[other], *(["gear_ratio"] if row.prismatic else [])):
         if (value := getattr(row, key)) is not None:
             words = (key, other, kind, " and ".join(own), str(not row.prismatic).lower())
             raise _refusal("foreign", where, value, *words)
