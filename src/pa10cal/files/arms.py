@@ -258,7 +258,10 @@ def arm_names() -> list[str]:
 def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) -> Arm:
     """Load an arm: `<name>.yaml` of a campaign's folder or of a folder of arms, else a shipped one.
 
-    The folder of arms is `arms` beside the campaign's folder where none is given.
+    Args:
+        name: name of the arm, as `campaign.yaml` gives it under `robot`.
+        folder: the campaign's folder.
+        arms: folder of arm descriptions; None for `arms` beside the campaign's folder.
 
     Raises:
         ArmError: when there is no arm of that name, or its file cannot be used.
