@@ -21,7 +21,8 @@ import pa10cal
 from pa10cal.calibration.general.other_campaign import refit_frames
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.datasets.campaign_folder import write_campaigns
-from pa10cal.datasets.importing import dataset_named, import_campaigns
+from pa10cal.datasets.importing import import_campaigns
+from pa10cal.datasets.readers import dataset_named
 from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
 from pa10cal.discovery.noise import share_inside
 from pa10cal.discovery.preparation import setup_of

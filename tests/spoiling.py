@@ -28,6 +28,12 @@ def delete(lines, *words):
     lines[1:] = [line for line in lines[1:] if f",{','.join(words)}," not in line]
 
 
+def with_columns(lines, columns):
+    """Append columns of one value each."""
+    values = ",".join(str(value) for value in columns.values())
+    lines[:] = [",".join([lines[0], *columns]), *(f"{line},{values}" for line in lines[1:])]
+
+
 def retime(lines, seconds, first=1, last=None):
     for index in range(first, len(lines) if last is None else last):
         time_s = float(lines[index].split(",")[0])

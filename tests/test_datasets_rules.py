@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from made_up_datasets import write_titan
-from pa10cal.datasets.importing import dataset_named
+from pa10cal.datasets.readers import dataset_named
 
 ROOT = Path(__file__).parents[1]
 ENDS = {

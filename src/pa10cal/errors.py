@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Iterable
-from typing import Self
+from collections.abc import Callable, Iterable, Mapping
+from typing import Self, TypeVar
+
+_E = TypeVar("_E", bound="Pa10calError")
 
 #: A longer part of a message is shortened in its middle: a file may hold anything.
 _LONGEST = 2000
@@ -112,6 +114,19 @@ class DiscoveryError(Pa10calError):
 
 class CurveError(Pa10calError):
     """A curve cannot be made into links, or no roll keeps their joints within limits."""
+
+
+def refusals(kind: type[_E], texts: Mapping[str, tuple[str, str, str]]) -> Callable[..., _E]:
+    """Return what makes errors of a table: what is wrong, what is allowed and what to do, by name.
+
+    It takes the name, where, the value, and words for the places that the texts leave by number.
+    """
+
+    def refusal(name: str, where: object, value: object = None, *words: object) -> _E:
+        what, allowed, remedy = (text.format(*words) for text in texts[name])
+        return kind(what, where=str(where), value=value, allowed=allowed, remedy=remedy)
+
+    return refusal
 
 
 # The word that was probably meant, where one of those known is near enough to say so.

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from mended import QUATERNION, describe, mend, simulated
-from pa10cal.campaign import csv_rows, text_file
-from pa10cal.campaign.bounds import Bounds
+from pa10cal.campaign import csv_rows
+from pa10cal.campaign.bounds import bound_of
 from pa10cal.campaign.csv_rows import read_rows
-from pa10cal.campaign.labels import exchanged, not_rigid, stated_shape
+from pa10cal.campaign.nominal_fit import exchanged, not_rigid, stated_shape
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
@@ -268,7 +268,7 @@ def test_touches_cut_short_say_how_many_configurations_are_missing(copy):
 
 
 def test_large_files_are_refused_unpacked(tmp_path, monkeypatch):
-    monkeypatch.setattr(text_file, "LARGEST_BYTES", 10_000)
+    monkeypatch.setattr(csv_rows, "LARGEST_BYTES", 10_000)
     text = b"a,b\n" + b"1,2\n" * 3000
     for name, content in (("t.csv", text), ("t.csv.gz", gzip.compress(text))):
         (tmp_path / name).write_bytes(content)
@@ -288,7 +288,7 @@ def test_rows_are_the_same_in_whatever_parts_they_are_read(tmp_path, monkeypatch
 
 
 def test_bounds_of_sliding_joints_are_in_millimetres():
-    bound = Bounds(load_arm("gx4_351s")).of("q3_mm")
+    bound = bound_of("q3_mm", load_arm("gx4_351s"))
     assert bound.high - bound.low < 1000.0
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.campaign.dwells import Samples, best_clock_offset, dwell_readings, find_dwells
+from pa10cal.campaign.two_logs import Samples, best_clock_offset, find_dwells
 
 STILL = 0.02
 
@@ -64,10 +64,9 @@ def test_readings_are_means_with_the_standard_uncertainty_of_the_mean():
     tau_Nm = rng.normal(5.0, 0.3, samples.q_deg.shape)
     temperature_C = np.linspace(20.0, 22.0, len(samples))
     samples = log(samples.time_s, samples.q_deg, tau_Nm, temperature_C)
-    dwells = find_dwells(samples, STILL)
-    readings = dwell_readings(samples, dwells)
-    for d in range(len(dwells)):
-        rows = slice(dwells.first[d], dwells.last[d] + 1)
+    readings = find_dwells(samples, STILL)
+    for d in range(len(readings)):
+        rows = readings.of_sample == d
         count = readings.samples[d]
         np.testing.assert_allclose(readings.q_deg[d], samples.q_deg[rows].mean(axis=0), rtol=1e-12)
         u = tau_Nm[rows].std(axis=0, ddof=1) / np.sqrt(count)
@@ -88,13 +87,13 @@ def test_arrival_is_the_sign_of_the_last_real_movement(approach_deg, arrival):
     q_deg = np.vstack([approach_deg, np.zeros((6, 2))])
     time_s = np.concatenate([[-0.8, -0.4], 2.0 * np.arange(6)])
     samples = log(time_s, q_deg)
-    readings = dwell_readings(samples, find_dwells(samples, STILL))
+    readings = find_dwells(samples, STILL)
     np.testing.assert_array_equal(readings.arrival, [arrival])
 
 
 def test_without_an_approach_the_arrival_is_zero():
     samples = log(np.arange(5.0), np.zeros((5, 2)))
-    readings = dwell_readings(samples, find_dwells(samples, STILL))
+    readings = find_dwells(samples, STILL)
     np.testing.assert_array_equal(readings.arrival, [[0, 0]])
 
 

@@ -1,11 +1,16 @@
-"""Lengths in another unit are refused by the unit's name."""
+"""Units, single positions far from the nominal model, and axes of the instrument."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from pa10cal.campaign.screens import refuse_wrong_length_unit
-from pa10cal.errors import RawDataError
+from made_up_sightings import sighted
+from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.screens import off_model, refuse_wrong_length_unit
+from pa10cal.errors import Pa10calError, RawDataError
+from pa10cal.observe.quantities import Misfit
+from spoiling import ingest, replace
 
 
 @pytest.mark.parametrize("scale", [None, 0.3, 1.0, 4.0])
@@ -26,3 +31,72 @@ def test_a_scale_near_one_passes(scale):
 def test_another_unit_is_named(scale, message):
     with pytest.raises(RawDataError, match=message):
         refuse_wrong_length_unit(scale, "distances", "poses.csv: d_mm")
+
+
+def spoiled(tmp_path, errors_mm):
+    """Ingest positions of one target, with errors in some rows."""
+    raw = sighted(tmp_path, "points", targets=1, noise_mm=0.05)
+    for row, error_mm in errors_mm.items():
+        word = raw.poses[row].split(",")[raw.column("T1_x_mm")]
+        replace(raw.poses, row, "T1_x_mm", repr(float(word) + error_mm))
+    return [row.line - 1 for row in ingest(raw).quarantined]
+
+
+@pytest.mark.parametrize("sizes_mm", [(99.0, 101.0, 103.0), (60.0, 150.0, 260.0)])
+def test_errors_of_one_kind_are_listed_together(tmp_path, sizes_mm):
+    errors_mm = dict(zip([6, 17, 28], sizes_mm, strict=True))
+    assert spoiled(tmp_path, errors_mm) == [6, 17, 28]
+
+
+def test_errors_within_what_is_allowed_stay(tmp_path):
+    assert spoiled(tmp_path, {6: 90.0, 17: 92.0}) == []
+
+
+def test_beside_a_large_error_ten_times_the_usual_one_still_stays():
+    length_m = np.full((40, 1), 9e-3)
+    length_m[:3, 0] = [80e-3, 95e-3, 300e-3]
+    off = off_model(Misfit(length_m, np.zeros(40)))
+    assert np.flatnonzero(off[:, 0]).tolist() == [1, 2]
+
+
+def changed(raw, columns, new) -> None:
+    """Rewrite the columns of a target: `new` takes and returns three numbers."""
+    at = [raw.column(name) for name in columns]
+    for k, line in enumerate(raw.poses[1:], start=1):
+        row = line.split(",")
+        for j, value in zip(at, new([float(row[j]) for j in at]), strict=True):
+            row[j] = f"{value:.9f}"
+        raw.poses[k] = ",".join(row)
+
+
+PLACE = ["x_mm", "y_mm", "z_mm"]
+
+
+@pytest.mark.parametrize(
+    ("new", "told"),
+    [
+        (lambda p: [-p[0], p[1], p[2]], "-x, y, z"),
+        (lambda p: [p[0], p[1], -p[2]], "x, y, -z"),
+        (lambda p: [p[1], p[0], p[2]], "y, x, z"),
+        (lambda p: [p[2], p[0], p[1]], "z, x, y"),
+        (lambda p: [p[1], -p[2], p[0]], "y, -z, x"),
+    ],
+)
+def test_attitudes_tell_which_axes_they_are(tmp_path, new, told):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    changed(raw, PLACE, new)
+    with pytest.raises(Pa10calError, match=rf"axes are {told} in place of x, y, z"):
+        read_campaign(raw.write())
+
+
+def test_positions_alone_tell_that_a_frame_is_mirrored(tmp_path):
+    raw = sighted(tmp_path, "points", targets=1, noise_mm=0.02)
+    changed(raw, [f"T1_{axis}_mm" for axis in "xyz"], lambda p: [p[0], -p[1], p[2]])
+    with pytest.raises(Pa10calError, match="mirrored: a left-handed frame"):
+        read_campaign(raw.write())
+
+
+@pytest.mark.parametrize("kind", ["pose", "points"])
+def test_right_axes_are_not_doubted(tmp_path, kind):
+    found = read_campaign(sighted(tmp_path, kind, noise_mm=0.02).write())
+    assert not found.warnings

@@ -12,7 +12,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.campaign.read import repeatability_mm
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
-from spoiling import ingest, replace
+from spoiling import ingest, replace, with_columns
 
 NO_TORQUES = {
     True: "no torques logged: those of the described masses are used",
@@ -30,15 +30,6 @@ def scale(raw, factor, chosen):
         for k in columns:
             words[k] = repr(factor * float(words[k])) if words[k] else ""
         raw.poses[index] = ",".join(words)
-
-
-def with_columns(raw, columns):
-    """Append columns of one value each."""
-    values = ",".join(str(value) for value in columns.values())
-    raw.poses[:] = [
-        ",".join([raw.poses[0], *columns]),
-        *(f"{line},{values}" for line in raw.poses[1:]),
-    ]
 
 
 def add(raw, index, column, value):
@@ -90,7 +81,7 @@ def test_what_is_stated_beside_the_values_is_taken(tmp_path):
     raw = sighted(tmp_path, "points", robot="gx4_351s", targets=1)
     torques = {f"tau{j}_Nm": 1.5 * j for j in range(1, 5)}
     stated = {"u_T1_y_mm": 0.05, "u_q3_mm": 0.02, "u_q4_deg": 0.01, "temperature_C": 22.5}
-    with_columns(raw, {**torques, **stated})
+    with_columns(raw.poses, {**torques, **stated})
     ingested = ingest(raw)
     assert ingested.notes == ()
     poses = ingested.observations
@@ -141,7 +132,7 @@ def test_rows_without_any_target_or_with_part_of_one_are_listed(tmp_path):
 def test_a_row_that_cannot_be_used_is_listed(tmp_path, kind, column, text, reason):
     raw = sighted(tmp_path, kind, targets=1)
     extra = {f"tau{j}_Nm": 1.5 for j in range(1, 7)}
-    with_columns(raw, {**extra, "u_d_mm" if kind == "distance" else "u_T1_x_mm": 0.02})
+    with_columns(raw.poses, {**extra, "u_d_mm" if kind == "distance" else "u_T1_x_mm": 0.02})
     replace(raw.poses, 12, column, text)
     ingested = ingest(raw)
     assert listed(ingested) == [(13, reason)]
@@ -176,34 +167,24 @@ def test_a_compressed_file_is_read(tmp_path):
     assert len(ingest(raw).observations) == 40
 
 
-def emptied(lines):
-    return []
-
-
-def header_alone(lines):
-    return lines[:1]
-
-
 def with_decimal_commas(lines):
     return [lines[0], *(line.replace(".", ",") for line in lines[1:])]
-
-
-def with_semicolons(lines):
-    return [line.replace(",", ";") for line in lines]
-
-
-def without_a_unit(lines):
-    return [lines[0].replace("q3_deg", "q3"), *lines[1:]]
 
 
 @pytest.mark.parametrize(
     ("spoilt", "message"),
     [
-        (emptied, r"poses.csv:1: the file is empty"),
-        (header_alone, r"poses.csv:1: there is no row"),
+        (lambda _: [], r"poses.csv:1: the file is empty"),
+        (lambda lines: lines[:1], r"poses.csv:1: there is no row"),
         (with_decimal_commas, r"poses.csv:2: .*decimal commas.*decimal points"),
-        (with_semicolons, r"poses.csv:1: .*separated by semicolons"),
-        (without_a_unit, r"poses.csv:1: missing column q3_deg .*is it 'q3'"),
+        (
+            lambda lines: [line.replace(",", ";") for line in lines],
+            r"poses.csv:1: .*separated by semicolons",
+        ),
+        (
+            lambda lines: [lines[0].replace("q3_deg", "q3"), *lines[1:]],
+            r"poses.csv:1: missing column q3_deg .*is it 'q3'",
+        ),
     ],
 )
 @pytest.mark.parametrize("kind", ["points", "distance"])
@@ -303,7 +284,9 @@ def test_an_attitude_far_from_the_model_is_listed(tmp_path):
     assert listed(ingested) == [(10, "far from where the joint angles put the end-effector")]
 
 
-@pytest.mark.parametrize(("kind", "column"), [("points", "T1_x_mm"), ("distance", "d_mm")])
+@pytest.mark.parametrize(
+    ("kind", "column"), [("pose", "y_mm"), ("points", "T1_x_mm"), ("distance", "d_mm")]
+)
 def test_a_repeat_far_from_the_others_is_listed(tmp_path, kind, column):
     raw = sighted(tmp_path, kind, poses=15, repeats=3, targets=1, noise_mm=0.05)
     add(raw, 20, column, 30.0)
@@ -355,22 +338,10 @@ def test_places_stated_for_other_targets_are_noted(tmp_path):
 
 def test_unknown_columns_are_noted(tmp_path):
     raw = sighted(tmp_path, "points", targets=1)
-    with_columns(raw, {"operator": "ab", "u_x_mm": 0.1})
+    with_columns(raw.poses, {"operator": "ab", "u_x_mm": 0.1})
     notes = ingest(raw).notes
     assert "column operator of poses.csv is not used" in notes
     assert "column u_x_mm of poses.csv is not used" in notes
-
-
-@pytest.mark.parametrize(("rule", "count"), [({"last_fraction": 0.3}, 12), ({"every": 5}, 8)])
-def test_poses_are_held_out_where_the_rows_do_not_say_it(tmp_path, rule, count):
-    raw = sighted(tmp_path, "distance")
-    raw.description["holdout"] = rule
-    raw.poses[:] = [line.replace(",holdout,", ",grid,") for line in raw.poses]
-    poses = ingest(raw).observations
-    held = poses.kind == "holdout"
-    assert held.sum() == count
-    if "last_fraction" in rule:
-        assert poses.states.time_s[held].min() > poses.states.time_s[~held].max()
 
 
 @pytest.mark.parametrize("kind", ["points", "distance"])

@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from made_up_datasets import SERIES_A, SERIES_C, write_irb120
-from pa10cal.datasets.importing import Published, dataset_named, fetch, sha256
+from pa10cal.datasets.importing import Published, fetch, sha256
+from pa10cal.datasets.readers import dataset_named
 from pa10cal.errors import OutputError, RawDataError
 
 

@@ -7,13 +7,8 @@ from dataclasses import replace
 import pytest
 
 from made_up_datasets import MADE_UP, SERIES_A, SERIES_C, edit
-from pa10cal.datasets.importing import (
-    Published,
-    dataset_named,
-    dataset_names,
-    import_campaigns,
-    sha256,
-)
+from pa10cal.datasets.importing import Published, import_campaigns, sha256
+from pa10cal.datasets.readers import dataset_named, dataset_names
 from pa10cal.errors import RawDataError
 
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.datasets.text_table import read_bare_table, same_rows
 from pa10cal.errors import RawDataError
 
@@ -16,20 +17,20 @@ def test_bare_rows_keep_their_lines(tmp_path):
     table = read_bare_table(tmp_path, "t.txt", ("x", "y"))
     np.testing.assert_array_equal(table.columns["y"], [2, 8])
     assert list(table.line) == [1, 6]
-    assert {(row.line, row.reason, row.value) for row in table.left_out} == {
+    assert {(row.line, row.reason, row.value) for row in table.quarantined} == {
         (2, "the number of fields is not 2", "0"),
         (3, "not a finite number", "y = 'nan'"),
         (4, "not a finite number", "y = '-'"),
-        (5, "not a finite number", "y = '6,5'"),
+        (5, "not a finite number", "y = '6,5' (a decimal comma)"),
     }
 
 
 def test_a_separator_and_a_header(tmp_path):
     (tmp_path / "t.csv").write_text("a,b\n1, 2\n3,\n5,6\n")
     table = read_bare_table(tmp_path, "t.csv", ("x", "y"), separator=",", header=True)
-    np.testing.assert_array_equal(table.numbers(("x", "y")), [[1, 2], [5, 6]])
-    assert (list(table.line), table.total) == ([2, 4], 3)
-    assert [row.line for row in table.left_out] == [3]
+    np.testing.assert_array_equal(table.numbers_of(("x", "y")), [[1, 2], [5, 6]])
+    assert (list(table.line), table.totals) == ([2, 4], {"t.csv": 3})
+    assert [row.line for row in table.quarantined] == [3]
 
 
 def test_tables_that_belong_together_line_by_line(tmp_path):
@@ -58,12 +59,12 @@ def test_what_is_written_comes_back(tmp_path_factory, values):
 def test_bad_rows_are_listed_and_too_many_refused(tmp_path):
     (tmp_path / "t.txt").write_text("1 2\n3 x\n4 5 6\ninf 1\n7 8\n")
     table = read_bare_table(tmp_path, "t.txt", ("a", "b"))
-    assert len(table) + len(table.left_out) == table.total == 5
+    assert len(table) + len(table.quarantined) == table.totals["t.txt"] == 5
     with pytest.raises(
         RawDataError, match=r"t\.txt:2: b: 3 of 5 rows would be quarantined, 2 of them"
     ):
-        table.refuse_too_many(0.5)
-    table.refuse_too_many(0.6)
+        refuse_too_many(table.quarantined, table.totals, 0.5)
+    refuse_too_many(table.quarantined, table.totals, 0.6)
 
 
 @pytest.mark.parametrize("text", ["", " \n\n"])

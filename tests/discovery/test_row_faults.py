@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_arm import forced
-from pa10cal.campaign.labels import EXCHANGED
+from pa10cal.campaign.nominal_fit import EXCHANGED
 from pa10cal.campaign.raw_rows import quarantined
 from pa10cal.campaign.read import wrong_rows
 from pa10cal.campaign.screens import OFF_REPEATS

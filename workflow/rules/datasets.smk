@@ -1,6 +1,6 @@
 # Campaigns made of public data sets. They are written into the folder of campaigns, where all other
 # rules find them, and only there.
-from pa10cal.datasets.importing import dataset_names
+from pa10cal.datasets.readers import dataset_names
 
 for name in SETTINGS.dataset_sources:
     if name not in dataset_names():
@@ -45,7 +45,7 @@ rule import_ipa_robot_accuracy:
     log:
         f"{FETCHED}.import.log",
     params:
-        code=code_of("commands.data", "datasets.readers.ipa_robot_accuracy"),
+        code=code_of("commands.data", "datasets.readers"),
         folder=lambda wildcards, input: os.path.dirname(input[0]),
         out=lambda wildcards, output: os.path.dirname(os.path.dirname(output[0])),
         settings=settings_of("ingest"),

@@ -22,7 +22,7 @@ rule measured_campaign:
     wildcard_constraints:
         measured=one_of(MEASURED),
     params:
-        code=code_of("commands.chain", "datasets.importing"),
+        code=code_of("commands.chain", "datasets.readers"),
         folder=lambda wildcards: MEASURED[wildcards.measured].folder,
         imported=lambda wildcards: import_option(MEASURED[wildcards.measured]),
         results=lambda wildcards, output: os.path.dirname(output[0]),

@@ -23,8 +23,8 @@ from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.campaign.labels import exchange_text, stated_order, stated_shape
-from pa10cal.campaign.own_words import OwnWords
+from pa10cal.campaign.nominal_fit import exchange_text, stated_order, stated_shape
+from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.campaign.raw_file import words_of
 from pa10cal.errors import CalibrationError, Pa10calError
 from pa10cal.fit.loads import statics_of

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.campaign.labels import exchange_text, stated_shape
+from pa10cal.campaign.nominal_fit import exchange_text, stated_shape
 from pa10cal.campaign.raw_rows import RawRows
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals
 from pa10cal.frame.rigid_fit import fit_rigid
 
 #: Touches that a ball needs.
@@ -51,30 +51,67 @@ class LocatedBalls:
     pooled_sigma_mm: float  # standard deviation of one touch, from the residuals of all spheres
 
 
+_refusal = refusals(
+    RawDataError,
+    {
+        "flat": (
+            "the touches on {0} of {1} balls lie in one plane, seen at the scale of the stated "
+            "diameter",
+            "touches all around each ball, in millimetres",
+            "check the unit of x_mm, y_mm, z_mm, and ball_diameter_mm",
+        ),
+        "radius": (
+            "the touches do not lie on spheres of the stated diameter",
+            "within {0:.3g} mm, {1:g} sigmas of one touch",
+            "check ball_diameter_mm, the unit of x_mm, y_mm, z_mm, the compensation of the "
+            "probe's radius, and instrument.uncertainty_mm",
+        ),
+        "places": (
+            "the measured positions of the balls differ from the description; ball {0} is "
+            "{1:.3g} mm off",
+            f"within {TOOL_MISFIT_MM:g} mm of tool.balls_mm",
+            "{2}",
+        ),
+    },
+)
+
+
 def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) -> LocatedBalls:
-    """Find the centres of all balls and the touches that are suspected outliers.
+    """Find the centres of all balls and the suspected outliers of touches (C, B, T, 3), padded.
 
     Touches that in general do not lie on spheres of this radius are refused, and other balls than
     those of the tool.
-
-    Args:
-        p_instr_mm: (C, B, T, 3) touches, padded.
-        valid: (C, B, T) which of them are there.
-        tool: the balls and the probe.
-        where: file of the touches, for messages.
     """
-    outlier = _far_off(p_instr_mm, valid, tool)
+    C, B, T = valid.shape
+
+    def fit(rows: Index | slice, of: Mask) -> Spheres:
+        return fit_spheres(
+            p_instr_mm[rows].reshape(-1, T, 3), of[rows].reshape(-1, T), tool.radius_mm
+        )
+
+    # Touches further from their configuration's median than the tool is large.
+    between = tool.p_ee_balls_mm[:, None] - tool.p_ee_balls_mm
+    size_mm = float(np.linalg.norm(between, axis=2).max()) + 2.0 * tool.radius_mm
+    there = np.where(valid[..., None], p_instr_mm, np.nan)
+    middle = np.nanmedian(there.reshape(C, -1, 3), axis=1)
+    distance: Array = np.linalg.norm(p_instr_mm - middle[:, None, None, :], axis=3)
+    outlier = valid & (distance > FAR_OFF * size_mm)
     near = valid & ~outlier
-    spheres = _fit(p_instr_mm, near, tool)
-    _refuse_flat(spheres, where)
-    reason = unusable_balls(near, spheres.coplanar.reshape(valid.shape[:2]), tool.names)
+    spheres = fit(slice(None), near)
+    flat = spheres.coplanar[spheres.touches >= LEAST_TOUCHES]
+    if 2 * flat.sum() > len(flat):
+        raise _refusal("flat", where, None, flat.sum(), len(flat))
+    reason = unusable_balls(near, spheres.coplanar.reshape(C, B), tool.names)
     whole = np.flatnonzero(reason == "")
     sigma_mm = float("nan")
     if len(whole):
-        spheres = _fit(p_instr_mm[whole], near[whole], tool)
+        spheres = fit(whole, near)
         sigma_mm = touch_sigma_mm(spheres, tool.centre_uncertainty_mm)
         limit_mm = tool.outlier_sigma * sigma_mm
-        _refuse_other_radius(spheres, limit_mm, tool, where)
+        worst_mm = np.median(np.abs(spheres.residual_mm).max(axis=1))
+        if worst_mm > limit_mm:  # the radius or the unit then, not single touches
+            value = f"typically {worst_mm:.3g} mm off a sphere of {2 * tool.radius_mm:g} mm"
+            raise _refusal("radius", where, value, limit_mm, tool.outlier_sigma)
         shape_mm = _shape(spheres.centre_mm.reshape(len(whole), -1, 3), tool, where)
         touch, undecided = find_outliers(
             p_instr_mm[whole], near[whole], shape_mm, tool.radius_mm, limit_mm, sigma_mm
@@ -82,11 +119,9 @@ def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) 
         outlier[whole] |= touch
         reason[whole[undecided]] = UNDECIDED
     used = valid & ~outlier
-    spheres = _fit(p_instr_mm, used, tool)
-    without = unusable_balls(used, spheres.coplanar.reshape(valid.shape[:2]), tool.names)
+    spheres = fit(slice(None), used)
+    without = unusable_balls(used, spheres.coplanar.reshape(C, B), tool.names)
     reason = np.where(reason == "", without, reason)
-    pooled_mm = pooled_touch_sigma_mm(spheres, np.repeat(reason == "", len(tool.names)))
-    C, B = valid.shape[:2]
     return LocatedBalls(
         p_instr_mm=spheres.centre_mm.reshape(C, B, 3),
         cov_mm2=sigma_mm**2 * spheres.cofactor.reshape(C, B, 3, 3),
@@ -94,52 +129,7 @@ def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) 
         outlier=outlier,
         reason=reason,
         touch_sigma_mm=sigma_mm,
-        pooled_sigma_mm=pooled_mm,
-    )
-
-
-def _fit(p_instr_mm: Array, valid: Mask, tool: TouchedTool) -> Spheres:
-    C, B, T = valid.shape
-    return fit_spheres(p_instr_mm.reshape(C * B, T, 3), valid.reshape(C * B, T), tool.radius_mm)
-
-
-def _far_off(p_instr_mm: Array, valid: Mask, tool: TouchedTool) -> Mask:
-    """Return touches further from their configuration's median than the tool is large."""
-    between = tool.p_ee_balls_mm[:, None] - tool.p_ee_balls_mm
-    size_mm = float(np.linalg.norm(between, axis=2).max()) + 2.0 * tool.radius_mm
-    there = np.where(valid[..., None], p_instr_mm, np.nan)
-    middle = np.nanmedian(there.reshape(len(valid), -1, 3), axis=1)
-    distance: Array = np.linalg.norm(p_instr_mm - middle[:, None, None, :], axis=3)
-    return valid & (distance > FAR_OFF * size_mm)
-
-
-def _refuse_flat(spheres: Spheres, where: str) -> None:
-    """Stop when the touches on most balls are flat at the scale of their diameter."""
-    enough = spheres.touches >= LEAST_TOUCHES
-    flat = spheres.coplanar[enough]
-    if not flat.any() or 2 * flat.sum() <= len(flat):
-        return
-    raise RawDataError(
-        f"the touches on {flat.sum()} of {len(flat)} balls lie in one plane, seen at the scale of "
-        "the stated diameter",
-        where=where,
-        allowed="touches all around each ball, in millimetres",
-        remedy="check the unit of x_mm, y_mm, z_mm, and ball_diameter_mm",
-    )
-
-
-def _refuse_other_radius(spheres: Spheres, limit_mm: float, tool: TouchedTool, where: str) -> None:
-    """Stop when most spheres do not fit: then it is the radius or the unit, not single touches."""
-    worst = np.abs(spheres.residual_mm).max(axis=1)
-    if np.median(worst) <= limit_mm:
-        return
-    raise RawDataError(
-        "the touches do not lie on spheres of the stated diameter",
-        where=where,
-        value=f"typically {np.median(worst):.3g} mm off a sphere of {2 * tool.radius_mm:g} mm",
-        allowed=f"within {limit_mm:.3g} mm, {tool.outlier_sigma:g} sigmas of one touch",
-        remedy="check ball_diameter_mm, the unit of x_mm, y_mm, z_mm, the compensation of the "
-        "probe's radius, and instrument.uncertainty_mm",
+        pooled_sigma_mm=pooled_touch_sigma_mm(spheres, np.repeat(reason == "", B)),
     )
 
 
@@ -152,17 +142,11 @@ def _shape(p_instr_mm: Array, tool: TouchedTool, where: str) -> Array:
     off = np.linalg.norm(seen - nominal, axis=1)
     if off.max() > TOOL_MISFIT_MM:
         shape = stated_shape(p_instr_mm, nominal)
-        order = None if shape is None else shape.order
-        swapped = "" if order is None else exchange_text(order, tool.names)
-        raise RawDataError(
-            f"the measured positions of the balls differ from the description; ball "
-            f"{tool.names[int(off.argmax())]} is {off.max():.3g} mm off",
-            where=where,
-            allowed=f"within {TOOL_MISFIT_MM:g} mm of tool.balls_mm",
-            remedy=f"balls {swapped} seem exchanged: exchange their places or their names"
-            if swapped
-            else "check tool.balls_mm and the names of the balls",
-        )
+        remedy = "check tool.balls_mm and the names of the balls"
+        if shape is not None and shape.order is not None:
+            swapped = exchange_text(shape.order, tool.names)
+            remedy = f"balls {swapped} seem exchanged: exchange their places or their names"
+        raise _refusal("places", where, None, tool.names[int(off.argmax())], off.max(), remedy)
     return seen if len(p_instr_mm) >= ENOUGH_FOR_SHAPE else nominal
 
 
@@ -332,8 +316,7 @@ def find_outliers(
         valid: (C, B, T) which of them are there; every ball must have a determined centre.
         balls_mm: (B, 3) centres in the tool's frame.
         radius_mm: radius of the balls.
-        limit_mm: largest departure that noise is allowed.
-        sigma_mm: standard uncertainty of one touch.
+        limit_mm: largest departure that noise of a touch, `sigma_mm`, is allowed.
 
     Returns:
         (C, B, T) suspected outliers; (C,) configurations that do not fit the tool, no one touch

@@ -13,8 +13,8 @@ import numpy as np
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.nominal_fit import misfit_of
-from pa10cal.campaign.own_words import OwnWords
-from pa10cal.errors import RawDataError
+from pa10cal.campaign.own_columns import OwnWords
+from pa10cal.errors import RawDataError, refusals
 from pa10cal.frame.base_motion import BaseMotion, base_motion
 from pa10cal.observe.instrument import BaseTargets, Instrument, Knocked, Misread, MotionFound
 from pa10cal.observe.kinds import instruments
@@ -34,6 +34,33 @@ _SURELY, _BLOCKS = 4.0, 10
 _LEAST_ROWS = 20
 
 
+_refusal = refusals(
+    RawDataError,
+    {
+        "unseen": (
+            "the instrument {0} does not see targets on the base",
+            "columns base1_x_mm … under {1}",
+            "remove these columns, or correct instrument.kind",
+        ),
+        "clash": (
+            "{0} is both on the tool and on the base",
+            "names base1, base2, … for targets on the base alone",
+            "give the target on the tool another name, in its columns too",
+        ),
+        "twins": (
+            "{0} and {1} are the same target",
+            "every target on the base under one name",
+            "remove one of them, or correct its columns",
+        ),
+        "new set-up": (
+            "the instrument was set up anew while the campaign lasted",
+            f"up to {1e3 * _LARGEST_M:g} mm and {1e3 * _LARGEST_RAD:g} mrad",
+            "make a campaign of each set-up",
+        ),
+    },
+)
+
+
 def base_target_names(header: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the base targets of which a file has any column, in order."""
     found = (_COLUMN.fullmatch(name) for name in header)
@@ -49,37 +76,21 @@ def refuse_base_targets(
     description: CampaignDescription, path: Path, words: OwnWords, names: Sequence[str]
 ) -> None:
     """Refuse base targets where the instrument cannot use them, or that are not on the base."""
-    if not names:
-        return
-    kind = description.instrument.kind
-    if not description.instrument.type.sees_base:
-        able = [word for word, each in instruments().items() if each.sees_base]
-        raise RawDataError(
-            f"the instrument {kind} does not see targets on the base",
-            where=str(path),
-            value=", ".join(words.column(f"{name}_x_mm") for name in names),
-            allowed=f"columns base1_x_mm … under {' and '.join(able)}",
-            remedy="remove these columns, or correct instrument.kind",
-        )
-    clash = sorted(set(names) & set(description.tool.balls_mm))
+    kind, clash = description.instrument.kind, sorted(set(names) & set(description.tool.balls_mm))
+    if names and not description.instrument.type.sees_base:
+        able = " and ".join(word for word, other in instruments().items() if other.sees_base)
+        columns = ", ".join(words.column(f"{name}_x_mm") for name in names)
+        raise _refusal("unseen", path, columns, kind, able)
     if clash:
-        raise RawDataError(
-            f"{', '.join(clash)} is both on the tool and on the base",
-            where=f"{path.parent / DESCRIPTION_FILE}: tool.balls_mm",
-            value=", ".join(clash),
-            allowed="names base1, base2, … for targets on the base alone",
-            remedy="give the target on the tool another name, in its columns too",
-        )
+        where = f"{path.parent / DESCRIPTION_FILE}: tool.balls_mm"
+        raise _refusal("clash", where, ", ".join(clash), ", ".join(clash))
 
 
 def base_targets(names: tuple[str, ...], values: Array, u: Array, u_m: float) -> BaseTargets | None:
-    """Return the base targets of N rows of a file.
+    """Return the base targets (K,) of N rows of a file.
 
-    Args:
-        names: (K,) of them.
-        values: (N, 3 K) [mm], nan where a field is blank.
-        u: (N, 3 K) standard uncertainties [mm], nan where not stated.
-        u_m: what the campaign states of a coordinate.
+    Values (N, 3 K) are nan where a field is blank, uncertainties u (N, 3 K) where not stated [mm];
+    `u_m` is what the campaign states of a coordinate.
     """
     if not names:
         return None
@@ -94,12 +105,8 @@ def steadied(
 ) -> tuple[Observations, tuple[str, ...], tuple[str, ...]]:
     """Take the motion that base targets show out of readings in order of time.
 
-    Two base targets that are one, and an instrument that was set up anew, are refused.
-
-    Args:
-        every: single readings.
-        where: file, for messages.
-        T_base_ee: (P, 4, 4) poses of the nominal arm, which must not fit worse for it.
+    Two base targets that are one, and an instrument that was set up anew, are refused. The nominal
+    arm, at T_base_ee (P, 4, 4), must not fit worse without the motion.
 
     Returns:
         The readings as of an instrument that stands still; notes; and warnings.
@@ -107,21 +114,33 @@ def steadied(
     base = every.base
     if base is None:
         return every, (), ()
-    _refuse_twins(base, where)
+    for i, j in combinations(range(len(base.names)), 2):
+        apart = np.linalg.norm(base.p_instr_m[:, i] - base.p_instr_m[:, j], axis=1)
+        if np.isfinite(apart).any() and np.nanmax(apart) < _SAME_M:
+            value = f"no more than {1e3 * np.nanmax(apart):.3f} mm apart in any row"
+            raise _refusal("twins", where, value, base.names[i], base.names[j])
     time_s = every.states.time_s
     if np.isfinite(base.p_instr_m[..., 0]).any(axis=1).sum() < _LEAST_ROWS:
         note = f"targets on the base are seen in fewer than {_LEAST_ROWS} configurations: not used"
         return replace(every, base=None), (note,), ()
     moved = base_motion(time_s, base.p_instr_m, base.u_m)
-    _refuse_new_set_up(moved, every, where)
+    shift_m = float(np.linalg.norm(moved.motion[:, :3], axis=1).max())
+    turn_rad = float(np.linalg.norm(moved.motion[:, 3:], axis=1).max())
+    if shift_m >= _LARGEST_M or turn_rad >= _LARGEST_RAD:
+        step = np.linalg.norm(np.diff(moved.motion[:, :3], axis=0), axis=1)
+        value = (
+            f"targets on the base moved by {1e3 * shift_m:.1f} mm and {1e3 * turn_rad:.2f} mrad; "
+            f"most of it before pose {every.pose[int(step.argmax()) + 1]}"
+        )
+        raise _refusal("new set-up", where, value)
     knocked = tuple(
         Knocked(
-            tuple(base.names[k] for k in each.targets),
-            str(every.pose[each.row]),
-            float(time_s[each.row]),
-            1e3 * each.shift_m,
+            tuple(base.names[k] for k in knock.targets),
+            str(every.pose[knock.row]),
+            float(time_s[knock.row]),
+            1e3 * knock.shift_m,
         )
-        for each in moved.knocked
+        for knock in moved.knocked
     )
     without = int((~moved.used.any(axis=1)).sum())
     x, y, z = (1e3 * moved.about_m).tolist()
@@ -129,21 +148,35 @@ def steadied(
     found = MotionFound(moved.form, (x, y, z), moved.turns, moved.noise, knocked, misread, without)
     base = replace(base, motion=moved.motion, motion_cov=moved.cov, found=found)
     measured = every.measured if found.form == "still" else every.measured.steadied(base)
+    names = ", ".join(base.names)
     if found.form != "still" and _fits_worse(every.measured, measured, T_base_ee):
         warning = (
-            f"targets on the base ({', '.join(base.names)}) move, and the readings of the arm do "
-            "not move with them: they are not used; check what they are fixed to"
+            f"targets on the base ({names}) move, and the readings of the arm do not move with "
+            "them: they are not used; check what they are fixed to"
         )
         return replace(every, base=None), (), (warning,)
-    still = replace(every, base=base, measured=measured)
-    warnings = [f"a target on the base moved: {each}; it is left out" for each in knocked]
+    warnings = [f"a target on the base moved: {target}; it is left out" for target in knocked]
     gross_mm = 1e3 * _GROSS * float(np.nanmedian(base.u_m))
     warnings += [
-        f"a target on the base was read wrongly: {each}; such readings are left out"
-        for each in misread
-        if each.off_mm > gross_mm
+        f"a target on the base was read wrongly: {target}; such readings are left out"
+        for target in misread
+        if target.off_mm > gross_mm
     ]
-    return still, (_said(base, found),), tuple(warnings)
+    if found.form == "still":
+        note = f"targets on the base ({names}) stand still: nothing is taken out of the readings"
+    else:
+        turned, open_turn = f" and {1e3 * turn_rad:.3f} mrad", ""
+        if not found.turns:
+            unknown_mrad = 1e3 * np.sqrt(base.motion_cov[:, 3:, 3:].max())
+            turned = ""
+            open_turn = f"; a turn does not show, uncertain by {unknown_mrad:.3f} mrad"
+        by = "smoothed in time" if found.form == "walk" else "configuration by configuration"
+        lost = f", {found.without} configurations without them" if found.without else ""
+        note = (
+            f"targets on the base ({names}) move together by up to {1e3 * shift_m:.3f} mm{turned} "
+            f"about their mean: taken out of the readings, {by}{lost}{open_turn}"
+        )
+    return replace(every, base=base, measured=measured), (note,), tuple(warnings)
 
 
 def _fits_worse(before: Instrument, after: Instrument, T_base_ee: Array) -> bool:
@@ -152,77 +185,20 @@ def _fits_worse(before: Instrument, after: Instrument, T_base_ee: Array) -> bool
     if moving is None or still is None:
         return False
     gain_m = np.nanmean(moving.length_m - still.length_m, axis=1)
-    blocks = np.array([each.mean() for each in np.array_split(gain_m, _BLOCKS)])
+    blocks = np.array([block.mean() for block in np.array_split(gain_m, _BLOCKS)])
     surely = _SURELY * blocks.std(ddof=1) / np.sqrt(_BLOCKS)
     return bool(blocks.mean() < -surely)
 
 
 def _misread(base: BaseTargets, moved: BaseMotion, every: Observations) -> tuple[Misread, ...]:
     """Return the targets with wrong readings, and how far the furthest of each is off."""
-    found = []
+    misread = []
     for k in np.flatnonzero(moved.wrong.any(axis=0)):
-        place_m = np.nanmedian(
-            base.p_instr_m[moved.used[:, k] | ~moved.used[:, k].any(), k], axis=0
-        )
+        used = moved.used[:, k] | ~moved.used[:, k].any()
+        place_m = np.nanmedian(base.p_instr_m[used, k], axis=0)
         off_m = np.linalg.norm(base.p_instr_m[:, k] - place_m, axis=1)
         off_m[~moved.wrong[:, k]] = 0.0
-        furthest = int(off_m.argmax())
-        found.append(
-            Misread(
-                base.names[k],
-                int(moved.wrong[:, k].sum()),
-                str(every.pose[furthest]),
-                1e3 * float(off_m[furthest]),
-            )
-        )
-    return tuple(found)
-
-
-def _said(base: BaseTargets, found: MotionFound) -> str:
-    """Return in one clause what the base targets show."""
-    names = ", ".join(base.names)
-    if found.form == "still":
-        return f"targets on the base ({names}) stand still: nothing is taken out of the readings"
-    shift_mm = 1e3 * np.linalg.norm(base.motion[:, :3], axis=1)
-    turn_mrad = 1e3 * np.linalg.norm(base.motion[:, 3:], axis=1)
-    turned = f" and {turn_mrad.max():.3f} mrad" if found.turns else ""
-    unknown_mrad = 1e3 * np.sqrt(base.motion_cov[:, 3:, 3:].max())
-    open_turn = (
-        "" if found.turns else f"; a turn does not show, uncertain by {unknown_mrad:.3f} mrad"
-    )
-    by = "smoothed in time" if found.form == "walk" else "configuration by configuration"
-    lost = f", {found.without} configurations without them" if found.without else ""
-    return (
-        f"targets on the base ({names}) move together by up to {shift_mm.max():.3f} mm{turned} "
-        f"about their mean: taken out of the readings, {by}{lost}{open_turn}"
-    )
-
-
-def _refuse_twins(base: BaseTargets, where: str) -> None:
-    for i, j in combinations(range(len(base.names)), 2):
-        apart = np.linalg.norm(base.p_instr_m[:, i] - base.p_instr_m[:, j], axis=1)
-        if np.isfinite(apart).any() and np.nanmax(apart) < _SAME_M:
-            raise RawDataError(
-                f"{base.names[i]} and {base.names[j]} are the same target",
-                where=where,
-                value=f"no more than {1e3 * np.nanmax(apart):.3f} mm apart in any row",
-                allowed="every target on the base under one name",
-                remedy="remove one of them, or correct its columns",
-            )
-
-
-def _refuse_new_set_up(moved: BaseMotion, every: Observations, where: str) -> None:
-    shift_m = np.linalg.norm(moved.motion[:, :3], axis=1)
-    turn_rad = np.linalg.norm(moved.motion[:, 3:], axis=1)
-    if shift_m.max() < _LARGEST_M and turn_rad.max() < _LARGEST_RAD:
-        return
-    step = np.linalg.norm(np.diff(moved.motion[:, :3], axis=0), axis=1)
-    at = int(step.argmax()) + 1
-    raise RawDataError(
-        "the instrument was set up anew while the campaign lasted",
-        where=where,
-        value=f"targets on the base moved by {1e3 * shift_m.max():.1f} mm and "
-        f"{1e3 * turn_rad.max():.2f} mrad; most of it before pose {every.pose[at]}",
-        allowed=f"up to {1e3 * _LARGEST_M:g} mm and {1e3 * _LARGEST_RAD:g} mrad",
-        remedy="make a campaign of each set-up",
-    )
+        furthest, count = int(off_m.argmax()), int(moved.wrong[:, k].sum())
+        pose, off_mm = str(every.pose[furthest]), 1e3 * float(off_m[furthest])
+        misread.append(Misread(base.names[k], count, pose, off_mm))
+    return tuple(misread)

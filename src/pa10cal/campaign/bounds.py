@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.arm.description import Arm
-from pa10cal.campaign.own_words import UNIT_WORDS, OwnWords
+from pa10cal.campaign.own_columns import UNIT_WORDS, OwnWords
 from pa10cal.campaign.raw_rows import RawRows
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals
 
 NOT_UNCERTAIN = "the stated uncertainty is not above zero"
 #: Joints may be logged beyond their described limits by so much; those without limits turn less.
@@ -30,9 +30,26 @@ STANDARD_M_S2 = 9.80665
 #: Tools heavier than their arm are in grams; as are those of arms without masses above this a metre
 #: of reach.
 TOOL_KG_PER_M = 1000.0
-
 #: Part of the rows that are within bounds in another unit, for that unit to be meant.
 NEARLY_ALL = 0.9
+
+_refusal = refusals(
+    RawDataError,
+    {
+        "unit": ("the {0} look like {1}", "numbers in the unit that {2} states", "{3}"),
+        "tool": ("the tool is heavier than the arm can carry", "kilograms, at most {0}", "{1}"),
+        "gravity": (
+            "gravity is {0}",
+            "{:g} to {:g} m/s2 in size".format(*GRAVITY_M_S2),
+            "{1}",
+        ),
+        "temperature": (
+            "{0}",
+            "degrees Celsius, {:g} to {:g}".format(*TEMPERATURES_C),
+            "{1}",
+        ),
+    },
+)
 
 
 @dataclass(frozen=True)
@@ -47,20 +64,21 @@ class Bound:
     above: str
 
 
-def _both(largest: float, reason: str) -> Bound:
-    return Bound(-largest, largest, reason, reason)
+def _both(low: float, high: float, reason: str) -> Bound:
+    return Bound(low, high, reason, reason)
 
 
 #: No instrument measures further; loads and torques are beyond the largest industrial arms; Unix
 #: time in seconds has ten digits, in milliseconds thirteen.
-_LENGTH = _both(1e6, "a coordinate beyond any measuring volume")
-_TORQUE = _both(1e5, "a torque beyond that of any arm")
+_LENGTH = _both(-1e6, 1e6, "a coordinate beyond any measuring volume")
+_TORQUE = _both(-1e5, 1e5, "a torque beyond that of any arm")
 _LOAD = Bound(0.0, 3e4, "negative load", "a load beyond any arm's")
-_TIME = _both(1e11, "a time beyond any clock in seconds")
-_COUNT = _both(1e9, "a number beyond any count")
-_QUATERNION = _both(2.0, "the quaternion is not of unit length")
-_OUTSIDE = "a temperature outside {:g} to {:g} deg C".format(*TEMPERATURES_C)
-_TEMPERATURE = Bound(*TEMPERATURES_C, _OUTSIDE, _OUTSIDE)
+_TIME = _both(-1e11, 1e11, "a time beyond any clock in seconds")
+_COUNT = _both(-1e9, 1e9, "a number beyond any count")
+_QUATERNION = _both(-2.0, 2.0, "the quaternion is not of unit length")
+_TEMPERATURE = _both(
+    *TEMPERATURES_C, "a temperature outside {:g} to {:g} deg C".format(*TEMPERATURES_C)
+)
 
 
 @dataclass(frozen=True)
@@ -105,68 +123,63 @@ def in_words(name: str) -> str:
     return re.sub(rule.like, rule.words, name)
 
 
-@dataclass(frozen=True)
-class Bounds:
-    """Bounds of the columns of an arm's campaign."""
-
-    arm: Arm
-
-    def of(self, name: str) -> Bound:
-        """Return the bound of a column."""
-        unit = name.rpartition("_")[2]
-        if name.startswith("u_"):
-            largest = LARGEST_U.get(unit, LARGEST_U[""])
-            return Bound(LEAST_U, largest, NOT_UNCERTAIN, f"a stated uncertainty above {largest:g}")
-        rule = rule_of(name)
-        if rule.key != "joints":
-            return rule.bound
-        joint = int(name[1:].partition("_")[0])
-        limits = self.arm.limits_rad[joint - 1]
-        low, high = 1e3 * np.array(limits) if unit == "mm" else np.degrees(limits)
-        text = (
-            f"beyond the limits of joint {joint} in the description of {self.arm.name} "
-            f"({low:g} to {high:g} {unit})"
-        )
-        beyond = BEYOND_LIMITS[unit]
-        return Bound(float(low) - beyond, float(high) + beyond, text, text)
+def bound_of(name: str, arm: Arm) -> Bound:
+    """Return the bound of a column of an arm's campaign."""
+    unit = name.rpartition("_")[2]
+    if name.startswith("u_"):
+        largest = LARGEST_U.get(unit, LARGEST_U[""])
+        return Bound(LEAST_U, largest, NOT_UNCERTAIN, f"a stated uncertainty above {largest:g}")
+    rule = rule_of(name)
+    if rule.key != "joints":
+        return rule.bound
+    joint = int(name[1:].partition("_")[0])
+    limits = arm.limits_rad[joint - 1]
+    low, high = 1e3 * np.array(limits) if unit == "mm" else np.degrees(limits)
+    text = (
+        f"beyond the limits of joint {joint} in the description of {arm.name} "
+        f"({low:g} to {high:g} {unit})"
+    )
+    return _both(float(low) - BEYOND_LIMITS[unit], float(high) + BEYOND_LIMITS[unit], text)
 
 
-def within_bounds(raw: RawRows, names: list[str], bounds: Bounds) -> RawRows:
+def within_bounds(raw: RawRows, names: list[str], arm: Arm) -> RawRows:
     """Quarantine the rows with a number outside the bounds of its column; blanks are let through.
 
     Temperatures in kelvin, and numbers in another unit than is stated, are refused.
     """
-    _refuse_own_unit(raw, names, bounds)
+    _refuse_own_unit(raw, names, arm)
     for name in names:
-        column = raw.columns[name]
+        column = raw[name]
         if name == "temperature_C" and np.isfinite(column).any():
-            middle_C = float(np.median(column[np.isfinite(column)]))
+            words, middle_C = OwnWords(raw.own), float(np.nanmedian(column))
             if _KELVIN[0] < middle_C < _KELVIN[1]:
-                raise _kelvin_in_column(raw, middle_C)
-        bound = bounds.of(name)
+                mapped = words.key(name) and words.set_unit(name, "K", "")
+                where = f"{raw.file}: {words.column(name)}"
+                raise _kelvin(where, middle_C, mapped or "subtract 273.15")
+        bound = bound_of(name, arm)
         for off, reason in ((column < bound.low, bound.below), (column > bound.high, bound.above)):
             if off.any():
                 values = [raw.shown(name, int(row)) for row in np.flatnonzero(off)]
-                return within_bounds(raw.take(~off, reason, values), names, bounds)
+                return within_bounds(raw.take(~off, reason, values), names, arm)
     return raw
 
 
-def whole(raw: RawRows, name: str, bounds: Bounds) -> RawRows:
+def whole(raw: RawRows, name: str, arm: Arm) -> RawRows:
     """Quarantine the rows whose column holds no whole number within its bounds."""
-    raw = within_bounds(raw.finite([name]), [name], bounds)
+    raw = within_bounds(raw.finite([name]), [name], arm)
     keep = raw[name] == np.round(raw[name])
     values = [f"{raw.name_of(name)} = {value:g}" for value in raw[name][~keep]]
     raw = raw.take(keep, "not a whole number", values)
     return raw.with_columns({name: raw[name].astype(np.int64)})
 
 
-def labelled(raw: RawRows, bounds: Bounds) -> RawRows:
+def labelled(raw: RawRows, arm: Arm) -> RawRows:
     """Quarantine the rows that lack a label, a load or the number of the repeat."""
-    raw = whole(within_bounds(raw, ["load_N"], bounds), "repeat", bounds)
+    raw = whole(within_bounds(raw, ["load_N"], arm), "repeat", arm)
     return raw.take(raw.text_of("pose") != "", "the pose has no label")
 
 
-def _refuse_own_unit(raw: RawRows, names: list[str], bounds: Bounds) -> None:
+def _refuse_own_unit(raw: RawRows, names: list[str], arm: Arm) -> None:
     """Stop when columns are in the contract's unit though campaign.yaml states a larger one."""
     words = OwnWords(raw.own)
     of_key: dict[str, list[str]] = {}
@@ -174,46 +187,37 @@ def _refuse_own_unit(raw: RawRows, names: list[str], bounds: Bounds) -> None:
         own = raw.own.get(name)
         if own is not None and own.factor > 1.0 and not name.startswith("u_"):
             of_key.setdefault(own.key, []).append(name)
-    for columns in of_key.values():
-        outside, right = (np.zeros(len(raw.line), dtype=bool) for _ in range(2))
-        right |= True
+    for key, columns in of_key.items():
+        outside, right = np.zeros(len(raw), dtype=bool), np.ones(len(raw), dtype=bool)
         for name in columns:
-            values, own, bound = raw.columns[name], raw.own[name], bounds.of(name)
+            values, own, bound = raw[name], raw.own[name], bound_of(name, arm)
             written = (values - own.offset) / own.factor
             outside |= (values < bound.low) | (values > bound.high)
             right &= (written >= bound.low) & (written <= bound.high)
         if not len(right) or outside.mean() <= 0.5 or right.mean() < NEARLY_ALL:
             continue
-        first, last = columns[0], columns[-1]
+        first, last, row = columns[0], columns[-1], int(np.argmax(outside))
         unit = first.rpartition("_")[2]
-        what = "joint angles" if unit == "deg" else "positions" if unit == "mm" else "numbers"
-        row = int(np.argmax(outside))
-        raise RawDataError(
-            f"the {what} look like {UNIT_WORDS.get(unit, unit)}",
-            where=f"{raw.file}:{raw.line[row]}: {words.column(first)} … {words.column(last)}",
-            value=f"{outside.sum()} of {len(outside)} rows are out of bounds in "
-            f"{raw.own[first].unit}, and none so in {unit}: {raw.shown(first, row)}",
-            allowed=f"numbers in the unit that {raw.own[first].key} states",
-            remedy=words.set_unit(first, unit, unit),
+        what = {"deg": "joint angles", "mm": "positions"}.get(unit, "numbers")
+        where = f"{raw.file}:{raw.line[row]}: {words.column(first)} … {words.column(last)}"
+        value = (
+            f"{outside.sum()} of {len(outside)} rows are out of bounds in {raw.own[first].unit}, "
+            f"and none so in {unit}: {raw.shown(first, row)}"
         )
+        texts = (what, UNIT_WORDS.get(unit, unit), key, words.set_unit(first, unit, unit))
+        raise _refusal("unit", where, value, *texts)
 
 
 def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
     """Stop when the tool is heavier than any that the arm carries: its mass is in grams."""
     of_arm = None if arm.mass_kg is None else float(np.sum(arm.mass_kg))
     largest_kg = TOOL_KG_PER_M * arm.reach_m if of_arm is None else of_arm
-    if mass_kg <= largest_kg:
-        return
-    raise RawDataError(
-        "the tool is heavier than the arm can carry",
-        where=f"{where}: tool.mass_kg",
-        value=mass_kg,
-        allowed=f"kilograms, at most {largest_kg:.4g}"
-        + ("" if of_arm is None else ", the mass of the arm itself"),
-        remedy=f"set tool.mass_kg: {mass_kg / 1000.0:g} if the mass is in grams"
-        if mass_kg / 1000.0 <= largest_kg
-        else "state it in kilograms",
-    )
+    if mass_kg > largest_kg:
+        allowed = f"{largest_kg:.4g}" + ("" if of_arm is None else ", the mass of the arm itself")
+        grams = mass_kg / 1000.0 <= largest_kg
+        remedy = f"set tool.mass_kg: {mass_kg / 1000.0:g} if the mass is in grams"
+        remedy = remedy if grams else "state it in kilograms"
+        raise _refusal("tool", f"{where}: tool.mass_kg", mass_kg, allowed, remedy)
 
 
 def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: str) -> None:
@@ -221,46 +225,25 @@ def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: s
     size = float(np.linalg.norm(gravity_m_s2))
     if size == 0.0 or GRAVITY_M_S2[0] <= size <= GRAVITY_M_S2[1]:
         return
-    in_mm = GRAVITY_M_S2[0] <= 1e-3 * size <= GRAVITY_M_S2[1]
-    in_g = 0.9 <= size <= 1.1
-    unit = "in mm/s2" if in_mm else "in units of g" if in_g else "of another size"
-    factor = 1e-3 if in_mm else STANDARD_M_S2 / size
+    what, factor = "of another size", 0.0
+    if GRAVITY_M_S2[0] <= 1e-3 * size <= GRAVITY_M_S2[1]:
+        what, factor = "in mm/s2", 1e-3
+    elif 0.9 <= size <= 1.1:
+        what, factor = "in units of g", STANDARD_M_S2 / size
     meant = ", ".join(f"{factor * part:.6g}" for part in gravity_m_s2)
-    raise RawDataError(
-        f"gravity is {unit}",
-        where=f"{where}: gravity_m_s2",
-        value=list(gravity_m_s2),
-        allowed=f"{GRAVITY_M_S2[0]:g} to {GRAVITY_M_S2[1]:g} m/s2 in size",
-        remedy=f"set gravity_m_s2: [{meant}]"
-        if in_mm or in_g
-        else "state it in m/s2 in the frame of the robot's base, which points down",
-    )
+    other = "state it in m/s2 in the frame of the robot's base, which points down"
+    remedy = f"set gravity_m_s2: [{meant}]" if factor else other
+    raise _refusal("gravity", f"{where}: gravity_m_s2", list(gravity_m_s2), what, remedy)
 
 
 def refuse_impossible_temperature(temperature_C: float, where: str) -> None:
     """Stop when a stated temperature is in kelvin, or none of a laboratory."""
-    if TEMPERATURES_C[0] <= temperature_C <= TEMPERATURES_C[1]:
-        return
-    set_to = f"set reference_temperature_C: {temperature_C - 273.15:.4g}"
-    raise _kelvin(f"{where}: reference_temperature_C", temperature_C, set_to)
-
-
-def _kelvin_in_column(raw: RawRows, middle_C: float) -> RawDataError:
-    words = OwnWords(raw.own)
-    remedy = (
-        words.set_unit("temperature_C", "K", "")
-        if words.key("temperature_C")
-        else "subtract 273.15"
-    )
-    return _kelvin(f"{raw.file}: {words.column('temperature_C')}", middle_C, remedy)
+    if not TEMPERATURES_C[0] <= temperature_C <= TEMPERATURES_C[1]:
+        set_to = f"set reference_temperature_C: {temperature_C - 273.15:.4g}"
+        raise _kelvin(f"{where}: reference_temperature_C", temperature_C, set_to)
 
 
 def _kelvin(where: str, value: float, remedy: str) -> RawDataError:
     kelvin = _KELVIN[0] < value < _KELVIN[1]
-    return RawDataError(
-        "the temperature looks like kelvin" if kelvin else "no temperature of a laboratory",
-        where=where,
-        value=value,
-        allowed=f"degrees Celsius, {TEMPERATURES_C[0]:g} to {TEMPERATURES_C[1]:g}",
-        remedy=remedy if kelvin else "check its unit",
-    )
+    what = "the temperature looks like kelvin" if kelvin else "no temperature of a laboratory"
+    return _refusal("temperature", where, value, what, remedy if kelvin else "check its unit")

@@ -1,22 +1,28 @@
-"""CSV as it comes from instruments: rows with their physical lines, bad rows listed.
+"""Files of rows as they come from instruments: their lines, how they are written, their columns.
 
-What makes a single row unusable quarantines it; what makes the file unusable (another
-separator, decimal commas throughout, a missing column, nothing in it) stops with one message.
+A file is text in any usual encoding, plain or gzipped, or a sheet of a workbook. What makes a
+single row unusable quarantines it; what makes the file unusable (another separator, decimal commas
+throughout, a missing column, nothing in it) stops with one message.
 """
 
 from __future__ import annotations
 
+import codecs
 import csv
 import difflib
+import gzip
+import importlib
+import io
 import re
 import sys
+import zlib
 from collections import ChainMap, Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, NamedTuple, cast
 
 import numpy as np
 import pandas as pd
@@ -25,14 +31,203 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import canonical_unit, mistaken_encoding, unit_alone
-from pa10cal.campaign.text_file import Line, encoding_of, is_workbook, lines_of
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals
 
-#: So many rows are read at a time.
+#: Files of more text than this, unpacked, are refused; so many bytes, and rows, are read at a time.
+LARGEST_BYTES = 310_000_000
+BLOCK_BYTES = 1 << 22
 ROWS_A_PART = 20_000
+#: Byte-order marks, the longest first: that of UTF-32 begins with that of UTF-16.
+_MARKS = (
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+#: Encodings of one byte a letter, the commonest first: Windows, DOS, old Macintosh.
+_ONE_BYTE = ("cp1252", "cp850", "mac_roman")
+#: What such files hold besides ASCII: units, letters of German, French and Spanish.
+_USUAL = frozenset("°µ²³±ΔäöüÄÖÜßàâçèéêëîïôùûÀÇÈÉÊáíóúñÁÍÓÚÑ")
+_ASCII = bytes(range(128))
+#: Beginnings of workbooks: of archives (.xlsx, .ods), and of the older kind (.xls).
+_ARCHIVE, _OLE = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
+
+_refusal = refusals(
+    RawDataError,
+    {
+        "no text": (
+            "the file is not UTF-8 text, nor text in another usual encoding",
+            "UTF-8, UTF-16, or an encoding of Windows (cp1252) or DOS (cp850)",
+            "export it as UTF-8",
+        ),
+        "too large": (
+            "the file, unpacked, is larger than is read",
+            "at most {0:.0f} MB of text",
+            "leave out what is not needed, such as samples between the dwells, or split the "
+            "campaign",
+        ),
+        "absent": (
+            "the file is not there",
+            "a text file, plain or gzipped, or a workbook",
+            "check the path and the name",
+        ),
+        "unreadable": (
+            "the file cannot be read",
+            "a text file, plain or gzipped, or a workbook",
+            "check its permissions",
+        ),
+        "damaged": (
+            "the compressed file is damaged or cut short",
+            "a whole gzip file",
+            "copy or export it again",
+        ),
+        "workbook": (
+            "the workbook cannot be read",
+            "a workbook without a password (.xlsx, .ods or .xls)",
+            "save it again, or export the sheet as text",
+        ),
+        "empty": ("the file is empty", "a header and rows", "export it again"),
+        "no rows": ("there is no row under the header", "rows", "export it"),
+        "separator": ("the fields are separated by {0}", "{1}", "{2}"),
+        "twice": ("column {0} occurs twice", "once", "remove one"),
+        "missing": ("missing column{0} {1}", "{2}", "{3}"),
+        "width": (
+            "{0} of {1} rows have another number of fields than the header ({2} for {3}){4}",
+            "one field for each column, decimal points",
+            "export the file {5}",
+        ),
+        "no numbers": (
+            "no rows of numbers were found",
+            "a text file or a workbook with a row for each configuration: joint positions, and "
+            "what was measured",
+            "export the rows as text; a binary log is not read",
+        ),
+    },
+)
+
+
+class Line(NamedTuple):
+    """A line that is not blank."""
+
+    number: int  # from 1
+    text: str
+    ended: bool  # whether a line end follows
+
+
+def lines_of(path: Path) -> Iterator[Line]:
+    """Yield the lines that are not blank; rows of a workbook with tabs between the cells.
+
+    Raises:
+        RawDataError: when the file is not there, damaged, larger than is read, or no text.
+    """
+    if is_workbook(path):
+        yield from _rows_of_workbook(path)
+        return
+    encoding = encoding_of(path)
+    with _unpacked(path) as content:
+        text = io.TextIOWrapper(content, encoding=encoding, errors="replace")
+        for number, line in enumerate(text, start=1):
+            if "\x00" in line:
+                raise _refusal("no text", f"{path}:{number}")
+            if line.strip():
+                yield Line(number, line.removesuffix("\n"), line.endswith("\n"))
+
+
+def encoding_of(path: Path) -> str:
+    """Return the encoding of a file of text, told from its bytes; see `lines_of`.
+
+    A byte-order mark says it; text that is valid UTF-8 is UTF-8; of one byte a letter it is the
+    encoding whose letters are such as units, German, French and Spanish have.
+    """
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    valid, size, odd, head = True, 0, bytearray(), b""
+    with _unpacked(path) as content:
+        while block := content.read(BLOCK_BYTES):
+            head = head or block[:4096]
+            size += len(block)
+            if size > LARGEST_BYTES:
+                raise _too_large(path)
+            if valid:
+                try:
+                    decoder.decode(block)
+                except UnicodeDecodeError:
+                    valid = False
+            odd += block.translate(None, _ASCII)[: BLOCK_BYTES - len(odd)]
+    for mark, encoding in _MARKS:
+        if head.startswith(mark):
+            return encoding
+    if b"\x00" in head:
+        even, uneven = head[::2].count(0), head[1::2].count(0)
+        if max(even, uneven) > 0.4 * len(head) / 2 and min(even, uneven) == 0:
+            return "utf-16-le" if uneven > even else "utf-16-be"
+        raise _refusal("no text", f"{path}:1")
+
+    def usual(encoding: str) -> int:
+        return sum(letter in _USUAL for letter in odd.decode(encoding, errors="replace"))
+
+    return "utf-8" if valid else max(_ONE_BYTE, key=usual)
+
+
+def is_workbook(path: Path) -> bool:
+    """Return whether a file is a workbook, such as .xlsx, .ods or .xls."""
+    try:
+        with path.open("rb") as content:
+            head = content.read(4)
+    except OSError as error:
+        kind = "unreadable" if path.exists() else "absent"
+        raise _refusal(kind, path, error.strerror or str(error)) from None
+    return head == _OLE or (head == _ARCHIVE and path.suffix.lower() != ".zip")
+
+
+@contextmanager
+def _unpacked(path: Path) -> Iterator[IO[bytes]]:
+    """Open a file, plain or gzipped."""
+    with path.open("rb") as content:
+        packed = content.read(2) == b"\x1f\x8b"
+        content.seek(0)
+        try:
+            yield cast("IO[bytes]", gzip.GzipFile(fileobj=content)) if packed else content
+        except (EOFError, gzip.BadGzipFile, zlib.error):
+            raise _refusal("damaged", path) from None
+
+
+def _rows_of_workbook(path: Path) -> Iterator[Line]:
+    """Yield the rows of the sheet with the most cells; numbers in full, times as ISO 8601."""
+    if path.stat().st_size > LARGEST_BYTES:
+        raise _too_large(path)
+    importlib.import_module("python_calamine")  # said by its name where it is missing
+    try:
+        sheets = pd.read_excel(path, sheet_name=None, header=None, dtype=object, engine="calamine")
+    except Exception as error:
+        raise _refusal("workbook", path, " ".join(str(error).split())) from None
+    sheet = max(sheets.values(), key=lambda each: int(each.notna().to_numpy().sum()), default=None)
+    if sheet is None:
+        return
+    for number, row in enumerate(sheet.itertuples(index=False), start=1):
+        cells = [_cell(value) for value in row]
+        if any(cells):
+            yield Line(number, "\t".join(cells), ended=True)
+
+
+def _cell(value: object) -> str:
+    if value is None or value is pd.NaT or (isinstance(value, float) and value != value):
+        return ""
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        return str(int(value))
+    text = value.isoformat() if hasattr(value, "isoformat") else str(value)
+    return " ".join(text.split())
+
+
+def _too_large(path: Path) -> RawDataError:
+    largest = LARGEST_BYTES / 1e6
+    return _refusal("too large", path, f"more than {largest:.0f} MB", largest)
+
+
+# How the rows of a file are written, and what stands in its columns.
+
 #: Share of rows that must write their last field in one format for a shorter one to count as cut.
 SAME_FORMAT = 0.99
-
 OWN_NAMES = "; for a campaign's file pa10cal columns proposes how to read other names"
 DESCRIPTION = "campaign.yaml"
 #: Lines that may stand over the names of the columns, as they are looked for.
@@ -52,7 +247,6 @@ class Layout:
     header: int = 1
     first: int = 0  # line of the first row; 0 for the one that follows the names
     text: tuple[str, ...] = TEXT  # columns of text
-    missing: str = "rename it"  # what to do where a column is missing
     own: bool = False  # whether a campaign describes it: names that occur twice are told apart
     key: str = ""  # where campaign.yaml describes it, such as columns.poses
     keys: Mapping[str, str] = field(default_factory=dict)  # what maps each of its columns
@@ -103,6 +297,15 @@ class Layout:
         except ValueError:
             return float("nan")
 
+    def numbers(self, fields: Sequence[str]) -> Array:
+        """Return fields as numbers, nan where one is none, or none that is finite."""
+        plain = fields if self.decimal == "." else [self.plain(field) for field in fields]
+        values = np.array(pd.to_numeric(np.array(plain, object), errors="coerce"), dtype=float)
+        for k in np.flatnonzero(~np.isfinite(values)).tolist():
+            value = self.number(fields[k])
+            values[k] = value if np.isfinite(value) else np.nan
+        return values
+
 
 #: Blanks that do not break, and apostrophes, between the thousands of a number.
 _BETWEEN_THOUSANDS = re.compile(r"(?<=\d)[\u00a0\u202f\u2009'’](?=\d{3})")
@@ -146,18 +349,11 @@ def read_rows(
     *,
     repeats: bool = False,
 ) -> RawRows:
-    """Read a CSV file, plain or gzipped, in parts.
+    """Read a file of rows, in parts.
 
-    Rows with another number of fields than the header, exact repeats of an earlier row and a last
-    line that was cut short are quarantined.
-
-    Args:
-        path: the file, in any encoding that `lines_of` tells, or a workbook.
-        required: columns that must be there.
-        optional: columns that may be there.
-        together: columns that are all there or all absent.
-        layout: how the file is written.
-        repeats: whether exact repeats are kept.
+    Rows with another number of fields than the header, a last line that was cut short and, unless
+    `repeats` are kept, exact repeats of an earlier row are quarantined. Columns that belong
+    `together` are all there or all absent.
 
     Raises:
         RawDataError: when the file is empty or too large, is no text, uses another separator or
@@ -166,63 +362,62 @@ def read_rows(
     lines = lines_of(path)
     first = _first(lines, layout)
     if first is None:
-        raise _refusal(path, 1, "the file is empty", "a header and rows", "export it again")
+        raise _refusal("empty", f"{path}:1")
     header = layout.names(first.text)
+    width = len(header)
     needed = [*required, *(together if set(together) & set(header) else ())]
     _check_header(path, first, header, needed, layout)
     used = [name for name in header if name in needed or name in optional]
     below = lines if layout.header else chain([first], lines)
-    if layout.first:
-        below = (line for line in below if line.number >= layout.first)
+    below = (line for line in below if line.number >= layout.first)
     parts, last = [], first
     while part := list(islice(below, ROWS_A_PART)):
         parts.append(_read_part(part, header, used, layout))
         last = part[-1]
     if not parts:
-        raise _refusal(path, first.number, "there is no row under the header", "rows", "export it")
-    line, widths, hashes, decimals = (
-        np.concatenate([known[name] for known, _, _ in parts])
-        for name in ("line", "widths", "hashes", "decimals")
-    )
-    _refuse_systematic_width(path, widths, len(header), line, layout)
-    right = widths == len(header)
-    cut = not last.ended and widths[-1] < len(header)
-    wrong = ~right
+        raise _refusal("no rows", f"{path}:{first.number}")
+    known = zip(*(numbers for numbers, _, _ in parts), strict=True)
+    line, widths, hashes, decimals = map(np.concatenate, known)
+    wrong = widths != width
+    if 2 * wrong.sum() > len(widths):
+        at = int(np.argmax(wrong))
+        counts = (wrong.sum(), len(widths), widths[at], width)
+        commas = widths[at] > width and layout.separator == ","
+        rest = ("; decimal commas", "with decimal points") if commas else ("", "again")
+        raise _refusal("width", f"{path}:{line[at]}", None, *counts, *rest)
+    right = line[~wrong]
+    cut = not last.ended and widths[-1] < width
     wrong[-1] &= not cut
     listed = (
-        *quarantined(path.name, line[wrong], f"{FIELDS} {len(header)}", widths[wrong]),
+        *quarantined(path.name, line[wrong], f"{FIELDS} {width}", widths[wrong]),
         *quarantined(path.name, line[-1:] if cut else [], CUT, [last.text] if cut else []),
     )
     unused = tuple(name for name in header if name not in used)
     columns = {name: np.concatenate([read.pop(name) for _, read, _ in parts]) for name in used}
     odd = {name: dict(ChainMap(*(odd[name] for _, _, odd in parts))) for name in used}
-    totals = {path.name: len(line)}
-    raw = RawRows(path.name, columns, line[right], totals, unused, listed, odd)
-    if not last.ended and right[-1] and _cut_last(decimals):
-        kept = np.arange(len(hashes)) < len(hashes) - 1
-        raw = raw.take(kept, CUT, [layout.row(last.text, len(header))[-1]])
-        hashes = hashes[kept]
-    if repeats:
-        return raw
-    once = ~pd.Series(hashes).duplicated().to_numpy()
-    return raw.take(once, REPEATED)
+    raw = RawRows(path.name, columns, right, {path.name: len(line)}, unused, listed, odd)
+    if not last.ended and widths[-1] == width:
+        # The last number of a file without a line end may lack digits that all others have.
+        usual = int(np.bincount(decimals).argmax())
+        if decimals[-1] < usual and np.mean(decimals[:-1] == usual) >= SAME_FORMAT:
+            keep = np.arange(len(hashes)) < len(hashes) - 1
+            raw, hashes = raw.take(keep, CUT, [layout.row(last.text, width)[-1]]), hashes[keep]
+    return raw if repeats else raw.take(~pd.Series(hashes).duplicated().to_numpy(), REPEATED)
 
 
 def _read_part(
     lines: Sequence[Line], header: Sequence[str], used: Sequence[str], layout: Layout
-) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]], dict[str, dict[int, str]]]:
+) -> tuple[list[NDArray[np.int64]], dict[str, NDArray[Any]], dict[str, dict[int, str]]]:
     """Read some lines of a file.
 
     Returns:
-        What is known of them: their numbers, how many fields each has, and of the rows as wide as
-        the header a hash of all fields and the digits of the last; the columns, text as it is and
-        numbers, nan where there is none; and what stands there, by line.
+        The numbers of the lines, how many fields each has, and of the rows as wide as the header a
+        hash of all fields and the digits of the last; the columns, text as it is and numbers, nan
+        where there is none; and what stands there, by line.
     """
     every = [layout.row(line.text, len(header)) for line in lines]
-    number = np.array([line.number for line in lines], dtype=np.int64)
-    widths = np.array([len(row) for row in every], dtype=np.int64)
     rows = [row for row in every if len(row) == len(header)]
-    right = number[widths == len(header)]
+    right = [line.number for line, row in zip(lines, every, strict=True) if len(row) == len(header)]
     columns: dict[str, NDArray[Any]] = {}
     odd: dict[str, dict[int, str]] = {name: {} for name in used}
     for name in used:
@@ -231,57 +426,41 @@ def _read_part(
         if name in layout.text:
             columns[name] = np.array(list(map(sys.intern, fields)), dtype=object)
             continue
-        values = columns[name] = _numbers(fields, layout)
-        unread = np.flatnonzero(np.isnan(values)).tolist()
-        odd[name] = {int(right[k]): fields[k] for k in unread}
-    hashes = np.array([hash(tuple(row)) for row in rows], dtype=np.int64)
-    after = [row[-1].partition(layout.decimal)[2] for row in rows]
-    decimals = np.array(list(map(len, after)), dtype=np.int64)
-    known = {"line": number, "widths": widths, "hashes": hashes, "decimals": decimals}
-    return known, columns, odd
-
-
-def _numbers(fields: Sequence[str], layout: Layout) -> Array:
-    """Return fields as numbers, nan where one is none, or none that is finite."""
-    plain = fields if layout.decimal == "." else [layout.plain(field) for field in fields]
-    values = np.array(pd.to_numeric(np.array(plain, dtype=object), errors="coerce"), dtype=float)
-    for k in np.flatnonzero(~np.isfinite(values)).tolist():
-        value = layout.number(fields[k])
-        values[k] = value if np.isfinite(value) else np.nan
-    return values
+        columns[name] = layout.numbers(fields)
+        unread = np.flatnonzero(np.isnan(columns[name])).tolist()
+        odd[name] = {right[k]: fields[k] for k in unread}
+    known = (
+        [line.number for line in lines],
+        [len(row) for row in every],
+        [hash(tuple(row)) for row in rows],
+        [len(row[-1].partition(layout.decimal)[2]) for row in rows],
+    )
+    return [np.array(numbers, dtype=np.int64) for numbers in known], columns, odd
 
 
 def _check_header(
     path: Path, first: Line, header: Sequence[str], required: Sequence[str], layout: Layout
 ) -> None:
-    line, text = first.number, first.text
+    where, here = f"{path}:{first.number}", layout.separator
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):
-        here = layout.separator
-        if here and here != separator and text.count(separator) > text.count(here):
-            raise _refusal(
-                path,
-                line,
-                f"the fields are separated by {name}",
-                "commas between fields, decimal points"
-                if layout.separator == ","
-                else f"the separator {here!r}, as campaign.yaml states it",
+        if here and here != separator and first.text.count(separator) > first.text.count(here):
+            allowed = "commas between fields, decimal points"
+            if here != ",":
+                allowed = f"the separator {here!r}, as {DESCRIPTION} states it"
+            remedy = (
                 f"set {layout.key}.separator: {'tab' if separator == chr(9) else repr(separator)}"
                 if layout.key
                 else "export the file with commas and decimal points; that of a campaign may stay "
-                f"as it is: pa10cal columns {path.name} proposes how campaign.yaml describes it",
+                f"as it is: pa10cal columns {path.name} proposes how {DESCRIPTION} describes it"
             )
+            raise _refusal("separator", where, None, name, allowed, remedy)
     twice = [name for name, times in Counter(header).items() if times > 1]
     if twice:
-        raise _refusal(path, line, f"column {twice[0]} occurs twice", "once", "remove one")
-    missing = [name for name in required if name not in header]
-    if missing:
-        raise RawDataError(
-            f"missing column{'s' if len(missing) > 1 else ''} {', '.join(missing)}",
-            where=f"{path}:{line}",
-            value=", ".join(header),
-            allowed=", ".join(required),
-            remedy=_remedy_for_missing(path, missing, header, required, layout),
-        )
+        raise _refusal("twice", where, None, twice[0])
+    if missing := [name for name in required if name not in header]:
+        remedy = _remedy_for_missing(path, missing, header, required, layout)
+        words = ("s" * (len(missing) > 1), ", ".join(missing), ", ".join(required), remedy)
+        raise _refusal("missing", where, ", ".join(header), *words)
 
 
 def _remedy_for_missing(
@@ -293,68 +472,29 @@ def _remedy_for_missing(
 ) -> str:
     """Return what to do where columns are missing: what stands in their place, and which key."""
     others = [name for name in header if name not in required]
-    if (found := mistaken_encoding(missing[0], others)) is not None:
-        name, taken, right = found
+    if (other := mistaken_encoding(missing[0], others)) is not None:
+        name, taken, right = other
         return (
             f"the header has {name!r}: {DESCRIPTION} and the file are read in two encodings, "
             f"{missing[0]!r} is {right} taken for {taken}; save both as UTF-8"
         )
-    if (
-        layout.key
-        and np.mean([not np.isnan(layout.number(name)) for name in header]) > 0.5
-        and layout.header
-    ):
+    numbers = np.mean([not np.isnan(layout.number(name)) for name in header])
+    if layout.key and layout.header and numbers > 0.5:
         return (
             f"the first line holds numbers and no names: set {layout.key}.header: 0, and name the "
             "columns 1, 2, 3, …; or export the file with a header"
         )
-    below = next(
-        (
-            each.number
-            for each in islice(lines_of(path), _LINES_ABOVE)
-            if set(missing) <= set(layout.names(each.text))
-        ),
-        None,
-    )
-    if layout.key and below is not None:
-        return f"the names stand in line {below}: set {layout.key}.header: {below}"
+    if layout.key:
+        for line in islice(lines_of(path), _LINES_ABOVE):
+            if set(missing) <= set(layout.names(line.text)):
+                return (
+                    f"the names stand in line {line.number}: set {layout.key}.header: {line.number}"
+                )
     near = difflib.get_close_matches(missing[0], others, n=1, cutoff=0.5)
-    if near:
-        key = layout.keys.get(missing[0])
-        return f"is it {near[0]!r}? {f'correct {key} in {DESCRIPTION}' if key else layout.missing}"
-    return f"add it, or check the header{OWN_NAMES if layout == CONTRACT else ''}"
-
-
-def _refuse_systematic_width(
-    path: Path,
-    widths: NDArray[np.int64],
-    expected: int,
-    line: NDArray[np.int64],
-    layout: Layout,
-) -> None:
-    wrong = widths != expected
-    if 2 * wrong.sum() <= len(widths):
-        return
-    first = int(np.argmax(wrong))
-    commas = widths[first] > expected and layout.separator == ","
-    raise _refusal(
-        path,
-        int(line[first]),
-        f"{wrong.sum()} of {len(widths)} rows have another number of fields than the header "
-        f"({widths[first]} for {expected})" + ("; decimal commas" if commas else ""),
-        "one field for each column, decimal points",
-        "export the file with decimal points" if commas else "export the file again",
-    )
-
-
-def _cut_last(decimals: NDArray[np.int64]) -> bool:
-    """Return whether the last number of a file without a line end lacks digits others have."""
-    usual = int(np.bincount(decimals).argmax())
-    return bool(decimals[-1] < usual and np.mean(decimals[:-1] == usual) >= SAME_FORMAT)
-
-
-def _refusal(path: Path, line: int, what: str, allowed: str, remedy: str) -> RawDataError:
-    return RawDataError(what, where=f"{path}:{line}", allowed=allowed, remedy=remedy)
+    if not near:
+        return f"add it, or check the header{OWN_NAMES if layout == CONTRACT else ''}"
+    key = layout.keys.get(missing[0]) or layout.key
+    return f"is it {near[0]!r}? {f'correct {key} in {DESCRIPTION}' if key else 'rename it'}"
 
 
 # How an unknown file is written: separator, decimal sign, line of the names, numbers.
@@ -399,7 +539,7 @@ def sniff(path: Path) -> Sniffed:
     """Find out how a file of rows of numbers is written; refuse one without such rows."""
     lines = [(line.number, line.text) for line in islice(lines_of(path), LINES)]
     if not lines:
-        raise _refusal(path, 1, "the file is empty", "a header and rows", "export it again")
+        raise _refusal("empty", f"{path}:1")
     workbook = is_workbook(path)
     ways = [
         _judged(lines, Layout(separator, decimal, own=True))
@@ -411,13 +551,7 @@ def sniff(path: Path) -> Sniffed:
         ways or [(0.0, 0, Layout())], key=lambda way: (round(way[0], 3), way[1])
     )
     if share < 0.3 or width < LEAST_FIELDS:
-        raise RawDataError(
-            "no rows of numbers were found",
-            where=str(path),
-            allowed="a text file or a workbook with a row for each configuration: joint positions, "
-            "and what was measured",
-            remedy="export the rows as text; a binary log is not read",
-        )
+        raise _refusal("no numbers", path)
     rows = [(number, layout.row(text, width)) for number, text in lines]
     rows = [(number, fields) for number, fields in rows if len(fields) == width]
     every = np.array([[layout.number(field) for field in fields] for _, fields in rows])

@@ -18,7 +18,7 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import refuse_impossible_gravity, refuse_impossible_temperature
 from pa10cal.campaign.own_columns import OwnColumns
 from pa10cal.campaign.raw_rows import Exclusions
-from pa10cal.errors import RawDataError, remedy_for
+from pa10cal.errors import RawDataError, refusals, remedy_for
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind, instruments
 from pa10cal.observe.quantities import Stated
@@ -215,11 +215,63 @@ class CampaignDescription(Section):
         )
 
 
-def read_description(folder: Path) -> CampaignDescription:
-    """Read and check a campaign's description.
+_refusal = refusals(
+    RawDataError,
+    {
+        "no file": (
+            "there is no campaign.yaml",
+            "a folder of raw files with campaign.yaml, see docs/raw-data.md",
+            "{0}",
+        ),
+        "no folder": (
+            "the folder is not there",
+            "a folder of raw files with campaign.yaml, see docs/raw-data.md",
+            "{0}",
+        ),
+        "no keys": (
+            "the campaign's description holds no keys",
+            "keys and values, beginning with schema",
+            "write the description as docs/raw-data.md specifies",
+        ),
+        "schema": (
+            "the campaign follows another schema",
+            SCHEMA,
+            f"convert the campaign and state schema: {SCHEMA}",
+        ),
+        "holdout": (
+            "the held-out poses are not stated in one way",
+            "last_fraction or every, one of them",
+            "keep one of the two keys",
+        ),
+        "joints": (
+            "{0} numbers are stated",
+            "{1}, one for each joint of {2}, in order",
+            "state as many",
+        ),
+        "missing": ("the key is missing", "{1}", "set {0} accordingly"),
+        "unfit": ("the key cannot be used", "{1}", "set {0} accordingly"),
+        "absent": ("the file is not there", "a file inside the campaign's folder", "{0}"),
+        "robots": (
+            "the campaigns of a group are not of one robot",
+            "campaigns of one robot, described by the same nominal rows",
+            "take the other campaign out of the group, or describe the robot alike in both",
+        ),
+        "names": (
+            "{0}",
+            "two or more campaigns, each once, and a name of the group's own",
+            "correct the list of campaigns, or rename the group",
+        ),
+        "group": (
+            "the group lacks its name or its campaigns",
+            "name and campaigns, as pa10cal join writes them",
+            "run pa10cal join again",
+        ),
+    },
+)
 
-    Args:
-        folder: the campaign's folder.
+
+def read_description(folder: Path) -> CampaignDescription:
+    """Read and check the description in a campaign's folder.
 
     Raises:
         RawDataError: when the file is missing or unreadable, names another schema, states gravity
@@ -228,31 +280,33 @@ def read_description(folder: Path) -> CampaignDescription:
         SettingsError: when a key is unknown (naming the nearest right one) or does not fit.
     """
     path = folder / DESCRIPTION_FILE
-    content = _read_mapping(path)
+    if not folder.is_dir():
+        remedy = remedy_for(folder.name, names_in(folder.parent), "check the path")
+        raise _refusal("no folder", folder, None, remedy)
+    if not path.is_file():
+        inside = [name for name in names_in(folder) if (folder / name / path.name).is_file()]
+        remedy = "give such a folder; pa10cal columns FILE proposes a campaign.yaml for a file"
+        raise _refusal(
+            "no file",
+            path,
+            None,
+            f"did you mean the folder {inside[0]!r} in it?" if inside else remedy,
+        )
+    content = read_yaml(path, RawDataError, what="the campaign's description cannot be read")
+    if not isinstance(content, dict):
+        raise _refusal("no keys", path, content)
     schema = content.pop("schema", None)
     if schema == GROUP_SCHEMA:
         return group_of_content(content, str(path))
     if schema != SCHEMA:
-        raise RawDataError(
-            "the campaign follows another schema",
-            where=f"{path}: schema",
-            value=schema,
-            allowed=SCHEMA,
-            remedy=f"convert the campaign and state schema: {SCHEMA}",
-        )
+        raise _refusal("schema", f"{path}: schema", schema)
     campaign = parse_section(CampaignDescription, content, where=str(path))
     refuse_impossible_gravity(campaign.gravity_m_s2, str(path))
     refuse_impossible_temperature(campaign.reference_temperature_C, str(path))
     _check_instrument(campaign, folder)
     stated = {} if campaign.holdout is None else campaign.holdout.model_dump(exclude_none=True)
     if campaign.holdout is not None and len(stated) != 1:
-        raise RawDataError(
-            "the held-out poses are not stated in one way",
-            where=f"{path}: holdout",
-            value=stated,
-            allowed="last_fraction or every, one of them",
-            remedy="keep one of the two keys",
-        )
+        raise _refusal("holdout", f"{path}: holdout", stated)
     return campaign
 
 
@@ -261,121 +315,68 @@ def check_joints(campaign: CampaignDescription, joints: int, where: str) -> None
     for key in ("joint_signs", "joint_offsets_deg"):
         stated = getattr(campaign, key)
         if stated is not None and len(stated) != joints:
-            raise RawDataError(
-                f"{len(stated)} numbers are stated",
-                where=f"{where}: {key}",
-                value=", ".join(f"{number:g}" for number in stated),
-                allowed=f"{joints}, one for each joint of {campaign.robot}, in order",
-                remedy="state as many",
-            )
+            value = ", ".join(f"{number:g}" for number in stated)
+            words = (len(stated), joints, campaign.robot)
+            raise _refusal("joints", f"{where}: {key}", value, *words)
 
 
 def exclusions_of(campaign: CampaignDescription, folder: Path) -> Exclusions:
     """Return the rows that a campaign excludes, none met yet."""
-    stated = [(each.where, each.why) for each in campaign.exclude]
+    stated = [(rows.where, rows.why) for rows in campaign.exclude]
     return Exclusions(stated, f"{folder / DESCRIPTION_FILE}: exclude")
 
 
 def names_in(folder: Path) -> list[str]:
     """Return the names of the files and folders in a folder; none where it cannot be read."""
     try:
-        return sorted(each.name for each in folder.iterdir())
+        return sorted(path.name for path in folder.iterdir())
     except OSError:
         return []
 
 
-def _read_mapping(path: Path) -> dict[str, object]:
-    if not path.is_file():
-        folder = path.parent
-        inside = [name for name in names_in(folder) if (folder / name / path.name).is_file()]
-        there = folder.is_dir()
-        raise RawDataError(
-            "there is no campaign.yaml" if there else "the folder is not there",
-            where=str(path) if there else str(folder),
-            allowed="a folder of raw files with campaign.yaml, see docs/raw-data.md",
-            remedy=f"did you mean the folder {inside[0]!r} in it?"
-            if inside
-            else "give such a folder; pa10cal columns FILE proposes a campaign.yaml for a file"
-            if there
-            else remedy_for(folder.name, names_in(folder.parent), "check the path"),
-        )
-    content = read_yaml(path, RawDataError, what="the campaign's description cannot be read")
-    if not isinstance(content, dict):
-        raise RawDataError(
-            "the campaign's description holds no keys",
-            where=str(path),
-            value=content,
-            allowed="keys and values, beginning with schema",
-            remedy="write the description as docs/raw-data.md specifies",
-        )
-    return content
-
-
 def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
     """Refuse a campaign that lacks what its kind of instrument needs."""
-    kind, touched = campaign.instrument.kind, campaign.instrument.type.from_touches
+    path, kind = folder / DESCRIPTION_FILE, campaign.instrument.kind
+    touched = campaign.instrument.type.from_touches
     if touched:
+        key = "ball_diameter_mm"
         if campaign.ball_diameter_mm is None:
-            raise _unfit(folder, "ball_diameter_mm", None, "the diameter of the tooling balls")
+            allowed = "the diameter of the tooling balls"
+            raise _refusal("missing", f"{path}: {key}", None, key, allowed)
         offsets = campaign.p_ee_balls_mm - campaign.p_ee_balls_mm.mean(axis=0, keepdims=True)
         if len(offsets) < 3 or np.linalg.matrix_rank(offsets, tol=1.0) < 2:
-            raise _unfit(
-                folder,
-                "tool.balls_mm",
-                dict(campaign.tool.balls_mm),
-                "at least three balls that are not collinear",
-            )
+            key, stated = "tool.balls_mm", dict(campaign.tool.balls_mm)
+            allowed = "at least three balls that are not collinear"
+            raise _refusal("unfit", f"{path}: {key}", stated, key, allowed)
     two = ("joints", "readings")
     apart = any(getattr(campaign.files, key) is not None for key in two)
     needed = ("cmm", "resolver") if touched else two if apart else ("poses",)
     for key in needed:
-        name = getattr(campaign.files, key)
+        name, where = getattr(campaign.files, key), f"{path}: files.{key}"
         if name is None:
-            raise _unfit(folder, f"files.{key}", None, f"a file name, as the kind is {kind}")
-        if not _is_there(folder / name):
-            raise RawDataError(
-                "the file is not there",
-                where=f"{folder / DESCRIPTION_FILE}: files.{key}",
-                value=name,
-                allowed="a file inside the campaign's folder",
-                remedy=remedy_for(name, names_in(folder), f"put it there, or correct files.{key}"),
+            raise _refusal(
+                "missing", where, None, f"files.{key}", f"a file name, as the kind is {kind}"
             )
+        try:
+            there = (folder / name).is_file()
+        except OSError:  # no name that this file system can have
+            there = False
+        if not there:
+            remedy = remedy_for(name, names_in(folder), f"put it there, or correct files.{key}")
+            raise _refusal("absent", where, name, remedy)
     mapped = set() if campaign.columns is None else campaign.columns.model_fields_set
     for key in sorted(mapped - set(needed)):
-        allowed = " and ".join(f"columns.{each}" for each in needed)
-        raise _unfit(folder, f"columns.{key}", key, f"{allowed}, as the kind is {kind}")
-
-
-def _is_there(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:  # no name that this file system can have
-        return False
-
-
-def _unfit(folder: Path, key: str, value: object, allowed: str) -> RawDataError:
-    return RawDataError(
-        "the key is missing" if value is None else "the key cannot be used",
-        where=f"{folder / DESCRIPTION_FILE}: {key}",
-        value=value,
-        allowed=allowed,
-        remedy=f"set {key} accordingly",
-    )
+        allowed = " and ".join(f"columns.{other}" for other in needed)
+        allowed = f"{allowed}, as the kind is {kind}"
+        raise _refusal("unfit", f"{path}: columns.{key}", key, f"columns.{key}", allowed)
 
 
 # Groups: several campaigns of one robot, described and read as one.
 
 #: What makes an arm another one, and by how much it may differ.
 _GEOMETRY = (
-    "theta_rad",
-    "d_m",
-    "a_m",
-    "alpha_rad",
-    "beta_rad",
-    "hayati",
-    "prismatic",
-    "T_base_row1",
-    "T_row_n_ee",
+    *("theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad", "hayati", "prismatic"),
+    *("T_base_row1", "T_row_n_ee"),
 )
 _SAME_GEOMETRY = 1e-12
 
@@ -402,12 +403,18 @@ class GroupDescription(CampaignDescription):
 
     def payload(self, arm: Arm) -> Payload | None:
         """Return what the arm carries, of each campaign where they differ."""
-        each = [member.payload(arm) for member in self.members]
-        known = tuple(payload for payload in each if payload is not None)
+        payloads = [member.payload(arm) for member in self.members]
+        known = tuple(payload for payload in payloads if payload is not None)
         if not known:
             return None
-        differ = any(not _same(known[0], payload) for payload in known[1:])
-        return replace(known[0], of_campaigns=known) if differ else known[0]
+
+        def same(payload: Payload) -> bool:
+            values = [
+                (getattr(known[0], f.name), getattr(payload, f.name)) for f in fields(payload)
+            ]
+            return all(np.array_equal(*both) for both in values)
+
+        return known[0] if all(map(same, known)) else replace(known[0], of_campaigns=known)
 
 
 def describe_group(
@@ -420,26 +427,19 @@ def describe_group(
             they are not of one robot.
     """
     described = [description for description, _ in members]
-    names = [each.name for each in described]
+    names = [description.name for description in described]
     check_names(name, names, f"group {name}")
     for (other, arm), of in zip(members[1:], names[1:], strict=True):
         one, two = described[0].robot, other.robot
         differ = _difference(members[0][1], arm) if one == two else f"robot: {one} and {two}"
         if differ is not None:
-            raise RawDataError(
-                "the campaigns of a group are not of one robot",
-                where=f"group {name}: {names[0]} and {of}",
-                value=differ,
-                allowed="campaigns of one robot, described by the same nominal rows",
-                remedy="take the other campaign out of the group, or describe the robot alike in "
-                "both",
-            )
+            raise _refusal("robots", f"group {name}: {names[0]} and {of}", differ)
     return _described(name, described)
 
 
 def check_names(name: str, names: Sequence[str], where: str) -> None:
     """Refuse a group of fewer than two campaigns, or of names that are not apart."""
-    twice = sorted({each for each in names if list(names).count(each) > 1})
+    twice = sorted({other for other in names if list(names).count(other) > 1})
     if len(names) < 2:
         what, value = "a group has fewer than two campaigns", ", ".join(names) or "none"
     elif twice:
@@ -448,13 +448,7 @@ def check_names(name: str, names: Sequence[str], where: str) -> None:
         what, value = "a group is called like one of its campaigns", name
     else:
         return
-    raise RawDataError(
-        what,
-        where=where,
-        value=value,
-        allowed="two or more campaigns, each once, and a name of the group's own",
-        remedy="correct the list of campaigns, or rename the group",
-    )
+    raise _refusal("names", where, value, what)
 
 
 def group_of_content(content: Mapping[str, Any], where: str) -> GroupDescription:
@@ -466,42 +460,41 @@ def group_of_content(content: Mapping[str, Any], where: str) -> GroupDescription
     """
     name, listed = content.get("name"), content.get("campaigns")
     if not isinstance(name, str) or not isinstance(listed, list):
-        raise RawDataError(
-            "the group lacks its name or its campaigns",
-            where=where,
-            value=sorted(content),
-            allowed="name and campaigns, as pa10cal join writes them",
-            remedy="run pa10cal join again",
-        )
+        raise _refusal("group", where, sorted(content))
     described = []
-    for number, each in enumerate(listed):
-        keys = {key: value for key, value in dict(each).items() if key != "schema"}
-        described.append(
-            parse_section(CampaignDescription, keys, where=f"{where}: campaigns[{number}]")
-        )
-    check_names(name, [each.name for each in described], where)
+    for number, campaign in enumerate(listed):
+        keys = {key: value for key, value in dict(campaign).items() if key != "schema"}
+        place = f"{where}: campaigns[{number}]"
+        described.append(parse_section(CampaignDescription, keys, where=place))
+    check_names(name, [description.name for description in described], where)
     return _described(name, described)
 
 
 def group_text(group: CampaignDescription) -> str:
     """Return the campaign.yaml of a group: the descriptions of its campaigns."""
-    campaigns = [
-        {"schema": SCHEMA, **each.model_dump(mode="json", exclude_none=True)}
-        for each in group.campaigns
-    ]
     content: dict[str, Any] = {"schema": GROUP_SCHEMA, "name": group.name, "robot": group.robot}
     content["instrument"] = {"kind": group.instrument.kind}
-    content["campaigns"] = campaigns
+    content["campaigns"] = [
+        {"schema": SCHEMA, **campaign.model_dump(mode="json", exclude_none=True)}
+        for campaign in group.campaigns
+    ]
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
 
 
 def _described(name: str, members: Sequence[CampaignDescription]) -> GroupDescription:
     first = {key: getattr(members[0], key) for key in CampaignDescription.model_fields}
-    provenance = "; ".join(dict.fromkeys(member.provenance for member in members))
     commanded = all(member.joints == "commanded" for member in members)
-    own = {"name": name, "provenance": provenance, "members": tuple(members)}
-    own["joints"] = "commanded" if commanded else "logged"
-    return GroupDescription(**first | {"holdout": None, "columns": None} | own)
+    return GroupDescription(
+        **first
+        | {
+            "name": name,
+            "provenance": "; ".join(dict.fromkeys(member.provenance for member in members)),
+            "members": tuple(members),
+            "joints": "commanded" if commanded else "logged",
+            "holdout": None,
+            "columns": None,
+        }
+    )
 
 
 def _difference(first: Arm, other: Arm) -> str | None:
@@ -517,11 +510,3 @@ def _difference(first: Arm, other: Arm) -> str | None:
             at = np.unravel_index(int(np.argmax(off)), off.shape)
             return f"{name}, row {int(at[0]) + 1}: {one[at]:.9g} and {two[at]:.9g}"
     return None
-
-
-def _same(first: Payload, other: Payload) -> bool:
-    return all(
-        np.array_equal(getattr(first, field.name), getattr(other, field.name))
-        for field in fields(Payload)
-        if field.name != "of_campaigns"
-    )

@@ -1,24 +1,28 @@
-"""Readings beside the nominal arm: how far off they are, and whether they stand a row away."""
+"""Readings beside the nominal arm: how far off they are, in their rows and under their labels."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.errors import CalibrationError, RawDataError
+from pa10cal.frame.hand_eye import hand_eye_from_points
+from pa10cal.frame.rigid_fit import Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
 
 #: Reweighted fits towards least distances, rows fitted, and the distance below which all weigh
-#: the same.
-FITS = 10
+#: the same; fits to points alone, and poses that they take.
+FITS, FITS_OF_POINTS = 10, 6
 FITTED_ROWS = 300
 ALIKE_M = 1e-3
+LEAST_POSES = 12
 
 
 def misfit_of(measured: Instrument, T_base_ee: Array, fitted: int | None = None) -> Misfit | None:
@@ -30,7 +34,7 @@ def misfit_of(measured: Instrument, T_base_ee: Array, fitted: int | None = None)
     rows = len(T_base_ee) if fitted is None else fitted
     if rows < measured.least_rows:
         return None
-    used = np.sort(np.random.default_rng(0).permutation(rows)[:FITTED_ROWS])
+    used = _some(rows)
     weights = np.ones(len(used))
     try:
         for _ in range(FITS):
@@ -44,6 +48,44 @@ def misfit_of(measured: Instrument, T_base_ee: Array, fitted: int | None = None)
     return misfit
 
 
+def nominal_places(T_base_ee: Array, p_m: Array) -> Array | None:
+    """Return where the nominal arm, fitted towards least distances, puts the targets (P, B, 3).
+
+    They were measured at p_m (P, B, 3), nan where not seen. None where the poses (P, 4, 4) do not
+    determine base and targets.
+    """
+    if len(p_m) < LEAST_POSES:
+        return None
+    some = _some(len(p_m))
+    weights = np.ones(len(some))
+    for _ in range(FITS_OF_POINTS):
+        located = placed_by_points(T_base_ee[some], p_m[some], weights)
+        if located is None:
+            return None
+        modelled: Array = located.targets(T_base_ee)[..., :3, 3]
+        weights = 1.0 / np.maximum(misfit_mm(p_m[some], modelled[some]), 1.0)
+    return modelled
+
+
+def placed_by_points(T_base_ee: Array, p_m: Array, weights: Array | None = None) -> Located | None:
+    """Return base and targets by the nominal arm; None where the poses do not determine them."""
+    try:
+        return hand_eye_from_points(T_base_ee, p_m, weights=weights)
+    except CalibrationError:
+        return None
+
+
+def misfit_mm(p_m: Array, modelled_m: Array) -> Array:
+    """Return the rms distance of measured from modelled targets over those seen, (P,)."""
+    squares = np.sum((1e3 * (p_m - modelled_m)) ** 2, axis=2)
+    return np.asarray(np.sqrt(np.nanmean(squares, axis=1)))
+
+
+def _some(rows: int) -> Index:
+    """Return the rows that are fitted, drawn where there are many."""
+    return np.sort(np.random.default_rng(0).permutation(rows)[:FITTED_ROWS])
+
+
 # Readings that stand a row away from the joints they were taken at.
 
 #: Joints fit the nominal arm so many times better when shifted by a row, or it is not said.
@@ -54,9 +96,8 @@ FEW = 3
 AGREE = 0.8
 #: Where the nominal arm, however placed, is further off in the median, nothing is said [m].
 FITS_M = 0.03
-
 #: So near is the nominal arm expected to be to readings that stand in their rows [m].
-EXPECTED_M = 5e-3
+EXPECTED_SHIFTED_M = 5e-3
 #: Where it is so near to all of them, and so many times further off a row away, none is shifted.
 EVIDENT = 10.0
 
@@ -75,24 +116,42 @@ class Shift:
     as_shifted_m: float  # and shifted
 
 
+def nominal_fit(seen: Instrument, T_base_ee: Array, usable: NDArray[np.bool_] | None = None) -> Fit:
+    """Return how far readings are from the nominal arm at stations, base and target fitted.
+
+    The arm stands at (K, 4, 4) there; only usable readings (N,) are looked at, None for all.
+    """
+    usable = np.ones(len(seen), dtype=bool) if usable is None else usable
+
+    def fit(rows: Index, station: Index, fitted: int) -> Array | None:
+        keep = usable[rows]
+        here = seen.take(rows[keep])
+        misfit = misfit_of(here, T_base_ee[station[keep]], int(keep[:fitted].sum()))
+        if misfit is None:
+            return None
+        residual_m = np.full(len(rows), np.nan)
+        residual_m[keep] = misfit.size_m
+        return residual_m
+
+    return fit
+
+
 def shifted(station: Index, stations: int, fit: Fit) -> Shift | None:
     """Return whether readings fit the joints a row away, and from which reading on.
 
-    Args:
-        station: (N,) row of the joints of each reading, as joined; -1 for none.
-        stations: how many rows the joints have.
-        fit: the nominal arm fitted to readings at rows of the joints.
+    The joints have so many rows, or stations; `station` (N,) is that of each reading as joined, -1
+    for none.
     """
     rows = np.flatnonzero(station >= 0)
     count = len(rows)
     if count < 4 * FEW:
         return None
-    left = _misfits(rows, station[rows], stations, fit)
-    if left is None:
+    misfits = _misfits(rows, station[rows], stations, fit)
+    if misfits is None:
         return None
-    typical = float(np.nanmedian(np.nanmin(left, axis=0)))
+    typical = float(np.nanmedian(np.nanmin(misfits, axis=0)))
     # Beyond some size it does not matter how far a row is off.
-    cost = np.minimum(np.where(np.isfinite(left), left, np.inf), 50.0 * max(typical, 1e-5))
+    cost = np.minimum(np.where(np.isfinite(misfits), misfits, np.inf), 50.0 * max(typical, 1e-5))
     sums = np.concatenate([np.zeros((3, 1)), np.cumsum(cost, axis=1)], axis=1)
     before, after = sums, sums[:, -1:] - sums
     total = before[:, None, :] + after[None, :, :]  # shift before, shift after, reading
@@ -100,17 +159,11 @@ def shifted(station: Index, stations: int, fit: Fit) -> Shift | None:
     one, two = (two if first == 0 else one), (one if first == count else two)
     if (one, two) == (1, 1):
         return None
-    moved = np.zeros(count, dtype=bool)
-    if one != 1:
-        moved[:first] = True
-    if two != 1:
-        moved[first:] = True
+    moved = np.where(np.arange(count) < first, one != 1, two != 1)
     shift = (one if one != 1 else two) - 1
     if moved.sum() < FEW or (one != 1 and two != 1 and one != two):
         return None
-    as_joined, as_shifted = (
-        float(np.median(left[each][moved & np.isfinite(left[each])])) for each in (1, shift + 1)
-    )
+    as_joined, as_shifted = (float(np.nanmedian(misfits[row][moved])) for row in (1, shift + 1))
     if as_shifted > FITS_M or as_joined < BETTER * max(as_shifted, typical):
         return None
     return Shift(int(rows[np.flatnonzero(moved)[0]]), int(shift), as_joined, as_shifted)
@@ -133,29 +186,23 @@ def _misfits(rows: Index, station: Index, stations: int, fit: Fit) -> Array | No
             if len(used) < 2 * FEW:
                 continue
             # Fitted to this part, judged at all three.
-            known = [(k, np.flatnonzero(there[k])) for k in range(3)]
-            at = np.concatenate([shifts[shift, used], *(shifts[k, each] for k, each in known)])
-            of = np.concatenate([rows[used], *(rows[each] for _, each in known)])
-            left_m = fit(of, at, len(used))
-            if left_m is None:
+            of = np.concatenate([rows[used], np.broadcast_to(rows, there.shape)[there]])
+            at = np.concatenate([shifts[shift, used], shifts[there]])
+            residual_m = fit(of, at, len(used))
+            if residual_m is None:
                 continue
-            left, start = np.full((3, count), np.nan), len(used)
-            for k, each in known:
-                left[k, each] = left_m[start : start + len(each)]
-                start += len(each)
-            size = float(np.median(left_m[: len(used)]))
+            misfits = np.full(there.shape, np.nan)
+            misfits[there] = residual_m[len(used) :]
+            size = float(np.median(residual_m[: len(used)]))
             if best is None or size < 0.5 * best[0]:
-                best = size, left
-            if shift == 1 and len(part) == count and _as_they_stand(left):
-                return left
+                best = size, misfits
+            if shift == 1 and len(part) == count:
+                before, here, after = misfits
+                away = min(np.nanmedian(before), np.nanmedian(after))
+                # No doubt then that no reading is shifted.
+                if np.nanmax(here) < EXPECTED_SHIFTED_M and away > EVIDENT * np.nanmax(here):
+                    return misfits
     return None if best is None or best[0] > FITS_M else best[1]
-
-
-def _as_they_stand(left: Array) -> bool:
-    """Return whether misfits (3, N) leave no doubt that no reading is shifted."""
-    before, here, after = left
-    away = min(np.nanmedian(before), np.nanmedian(after))
-    return bool(np.nanmax(here) < EXPECTED_M and away > EVIDENT * np.nanmax(here))
 
 
 def steps_agree(T_base_ee: Array, p_m: Array) -> bool:
@@ -183,37 +230,13 @@ def _correlation(one: Array, two: Array) -> float:
     return float(np.corrcoef(one[known], two[known])[0, 1])
 
 
-def nominal_fit(seen: Instrument, T_base_ee: Array, usable: NDArray[np.bool_] | None = None) -> Fit:
-    """Return how far readings are from the nominal arm at stations, base and target fitted.
-
-    The arm stands at (K, 4, 4) there; only usable readings (N,) are looked at, None for all.
-    """
-    usable = np.ones(len(seen), dtype=bool) if usable is None else usable
-
-    def fit(rows: Index, station: Index, fitted: int) -> Array | None:
-        keep = usable[rows]
-        here = seen.take(rows[keep])
-        found = misfit_of(here, T_base_ee[station[keep]], int(keep[:fitted].sum()))
-        if found is None:
-            return None
-        left_m = np.full(len(rows), np.nan)
-        left_m[keep] = found.size_m
-        return left_m
-
-    return fit
-
-
 def refuse_shifted(
     shift: Shift, path: Path, lines: NDArray[np.int64], joined: str, other_file: str
 ) -> None:
-    """Stop where readings stand a row away from their joints.
+    """Stop where readings, at lines (N,) of a file, stand a row away from their joints.
 
-    Args:
-        shift: from which reading on, and which way.
-        path: the file of the readings.
-        lines: (N,) line of each reading.
-        joined: how they were joined, in words.
-        other_file: name of the file of the joints; empty where it is the same.
+    They were joined as `joined` says, with joints of another file, or of the same where it is
+    empty.
     """
     line = int(lines[shift.first])
     place = "from the first row on" if shift.first == 0 else f"from line {line} on"
@@ -229,3 +252,139 @@ def refuse_shifted(
         if other_file
         else f"move the readings one row {way}, or the joints the other way, in {path.name}",
     )
+
+
+# Targets under each other's labels, and distances between them.
+
+EXCHANGED = "the labels of these targets are exchanged"
+NOT_RIGID = "its distances from the other targets are not those of the other poses"
+
+#: Targets whose orders are all tried.
+MOST_TARGETS = 5
+#: Labels are exchanged where another order leaves so much less of a misfit that is so large.
+EXCHANGED_LEFT = 0.25
+EXCHANGED_MM = 5.0
+EXCHANGED_TYPICAL = 6.0
+#: Places of targets on the arm are exchanged where the stated ones are off by so much.
+EXCHANGED_LARGE_MM = 20.0
+#: Distances between targets of one pose may differ from their median by so much.
+RIGID_MM = 1.0
+RIGID_SIGMAS = 10.0
+
+
+@dataclass(frozen=True)
+class ShapeOff:
+    """How far the targets are from their stated places among each other."""
+
+    target: int  # the one that explains it best
+    largest_mm: float  # largest difference of a distance
+    u_mm: float  # standard uncertainty of that difference
+    # the order of the stated places that would agree; None where none does
+    order: tuple[int, ...] | None
+
+
+def stated_shape(p_mm: Array, stated_mm: Array) -> ShapeOff | None:
+    """Compare distances between measured targets (P, B, 3) with those of stated places (B, 3).
+
+    What was not seen is nan. None with fewer than two targets seen together.
+    """
+    measured, stated = _distances(p_mm), _distances(stated_mm[None])[0]
+    seen = np.isfinite(measured).sum(axis=0)
+    pairs = np.argwhere(np.triu(seen > 0, 1))
+    if not len(pairs):
+        return None
+    first, second = pairs.T
+    of_pairs = measured[:, first, second]
+    middle = np.nanmedian(of_pairs, axis=0)
+    scatter = 1.4826 * np.nanmedian(np.abs(of_pairs - middle), axis=0)
+    off = middle - stated[first, second]
+    worst = int(np.abs(off).argmax())
+    # A target that is off shows in all its distances, and in no other.
+    of_target = [np.mean(off[(first == b) | (second == b)] ** 2) for b in pairs[worst]]
+    target = int(pairs[worst][int(np.argmax(of_target))])
+    u_mm = float(1.25 * scatter[worst] / np.sqrt(seen[first[worst], second[worst]]))
+    order = _other_order(
+        len(stated), lambda k: np.abs(middle - stated[np.ix_(k, k)][first, second]).max()
+    )
+    return ShapeOff(target, float(abs(off[worst])), u_mm, order)
+
+
+def stated_order(T_base_ee: Array, p_m: Array, stated_mm: Array) -> tuple[int, ...] | None:
+    """Return the order of the stated places (B, 3) in which the nominal arm carries the targets.
+
+    They were measured at p_m (P, B, 3), nan where not seen. None where it is the order stated, or
+    where no order fits much better.
+    """
+    located = placed_by_points(T_base_ee, p_m) if len(p_m) >= LEAST_POSES else None
+    if located is None or len(stated_mm) < 2:
+        return None
+    places_mm = 1e3 * located.T_ee_targets[:, :3, 3]
+    far = EXCHANGED_LARGE_MM
+    return _other_order(len(stated_mm), lambda k: np.abs(places_mm - stated_mm[k]).max(), far)
+
+
+def _other_order(
+    count: int, off_of: Callable[[list[int]], float], least: float = 0.0
+) -> tuple[int, ...] | None:
+    """Return the order of so many places that is off by much less than the stated one, if any."""
+    if count > MOST_TARGETS:
+        return None
+    orders = list(permutations(range(count)))
+    off = [off_of(list(order)) for order in orders]
+    best = int(np.argmin(off))
+    much = off[0] > least and off[best] < EXCHANGED_LEFT * off[0]
+    return orders[best] if best and much else None
+
+
+def not_rigid(p_m: Array) -> Mask:
+    """Return (P, B) targets whose distances from the others are not those of the other poses.
+
+    They were measured at (P, B, 3), nan where not seen.
+    """
+    off = np.zeros(p_m.shape[:2], dtype=bool)
+    if p_m.shape[1] < 2 or len(p_m) < LEAST_POSES:
+        return off
+    distances_mm = 1e3 * _distances(p_m)
+
+    def middle(values: Array) -> Array:
+        seen = np.isfinite(values).any(axis=0)  # 0 of pairs never seen together
+        return np.nanmedian(np.where(seen, values, 0.0), axis=0)
+
+    away = np.abs(distances_mm - middle(distances_mm))
+    wrong = away > np.maximum(RIGID_MM, RIGID_SIGMAS * 1.4826 * middle(away))
+    for row in np.flatnonzero(wrong.any(axis=(1, 2))):
+        off[row, int(wrong[row].sum(axis=1).argmax())] = True
+    return off
+
+
+def exchanged(p_m: Array, modelled: Array) -> NDArray[np.object_]:
+    """Return (P,) the order of the targets that would fit much better; None where labels are right.
+
+    They were measured at p_m (P, B, 3), nan where not seen; `nominal_places` modelled them.
+    """
+    count, targets = p_m.shape[:2]
+    orders: NDArray[np.object_] = np.full(count, None, dtype=object)
+    if not 2 <= targets <= MOST_TARGETS or count < LEAST_POSES:
+        return orders
+    as_read = misfit_mm(p_m, modelled)
+    limit = max(EXCHANGED_MM, EXCHANGED_TYPICAL * float(np.median(as_read)))
+    rows = np.flatnonzero(as_read > limit)
+    if not len(rows):
+        return orders
+    tried = list(permutations(range(targets)))[1:]
+    left = np.array([misfit_mm(p_m[rows][:, list(order)], modelled[rows]) for order in tried])
+    best = left.argmin(axis=0)
+    for row, k, mm in zip(rows, best, left.min(axis=0), strict=True):
+        if mm < max(EXCHANGED_LEFT * as_read[row], 0.0) and mm < limit:
+            orders[row] = tried[k]
+    return orders
+
+
+def exchange_text(order: tuple[int, ...], names: tuple[str, ...]) -> str:
+    """Name the labels that an order exchanges."""
+    moved = [names[b] for b, other in enumerate(order) if other != b]
+    return " and ".join((", ".join(moved[:-1]), moved[-1]))
+
+
+def _distances(p: Array) -> Array:
+    return np.asarray(np.linalg.norm(p[:, :, None] - p[:, None], axis=3))

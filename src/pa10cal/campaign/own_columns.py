@@ -1,12 +1,23 @@
-"""`columns` of campaign.yaml: what the columns of a user's own files are, in their own words."""
+"""`columns` of campaign.yaml: what the columns of a user's own files are; messages in their words.
+
+One rule for all messages: a column is called as the file calls it, and beside it as the contract
+does, `A6 [°]` (`q6`); a remedy is a key of campaign.yaml and what to set it to.
+"""
 
 from __future__ import annotations
 
 import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 
+from pa10cal.campaign.csv_rows import REPEATED
+from pa10cal.campaign.raw_rows import COMMA, EXCLUDED, OwnColumn, Quarantined
+from pa10cal.campaign.recognise import format_of, unit_of
+from pa10cal.errors import RawDataError
 from pa10cal.options import Section
 
 #: What one unit of a column is of the contract's unit: mm, degrees, N m, seconds.
@@ -27,7 +38,6 @@ SEPARATORS = {"tab": "\t", "blanks": None}
 _ROTATION = re.compile(
     r"quaternion_(wxyz|xyzw)|rotation_vector|matrix|rpy|euler_[XYZ]{3}|fixed_[xyz]{3}"
 )
-ISO = "iso"
 
 
 def _some(value: object) -> object:
@@ -172,3 +182,164 @@ class OwnColumns(Section):
     resolver: FileColumns | None = None
     joints: FileColumns | None = None
     readings: FileColumns | None = None
+
+
+# What a file calls its columns.
+
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_JOINT = re.compile(r"(q\d+)_(?:deg|mm)")
+#: Units that may stand for each other.
+_FAMILIES = (LENGTHS, ANGLES, TORQUES, TIMES, FORCES, {"C": 1.0, "K": 1.0, "F": 1.0})
+#: Words of units, for sentences.
+UNIT_WORDS = {
+    **{"um": "micrometres", "mm": "millimetres", "cm": "centimetres", "in": "inches"},
+    **{"m": "metres", "deg": "degrees", "rad": "radians", "mrad": "milliradians"},
+}
+
+
+@dataclass(frozen=True)
+class OwnWords:
+    """What a file calls its columns; empty of one that follows the contract."""
+
+    sources: Mapping[str, OwnColumn] = field(default_factory=dict)  # by the contract's names
+
+    def column(self, name: str) -> str:
+        """Return a column of the contract as the file calls it, ours beside it; without it ours."""
+        if name not in self:
+            return name
+        joint = _JOINT.fullmatch(name)
+        ours = joint[1] if joint else "qw … qz" if name in _QUATERNION else name
+        own = self.sources[name].name.split(", ")
+        return f"{', '.join(f'`{part}`' for part in own)} (`{ours}`)"
+
+    def joint(self, number: int) -> str:
+        """Return the column of a joint, from 1."""
+        names = [name for name in (f"q{number}_deg", f"q{number}_mm") if name in self]
+        return self.column(names[0]) if names else f"q{number}"
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.sources
+
+    def text(self, text: str) -> str:
+        """Return a text in which the file's own names stand beside those of the contract."""
+        return re.sub(r"\w+", lambda match: self.column(match[0]), text)
+
+    def key(self, name: str) -> str:
+        """Return the key of campaign.yaml that maps a column of the contract; nothing for none."""
+        return self.sources[name].key if name in self else ""
+
+    def key_called(self, own: str) -> str:
+        """Return the key that maps a column by the file's own name; nothing for none."""
+        keys = (source.key for source in self.sources.values() if own in source.name.split(", "))
+        return next(keys, "")
+
+    def set_unit(self, name: str, unit: str, right: str) -> str:
+        """Return the remedy for a column of the contract that is in another unit than is stated.
+
+        It is in `unit`, as campaign.yaml calls it; that of the contract is `right`, in words.
+        """
+        if key := self.key(name):
+            slides = key.endswith(".joints") and name.endswith("_mm")
+            return f"set {key}.{'stroke_unit' if slides else 'unit'}: {unit}"
+        return (
+            f"convert the columns to {right}, or state their unit under columns in campaign.yaml: "
+            f"unit: {unit}"
+        )
+
+    def set_names(self, names: Sequence[str]) -> str:
+        """Return the remedy for columns of the contract that hold each other's numbers.
+
+        They are in the order in which the file's columns should be named.
+        """
+        own = ", ".join(self.sources[name].name for name in names if name in self)
+        return f"set {self.key(names[0])}.names: [{own}]"
+
+    def contradicted_units(self, file: str) -> Iterator[str]:
+        """Yield where a header says another unit than the column is read in, once a key."""
+        said: set[str] = set()
+        for name, own in self.sources.items():
+            header = unit_of(own.name)
+            known = any({header, own.unit} <= family.keys() for family in _FAMILIES)
+            if known and header != own.unit and own.key not in said:
+                said.add(own.key)
+                yield (
+                    f"{file}: {self.column(name)}: its header says {header}, and it is read in "
+                    f"{own.unit}; {self.set_unit(name, header, own.unit)} if the header is right"
+                )
+
+    def called(self, own: str) -> str:
+        """Return a column by the file's own name, ours beside it."""
+        ours = [name for name, source in self.sources.items() if source.name == own]
+        return self.column(ours[0]) if ours else f"`{own}`" if self.key_called(own) else own
+
+    def remedy_of_rows(self, reason: str, listed: Sequence[Quarantined], *, most: bool) -> str:
+        """Return what to do where rows are quarantined for a reason.
+
+        It may have struck most rows, so that the others do not suffice.
+        """
+        column, key = "", ""
+        if " = " in listed[0].value:
+            column = listed[0].value.partition(" = ")[0]
+            key = self.key_called(column)
+        values = [row.value.partition(" = ")[2] for row in listed]
+        if reason == REPEATED:
+            return "remove the rows that stand there twice"
+        if listed[0].value.endswith(COMMA):
+            return (
+                f"set {key.rpartition('.')[0]}.decimal: ','"
+                if key
+                else "export the file with decimal points, or state decimal: ',' under columns in "
+                "campaign.yaml"
+            )
+        if key.endswith(".time"):
+            words = [value.strip("'\"") for value in values]
+            if all(words) and (how := format_of(words)[0]):
+                return f"set {key}.format: '{how}'"
+        if key.endswith(".kind"):
+            return f"add {', '.join(dict.fromkeys(values))} to {key}.words, as grid or as holdout"
+        look = f"look at column {self.called(column)} first; " if column else ""
+        if reason.startswith("beyond the limits of joint"):
+            return (
+                f"{look}check robot in campaign.yaml, and the unit, order and signs of the joints"
+            )
+        rest = "" if most else ", or raise the setting if the other rows suffice"
+        return f"{look}correct the file{rest}"
+
+
+#: Of a file that follows the contract.
+CONTRACT_WORDS = OwnWords()
+
+
+def refuse_too_many(
+    rows: Iterable[Quarantined],
+    totals: Mapping[str, int],
+    max_fraction: float,
+    words: OwnWords = CONTRACT_WORDS,
+) -> None:
+    """Stop when more of a file's rows are quarantined than the settings allow, or all of them.
+
+    At most `ingest.max_quarantined_fraction` of the total rows of a file may be; rows that
+    campaign.yaml excludes do not count. The message names the file, the commonest reason and the
+    first line it struck.
+    """
+    rows, totals = sorted(rows), dict(totals)
+    for row in rows:
+        totals[row.file] -= row.reason.startswith(EXCLUDED)  # as its user wants it
+    for name, total in totals.items():
+        listed = [r for r in rows if r.file == name and not r.reason.startswith(EXCLUDED)]
+        if len(listed) <= max_fraction * total and len(listed) < total:
+            continue
+        reason, times = Counter(row.reason for row in listed).most_common(1)[0]
+        struck = [row for row in listed if row.reason == reason]
+        columns = Counter(row.value.partition(" = ")[0] for row in struck if " = " in row.value)
+        column, in_column = columns.most_common(1)[0] if columns else ("", 0)
+        if 2 * in_column > times:
+            struck = [row for row in struck if row.value.startswith(f"{column} = ")]
+        raise RawDataError(
+            f"{len(listed)} of {total} rows would be quarantined, {times} of them because: "
+            f"{reason}",
+            where=f"{name}:{struck[0].line}" + (f": {words.called(column)}" if column else ""),
+            value=struck[0].value or None,
+            allowed=f"at most {max_fraction:.0%} (ingest.max_quarantined_fraction)",
+            remedy=words.remedy_of_rows(reason, struck, most=2 * len(listed) > total),
+        )

@@ -33,6 +33,7 @@ from pa10cal.campaign.raw_file import own_columns, quaternions
 from pa10cal.campaign.raw_rows import in_radians, position_columns
 from pa10cal.campaign.recognise import (
     JUDGED,
+    WORDS,
     Roles,
     format_of,
     plain,
@@ -53,12 +54,6 @@ _DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}")
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.I)
 #: Numbers of days since 1900, as workbooks count time, between 1982 and 2064.
 _SERIAL_DAYS = (30_000.0, 60_000.0)
-#: Words for rows to calibrate with and rows held out.
-_GRID = "grid train training calibration calib cal fit kalibrierung kalib calibrage calibracion"
-_HELD = (
-    "holdout test validation verification check val valid pruefung prufung validierung "
-    "verifikation controle verificacion validacion"
-)
 #: What is stated where the file says nothing.
 ASSUMED_MM = 0.05
 
@@ -73,15 +68,10 @@ class Proposal:
 
 
 def propose(sniffed: Sniffed, file: str, name: str, robot: str, arm: Arm | None) -> Proposal:
-    """Propose a campaign.yaml.
+    """Propose a campaign.yaml for a file.
 
-    Args:
-        sniffed: the file.
-        file: its name.
-        name: name of the campaign.
-        robot: name of the arm's description.
-        arm: that arm; None where it is not known, then units and conventions rest on the header
-            and on the size of the numbers alone.
+    Where the arm is not known (None), units and conventions rest on the header and on the size of
+    the numbers alone.
 
     Raises:
         RawDataError: when no joint positions, or nothing that was measured, are recognised.
@@ -99,14 +89,7 @@ def propose_two_logs(
     """Propose a campaign.yaml for a log of joints and a log of readings, in either order.
 
     The two are joined as the first proposal says; units and the convention of orientations are then
-    found by the nominal arm at the joint positions that belong to each reading.
-
-    Args:
-        logs: the files.
-        files: where they are.
-        name: name of the campaign.
-        robot: name of the arm's description.
-        arm: that arm; None where it is not known.
+    found by the nominal arm, if it is known, at the joint positions that belong to each reading.
 
     Raises:
         RawDataError: when neither has joint positions, or the other nothing that was measured.
@@ -141,8 +124,8 @@ def _at_joints(
     """Return the nominal end (N, 4, 4) at each reading, nan where its joints are not known."""
     keys = {key: value for key, value in content.items() if key != "schema"}
     keys["columns"] = {
-        key: {name: value for name, value in each.items() if name not in ("temperature", "kind")}
-        for key, each in keys["columns"].items()
+        key: {name: value for name, value in columns.items() if name not in ("temperature", "kind")}
+        for key, columns in keys["columns"].items()
     }
     description = parse_section(CampaignDescription, keys, where=DESCRIPTION_FILE)
     try:
@@ -152,12 +135,11 @@ def _at_joints(
         raw = two.read([*LABELS[:-1], *two.measured.names])
     except RawDataError:
         return None
-    q = np.column_stack([raw.columns[name] for name in position_columns(arm.prismatic)])
     row = {line: k for k, line in enumerate(sniffed.lines)}
-    T_base_ee = np.full((len(sniffed.lines), 4, 4), np.nan)
     known = [k for k, line in enumerate(raw.line.tolist()) if line in row]
-    at = [row[int(raw.line[k])] for k in known]
-    T_base_ee[at] = Chain.of(arm).forward(in_radians(q[known], arm.prismatic))
+    q = in_radians(raw.numbers_of(position_columns(arm.prismatic))[known], arm.prismatic)
+    T_base_ee = np.full((len(sniffed.lines), 4, 4), np.nan)
+    T_base_ee[[row[int(raw.line[k])] for k in known]] = Chain.of(arm).forward(q)
     return T_base_ee
 
 
@@ -206,7 +188,8 @@ def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[st
     count = 0 if model.joints is None else len(model.joints.names)
     uses: dict[str, dict[str, None]] = {}
     for ours, source in own_columns(model, np.zeros(count, dtype=bool)):
-        for own in source.name.split(", ") if source.name not in sniffed.names else [source.name]:
+        one = source.name in sniffed.names
+        for own in [source.name] if one else source.name.split(", "):
             how = in_words(ours) + (f", in {source.unit}" if source.unit else "")
             uses.setdefault(own, {})[how] = None
     encoding = "a workbook" if not sniffed.encoding else sniffed.encoding.removesuffix("-sig")
@@ -255,89 +238,105 @@ class _Proposing:
     checks: list[str] = field(default_factory=list)
     stated_mm: float | None = None
     temperature_C: float = 20.0
-
     T_base_ee: Array | None = None  # (N, 4, 4) the nominal end at each row, of joints in the file
 
     def joints(self) -> dict[str, Any]:
         """Return the columns of the joints, with how the file is written and its labels."""
-        roles = self.roles
-        found = self._layout() | self._time() | self._labels()
-        angle, q_rad = self._joints()
-        found["joints"] = {"names": list(roles.joints), **angle}
-        if roles.torques:
-            unit = self._stated(roles.torques, TORQUES) or "Nm"
-            found["torques"] = {"names": list(roles.torques)} | _unless(unit, "Nm")
-        self.T_base_ee = None if self.arm is None else Chain.of(self.arm).forward(q_rad)
-        return found | self._temperatures()
+        names, torques = self.roles.joints, self.roles.torques
+        logged = self.sniffed.columns(names)
+        slides = np.zeros(len(names), bool) if self.arm is None else self.arm.prismatic
+        turns = [name for name, slide in zip(names, slides, strict=True) if not slide]
+        columns = self._labels()
+        unit = self._stated(turns, ANGLES)
+        if unit is None:
+            largest = np.nanmax(np.abs(logged[:, ~slides]), initial=0.0)
+            unit = "rad" if largest < 2.0 * np.pi + 0.1 else "deg" if largest < 760.0 else "mrad"
+            self.checks.append(f"joints.unit: {unit}, by the size of the numbers")
+        columns["joints"] = {"names": list(names), "unit": unit}
+        factor = np.full(len(names), ANGLES[unit])
+        if slides.any():
+            size = "mm" if np.nanmax(np.abs(logged[:, slides])) > 5.0 else "m"
+            strokes = [name for name in names if name not in turns]
+            stroke_unit = self._stated(strokes, LENGTHS) or size
+            columns["joints"]["stroke_unit"] = stroke_unit
+            factor[slides] = LENGTHS[stroke_unit]
+        if torques:
+            unit = self._stated(torques, TORQUES) or "Nm"
+            columns["torques"] = {"names": list(torques)} | _unless(unit, "Nm")
+        if self.arm is not None:
+            self.T_base_ee = Chain.of(self.arm).forward(in_radians(logged * factor, slides))
+        return columns | self._temperatures()
 
     def readings(self, T_base_ee: Array | None) -> dict[str, Any]:
         """Return the columns of what was measured, with how the file is written and its labels.
 
-        Args:
-            T_base_ee: (N, 4, 4) the nominal end at each row; None where it is not known.
+        The nominal end is at (N, 4, 4) in each row; None where it is not known.
         """
-        labels = {} if self.roles.joints else self._layout() | self._time() | self._labels()
+        labels = {} if self.roles.joints else self._labels()
         return labels | self._measured(T_base_ee) | self._temperatures()
-
-    def _temperatures(self) -> dict[str, Any]:
-        if "temperature" not in self.roles.single:
-            return {}
-        return {"temperature": self._temperature(self.roles.single["temperature"])}
-
-    def _layout(self) -> dict[str, Any]:
-        """Return how the file is written, where that is not as the contract has it."""
-        layout = self.sniffed.layout
-        word = {"\t": "tab", None: "blanks"}.get(layout.separator, layout.separator)
-        found: dict[str, Any] = {"separator": word} if word != "," else {}
-        found |= {"decimal": layout.decimal} if layout.decimal != "." else {}
-        found |= {"header": layout.header} if layout.header != 1 else {}
-        return found | ({"first_row": layout.first} if layout.first else {})
 
     def _stated(self, names: Sequence[str], known: Mapping[str, float]) -> str | None:
         """Return the unit that columns state in their names, or below them; None for none."""
         units = [unit_of(self.sniffed.titled(name)) for name in names]
         return next((unit for unit in units if unit in known), None)
 
-    def _temperature(self, name: str) -> dict[str, str]:
+    def _temperatures(self) -> dict[str, Any]:
         """Return the column of temperatures, and note a reference temperature."""
-        values = self.sniffed.column(name)
-        if not np.isfinite(values).any():
-            return {"names": name}
-        middle = float(np.nanmedian(values))
-        unit = "K" if 220.0 < middle < 330.0 else "F" if 45.0 < middle < 110.0 else "C"
-        of = {"K": middle - 273.15, "F": (middle - 32.0) / 1.8, "C": middle}
-        self.temperature_C = round(of[unit], 1)
-        return {"names": name} | _unless(unit, "C")
+        name = self.roles.single.get("temperature")
+        if name is None:
+            return {}
+        values, column = self.sniffed.column(name), {"names": name}
+        if np.isfinite(values).any():
+            middle = float(np.nanmedian(values))
+            unit = "K" if 220.0 < middle < 330.0 else "F" if 45.0 < middle < 110.0 else "C"
+            of = {"K": middle - 273.15, "F": (middle - 32.0) / 1.8, "C": middle}
+            self.temperature_C = round(of[unit], 1)
+            column |= _unless(unit, "C")
+        return {"temperature": column}
 
     def _labels(self) -> dict[str, Any]:
-        """Return labels, loads, and which rows are held out, where every row says so."""
-        found: dict[str, Any] = {}
-        single = self.roles.single
-        if "pose" in single and all(self.sniffed.words(single["pose"])):
-            found["pose"] = single["pose"]
-        if "repeat" in single and np.isfinite(self.sniffed.column(single["repeat"])).all():
-            found["repeat"] = single["repeat"]
+        """Return how the file is written, where that is not as the contract has it, and its labels.
+
+        These are times, labels, loads, and which rows are held out, where every row says so.
+        """
+        layout, single, sniffed = self.sniffed.layout, self.roles.single, self.sniffed
+        word = {"\t": "tab", None: "blanks"}.get(layout.separator, layout.separator)
+        written = (
+            ("separator", word, ","),
+            ("decimal", layout.decimal, "."),
+            ("header", layout.header, 1),
+            ("first_row", layout.first, 0),
+        )
+        columns: dict[str, Any] = {key: value for key, value, usual in written if value != usual}
+        columns |= self._time()
+        if "pose" in single and all(sniffed.words(single["pose"])):
+            columns["pose"] = single["pose"]
+        if "repeat" in single and np.isfinite(sniffed.column(single["repeat"])).all():
+            columns["repeat"] = single["repeat"]
         if "kind" in single:
-            words = set(self.sniffed.words(single["kind"]))
-            known = dict.fromkeys(_GRID.split(), "grid") | dict.fromkeys(_HELD.split(), "holdout")
-            stands = {word: known.get(plain(word)) for word in words}
+            known = {word: kind for kind, text in WORDS["kinds"].items() for word in text.split()}
+            stands = {word: known.get(plain(word)) for word in set(sniffed.words(single["kind"]))}
             if all(stands.values()):
                 own = {word: kind for word, kind in sorted(stands.items()) if word != kind}
-                found["kind"] = {"names": single["kind"], **({"words": own} if own else {})}
-        if "load" in single and np.isfinite(self.sniffed.column(single["load"])).all():
+                columns["kind"] = {"names": single["kind"], **({"words": own} if own else {})}
+        if "load" in single and np.isfinite(sniffed.column(single["load"])).all():
             unit = self._stated([single["load"]], FORCES) or "N"
-            found["load"] = {"names": single["load"]} | _unless(unit, "N")
-        return found
+            columns["load"] = {"names": single["load"]} | _unless(unit, "N")
+        return columns
 
     def _time(self) -> dict[str, Any]:
-        """Return the column of times, unless all rows have one and the same."""
+        """Return the column of times, or those of dates and of times of day, unless all are one."""
         name = self.roles.single.get("time")
         if name is None:
             return {}
         words, numbers = self.sniffed.words(name), self.sniffed.column(name)
         names: str | list[str] = name
-        if (pair := self._day_and_clock()) is not None:
-            names, words = list(pair), self._joined(pair)
+        first = {other: self.sniffed.words(other)[0] for other in self.roles.times}
+        days = [other for other, word in first.items() if _DAY.fullmatch(word)]
+        clocks = [other for other, word in first.items() if _CLOCK.fullmatch(word)]
+        if days and clocks:
+            names = [days[0], clocks[0]]
+            words = [" ".join(row) for row in zip(*map(self.sniffed.words, names), strict=True)]
             numbers = np.full(len(words), np.nan)
         if len(set(words)) <= 1 or len(set(words)) < 0.01 * len(words):
             self.checks.append(
@@ -360,10 +359,8 @@ class _Proposing:
         """Return the unit of times by their size: since 1970, days of a workbook, or since any."""
         finite = numbers[np.isfinite(numbers)]
         least, most = finite.min(), finite.max()
-        if most > 1e14:
-            return "us"
         if most > 1e11:
-            return "ms"
+            return "us" if most > 1e14 else "ms"
         parts = np.mod(finite, 1.0)
         if _SERIAL_DAYS[0] < least and most < _SERIAL_DAYS[1] and (parts > 1e-9).mean() > 0.5:
             if most - least < 60.0:  # of days, such as a campaign takes
@@ -371,80 +368,55 @@ class _Proposing:
             self.checks.append(f"time.unit: s, by the size of the numbers of {name}")
         return "s"
 
-    def _day_and_clock(self) -> tuple[str, str] | None:
-        """Return a column of dates and one of times of day, where the file has them apart."""
-        first = {name: self.sniffed.words(name)[0] for name in self.roles.times}
-        days = [name for name, word in first.items() if _DAY.fullmatch(word)]
-        clocks = [name for name, word in first.items() if _CLOCK.fullmatch(word)]
-        return (days[0], clocks[0]) if days and clocks else None
-
-    def _joined(self, names: Sequence[str]) -> list[str]:
-        """Return rows of several columns as they are read: with a blank between."""
-        return [" ".join(row) for row in zip(*map(self.sniffed.words, names), strict=True)]
-
-    def _joints(self) -> tuple[dict[str, str], Array]:
-        """Return the unit of joint positions, and these in radians (metres) of an arm."""
-        names, logged = self.roles.joints, self.sniffed.columns(self.roles.joints)
-        slides = np.zeros(len(names), bool) if self.arm is None else self.arm.prismatic
-        turning = [name for name, slide in zip(names, slides, strict=True) if not slide]
-        unit = self._stated(turning, ANGLES)
-        if unit is None:
-            largest = np.nanmax(np.abs(logged[:, ~slides]), initial=0.0)
-            unit = "rad" if largest < 2.0 * np.pi + 0.1 else "deg" if largest < 760.0 else "mrad"
-            self.checks.append(f"joints.unit: {unit}, by the size of the numbers")
-        found = {"unit": unit}
-        factor = np.full(len(names), ANGLES[unit])
-        if slides.any():
-            large = bool(np.nanmax(np.abs(logged[:, slides])) > 5.0)
-            strokes = [name for name, slide in zip(names, slides, strict=True) if slide]
-            found["stroke_unit"] = self._stated(strokes, LENGTHS) or ("mm" if large else "m")
-            factor[slides] = LENGTHS[found["stroke_unit"]]
-        return found, in_radians(logged * factor, slides)
-
     def _measured(self, T_base_ee: Array | None) -> dict[str, Any]:
         """Return the columns of what was measured."""
-        single, positions = self.roles.single, self.roles.positions
-        if not positions:
+        single, every = self.roles.single, self.roles.positions
+        if not every:
             name = single["distance"]
             return {"distance": self._place([name], None) | {"names": name}}
-        still = standing({place: self.sniffed.columns(positions[place]) for place in positions})
+        still = standing({place: self.sniffed.columns(every[place]) for place in every})
         if still:
             self.checks.append(f"targets base1 …: {', '.join(still)} stand still, so on the base")
-        positions = {place: positions[place] for place in positions if place not in still}
+        positions = {place: names for place, names in every.items() if place not in still}
         place, names = next(iter(positions.items()))
-        if self.roles.attitude is None and len(positions) > 1:
-            return {"targets": self._targets(positions, T_base_ee) | self._base(still, T_base_ee)}
-        position = self._place(names, T_base_ee)
-        if len(positions) > 1:
-            self.checks.append(f"position: {', '.join(names)} taken, of {len(positions)} triples")
-        if self.roles.attitude is None:
-            return {"targets": {_label(place, 1): position} | self._base(still, T_base_ee)}
-        p_m = 1e-3 * LENGTHS[position["unit"]] * self.sniffed.columns(names)
-        turned = self._attitude(T_base_ee, p_m)
-        base = {"targets": self._base(still, T_base_ee)} if still else {}
-        return {"position": position, "rotation": turned, **base}
-
-    def _base(self, still: Sequence[str], T_base_ee: Array | None) -> dict[str, Any]:
-        found = self._targets({place: self.roles.positions[place] for place in still}, T_base_ee)
-        return {f"base{k}": each for k, each in enumerate(found.values(), start=1)}
-
-    def _targets(
-        self, positions: Mapping[str, Sequence[str]], T_base_ee: Array | None
-    ) -> dict[str, Any]:
-        return {
-            _label(place, k): self._place(names, T_base_ee)
-            for k, (place, names) in enumerate(positions.items(), start=1)
-        }
+        attitude = self.roles.attitude
+        if attitude is None and len(positions) > 1:
+            targets = {
+                _label(place, k): self._place(names, T_base_ee)
+                for k, (place, names) in enumerate(positions.items(), start=1)
+            }
+        else:
+            position = self._place(names, T_base_ee)
+            if len(positions) > 1:
+                self.checks.append(
+                    f"position: {', '.join(names)} taken, of {len(positions)} triples"
+                )
+            targets = {_label(place, 1): position} if attitude is None else {}
+        columns: dict[str, Any] = {}
+        if attitude is not None:
+            p_m = 1e-3 * LENGTHS[position["unit"]] * self.sniffed.columns(names)
+            columns = {"position": position, "rotation": self._attitude(*attitude, T_base_ee, p_m)}
+        base = [self._place(every[place], T_base_ee) for place in still]
+        targets |= {f"base{k}": place for k, place in enumerate(base, start=1)}
+        return columns | ({"targets": targets} if targets else {})
 
     def _place(self, names: Sequence[str], T_base_ee: Array | None) -> dict[str, Any]:
-        """Return columns of lengths, with their unit and their uncertainties."""
-        unit = self._length(names, self.sniffed.columns(names), T_base_ee)
-        return {"names": list(names), "unit": unit, **self._u(names, unit)}
+        """Return columns of lengths, with their unit and their uncertainties, whose size is noted.
 
-    def _length(self, names: Sequence[str], p: Array, T_base_ee: Array | None) -> str:
-        """Return the unit of lengths: of the names, by the arm, or by their size."""
-        if (stated := self._stated(names, LENGTHS)) is not None:
-            return stated
+        The unit is that of the names, else found by the arm, or by the size of the numbers.
+        """
+        unit = self._stated(names, LENGTHS) or self._unit_of_lengths(names, T_base_ee)
+        columns = {"names": list(names), "unit": unit}
+        u = [self.roles.uncertain[name] for name in names if name in self.roles.uncertain]
+        if len(u) < len(names):
+            return columns
+        u_mm = LENGTHS[unit] * self.sniffed.columns(u)
+        if np.isfinite(u_mm).any():
+            self.stated_mm = float(f"{np.sqrt(np.nanmean(u_mm**2)):.2g}")
+        return columns | {"u": u}
+
+    def _unit_of_lengths(self, names: Sequence[str], T_base_ee: Array | None) -> str:
+        p = self.sniffed.columns(names)
         seen = np.isfinite(p).all(axis=1)
         if T_base_ee is not None and p.shape[1] == 3:
             finite = seen & np.isfinite(T_base_ee).all(axis=(1, 2))
@@ -459,28 +431,17 @@ class _Proposing:
         self.checks.append(f"unit of {names[0]} …: {unit}, by the size of the numbers")
         return unit
 
-    def _u(self, names: Sequence[str], unit: str) -> dict[str, Any]:
-        """Return the columns of the uncertainties of lengths, and note their size."""
-        uncertain = [self.roles.uncertain.get(name) for name in names]
-        known = [name for name in uncertain if name is not None]
-        if len(known) < len(names):
-            return {}
-        u_mm = LENGTHS[unit] * self.sniffed.columns(known)
-        if np.isfinite(u_mm).any():
-            self.stated_mm = float(f"{np.sqrt(np.nanmean(u_mm**2)):.2g}")
-        return {"u": known}
-
-    def _attitude(self, T_base_ee: Array | None, p_m: Array) -> dict[str, Any]:
-        """Return the convention of an orientation: by the arm, else by the names."""
-        assert self.roles.attitude is not None
-        names, convention = self.roles.attitude
+    def _attitude(
+        self, names: Sequence[str], convention: str, T_base_ee: Array | None, p_m: Array
+    ) -> dict[str, Any]:
+        """Return the columns of an orientation: its convention by the arm, else by the names."""
         values = self.sniffed.columns(names)
         size = "deg" if float(np.nanmax(np.abs(values))) > 7.0 else "rad"
         unit = self._stated(names, ANGLES) or size
         given: dict[str, Any] = {"names": list(names)}
-        turned = [self.roles.uncertain.get(name) for name in names]
-        u = {"u": turned} if all(name is not None for name in turned) else {}
         angles = {"unit": unit} if len(names) == 3 else {}
+        uncertain = [self.roles.uncertain.get(name) for name in names]
+        u = {"u": uncertain} if all(name is not None for name in uncertain) else {}
         R_ee = None
         if T_base_ee is not None:
             every = np.column_stack([values, p_m, T_base_ee.reshape(-1, 16)])
@@ -501,7 +462,7 @@ class _Proposing:
             R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
             tried.append((attitude_scatter(R_ee, R), chosen))
         # The first of equals: the plainest.
-        scatter, chosen = min(tried, key=lambda each: round(each[0], 3))
+        scatter, chosen = min(tried, key=lambda way: round(way[0], 3))
         if scatter > AGREES_RAD:
             self.checks.append(
                 f"rotation.convention: none agrees with the nominal arm; the nearest is "

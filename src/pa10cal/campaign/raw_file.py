@@ -20,17 +20,16 @@ from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, 
 from pa10cal.campaign.own_columns import (
     ANGLES,
     FACTORS,
-    ISO,
     OFFSETS,
     SEPARATORS,
     FileColumns,
+    OwnWords,
     RotationColumns,
     Time,
 )
-from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_rows import TEXT, OwnColumn, RawRows, position_columns
-from pa10cal.campaign.recognise import moments_of
-from pa10cal.errors import RawDataError
+from pa10cal.campaign.recognise import ISO, moments_of
+from pa10cal.errors import RawDataError, refusals
 
 QUATERNION = ("qw", "qx", "qy", "qz")
 #: Least standard uncertainty of a component of a quaternion that follows from stated ones.
@@ -42,24 +41,30 @@ FILLED = {
     "cmm": ("load_N", "repeat", "touch"),
 }
 
+_refusal = refusals(
+    RawDataError,
+    {
+        "count": ("{0} columns are named", "{1}, {2}", "name as many, in order"),
+        "twice": (
+            "a column is mapped twice",
+            "every column of the file for one quantity",
+            "name the right column for each in {0}; pa10cal columns {1} proposes them",
+        ),
+        "unmapped": ("nothing is mapped to {0}", "the columns of {1} that hold it", "set {2}"),
+    },
+)
+
 
 @dataclass(frozen=True)
 class RawFile:
     """A raw file of a campaign."""
 
     path: Path  # where it is
-    key: str  # what campaign.yaml calls it: poses, cmm or resolver
+    key: str  # what campaign.yaml calls it: poses, cmm, resolver, joints or readings
     prismatic: NDArray[np.bool_]  # (n,) which joints of the arm slide
     columns: FileColumns | None = None  # what its columns are; None where it follows the contract
     signs: tuple[int, ...] | None = None  # `joint_signs` of campaign.yaml
     offsets_deg: tuple[float, ...] | None = None  # `joint_offsets_deg`
-
-    @property
-    def in_degrees(self) -> Sequence[str]:
-        """Return the columns of angles of orientations that are said to be in degrees."""
-        turned = None if self.columns is None else self.columns.rotation
-        angles = turned is not None and len(turned.names) == 3 and turned.unit == "deg"
-        return turned.names if turned is not None and angles else ()
 
     @classmethod
     def of(
@@ -68,14 +73,16 @@ class RawFile:
         """Return a file that campaign.yaml names."""
         columns = None if campaign.columns is None else getattr(campaign.columns, key)
         check_joints(campaign, len(prismatic), str(folder / DESCRIPTION_FILE))
-        return cls(
-            folder / str(getattr(campaign.files, key)),
-            key,
-            prismatic,
-            columns,
-            campaign.joint_signs,
-            campaign.joint_offsets_deg,
-        )
+        path = folder / str(getattr(campaign.files, key))
+        signs, offsets_deg = campaign.joint_signs, campaign.joint_offsets_deg
+        return cls(path, key, prismatic, columns, signs, offsets_deg)
+
+    @property
+    def in_degrees(self) -> Sequence[str]:
+        """Return the columns of angles of orientations that are said to be in degrees."""
+        turned = None if self.columns is None else self.columns.rotation
+        angles = turned is not None and len(turned.names) == 3 and turned.unit == "deg"
+        return turned.names if turned is not None and angles else ()
 
     @property
     def names(self) -> list[str]:
@@ -84,57 +91,102 @@ class RawFile:
 
     @cached_property
     def sources(self) -> dict[str, OwnColumn]:
-        """Return the file's own columns, by the contract's names; empty without `columns`."""
-        if self.columns is None:
+        """Return the file's own columns, by the contract's names; empty without `columns`.
+
+        Lists of names that are too long or too short, and columns mapped to two quantities, are
+        refused.
+        """
+        columns, where = self.columns, f"columns.{self.key}"
+        if columns is None:
             return {}
-        self._check_counts(self.columns)
-        self._check_twice(self.columns)
-        return dict(own_columns(self.columns, self.prismatic, f"columns.{self.key}"))
+        at, joints = f"{self.path.parent / DESCRIPTION_FILE}: {where}", len(self.prismatic)
+        of_arm = (joints, "one for each joint of the arm")
+        expected = {"joints": of_arm, "torques": of_arm}
+        if columns.rotation is not None:
+            word = columns.rotation.convention
+            expected["rotation"] = COLUMNS.get(word, 3), f"as {word} has"
+        for key, (count, why) in expected.items():
+            for part in ("names", "u"):
+                names = getattr(getattr(columns, key), part, None)
+                if names is not None and len(names) != count:
+                    place = f"{at}.{key}.{part}"
+                    raise _refusal("count", place, ", ".join(names), len(names), count, why)
+        sources = dict(own_columns(columns, self.prismatic, where))
+        uses: dict[str, dict[str, str]] = {}
+        for ours, source in sources.items():
+            if not ours.startswith("u_"):  # one uncertainty may be that of several
+                for name in source.name.split(", "):
+                    of = "rotation" if ours in QUATERNION else ours
+                    uses.setdefault(name, {})[of] = source.key
+        for name, keys in uses.items():
+            if len(keys) > 1:
+                right = " and ".join(f"{key}.names" for key in dict.fromkeys(keys.values()))
+                value = f"`{name}` for {' and '.join(sorted(keys))}"
+                raise _refusal("twice", at, value, right, self.path.name)
+        return sources
 
     @property
     def words(self) -> OwnWords:
         """Return what the file calls its columns."""
         return OwnWords(self.sources)
 
+    @property
+    def own_names(self) -> list[str]:
+        """Return the file's own names of the columns that are mapped."""
+        names = (name for source in self.sources.values() for name in source.name.split(", "))
+        return list(dict.fromkeys(names))
+
+    @property
+    def header(self) -> list[str]:
+        """Return the names of all columns of the file."""
+        return column_names(self.path, self._layout)
+
+    @property
+    def _layout(self) -> Layout:
+        columns = self.columns
+        if columns is None:
+            return CONTRACT
+        text = [*(columns.pose or ()), *(columns.ball or ())]
+        text += columns.kind.names if columns.kind else ()
+        text += columns.time.names if columns.time and columns.time.format else ()
+        keys = {
+            own: source.key for source in self.sources.values() for own in source.name.split(", ")
+        }
+        return Layout(
+            SEPARATORS.get(columns.separator, columns.separator),
+            columns.decimal,
+            columns.header,
+            columns.first_row,
+            tuple(text),
+            own=True,
+            key=f"columns.{self.key}",
+            keys=keys,
+        )
+
     def read(
         self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
     ) -> RawRows:
-        """Read columns of the contract; see `read_rows`. All required must be mapped."""
+        """Read columns of the contract; see `read_rows`. All required must be mapped.
+
+        Joints have the signs and offsets that campaign.yaml states.
+        """
         if self.columns is None:
             # Poses without times are numbered.
             timed = self.key != "poses" or "time_s" in self.names
             there = [name for name in required if name != "time_s" or timed]
             raw = read_rows(self.path, there, optional, together)
-            if len(there) < len(required):
-                raw.columns["time_s"] = np.arange(float(len(raw.line)))
         else:
-            raw = self._as_mapped(self.columns, required, optional, together)
-        return self._with_joints_turned(raw)
-
-    def _as_mapped(
-        self,
-        columns: FileColumns,
-        required: Sequence[str],
-        optional: Sequence[str],
-        together: Sequence[str],
-    ) -> RawRows:
-        sources = self.sources
-        filled = FILLED.get(self.key, ())
-        needed = [*required, *(together if set(together) & set(sources) else ())]
-        missing = [name for name in needed if name not in sources and name not in filled]
-        if missing:
-            raise self._unmapped(missing)
-        wanted = {name for name in (*needed, *optional) if name in sources}
-        found = self._translated(self._own_rows(columns), columns, wanted)
+            filled = FILLED.get(self.key, ())
+            needed = [*required, *(together if set(together) & set(self.sources) else ())]
+            missing = [name for name in needed if name not in self.sources and name not in filled]
+            if missing:
+                raise self._unmapped(missing)
+            wanted = {name for name in (*needed, *optional) if name in self.sources}
+            raw = self._translated(self.columns, wanted)
+        made = {"load_N": np.zeros(len(raw)), "repeat": np.ones(len(raw))}
         labels = {"pose", "repeat"} if self.key == "poses" else set()  # made of what is read
-        for name in set(filled) & set(required) - set(sources) - labels:
-            counted = np.arange(float(len(found.line)))
-            made = {"load_N": 0.0 * counted, "repeat": 0.0 * counted + 1.0}
-            found.columns[name] = made.get(name, counted)
-        return found
-
-    def _with_joints_turned(self, raw: RawRows) -> RawRows:
-        """Return rows with the signs and offsets of joints that campaign.yaml states."""
+        for name in set(FILLED.get(self.key, ())) & set(required) - set(raw.columns) - labels:
+            raw.columns[name] = made.get(name, np.arange(float(len(raw))))
         if self.signs is None and self.offsets_deg is None:
             return raw
         columns, own = dict(raw.columns), dict(raw.own)
@@ -150,44 +202,9 @@ class RawFile:
                 own[name] = replace(was, factor=sign * was.factor, offset=sign * was.offset + added)
         return replace(raw, columns=columns, own=own)
 
-    @property
-    def own_names(self) -> list[str]:
-        """Return the file's own names of the columns that are mapped."""
-        names = (each for source in self.sources.values() for each in source.name.split(", "))
-        return list(dict.fromkeys(names))
-
-    @property
-    def header(self) -> list[str]:
-        """Return the names of all columns of the file."""
-        layout = CONTRACT if self.columns is None else self._layout(self.columns)
-        return column_names(self.path, layout)
-
-    def _own_rows(self, columns: FileColumns) -> RawRows:
-        layout = self._layout(columns)
-        return replace(read_rows(self.path, self.own_names, layout=layout), unused=())
-
-    def _layout(self, columns: FileColumns) -> Layout:
-        text = [*(columns.pose or ()), *(columns.ball or ())]
-        text += columns.kind.names if columns.kind else ()
-        text += columns.time.names if columns.time and columns.time.format else ()
-        return Layout(
-            SEPARATORS.get(columns.separator, columns.separator),
-            columns.decimal,
-            columns.header,
-            columns.first_row,
-            tuple(text),
-            f"correct columns.{self.key} in {DESCRIPTION_FILE}",
-            own=True,
-            key=f"columns.{self.key}",
-            keys={
-                own: source.key
-                for source in self.sources.values()
-                for own in source.name.split(", ")
-            },
-        )
-
-    def _translated(self, raw: RawRows, columns: FileColumns, wanted: set[str]) -> RawRows:
+    def _translated(self, columns: FileColumns, wanted: set[str]) -> RawRows:
         """Return rows under the contract's names, in its units."""
+        raw = replace(read_rows(self.path, self.own_names, layout=self._layout), unused=())
         turned = columns.rotation if wanted & set(QUATERNION) else None
         if turned is not None:
             raw = raw.finite(turned.names)
@@ -196,7 +213,7 @@ class RawFile:
             raw = raw if turned.u is None else raw.finite(turned.u, may_be_blank=True)
         made: dict[str, NDArray[Any]] = {}
         odd: dict[str, dict[int, str]] = {}
-        for name in sorted(wanted - {*QUATERNION, *(f"u_{each}" for each in QUATERNION)}):
+        for name in sorted(wanted - {*QUATERNION, *(f"u_{part}" for part in QUATERNION)}):
             source = self.sources[name]
             if name in TEXT:
                 made[name] = raw.text_of(source.name).astype(object)
@@ -212,8 +229,7 @@ class RawFile:
                 odd[name] = raw.odd[source.name]
         if columns.kind is not None and "kind" in made:
             words = columns.kind.words
-            stated = raw.text_of(self.sources["kind"].name).tolist()
-            made["kind"] = np.array([words.get(each, each) for each in stated], dtype=np.object_)
+            made["kind"] = np.array([words.get(word, word) for word in made["kind"]], dtype=object)
         if turned is not None:
             values = raw.numbers_of(turned.names)
             made |= zip(QUATERNION, quaternions(values, turned).T, strict=True)
@@ -224,70 +240,20 @@ class RawFile:
                 made |= {f"u_{name}": u[:, k] for k, name in enumerate(QUATERNION)}
         return replace(raw, columns=made, odd=odd, own=self.sources)
 
-    def _check_counts(self, columns: FileColumns) -> None:
-        """Refuse a list of names that is too long or too short for what it maps."""
-        joints = len(self.prismatic)
-        expected = {"joints": joints, "torques": joints}
-        if columns.rotation is not None:
-            expected["rotation"] = COLUMNS.get(columns.rotation.convention, 3)
-        for key, count in expected.items():
-            found = getattr(columns, key)
-            for part in ("names", "u"):
-                names = None if found is None else getattr(found, part)
-                if names is not None and len(names) != count:
-                    raise RawDataError(
-                        f"{len(names)} columns are named",
-                        where=f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}.{key}"
-                        f".{part}",
-                        value=", ".join(names),
-                        allowed=f"{count}, one for each joint of the arm"
-                        if key != "rotation"
-                        else f"{count}, as {columns.rotation and columns.rotation.convention} has",
-                        remedy="name as many, in order",
-                    )
-
-    def _check_twice(self, columns: FileColumns) -> None:
-        """Refuse a column that is mapped to two quantities."""
-        where = f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}"
-        uses: dict[str, dict[str, str]] = {}
-        for ours, source in own_columns(columns, self.prismatic, f"columns.{self.key}"):
-            if not ours.startswith("u_"):  # one uncertainty may be that of several
-                for name in source.name.split(", "):
-                    of = "rotation" if ours in QUATERNION else ours
-                    uses.setdefault(name, {})[of] = source.key
-        twice = [name for name, of in uses.items() if len(of) > 1]
-        if twice:
-            raise RawDataError(
-                "a column is mapped twice",
-                where=where,
-                value=f"`{twice[0]}` for {' and '.join(sorted(uses[twice[0]]))}",
-                allowed="every column of the file for one quantity",
-                remedy="name the right column for each in "
-                f"{' and '.join(f'{key}.names' for key in dict.fromkeys(uses[twice[0]].values()))}"
-                f"; pa10cal columns {self.path.name} proposes them",
-            )
-
     def _unmapped(self, missing: Sequence[str]) -> RawDataError:
         key = rule_of(missing[0]).key
-        return RawDataError(
-            f"nothing is mapped to {', '.join(missing)}",
-            where=f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}",
-            value=", ".join(self.sources),
-            allowed=f"the columns of {self.path.name} that hold it",
-            remedy=f"set columns.{self.key}.{key}"
-            + ("; or state holdout" if key == "kind" and self.key == "poses" else "")
-            + (
-                ", or instrument.kind: points with the position under targets" * (key == "rotation")
-            ),
-        )
+        other = {"rotation": ", or instrument.kind: points with the position under targets"}
+        if self.key == "poses":
+            other["kind"] = "; or state holdout"
+        where, remedy = f"columns.{self.key}", f"columns.{self.key}.{key}{other.get(key, '')}"
+        at, value = f"{self.path.parent / DESCRIPTION_FILE}: {where}", ", ".join(self.sources)
+        return _refusal("unmapped", at, value, ", ".join(missing), self.path.name, remedy)
 
 
 def words_of(campaign: CampaignDescription, prismatic: NDArray[np.bool_]) -> OwnWords:
     """Return what the files of a campaign call their columns, by its description alone."""
-    if campaign.columns is None:
-        return OwnWords()
     sources: dict[str, OwnColumn] = {}
-    for key in sorted(campaign.columns.model_fields_set):
+    for key in sorted(campaign.columns.model_fields_set if campaign.columns else ()):
         sources |= RawFile.of(campaign, Path(), key, prismatic).sources
     return OwnWords(sources)
 
@@ -297,10 +263,7 @@ def own_columns(
 ) -> Iterator[tuple[str, OwnColumn]]:
     """Yield the columns of the contract, and what each is read from.
 
-    Args:
-        columns: what campaign.yaml says of a file.
-        prismatic: (n,) which joints slide.
-        section: where it says it, such as columns.poses.
+    The section, such as columns.poses, is where campaign.yaml says it.
     """
 
     def at(key: str, name: str, unit: str = "") -> OwnColumn:

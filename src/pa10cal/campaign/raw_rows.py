@@ -212,14 +212,10 @@ def joined_listings(listings: Mapping[str, Path]) -> str:
     """
     rows = []
     for name, path in listings.items():
-        if path.is_file():
-            with path.open(encoding="utf-8", newline="") as file:
-                rows += [
-                    Quarantined(
-                        f"{name}/{row['file']}", int(row["line"]), row["reason"], row["value"]
-                    )
-                    for row in csv.DictReader(file)
-                ]
+        text = path.read_text(encoding="utf-8") if path.is_file() else ""
+        for row in csv.DictReader(io.StringIO(text, newline="")):
+            file, line = f"{name}/{row['file']}", int(row["line"])
+            rows.append(Quarantined(file, line, row["reason"], row["value"]))
     return quarantine_csv(rows)
 
 
@@ -242,20 +238,21 @@ class Exclusions:
     def lines(self, raw: RawRows) -> RawRows:
         """Leave out rows by their lines in the file."""
         for k, (where, why) in enumerate(self.stated):
-            if (found := _LINES.fullmatch(where)) is not None:
-                first, last = int(found["first"]), int(found["last"] or found["first"])
-                lost = any(first <= row.line <= last for row in raw.quarantined)
-                raw = self._without(raw, (raw.line >= first) & (raw.line <= last), k, why, met=lost)
+            if (lines := _LINES.fullmatch(where)) is not None:
+                first, last = int(lines["first"]), int(lines["last"] or lines["first"])
+                if any(first <= row.line <= last for row in raw.quarantined):
+                    self.met.add(k)
+                raw = self._without(raw, (raw.line >= first) & (raw.line <= last), k, why)
         return raw
 
     def labels(self, raw: RawRows) -> RawRows:
         """Leave out rows by their labels, loads and repeats, and refuse what meets no row."""
         for k, (where, why) in enumerate(self.stated):
-            found = _READING.fullmatch(where)
-            if _LINES.fullmatch(where) or found is None:
+            reading = _READING.fullmatch(where)
+            if _LINES.fullmatch(where) or reading is None:
                 continue
-            struck = raw.text_of("pose") == found["label"]
-            for name, number in (("load_N", found["load"]), ("repeat", found["repeat"])):
+            struck = raw.text_of("pose") == reading["label"]
+            for name, number in (("load_N", reading["load"]), ("repeat", reading["repeat"])):
                 if number is not None:
                     struck &= raw[name] == float(number)
             raw = self._without(raw, struck, k, why)
@@ -271,10 +268,8 @@ class Exclusions:
             )
         return raw
 
-    def _without(
-        self, raw: RawRows, struck: NDArray[np.bool_], k: int, why: str, *, met: bool = False
-    ) -> RawRows:
-        if met or struck.any():
+    def _without(self, raw: RawRows, struck: NDArray[np.bool_], k: int, why: str) -> RawRows:
+        if struck.any():
             self.met.add(k)
         poses = raw.text_of("pose")[struck] if "pose" in raw.columns else None
         return raw.take(~struck, f"{EXCLUDED}: {why}", poses)
@@ -304,9 +299,8 @@ def with_labels(raw: RawRows, q: Sequence[str], same_deg: float) -> RawRows:
     table = raw.numbers_of(["time_s", "load_N", *q])
     order = np.argsort(table[:, 0], kind="stable")
     if "pose" not in raw.columns:
-        pose = np.empty(len(order), dtype=object)
-        pose[order] = labels(same_commands(table[order, 2:], same_deg))
-        raw.columns["pose"] = pose
+        raw.columns["pose"] = np.empty(len(order), dtype=object)
+        raw.columns["pose"][order] = labels(same_commands(table[order, 2:], same_deg))
     if "repeat" not in raw.columns:
         keys = pd.DataFrame({"pose": raw.text_of("pose"), "load": table[:, 1]}).iloc[order]
         counted = keys.groupby(["pose", "load"], sort=False).cumcount().to_numpy() + 1.0
@@ -327,19 +321,18 @@ def same_commands(q: Array, tolerance: float) -> NDArray[np.intp]:
     Positions within a tolerance of each other are one place: what is read back scatters. Where
     poses lie so densely that a chain of them would be one, only equal ones are.
     """
-    group = _joined(q, tolerance)
+
+    def neighbours(q: Array, within: float) -> Index:
+        pairs = cKDTree(q).query_pairs(within, p=np.inf, output_type="ndarray")
+        return groups_joined(pairs[:, 0], pairs[:, 1], len(q))
+
+    group = neighbours(q, tolerance)
     of_group = pd.DataFrame(q).groupby(group)
     spread = (of_group.max() - of_group.min()).max(axis=1)
     dense = np.isin(group, spread.index[spread > CHAIN * tolerance])
     if dense.any():
-        group[dense] = group.max() + 1 + _joined(q[dense], min(SAME_COMMAND, tolerance))
+        group[dense] = group.max() + 1 + neighbours(q[dense], min(SAME_COMMAND, tolerance))
     return np.asarray(pd.factorize(group)[0], dtype=np.intp)
-
-
-def _joined(q: Array, tolerance: float) -> NDArray[np.intp]:
-    """Number the groups of positions (N, n) that neighbours join."""
-    pairs = cKDTree(q).query_pairs(tolerance, p=np.inf, output_type="ndarray")
-    return groups_joined(pairs[:, 0], pairs[:, 1], len(q))
 
 
 def groups_joined(one: Index, other: Index, count: int) -> Index:

@@ -22,7 +22,7 @@ from pa10cal.campaign.description import (
     describe_group,
     read_description,
 )
-from pa10cal.campaign.labels import EXCHANGED, NOT_RIGID
+from pa10cal.campaign.nominal_fit import EXCHANGED, NOT_RIGID
 from pa10cal.campaign.raw_rows import Quarantined, groups_joined, same_commands
 from pa10cal.campaign.screens import OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH
 from pa10cal.campaign.table import arm_of
@@ -156,7 +156,15 @@ def read_campaign(
         where = f"{folder / DESCRIPTION_FILE}: holdout"
         every = hold_out(every, description.holdout, where, places)
     else:
-        warnings += _on_both_sides(every, places)
+        both = np.isin(places, places[every.kind == "grid"]) & (every.kind == "holdout")
+        if both.any():
+            poses = pd.unique(pd.Series(every.pose[both]))
+            warnings = (
+                *warnings,
+                f"held-out poses at joint positions that are calibrated with too: {len(poses)}, "
+                f"the first {poses[0]}: what they say of accuracy is too good; hold out whole "
+                "places, as holdout: {every: 5} in campaign.yaml does",
+            )
     recorded = ingested.timed and description.time_recorded
     every, of_time = with_what_tells_time(every, arm.prismatic, recorded=recorded)
     kinds = set(every.kind)
@@ -194,29 +202,11 @@ def places_of(every: Observations, prismatic: NDArray[np.bool_], tolerance: floa
     return groups_joined(by_label, labels + by_joints, count)[by_label]
 
 
-def _on_both_sides(every: Observations, places: Index) -> tuple[str, ...]:
-    """Warn of held-out poses that are calibrated with as well."""
-    held = np.isin(places, places[every.kind == "grid"]) & (every.kind == "holdout")
-    poses = pd.unique(pd.Series(every.pose[held]))
-    if not len(poses):
-        return ()
-    return (
-        f"held-out poses at joint positions that are calibrated with too: {len(poses)}, the first "
-        f"{poses[0]}: what they say of accuracy is too good; hold out whole places, as "
-        "holdout: {every: 5} in campaign.yaml does",
-    )
-
-
 def hold_out(every: Observations, rule: Holdout, where: str, places: Index) -> Observations:
     """Mark grid poses as held out: the last of them in time, or every n-th.
 
-    All readings of a place go together, whatever their labels, loads and repeats.
-
-    Args:
-        every: readings in order of time.
-        rule: which poses.
-        where: file and key, for the message.
-        places: (N,) see `places_of`.
+    All readings of a place (N,), see `places_of`, go together, whatever their labels, loads and
+    repeats. They are in order of time.
     """
     if "holdout" in every.kind:
         raise RawDataError(
@@ -299,18 +289,14 @@ def read_group(
     )
 
 
-# Configurations that were quarantined because they are wrong, as findings for who judges the rest.
-#
-# A row that cannot be read is no finding: it is missing. One that can be read and cannot be true
-# is: it says that something went wrong there.
-
-#: Reasons for which a reading is wrong, and not merely of no use.
+#: Reasons for which a reading is wrong, and not merely of no use: one that can be read and cannot
+#: be true says that something went wrong there; one that cannot be read is merely missing.
 _WRONG = (OFF_REPEATS, OFF_MODEL, NOT_RIGID, OUT_OF_REACH, OTHER_COMMAND)
 
 
 def wrong_rows(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:
     """Return the configurations that were quarantined because they are wrong, each once."""
-    found: dict[tuple[str, str], InputFinding] = {}
+    findings: dict[tuple[str, str], InputFinding] = {}
     for row in sorted(rows):
         where = f"{row.file}: {row.place or f'line {row.line}'}"
         if row.reason.startswith(EXCHANGED):
@@ -322,12 +308,9 @@ def wrong_rows(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:
             remedy = "look at the raw reading, and measure it again or leave it out"
         else:
             continue
+        what = f"{what}; its rows are quarantined"
         finding = InputFinding(
-            kind=kind,
-            where=where,
-            what=f"{what}; its rows are quarantined",
-            remedy=remedy,
-            would_leave_mm=None,
+            kind=kind, where=where, what=what, remedy=remedy, would_leave_mm=None
         )
-        found.setdefault((where, kind), finding)
-    return tuple(found.values())
+        findings.setdefault((where, kind), finding)
+    return tuple(findings.values())

@@ -7,38 +7,23 @@ import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pa10cal.campaign.own_columns import ISO
+from pa10cal.errors import RawDataError
+from pa10cal.yaml_file import read_yaml
 
-#: Units by the word that campaign.yaml has for each, and how files write it.
-_UNITS = {
-    "deg": "° deg degs degree degrees grad grade grado grados degre degres",
-    "rad": "rad rads radian radians radiant radianes",
-    "mrad": "mrad",
-    "mm": "mm millimeter millimetre millimetres millimeters milimetros",
-    "cm": "cm",
-    "m": "m meter metre meters metres metro metros",
-    "um": "um µm micron microns micrometer",
-    "in": "in inch inches zoll pouce pouces",
-    "s": "s sec secs second seconds sek sekunde sekunden seconde secondes segundos",
-    "ms": "ms msec millisekunden",
-    "us": "us µs usec",
-    "min": "min",
-    "d": "days",
-    "Nm": "nm n·m n*m n.m n-m newtonmeter",
-    "Nmm": "nmm n·mm n*mm",
-    "kNm": "knm",
-    "N": "n newton newtons",
-    "kg": "kg kilogramm kilogram",
-    "C": "c °c degc celsius gradc",
-    "K": "k kelvin",
-    "F": "f °f degf fahrenheit",
+#: The format of times as ISO 8601 has them.
+ISO = "iso"
+#: Words of units and of names, by what they say; see the file.
+WORDS = read_yaml(Path(__file__).with_name("words.yaml"), RawDataError, what="it cannot be read")
+_SPELLED: dict[str, str] = {
+    spelled: unit for unit, words in WORDS["units"].items() for spelled in words.split()
 }
-_SPELLED = {spelled: unit for unit, words in _UNITS.items() for spelled in words.split()}
 _BRACKETED = re.compile(r"^(?P<bare>.*?)\s*[\[({<]\s*(?P<unit>[^\[\](){}<>]{1,14}?)\s*[\])}>]\s*$")
 _APART = re.compile(r"^(?P<bare>.+?)(?:\s+in\s+|[\s_/,;:-]+)(?P<unit>[^\s_/,;:-]{1,12})$")
 _SIGN = re.compile(r"^(?P<bare>.*?)\s*(?P<unit>°[CF]?)$")
@@ -75,59 +60,10 @@ _GREEK = {
     **{"α": "alpha", "β": "beta", "γ": "gamma", "θ": "theta", "φ": "phi", "ϕ": "phi"},
     **{"ψ": "psi", "ω": "omega", "τ": "tau"},
 }
-_COMMANDED = (
-    "goal target command commanded cmd nominal nom setpoint desired soll sollwert ref consigne "
-    "commande cible nominale consigna deseado objetivo"
-)
-_DEVIATION = (
-    "dev deviation error err delta diff difference abweichung fehler ecart erreur desviacion res "
-    "residual"
-)
-_UNCERTAIN = "std stdev sigma uncert uncertainty unc u rms unsicherheit incertitude incertidumbre"
-_TORQUE = "tau torque effort moment drehmoment couple par momento"
-_NO_POSITION = (
-    "speed velocity vel qd dq geschwindigkeit vitesse velocidad acc accel acceleration "
-    "beschleunigung current strom courant corriente voltage spannung temp temperature temperatur"
-)
-_JOINT = (
-    "joint joints axis axes achse achsen gelenk axe articulation art eje articulacion q j a ax "
-    "theta th jnt rax winkel angle encoder motor"
-)
-_ROTATION = (
-    "rot rotation r rotate drehung winkel angle orientation ori orient giro vector rotvec euler rv"
-)
-_QUATERNION = "quat quaternion quaternio q"
-_SINGLE = {
-    "time": "time timestamp stamp date datetime zeit zeitstempel uhrzeit datum temps heure "
-    "horodatage tiempo hora fecha t clock",
-    "temperature": "temp temperature temperatur temperatura tarm troom",
-    "load": "load payload last nutzlast traglast zusatzlast zuladung charge carga",
-    "pose": "pose label point name id punkt messpunkt nr no number index punto nom "
-    "nombre posennummer",
-    "repeat": "repeat run cycle wiederholung lauf zyklus repetition repeticion ciclo",
-    "kind": "kind set split satz jeu conjunto",
-    "distance": "dist distance range abstand distanz entfernung distancia",
+_VOCABULARY = {
+    kind: frozenset(words.split()) for kind, words in (WORDS["words"] | WORDS["single"]).items()
 }
-#: Endings of the columns of an orientation, and the convention that the names alone suggest.
-_ATTITUDES = (
-    (("qw", "qx", "qy", "qz"), "quaternion_wxyz"),
-    (("q0", "q1", "q2", "q3"), "quaternion_wxyz"),
-    (("q1", "q2", "q3", "q4"), "quaternion_wxyz"),
-    (("roll", "pitch", "yaw"), "rpy"),
-    (("rollen", "nicken", "gieren"), "rpy"),
-    (("roulis", "tangage", "lacet"), "rpy"),
-    (("alabeo", "cabeceo", "guinada"), "rpy"),
-    (("rx", "ry", "rz"), "rpy"),
-    (("rotx", "roty", "rotz"), "rpy"),
-    (("w", "p", "r"), "rpy"),
-    (("a", "b", "c"), "euler_ZYX"),
-    (("o", "a", "t"), "euler_ZYZ"),
-    (("alpha", "beta", "gamma"), "euler_XYZ"),
-    (("phi", "theta", "psi"), "rpy"),
-    (("omega", "phi", "kappa"), "euler_XYZ"),
-    (tuple(f"r{i}{j}" for i in "123" for j in "123"), "matrix"),
-    (tuple(f"r{i}{j}" for i in "012" for j in "012"), "matrix"),
-)
+_ORIENTATIONS = [(tuple(endings.split()), word) for endings, word in WORDS["orientations"]]
 #: What stands directly before or after x, y, z without anything between.
 _BEFORE_AXIS = "p|t|pos|tcp|trans|coord|meas|act|ist"
 _AFTER_AXIS = "pos|ist|act|actual|mess|meas|measured|coord|koord|soll|nom|cmd"
@@ -144,15 +80,16 @@ def plain(text: str) -> str:
     return "".join(letter for letter in apart if not unicodedata.combining(letter))
 
 
+@lru_cache(maxsize=4096)
 def _words(name: str) -> tuple[str, ...]:
     """Return the words of a name without its unit: camel case and signs between are boundaries."""
     bare = re.sub(r"(?<=[a-zäöüéèí])(?=[A-Z])", " ", split_unit(name)[0])
     return tuple(re.findall(r"[a-z]+\d*|\d+", plain(bare)))
 
 
-def _has(words: Sequence[str], vocabulary: str) -> bool:
-    """Return whether one of the words is of a vocabulary."""
-    return not frozenset(vocabulary.split()).isdisjoint(words)
+def _has(words: Sequence[str], *kinds: str) -> bool:
+    """Return whether one of the words is of one of these kinds of `WORDS`."""
+    return any(not _VOCABULARY[kind].isdisjoint(words) for kind in kinds)
 
 
 @dataclass(frozen=True)
@@ -172,58 +109,55 @@ class Roles:
 
 def roles_of(names: Sequence[str], joints: int | None) -> Roles:
     """Return what columns may be; `joints` is how many the arm has, None where not known."""
-    words = {name: _words(name) for name in names}
-    of = _uncertain(words)
+    of = _uncertain(names)
     certain = [
         name
         for name in names
         if name not in of.values()
-        and not _has(words[name][:1], _UNCERTAIN)
-        and not _has(words[name], _DEVIATION)
+        and not _has(_words(name)[:1], "uncertain")
+        and not _has(_words(name), "deviation")
     ]
-    attitude = _attitude([name for name in certain if not _has(words[name], _NO_POSITION)], words)
+    attitude = _attitude([name for name in certain if not _has(_words(name), "no position")])
     free = [name for name in certain if attitude is None or name not in attitude[0]]
     positions: dict[str, tuple[str, ...]] = {}
-    for place, triple in _positions(free, words):
-        positions[place if place not in positions else f"{place}{len(positions) + 1}"] = triple
+    for some in _measured_first(free):
+        for axes, place in _by_axis(some, "xyz"):
+            if not _has(place, "rotation", "no position", "torque", "force"):
+                before = _around_axis(axes["x"])
+                label = before if before not in positions else f"{before}{len(positions) + 1}"
+                positions[label] = tuple(axes.values())
     taken = {name for triple in positions.values() for name in triple}
     free = [name for name in free if name not in taken]
-    torques = _numbered([name for name in free if _has(words[name], _TORQUE)], words, joints)
-    free = [name for name in free if not _has(words[name], _TORQUE)]
-    still = [name for name in free if not _has(words[name], _NO_POSITION)]
-    turns = _numbered(still, words, joints)
+    torques = _numbered([name for name in free if _has(_words(name), "torque")], joints)
+    free = [name for name in free if not _has(_words(name), "torque")]
+    still = [name for name in free if not _has(_words(name), "no position")]
+    turns = _numbered(still, joints)
     if not turns and attitude is not None and attitude[1].startswith("quaternion"):
         # q0 … q3 of an arm with four joints are these, where nothing else is.
-        turns = _numbered([*still, *attitude[0]], words, joints) if joints == 4 else ()
+        turns = _numbered([*still, *attitude[0]], joints) if joints == 4 else ()
         attitude = None if turns else attitude
     free = [name for name in free if name not in turns]
-    single = dict(_single(free, words))
-    times = tuple(
-        name
-        for name in free
-        if _has(words[name], _SINGLE["time"])
-        and name not in {found for key, found in single.items() if key != "time"}
-    )
-    return Roles(turns, torques, positions, attitude, of, single, times)
-
-
-def _single(names: Sequence[str], words: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, str]]:
-    """Yield columns that stand alone, by the key of `columns`; whole words before parts of one."""
-    taken: set[str] = set()
-    for key, vocabulary in _SINGLE.items():
-        free = [name for name in names if name not in taken]
-        found = next((name for name in free if _has(words[name], vocabulary)), None)
-        if found is None and key in ("time", "temperature", "load", "distance"):
+    single: dict[str, str] = {}
+    for key, vocabulary in WORDS["single"].items():
+        some = [name for name in free if name not in single.values()]
+        whole = [name for name in some if _has(_words(name), key)]
+        if not whole and key in ("time", "temperature", "load", "distance"):
             part = re.compile("|".join(word for word in vocabulary.split() if len(word) > 3))
-            found = next((name for name in free if any(map(part.search, words[name]))), None)
-        if found is not None:
-            taken.add(found)
-            yield key, found
+            whole = [name for name in some if any(map(part.search, _words(name)))]
+        if whole:
+            single[key] = whole[0]
+    others = {name for key, name in single.items() if key != "time"}
+    times = [name for name in free if _has(_words(name), "time") and name not in others]
+    return Roles(turns, torques, positions, attitude, of, single, tuple(times))
 
 
-def _numbered(
-    names: Sequence[str], words: Mapping[str, Sequence[str]], joints: int | None
-) -> tuple[str, ...]:
+def _measured_first(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return columns of what was measured, then those of what was commanded."""
+    commanded = [name for name in names if _has(_words(name), "commanded")]
+    return [name for name in names if name not in commanded], commanded
+
+
+def _numbered(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
     """Return columns of joints: numbered ones from 1 (or 0), or such as are called joints."""
     series: dict[tuple[str, str], dict[int, str]] = {}
     for name in names:
@@ -232,108 +166,82 @@ def _numbered(
             around = (bare[: found.start()], bare[found.end() :])
             series.setdefault(around, {})[int(found[0])] = name
     best: tuple[tuple[bool, bool, bool, int], tuple[str, ...]] = ((False,) * 3 + (0,), ())
-    for (before, after), listed in series.items():
-        start = 0 if 0 in listed else 1
-        found_ones: list[str] = []
-        while start + len(found_ones) in listed:
-            found_ones.append(listed[start + len(found_ones)])
-        around_words = re.findall(r"[a-z]+", f"{before} {after}")
-        a_joint = _has(around_words, _JOINT)
-        score = (
-            joints is None or len(found_ones) == joints,
-            not _has(around_words, _COMMANDED),
-            a_joint,
-            len(found_ones),
-        )
+    for around, listed in series.items():
+        numbers = itertools.count(0 if 0 in listed else 1)
+        run = [listed[k] for k in itertools.takewhile(listed.__contains__, numbers)]
+        around_words = re.findall(r"[a-z]+", " ".join(around))
+        a_joint = _has(around_words, "joint")
+        fits = joints is None or len(run) == joints
+        score = (fits, not _has(around_words, "commanded"), a_joint, len(run))
         if score > best[0] and around_words and (a_joint or joints is not None):
-            best = score, tuple(found_ones)
-    called = tuple(
-        name
-        for name in names
-        if _has(words[name], "joint axis achse gelenk articulation articulacion eje axe")
-    )
-    if (joints is None or len(called) == joints) and len(called) > len(best[1]) * best[0][0]:
+            best = score, tuple(run)
+    (fits, *_), numbered = best
+    called = tuple(name for name in names if _has(_words(name), "called joint"))
+    if (joints is None or len(called) == joints) and len(called) > len(numbered) * fits:
         return called if len(called) >= 2 else ()
-    found_here = best[1]
-    return found_here if len(found_here) >= 2 and best[0][0] else ()
+    return numbered if len(numbered) >= 2 and fits else ()
 
 
-def _attitude(
-    names: Sequence[str], words: Mapping[str, Sequence[str]]
-) -> tuple[tuple[str, ...], str] | None:
+def _attitude(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
     """Return the columns of an orientation, measured rather than commanded."""
-    for commanded in (False, True):
-        some = [name for name in names if _has(words[name], _COMMANDED) == commanded]
-        for endings, convention in _ATTITUDES:
-            for found in _with_endings(some, words, endings):
-                if convention.startswith("quaternion"):
-                    return _quaternion(found, names)
-                return found, convention
-        for axes, place in _by_axis(some, words, "wxyz"):
-            if _has(place, f"{_QUATERNION} {_ROTATION}"):
-                return _quaternion(tuple(axes.values()), names)
-        for axes, place in _by_axis(some, words, "xyz"):
-            if _has(place, _ROTATION):
-                vector = _has(place, "vector rotvec rv")
+
+    def quaternion(wxyz: Sequence[str]) -> tuple[tuple[str, ...], str]:
+        """Return columns in the order of the file, and what that is."""
+        order = tuple(sorted(wxyz, key=names.index))
+        return order, "quaternion_wxyz" if order[0] == wxyz[0] else "quaternion_xyzw"
+
+    for some in _measured_first(names):
+        for endings, convention in _ORIENTATIONS:
+            for columns in _with_endings(some, endings):
+                known = convention.startswith("quaternion")
+                return quaternion(columns) if known else (columns, convention)
+        for axes, place in _by_axis(some, "wxyz"):
+            if _has(place, "quaternion", "rotation"):
+                return quaternion(tuple(axes.values()))
+        for axes, place in _by_axis(some, "xyz"):
+            if _has(place, "rotation"):
+                vector = _has(place, "vector")
                 return tuple(axes.values()), "rotation_vector" if vector else "rpy"
     return None
 
 
-def _quaternion(columns: tuple[str, ...], names: Sequence[str]) -> tuple[tuple[str, ...], str]:
-    """Return the columns of a quaternion, w first, in the order of the file, and what that is."""
-    order = tuple(sorted(columns, key=names.index))
-    return order, "quaternion_wxyz" if order[0] == columns[0] else "quaternion_xyzw"
-
-
-def _with_endings(
-    names: Sequence[str], words: Mapping[str, Sequence[str]], endings: Sequence[str]
-) -> Iterator[tuple[str, ...]]:
+def _with_endings(names: Sequence[str], endings: Sequence[str]) -> Iterator[tuple[str, ...]]:
     """Yield columns that differ by these words alone; q1 … q4 that go on with q5 are joints."""
     beyond = {"q0": "q4", "q1": "q5"}.get(endings[0], "")
     groups: dict[tuple[str, ...], dict[str, str]] = {}
     for name in names:
-        listed = words[name]
+        listed = _words(name)
         for k, word in enumerate(listed):
             rest = (*listed[:k], *listed[k + 1 :])
             if word in (*endings, beyond):
                 groups.setdefault(rest, {}).setdefault(word, name)
         if len(listed) >= 2 and listed[-2] + listed[-1] in (*endings, beyond):
             groups.setdefault(tuple(listed[:-2]), {}).setdefault(listed[-2] + listed[-1], name)
-    for found in groups.values():
-        if beyond not in found and all(ending in found for ending in endings):
-            yield tuple(found[ending] for ending in endings)
+    for group in groups.values():
+        if beyond not in group and all(ending in group for ending in endings):
+            yield tuple(group[ending] for ending in endings)
 
 
 def _by_axis(
-    names: Sequence[str], words: Mapping[str, Sequence[str]], letters: str
+    names: Sequence[str], letters: str
 ) -> Iterator[tuple[dict[str, str], tuple[str, ...]]]:
     """Yield columns that differ by a letter x, y, z (w) alone, by it, and the words around it."""
     groups: dict[tuple[str, ...], dict[str, str]] = {}
     for name in names:
-        for k, word in enumerate(words[name]):
+        listed = _words(name)
+        for k, word in enumerate(listed):
             found = re.fullmatch(f"[{letters}]", word) or (
                 _AXIS.fullmatch(word) if letters == "xyz" else None
             )
             if found is not None:
                 axis = found[found.lastindex or 0]
                 run_on = tuple(part for part in word.split(axis) if part)
-                place = (*words[name][:k], *run_on, "#", *words[name][k + 1 :])
+                place = (*listed[:k], *run_on, "#", *listed[k + 1 :])
                 groups.setdefault(place, {}).setdefault(axis, name)
                 break
-    for place, found_ones in groups.items():
-        if set(found_ones) == set(letters):
-            yield {axis: found_ones[axis] for axis in letters}, place
-
-
-def _positions(
-    names: Sequence[str], words: Mapping[str, Sequence[str]]
-) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield triples of coordinates by what stands before x, y, z; commanded ones last."""
-    for commanded in (False, True):
-        some = [name for name in names if _has(words[name], _COMMANDED) == commanded]
-        for axes, place in _by_axis(some, words, "xyz"):
-            if not _has(place, f"{_ROTATION} {_NO_POSITION} {_TORQUE} force f kraft"):
-                yield _around_axis(axes["x"]), tuple(axes.values())
+    for place, group in groups.items():
+        if set(group) == set(letters):
+            yield {axis: group[axis] for axis in letters}, place
 
 
 def _around_axis(name: str) -> str:
@@ -343,24 +251,25 @@ def _around_axis(name: str) -> str:
     return "".join((*parts[:k], *parts[k + 1 :]))
 
 
-def _uncertain(words: Mapping[str, Sequence[str]]) -> dict[str, str]:
+def _uncertain(names: Sequence[str]) -> dict[str, str]:
     """Return the columns of uncertainties by the one that each is of."""
-    known = frozenset(_UNCERTAIN.split())
-    plain: dict[str, str] = {}
-    for name, listed in words.items():
-        plain.setdefault("".join(listed), name)
-    found = {}
-    for name, listed in words.items():
+    known = _VOCABULARY["uncertain"]
+    called: dict[str, str] = {}
+    for name in names:
+        called.setdefault("".join(_words(name)), name)
+    uncertain = {}
+    for name in names:
+        listed = _words(name)
         rest = [word for word in listed if word not in known]
-        run_on = re.fullmatch(r"(?:s|u|std|sigma)([xyz]|q\d)", listed[-1]) if listed else None
-        if len(rest) == len(listed) and run_on is None:
-            continue
-        if run_on is not None and len(rest) == len(listed):
+        if len(rest) == len(listed):  # no word of its own says so
+            run_on = re.fullmatch(r"(?:s|u|std|sigma)([xyz]|q\d)", listed[-1]) if listed else None
+            if run_on is None:
+                continue
             rest = [*rest[:-1], run_on[1]]
-        of = plain.get("".join(rest))
+        of = called.get("".join(rest))
         if of is not None and of != name:
-            found[of] = name
-    return found
+            uncertain[of] = name
+    return uncertain
 
 
 def standing(positions: Mapping[str, NDArray[np.float64]]) -> list[str]:

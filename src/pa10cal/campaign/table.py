@@ -71,21 +71,20 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
     if not description.campaigns:
         base = BaseTargets.from_columns(columns, read_base_motion(path))
         return _observations(columns, description, base)
-    each, rows = [], []
+    parts, rows = [], []
     for campaign in description.campaigns:
         here = np.flatnonzero(columns[_CAMPAIGN] == campaign.name)
-        every = {name: values[here] for name, values in columns.items()}
         # Without the columns of other instruments.
         own = {
-            name: values
-            for name, values in every.items()
-            if not (name.startswith(_MEASURED) and np.isnan(values.astype(float)).all())
+            name: values[here]
+            for name, values in columns.items()
+            if not (name.startswith(_MEASURED) and np.isnan(values[here].astype(float)).all())
         }
-        each.append(_observations(own, campaign))
+        parts.append(_observations(own, campaign))
         rows.append(here)
     known = json.loads(_metadata(path).get(b"targets", b"{}"))
     targets = {name: np.array(R) for name, R in known.items()}
-    whole = joined(each, tuple(campaign.name for campaign in description.campaigns), targets)
+    whole = joined(parts, tuple(campaign.name for campaign in description.campaigns), targets)
     return whole.take(np.argsort(np.concatenate(rows), kind="stable"))
 
 

@@ -12,14 +12,21 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.campaign import balls, dwells, screens
-from pa10cal.campaign.bounds import Bounds, labelled, whole, within_bounds
+from pa10cal.campaign import balls, screens
+from pa10cal.campaign.bounds import labelled, whole, within_bounds
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
-from pa10cal.campaign.labels import EXCHANGED, exchange_text, exchanged, misfit_mm, nominal_places
-from pa10cal.campaign.own_words import refuse_too_many
+from pa10cal.campaign.nominal_fit import (
+    EXCHANGED,
+    exchange_text,
+    exchanged,
+    misfit_mm,
+    nominal_places,
+)
+from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile, words_of
 from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
-from pa10cal.errors import RawDataError
+from pa10cal.campaign.two_logs import Samples, Stations, best_clock_offset, find_dwells
+from pa10cal.errors import RawDataError, refusals
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import Misfit
 from pa10cal.observe.touched import Touched
@@ -39,6 +46,33 @@ OTHER_DWELL = "touched in another dwell than the rest of its configuration"
 NOT_TOUCHED = "a dwell in which nothing was touched"
 LOST = "a dwell whose configuration is quarantined"
 
+_refusal = refusals(
+    RawDataError,
+    {
+        "moving": (
+            "the arm is never at rest in the log",
+            "dwells, in which the touches are made",
+            "check time_s, or raise ingest.still_speed_deg_s above the joints' noise",
+        ),
+        "outside": (
+            "{0} of {1} touches lie outside any dwell of the arm",
+            "touches while the arm is at rest, on the clock of the resolver log",
+            "check both clocks and ingest.still_speed_deg_s; no constant offset matches",
+        ),
+        "clocks": (
+            "{0} of {1} touches lie outside any dwell of the arm",
+            "touches while the arm is at rest, on the clock of the resolver log",
+            "the clocks seem to differ: adding {2:+.1f} s to time_s would bring {3:.0%} of the "
+            "touches into dwells",
+        ),
+        "cut": (
+            "the log does not cover the touches: it seems cut short",
+            "a log from {0:g} to {1:g} s",
+            "export the whole log, or leave out the touches that it does not cover",
+        ),
+    },
+)
+
 
 def read_touched(
     campaign: CampaignDescription, arm: Arm, folder: Path, settings: IngestOptions
@@ -51,9 +85,9 @@ def read_touched(
     cmm, resolver = (
         RawFile.of(campaign, folder, key, arm.prismatic) for key in ("cmm", "resolver")
     )
-    bounds, names = Bounds(arm), campaign.ball_names
-    touches = _read_touches(cmm, names, bounds, exclusions_of(campaign, folder))
-    samples, log = _read_samples(resolver, bounds)
+    names = campaign.ball_names
+    touches = _read_touches(cmm, names, arm, exclusions_of(campaign, folder))
+    samples, log = _read_samples(resolver, arm)
     logged = len(np.unique(touches.configurations))
     listed = [*touches.quarantined, *log.quarantined]
     words = words_of(campaign, arm.prismatic)
@@ -74,10 +108,10 @@ def read_touched(
         words,
     )
 
-    stood = dwells.find_dwells(samples, settings.still_speed_deg_s)
-    touched = stood.at(touches["time_s"])
+    dwells = find_dwells(samples, settings.still_speed_deg_s)
+    touched = dwells.at(touches["time_s"])
     log_s = float(samples.time_s[0]), float(samples.time_s[-1])
-    _check_clocks(touches, touched, stood, log_s, str(cmm.path), str(resolver.path))
+    _check_clocks(touches, touched, dwells, log_s, str(cmm.path), str(resolver.path))
     touches, dwell, outside = _in_one_dwell(touches, touched)
     listed += outside
     refuse_too_many_lost()
@@ -92,9 +126,8 @@ def read_touched(
     )
     p_instr_mm = touches.numbers_of(_PLACE)[groups.row]
     located = balls.locate_balls(p_instr_mm, groups.valid, tool, str(cmm.path))
-    readings = dwells.dwell_readings(samples, stood)
     dwell = dwell[groups.first]
-    named, q_rad = touches.at(groups.first), np.radians(readings.q_deg[dwell])
+    named, q_rad = touches.at(groups.first), np.radians(dwells.q_deg[dwell])
     off = screens.off_command(named.text_of("pose"), q_rad, arm.prismatic)
     reason = np.where((located.reason == "") & off, screens.OTHER_COMMAND, located.reason)
     T_base_ee = Chain.of(arm).forward(q_rad)
@@ -111,10 +144,10 @@ def read_touched(
         pose=named.text_of("pose"),
         states=PoseStates(
             q_rad=q_rad[good],
-            tau_Nm=readings.tau_Nm[at],
-            arrival=readings.arrival[at],
+            tau_Nm=dwells.tau_Nm[at],
+            arrival=dwells.arrival[at],
             load_N=named["load_N"],
-            temperature_C=readings.temperature_C[at],
+            temperature_C=dwells.temperature_C[at],
             time_s=0.5 * (begin + end),
         ),
         measured=Touched.of_balls(
@@ -127,53 +160,64 @@ def read_touched(
         kind=named.text_of("kind"),
         repeat=named["repeat"],
         readings=np.ones(len(good), dtype=np.int64),
-        log=JointLog(np.radians(readings.q_u_deg[at]), readings.tau_u_Nm[at], readings.samples[at]),
+        log=JointLog(np.radians(dwells.q_u_deg[at]), dwells.tau_u_Nm[at], dwells.samples[at]),
     )
-    idle, idle_notes = _idle_samples(samples, stood, touched, at, log.file)
-    notes = [*touches.notes, *log.notes]
+    # Samples of dwells that serve no configuration; the arm may have waited there.
+    serves, seen = np.zeros(len(dwells), dtype=bool), np.zeros(len(dwells), dtype=bool)
+    serves[at] = True
+    seen[touched[touched >= 0]] = True
+    stands, of_sample = dwells.of_sample >= 0, np.maximum(dwells.of_sample, 0)
+    listed += quarantined(log.file, samples.line[stands & ~seen[of_sample]], NOT_TOUCHED)
+    lost = stands & seen[of_sample] & ~serves[of_sample]
+    listed += quarantined(log.file, samples.line[lost], LOST)
+    notes, warnings = [*touches.notes, *log.notes], []
     if located.pooled_sigma_mm > SCATTER_NOTE * located.touch_sigma_mm:
         notes.append(
             f"touches scatter by {located.pooled_sigma_mm:.4f} mm where the stated uncertainty "
             f"implies {located.touch_sigma_mm:.4f} mm"
         )
-    warnings = (
-        *screens.count_warnings(campaign.configurations, logged, touches.file),
-        *_cut_touches(stood, touched, touches.file),
-    )
-    return Ingested(poses, (*listed, *idle), (*notes, *idle_notes), warnings)
+    if idle := int((~seen).sum()):
+        notes.append(f"dwells without touches: {idle}")
+    if 3 * idle > len(dwells):
+        warnings.append(
+            f"nothing was touched in {idle} of the {len(dwells)} dwells of the log: "
+            f"{touches.file} seems cut short, {idle} configurations are missing"
+        )
+    counted = screens.count_warnings(campaign.configurations, logged, touches.file)
+    return Ingested(poses, tuple(listed), tuple(notes), (*counted, *warnings))
 
 
 def _read_touches(
-    file: RawFile, ball_names: tuple[str, ...], bounds: Bounds, exclusions: Exclusions
+    file: RawFile, ball_names: tuple[str, ...], arm: Arm, exclusions: Exclusions
 ) -> RawRows:
     """Read the touches in order of time, each with the number of its ball."""
     raw = file.read(["time_s", "kind", "pose", "load_N", "repeat", "ball", "touch", *_PLACE])
     raw = exclusions.labels(exclusions.lines(raw))
     raw = raw.choices("kind", KINDS).choices("ball", ball_names)
     raw = raw.finite(["time_s", "load_N", *_PLACE])
-    raw = within_bounds(raw, ["time_s", *_PLACE], bounds)
-    raw = labelled(whole(raw, "touch", bounds), bounds)
+    raw = within_bounds(raw, ["time_s", *_PLACE], arm)
+    raw = labelled(whole(raw, "touch", arm), arm)
     ball = np.argmax(raw.text_of("ball")[:, None] == np.array(ball_names), axis=1)
     return raw.with_columns({"ball": ball}).in_time()
 
 
-def _read_samples(file: RawFile, bounds: Bounds) -> tuple[dwells.Samples, RawRows]:
+def _read_samples(file: RawFile, arm: Arm) -> tuple[Samples, RawRows]:
     """Read the resolver and torque log; samples at the time of an earlier one are quarantined.
 
     Returns:
         The samples in order of time, and the rows that they were read from, without columns.
     """
-    joints = range(1, bounds.arm.n + 1)
+    joints = range(1, arm.n + 1)
     q, tau = [f"q{j}_deg" for j in joints], [f"tau{j}_Nm" for j in joints]
     names = ["time_s", *q, *tau, "temperature_C"]
-    raw = within_bounds(file.read(names).finite(names), names, bounds)
+    raw = within_bounds(file.read(names).finite(names), names, arm)
     time_s = raw["time_s"]
     order = np.argsort(time_s, kind="stable")
     first = np.ones(len(time_s), dtype=bool)
     first[order[1:]] = np.diff(time_s[order]) > 0.0
     raw = raw.take(first, "another sample has this time", [f"{t:g} s" for t in time_s[~first]])
     raw = raw.in_time()
-    samples = dwells.Samples(
+    samples = Samples(
         raw.line, raw["time_s"], raw.numbers_of(q), raw.numbers_of(tau), raw["temperature_C"]
     )
     return samples, replace(raw, columns={})
@@ -182,61 +226,35 @@ def _read_samples(file: RawFile, bounds: Bounds) -> tuple[dwells.Samples, RawRow
 def _check_clocks(
     touches: RawRows,
     touched: Index,
-    stood: dwells.Dwells,
+    dwells: Stations,
     log_s: tuple[float, float],
     where: str,
     where_log: str,
 ) -> None:
     """Stop when the arm never stood still, or the touches are not in the dwells.
 
-    That is when most touches lie outside the dwells, or when an offset of the clocks would bring in
-    nearly all of those that do.
+    That is when the log does not cover them, when most of them lie outside the dwells, or when an
+    offset of the clocks would bring in nearly all of those that do.
     """
-    if not len(stood):
-        raise RawDataError(
-            "the arm is never at rest in the log",
-            where=where_log,
-            allowed="dwells, in which the touches are made",
-            remedy="check time_s, or raise ingest.still_speed_deg_s above the joints' noise",
-        )
-    outside = touched < 0
+    if not len(dwells):
+        raise _refusal("moving", where_log)
+    outside, time_s = touched < 0, touches["time_s"]
     if outside.mean() <= FEW_OUTSIDE:
         return
-    offset_s, inside = dwells.best_clock_offset(touches["time_s"], stood)
+    offset_s, inside = best_clock_offset(time_s, dwells)
     explained = 1.0 - inside <= OFFSET_LEAVES * outside.mean()
-    if not explained:
-        _refuse_cut_log(touches, outside, log_s, where_log)
-    if 2 * outside.sum() <= len(touched) and not explained:
-        return
-    raise RawDataError(
-        f"{outside.sum()} of {len(touched)} touches lie outside any dwell of the arm",
-        where=f"{where}:{touches.line[np.argmax(outside)]}",
-        allowed="touches while the arm is at rest, on the clock of the resolver log",
-        remedy=f"the clocks seem to differ: adding {offset_s:+.1f} s to time_s would bring "
-        f"{inside:.0%} of the touches into dwells"
-        if explained
-        else "check both clocks and ingest.still_speed_deg_s; no constant offset matches",
-    )
-
-
-def _refuse_cut_log(
-    touches: RawRows, outside: NDArray[np.bool_], log_s: tuple[float, float], where_log: str
-) -> None:
-    """Stop when touches lie outside dwells because the log does not cover them."""
-    time_s = touches["time_s"]
     beyond = (time_s < log_s[0]) | (time_s > log_s[1])
-    if (outside & ~beyond).sum() > FEW_OUTSIDE * len(touches):
-        return
-    numbers = touches.configurations
-    missing, every = len(np.unique(numbers[beyond])), len(np.unique(numbers))
-    raise RawDataError(
-        "the log does not cover the touches: it seems cut short",
-        where=where_log,
-        value=f"{missing} of {every} configurations were touched before it begins or after it "
-        f"ends; it covers {log_s[0]:g} to {log_s[1]:g} s",
-        allowed=f"a log from {time_s[0]:g} to {time_s[-1]:g} s",
-        remedy="export the whole log, or leave out the touches that it does not cover",
-    )
+    if not explained and (outside & ~beyond).sum() <= FEW_OUTSIDE * len(touches):
+        numbers = touches.configurations
+        value = (
+            f"{len(np.unique(numbers[beyond]))} of {len(np.unique(numbers))} configurations were "
+            f"touched before it begins or after it ends; it covers {log_s[0]:g} to {log_s[1]:g} s"
+        )
+        raise _refusal("cut", where_log, value, time_s[0], time_s[-1])
+    if 2 * outside.sum() > len(touched) or explained:
+        words = (outside.sum(), len(touched), offset_s, inside)
+        where = f"{where}:{touches.line[np.argmax(outside)]}"
+        raise _refusal("clocks" if explained else "outside", where, None, *words)
 
 
 def _in_one_dwell(
@@ -302,31 +320,3 @@ def _unused_touches(
         places = [f"pose {each}" for each in label[these]]
         rows += quarantined(touches.file, touches.line[these], text, label[these], places)
     return rows
-
-
-def _idle_samples(
-    samples: dwells.Samples, stood: dwells.Dwells, touched: Index, used: Index, file: str
-) -> tuple[tuple[Quarantined, ...], list[str]]:
-    """List the samples of dwells that serve no configuration; the arm may have waited there."""
-    serves, seen = np.zeros(len(stood), dtype=bool), np.zeros(len(stood), dtype=bool)
-    serves[used] = True
-    seen[touched[touched >= 0]] = True
-    standing = stood.of_sample >= 0
-    dwell = np.where(standing, stood.of_sample, 0)
-    lost = standing & seen[dwell] & ~serves[dwell]
-    idle = standing & ~seen[dwell]
-    rows = quarantined(file, samples.line[idle], NOT_TOUCHED)
-    rows += quarantined(file, samples.line[lost], LOST)
-    count = int((~seen).sum())
-    return rows, [f"dwells without touches: {count}"] if count else []
-
-
-def _cut_touches(stood: dwells.Dwells, touched: Index, file: str) -> tuple[str, ...]:
-    """Say how many configurations are missing where the arm stood in many more than these."""
-    without = len(stood) - len(np.unique(touched[touched >= 0]))
-    if 3 * without <= len(stood):
-        return ()
-    return (
-        f"nothing was touched in {without} of the {len(stood)} dwells of the log: {file} seems "
-        f"cut short, {without} configurations are missing",
-    )

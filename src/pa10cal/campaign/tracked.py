@@ -1,16 +1,18 @@
-"""Rows of an instrument that touches nothing: screened, and refused where a unit is wrong."""
+"""Rows of an instrument that touches nothing: read, refused where a unit is wrong, screened."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.campaign import screens
 from pa10cal.campaign.base_motion import (
     base_columns,
@@ -19,23 +21,40 @@ from pa10cal.campaign.base_motion import (
     refuse_base_targets,
     steadied,
 )
-from pa10cal.campaign.bounds import Bounds, labelled, within_bounds
+from pa10cal.campaign.bounds import labelled, within_bounds
+from pa10cal.campaign.conventions import STILL_WRONG, OtherAxes, other_axes
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
-from pa10cal.campaign.own_words import refuse_too_many
+from pa10cal.campaign.nominal_fit import (
+    EXCHANGED,
+    NOT_RIGID,
+    exchange_text,
+    exchanged,
+    misfit_of,
+    nominal_fit,
+    nominal_places,
+    not_rigid,
+    refuse_shifted,
+    shifted,
+    steps_agree,
+)
+from pa10cal.campaign.own_columns import UNIT_WORDS, refuse_too_many
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import (
     Exclusions,
     Ingested,
+    Quarantined,
     RawRows,
+    configurations,
     in_radians,
     position_columns,
     quarantined,
     with_labels,
 )
 from pa10cal.campaign.two_logs import TwoLogs
+from pa10cal.errors import RawDataError, refusals
 from pa10cal.observe.observations import KINDS, JointLog, Observations
-from pa10cal.observe.quantities import RawColumns
+from pa10cal.observe.quantities import Misfit, RawColumns
 from pa10cal.options import IngestOptions
 
 NO_TORQUES = "no torques logged, masses unknown: those of assumed weights are used"
@@ -75,7 +94,7 @@ def read_tracked(
         refuse_too_many(listed, raw.totals, options.max_quarantined_fraction, file.words)
 
     refuse_too_many_lost()
-    screen = screens.Screen(columns, arm, file, raw.line[once], found.take(once), listed)
+    screen = Screen(columns, arm, file, raw.line[once], found.take(once), listed)
     screen.run()
     off = screens.off_command(screen.found.pose, screen.found.states.q_rad, arm.prismatic)
     screen.leave_out(off, screens.OTHER_COMMAND, screen.found.pose[off])
@@ -90,8 +109,16 @@ def read_tracked(
         *screen.warnings,
         *of_base,
         *file.words.contradicted_units(raw.file),
-        *_other_names(description, found.measured.target_names),
     )
+    absent = sorted(set(description.tool.balls_mm) - set(found.measured.target_names))
+    unplaced = sorted(set(found.measured.target_names) - set(description.tool.balls_mm))
+    if absent and unplaced:
+        names = (
+            f"campaign.yaml: tool.balls_mm states {', '.join(absent)}, and the columns are of "
+            f"{', '.join(unplaced)}: if these are the same targets, rename them in tool.balls_mm "
+            "or in the columns"
+        )
+        warnings = (*warnings, names)
     timed = "time_s" in file.names
     return Ingested(found, tuple(listed), tuple(notes), warnings, timed)
 
@@ -105,7 +132,7 @@ def _read_poses(
         The rows; the same as readings: no approach (arrivals are 0) and no dwell, what was not
         logged is nan; and the columns that hold what was measured.
     """
-    instrument, stated, bounds = description.instrument.type, description.stated, Bounds(arm)
+    instrument, stated = description.instrument.type, description.stated
     watched = base_target_names(file.names)
     refuse_base_targets(description, file.path, file.words, watched)
     on_base = base_columns(watched)
@@ -125,14 +152,14 @@ def _read_poses(
     raw = raw.finite(["time_s", "load_N", *q, *logged])
     raw = raw.finite(measured.names, may_be_blank=measured.may_be_blank)
     raw = raw.finite([*on_base], may_be_blank=True).finite(given, may_be_blank=True)
-    raw = within_bounds(raw, ["time_s", *q, *logged, *lengths, *given], bounds)
+    raw = within_bounds(raw, ["time_s", *q, *logged, *lengths, *given], arm)
     remaining = np.ones(len(raw), dtype=bool)
     for off in instrument.unusable(measured, raw.numbers_of(measured.names)):
         shown = list(map(file.words.text, off.values))
         raw = raw.take(~off.rows[remaining], off.reason, shown)
         remaining &= ~off.rows
     raw = exclusions.labels(with_labels(raw, q, description.repeat_tolerance_deg))
-    raw = labelled(raw, bounds).in_time()
+    raw = labelled(raw, arm).in_time()
 
     def uncertain(names: Sequence[str]) -> Array:
         return raw.numbers_of([f"u_{name}" for name in names])
@@ -162,14 +189,266 @@ def _read_poses(
     return raw, found, measured
 
 
-def _other_names(description: CampaignDescription, names: Sequence[str]) -> tuple[str, ...]:
-    """Name targets that campaign.yaml places under names that no column has."""
-    absent = sorted(set(description.tool.balls_mm) - set(names))
-    unplaced = sorted(set(names) - set(description.tool.balls_mm))
-    if not absent or not unplaced:
-        return ()
-    return (
-        f"campaign.yaml: tool.balls_mm states {', '.join(absent)}, and the columns are of "
-        f"{', '.join(unplaced)}: if these are the same targets, rename them in tool.balls_mm or "
-        "in the columns",
-    )
+# Readings that cannot be of their pose, and units, axes and labels that cannot be right.
+
+#: The nominal model fitted in another unit of joint positions must be this much nearer to count,
+#: and as logged be further off than this.
+BETTER = 5.0
+BAD_M = 2e-3
+#: Logged positions of prismatic joints that never exceed the longest stroke in metres may be in
+#: metres.
+LONGEST_STROKE_M = 10.0
+#: Median misfits of the nominal model, fitted, that are worth a warning.
+WARN_MM = 50.0
+WARN_DEG = 10.0
+#: Orientations that differ by less are one orientation, and a flange that turns by more has
+#: several. Three turns in radians, read as degrees, turn by no more; and by so much less than the
+#: flange.
+RADIANS_RAD = np.radians(3.0 * 2.0 * np.pi)
+LIKE_RADIANS = 8.0
+ONE_ATTITUDE_RAD = 1e-5
+TURNED_RAD = np.radians(5.0)
+
+_refusal = refusals(
+    RawDataError,
+    {
+        "exchanged": (
+            "the columns of targets {0} are exchanged",
+            "every target under its own name",
+            "rename the columns",
+        ),
+        "radians": (
+            "the angles of the orientations look like radians",
+            "angles in the unit that columns states: deg",
+            "{0}",
+        ),
+        "one orientation": (
+            "every row has the same orientation, though the arm turned",
+            "the measured orientation of every row",
+            "export the orientations; where none are measured, use instrument.kind points",
+        ),
+        "unit": ("the joint {0} look like {1}", "joint {0} in {2}", "{3}"),
+        "axes": (
+            "the instrument's axes are {0}",
+            "positions in a right-handed frame, orientations in the same",
+            "{1}",
+        ),
+    },
+)
+
+
+@dataclass
+class Screen:
+    """Refuses wrong units, and quarantines single readings that cannot be of their pose."""
+
+    columns: RawColumns
+    arm: Arm
+    file: RawFile | TwoLogs
+    line: NDArray[np.int64]  # (N,) of the rows that remain
+    found: Observations  # the same as readings
+    quarantined: list[Quarantined]  # to which those are added that do not
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def T_base_ee(self) -> Array:
+        """Return the nominal end at each."""
+        return Chain.of(self.arm).forward(self.found.states.q_rad)
+
+    def run(self) -> None:
+        """Screen the rows."""
+
+        def reach(p_m: Array, _: Mask) -> Mask:
+            return screens.out_of_reach(p_m, self.arm)
+
+        def repeats(p_m: Array, seen: Mask) -> Mask:
+            return screens.off_repeats(p_m, self.found.pose[seen], self.found.states.load_N[seen])
+
+        self._leave_out(self._by_target(reach), screens.OUT_OF_REACH)
+        self._refuse_units()
+        self._leave_out_exchanged()
+        self._leave_out(self._by_target(repeats), screens.OFF_REPEATS)
+        misfit = misfit_of(self.found.measured, self.T_base_ee)
+        if misfit is not None:
+            self._look_at_poor_fit(misfit)
+            off = screens.off_model(misfit, self.found.kind == "holdout")
+            self._leave_out(off, screens.OFF_MODEL)
+        self._leave_out(not_rigid(self.found.measured.places_m), NOT_RIGID)
+
+    def leave_out(self, off: Mask, reason: str, values: Iterable[object]) -> None:
+        """Quarantine rows (N,), with what was found in each."""
+        where = configurations(self.found.take(off))
+        file = self.file.path.name
+        self.quarantined += quarantined(file, self.line[off], reason, values, where)
+        self.line, self.found = self.line[~off], self.found.take(~off)
+
+    def _by_target(self, judge: Callable[[Array, Mask], Mask]) -> Mask:
+        """Judge the targets one by one, by where each was measured: (N, B)."""
+        places_m = self.found.measured.places_m
+        judged = np.zeros(places_m.shape[:2], dtype=bool)
+        for b in range(places_m.shape[1]):
+            seen = np.isfinite(places_m[:, b, 0])
+            judged[seen, b] = judge(places_m[seen, b], seen)
+        return judged
+
+    def _leave_out(self, off: Mask, reason: str) -> None:
+        """Quarantine rows with a target (N, B) that is off, naming the first of them."""
+        lost, first = np.asarray(off.any(axis=1)), off.argmax(axis=1)
+        values = []
+        for row in np.flatnonzero(lost):
+            place_mm = 1e3 * self.found.measured.places_m[row, first[row]]
+            numbers = ", ".join(f"{value:g}" for value in place_mm)
+            values.append(f"{self._target(int(first[row]))} = {numbers}")
+        self.leave_out(lost, reason, values)
+
+    def _leave_out_exchanged(self) -> None:
+        """Quarantine rows whose targets are exchanged; refuse columns that are, in most rows."""
+        names, places_m = self.found.measured.target_names, self.found.measured.places_m
+        modelled = nominal_places(self.T_base_ee, places_m) if len(names) > 1 else None
+        if modelled is None:
+            return
+        orders = exchanged(places_m, modelled)
+        swapped = np.array([order is not None for order in orders])
+        texts = [exchange_text(order, names) for order in orders[swapped]]
+        if 2 * len(texts) > len(swapped):
+            value = f"{len(texts)} of {len(swapped)} rows fit the arm with their labels exchanged"
+            raise _refusal("exchanged", self.file.path, value, texts[0])
+        self.leave_out(swapped, EXCHANGED, texts)
+
+    def _most_seen(self) -> tuple[int, Mask]:
+        """Return the target that most rows have, and which these are."""
+        seen = np.isfinite(self.found.measured.places_m[..., 0])
+        best = int(seen.sum(axis=0).argmax())
+        return best, seen[:, best]
+
+    def _refuse_units(self) -> None:
+        """Stop when orientations, lengths or joint positions are in another unit."""
+        measured, T_base_ee, words = self.found.measured, self.T_base_ee, self.file.words
+        self._refuse_one_orientation(measured.attitudes, T_base_ee)
+        best, seen = self._most_seen()
+        places_m, column = measured.places_m, self.columns.targets[best][0]
+        what = "distances" if places_m.shape[2] == 1 else "positions"
+        where, scale = f"{self.file.path}: {self._target(best)}", measured.scale(T_base_ee)
+        slides, q_rad = self.arm.prismatic, self.found.states.q_rad
+        q = np.where(slides, 1e3 * q_rad, np.degrees(q_rad))  # as logged
+        radians = screens.may_be_radians(q, self.arm)
+        if not radians:  # of joints that may be in radians the scale says nothing yet
+            screens.refuse_wrong_length_unit(scale, what, where, column, words)
+        names = position_columns(slides)
+        where_joints = f"{self.file.path}: {words.column(names[0])} … {words.column(names[-1])}"
+        time_s = self.found.states.time_s
+        places = time_s[seen], 1e3 * places_m[seen, best]
+        screens.refuse_wrong_angle_unit((time_s, q), places, self.arm, 0.0, where_joints, words)
+        tried = []
+        if radians:
+            tried.append(("angles", "rad", "deg", np.where(slides, 1.0, np.degrees(1.0))))
+        if slides.any() and np.abs(q[:, slides]).max() <= LONGEST_STROKE_M:
+            tried.append(("strokes", "m", "mm", np.where(slides, 1e3, 1.0)))
+        logged = misfit_of(measured, T_base_ee) if tried else None
+        logged_m = 0.0 if logged is None else float(np.median(logged.size_m))
+        for quantity, unit, right_unit, factor in tried if logged_m > BAD_M else ():
+            moved = Chain.of(self.arm).forward(in_radians(q * factor, slides))
+            misfit = misfit_of(measured, moved)
+            misfit_m = np.inf if misfit is None else float(np.median(misfit.size_m))
+            if BETTER * misfit_m <= logged_m:
+                named, right = UNIT_WORDS[unit], UNIT_WORDS[right_unit]
+                value = (
+                    f"a median misfit of the nominal model of {1e3 * logged_m:.0f} mm, and of "
+                    f"{1e3 * misfit_m:.0f} mm with {named}"
+                )
+                first = next(name for name in names if name.endswith(f"_{right_unit}"))
+                remedy = words.set_unit(first, unit, right)
+                raise _refusal("unit", where_joints, value, quantity, named, right, remedy)
+        screens.refuse_wrong_length_unit(scale, what, where, column, words)
+
+    def _refuse_one_orientation(self, R: Array | None, T_base_ee: Array) -> None:
+        """Stop when all orientations are the same, or nearly, though the arm turned its flange."""
+        if R is None or len(R) < screens.LEAST_REPEATS:
+            return
+
+        def spread_rad(R: Array) -> float:
+            """Return the largest angle between the first orientation and the others."""
+            cosine = 0.5 * (np.einsum("pij,ij->p", R, R[0]) - 1.0)
+            return float(np.arccos(np.clip(cosine, -1.0, 1.0)).max())
+
+        seen, turned = spread_rad(R), spread_rad(T_base_ee[:, :3, :3])
+        words, angles = self.file.words, self.file.in_degrees
+        within = f"orientations within {np.degrees(seen):.2g} deg"
+        flange = f"flange turned by {np.degrees(turned):.0f} deg"
+        if turned < TURNED_RAD:
+            return
+        if angles and ONE_ATTITUDE_RAD < seen < min(RADIANS_RAD, turned / LIKE_RADIANS):
+            where = f"{self.file.path}: {', '.join(f'`{name}`' for name in angles)}"
+            remedy = words.set_unit("qw", "rad", "degrees")
+            raise _refusal("radians", where, f"{within} as degrees, {flange}", remedy)
+        if seen <= ONE_ATTITUDE_RAD:
+            name = words.column("qw") if "qw" in words else "qw, qx, qy, qz"
+            where = f"{self.file.path}: {name}"
+            raise _refusal("one orientation", where, f"{within}, {flange}")
+
+    def _look_at_poor_fit(self, misfit: Misfit) -> None:
+        """Look for a cause where the nominal model is far from most of what was measured.
+
+        Readings a row away from their joints, and exchanged or mirrored axes of the instrument, are
+        refused; axes that explain a part, and joints whose column has the same number in all rows,
+        are warned of.
+        """
+        length_mm = 1e3 * float(np.nanmedian(misfit.length_m))
+        turn_deg = float(np.degrees(np.median(misfit.turn_rad)))
+        off = [f"{length_mm:.0f} mm"] if length_mm > WARN_MM else []
+        off += [f"{turn_deg:.0f} deg"] if turn_deg > WARN_DEG else []
+        if not off:
+            return
+        path, words, T_base_ee = self.file.path, self.file.words, self.T_base_ee
+        measured, (best, seen) = self.found.measured, self._most_seen()
+        warnings = [
+            f"the nominal model, base and target fitted, is {' and '.join(off)} off in the median: "
+            "check robot, and order, signs and zeros of the joints and of the quaternion"
+        ]
+        if measured.places_m.shape[2] == 3:
+            p_m, rows = measured.places_m[:, best], np.arange(len(self.line))
+            if steps_agree(T_base_ee, p_m):
+                shift = shifted(rows, len(rows), nominal_fit(measured, T_base_ee))
+                if shift is not None:
+                    refuse_shifted(shift, path, self.line, "as they stand", "")
+            R = None if measured.attitudes is None else measured.attitudes[seen]
+            axes = other_axes(T_base_ee[seen], p_m[seen], R)
+            if axes is not None:
+                value = (
+                    f"the nominal arm, base and target fitted, is {1e3 * axes.left_m:.0f} mm off, "
+                    f"and {1e3 * axes.would_leave_m:.2g} mm with these axes"
+                )
+                if axes.puts_right:
+                    remedy = self._remedy_of_axes(axes, self.columns.targets[best])
+                    where = f"{path}: {self._target(best)}"
+                    raise _refusal("axes", where, value, axes.name, remedy)
+                warnings.append(f"if the instrument's axes are {axes.name}: {value}, {STILL_WRONG}")
+        names = position_columns(self.arm.prismatic)
+        for k in np.flatnonzero(np.ptp(self.found.states.q_rad, axis=0) == 0.0):
+            warnings.append(
+                f"{path.name}: {words.column(names[k])}: the same number in all rows: if that "
+                "joint moved, export what was logged of it"
+            )
+        self.warnings = tuple(warnings)
+
+    def _remedy_of_axes(self, axes: OtherAxes, names: Sequence[str]) -> str:
+        """Return what to state, or to change in the file, for other axes of the instrument."""
+        words, remedy = self.file.words, []
+        if sorted(axes.order) != list(axes.order):
+            meant = [names[axes.order.index(k)] for k in range(3)]
+            remedy.append(
+                words.set_names(meant)
+                if words.key(names[0])
+                else f"rename the columns {', '.join(names)}: they hold {', '.join(meant)}"
+            )
+        if axes.turned:
+            turned = [words.column(names[k]) for k in axes.turned]
+            which = f"one of {', '.join(turned)}" if axes.any_one else " and of ".join(turned)
+            remedy.append(
+                f"turn the sign of {which} in the instrument's software, or of the numbers in the "
+                "file"
+            )
+        return " and ".join(remedy)
+
+    def _target(self, b: int) -> str:
+        """Return the columns of a target."""
+        return self.file.words.text(", ".join(self.columns.targets[b]))

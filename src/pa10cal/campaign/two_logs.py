@@ -1,4 +1,8 @@
-"""A log of joints and a log of readings joined: by row, by label, or by time with two clocks."""
+"""A log of joints: where the arm stood, what was logged there; joined with a log of readings.
+
+The arm's stations are the dwells of a log of motion, or every row of a list of poses. Readings
+belong to them by row, by label, or by time with two clocks.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +20,201 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_target_names
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
-from pa10cal.campaign.dwells import Samples, Stations, dwell_readings, find_dwells, offset_ranges
-from pa10cal.campaign.nominal_fit import EXPECTED_M, Fit, nominal_fit, refuse_shifted, shifted
-from pa10cal.campaign.own_words import OwnWords
+from pa10cal.campaign.nominal_fit import (
+    EXPECTED_SHIFTED_M,
+    Fit,
+    nominal_fit,
+    refuse_shifted,
+    shifted,
+)
+from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals
 from pa10cal.observe.quantities import RawColumns
+
+#: Speeds are taken over at least this time, so that noise of a fast log is no movement.
+SPEED_WINDOW_S = 0.3
+#: A standing arm may creep no further between two samples than at the still speed in this time.
+CREEP_S = 1.0
+#: An interval this many times the usual one is a pause of the log.
+PAUSE = 5.0
+#: Movements beyond so many noise sigmas, and beyond the still speed in so much time, are real.
+REAL_SIGMAS = 10.0
+REAL_S = 0.1
+#: Times by which clocks are compared, where there are more.
+COMPARED = 250
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of the log of an arm with n joints, in order of time."""
+
+    line: NDArray[np.int64]  # (N,) physical line in the file
+    time_s: Array  # (N,) time
+    q_deg: Array  # (N, n) motor-side joint positions after the gear ratio
+    tau_Nm: Array  # (N, n) torques that hold the arm; nan where not logged
+    temperature_C: Array  # (N,) temperature; nan where not logged
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+
+@dataclass(frozen=True)
+class Stations:
+    """Where an arm with n joints stood, K places in order, and what was logged there."""
+
+    start_s: Array  # (K,) when it came
+    end_s: Array  # (K,) when it went on
+    first: Index  # (K,) sample at which each begins
+    of_sample: Index  # (N,) station of every sample, -1 while the arm moved
+    samples: NDArray[np.int64]  # (K,) samples of it
+    q_deg: Array  # (K, n) mean joint positions [deg, mm]
+    # (K, n) standard uncertainties of these means, from the scatter; nan of a single sample
+    q_u_deg: Array
+    tau_Nm: Array  # (K, n) mean torques; nan where not logged
+    tau_u_Nm: Array  # (K, n) standard uncertainties of these means
+    temperature_C: Array  # (K,) mean temperature; nan where not logged
+    # (K, n) sign of each joint's last real movement in the logged approach; 0 where it made none
+    arrival: Array
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def at(self, time_s: Array) -> Index:
+        """Return the station at each time, -1 where the arm moved or nothing was logged."""
+        if not len(self):
+            return np.full(len(time_s), -1)
+        before = np.searchsorted(self.start_s, time_s, side="right") - 1
+        inside = (before >= 0) & (time_s <= self.end_s[before])
+        return np.where(inside, before, -1)
+
+
+def find_dwells(samples: Samples, still_speed_deg_s: float) -> Stations:
+    """Find where all joints were slower than `ingest.still_speed_deg_s`: two samples long.
+
+    The direction of arrival is that of the last movement larger than noise: the sign of the dwell's
+    mean position minus that of the latest sample of the approach that differs from it by more. The
+    approach is what was logged since the dwell before.
+    """
+    time_s, q_deg = samples.time_s, samples.q_deg
+    steps_s = np.diff(time_s)
+    travel = np.abs(np.diff(q_deg, axis=0))
+    slow = _slow_intervals(time_s, q_deg, still_speed_deg_s)
+    # The deviation of one reading, from differences of neighbours at rest.
+    noise = 1.4826 * np.median(travel[slow], axis=0) / np.sqrt(2.0) if slow.any() else 0.0
+    least = np.full(q_deg.shape[1], REAL_S * still_speed_deg_s)
+    real_deg = np.maximum(REAL_SIGMAS * noise, least)
+    if len(steps_s):
+        pause = steps_s > PAUSE * np.median(steps_s)
+        slow &= ~pause | (travel <= real_deg).all(axis=1)
+    edges = np.diff(np.concatenate([[False], slow, [False]]).astype(int))
+    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    of_sample = np.full(len(time_s), -1)
+    inside = np.zeros(len(time_s) + 1, dtype=int)
+    inside[first] += 1
+    inside[last + 1] -= 1
+    stands = np.cumsum(inside[:-1]) > 0
+    dwell = np.searchsorted(first, np.flatnonzero(stands), side="right") - 1
+    of_sample[stands] = dwell
+    count = np.bincount(dwell, minlength=len(first))
+    mean_deg, q_u_deg = _mean(q_deg[stands], dwell, count)
+    tau_Nm, tau_u_Nm = _mean(samples.tau_Nm[stands], dwell, count)
+    temperature_C, _ = _mean(samples.temperature_C[stands, None], dwell, count)
+    return Stations(
+        time_s[first],
+        time_s[last],
+        first,
+        of_sample,
+        count,
+        mean_deg,
+        q_u_deg,
+        tau_Nm,
+        tau_u_Nm,
+        temperature_C[:, 0],
+        _arrival(q_deg, np.flatnonzero(of_sample < 0), first, mean_deg, real_deg),
+    )
+
+
+def best_clock_offset(time_s: Array, stations: Stations) -> tuple[float, float]:
+    """Find the offset of the clock of touches (N,) that brings most of them into dwells.
+
+    Where a range of offsets does, it is its middle, and of several ranges that nearest to zero. The
+    part of the touches that then lies in dwells is returned with it.
+    """
+    ranges = offset_ranges(stations, time_s)
+    offset_s = min((0.5 * (low + high) for low, high in ranges), key=abs)
+    return offset_s, float(np.mean(stations.at(time_s + offset_s) >= 0))
+
+
+def offset_ranges(
+    stations: Stations, time_s: Array, nearly: float = 1.0
+) -> list[tuple[float, float]]:
+    """Return ranges of clock offsets that bring the most times (N,) into stations, the best first.
+
+    Every time and station allow a range of offsets; those that most times share are found along the
+    ends of all, in order. Of many times some stand for all. Ranges count that bring in `nearly` as
+    many as the best does, each by its best part.
+    """
+    some = np.unique(np.linspace(0, len(time_s) - 1, min(len(time_s), COMPARED)).astype(int))
+    low = (stations.start_s[:, None] - time_s[some]).ravel()
+    high = (stations.end_s[:, None] - time_s[some]).ravel()
+    ends = np.concatenate([low, high])
+    order = np.argsort(ends, kind="stable")
+    count = np.cumsum(np.where(order < len(low), 1, -1))
+    allowed = count[:-1] >= nearly * count.max()
+    found = []
+    for run in _runs(np.flatnonzero(allowed)):
+        best = run[count[run] == count[run].max()]
+        bounds = [(ends[order[part[0]]], ends[order[part[-1] + 1]]) for part in _runs(best)]
+        widest = max(bounds, key=lambda ends: ends[1] - ends[0])
+        found.append((-int(count[best[0]]), widest[0] - widest[1], widest))
+    return [bounds for _, _, bounds in sorted(found)]
+
+
+def _runs(numbers: Index) -> list[Index]:
+    """Return runs of neighbouring numbers."""
+    return np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+
+
+def _slow_intervals(time_s: Array, q_deg: Array, still_speed_deg_s: float) -> NDArray[np.bool_]:
+    """Return (N-1,) whether the arm stood still between neighbouring samples."""
+    count = len(time_s)
+    here = np.arange(count - 1)
+    there = np.searchsorted(time_s, time_s[:-1] + SPEED_WINDOW_S)
+    there = np.clip(there, here + 1, count - 1)
+    allowed = still_speed_deg_s * np.minimum(time_s[there] - time_s[here], CREEP_S)
+    moves = np.abs(q_deg[there] - q_deg[here]).max(axis=1, initial=0.0) > allowed
+    edges = np.zeros(count, dtype=int)
+    np.add.at(edges, here[moves], 1)
+    np.add.at(edges, there[moves], -1)
+    return np.asarray(np.cumsum(edges)[:-1] == 0)
+
+
+def _mean(values: Array, dwell: Index, count: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the mean over each dwell and its standard uncertainty, (D, m) each."""
+    mean = np.zeros((len(count), values.shape[1]))
+    np.add.at(mean, dwell, values)
+    mean /= count[:, None]
+    square = np.zeros_like(mean)
+    np.add.at(square, dwell, (values - mean[dwell]) ** 2)
+    return mean, np.sqrt(square / (count * (count - 1))[:, None])
+
+
+def _arrival(q_deg: Array, moving: Index, first: Index, mean_deg: Array, real_deg: Array) -> Array:
+    """Return the direction (K, n) of arrival at stations that begin at some samples."""
+    following = np.searchsorted(first, moving)
+    moving, following = moving[following < len(first)], following[following < len(first)]
+    way = mean_deg[following] - q_deg[moving]
+    rows, joints = np.nonzero(np.abs(way) > real_deg)
+    latest = np.full(mean_deg.shape, -1)
+    np.maximum.at(latest, (following[rows], joints), rows)
+    signs = np.sign(way)
+    last = np.take_along_axis(signs, np.maximum(latest, 0), axis=0) if len(way) else latest
+    return np.where(latest >= 0, last, 0.0)
+
+
+# Where the arm stood when readings were taken by another instrument.
 
 #: Times beyond are counted from 1970, not from the first reading [s].
 SINCE_1970 = 1e8
@@ -40,33 +232,28 @@ NEARLY = 0.85
 CANDIDATES = 12
 
 
-@dataclass(frozen=True)
-class Clocks:
-    """Readings joined by time."""
-
-    station: Index  # (N,) where the arm stood at each reading; -1 where it moved
-    offset_s: float  # what to add to the time of a reading for that of the joints
-    u_s: float  # its standard uncertainty: readings stay in their steady phases within it
-    inside: int  # readings in steady phases
-
-
 def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations:
     """Return where the arm stood: the dwells of a log of motion, or every row of a list of poses.
 
     There are so many readings. The still speed is raised to what the joints' read-back scatters.
     """
     if len(samples) >= DENSE * readings:
-        dwells = find_dwells(samples, max(still_deg_s, _scatter_deg_s(samples)))
+        step_s = np.diff(samples.time_s)
+        travel = np.abs(np.diff(samples.q_deg, axis=0)).max(axis=1, initial=0.0)
+        small = travel[travel <= np.quantile(travel, 2.0 * STANDS)]
+        scatter_deg_s = SCATTER * float(np.median(small)) / max(0.3, float(np.median(step_s)))
+        dwells = find_dwells(samples, max(still_deg_s, scatter_deg_s))
         if len(dwells) >= 2:
-            return dwell_readings(samples, dwells)
+            return dwells
     half_s = 0.45 * np.diff(samples.time_s, prepend=np.nan, append=np.nan)
     usual = float(np.nanmedian(half_s)) if len(samples) > 1 else 1.0
     before, after = (np.where(np.isfinite(side), side, usual) for side in (half_s[:-1], half_s[1:]))
-    unknown = np.full(samples.q_deg.shape, np.nan)
+    unknown, rows = np.full(samples.q_deg.shape, np.nan), np.arange(len(samples))
     return Stations(
         samples.time_s - np.minimum(before, usual),
         samples.time_s + np.minimum(after, usual),
-        np.arange(len(samples)),
+        rows,
+        rows,
         np.ones(len(samples), dtype=np.int64),
         samples.q_deg,
         unknown,
@@ -77,42 +264,30 @@ def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations
     )
 
 
-def _scatter_deg_s(samples: Samples) -> float:
-    """Return the speed that the scatter of standing joints feigns."""
-    step_s = np.diff(samples.time_s)
-    travel = np.abs(np.diff(samples.q_deg, axis=0)).max(axis=1, initial=0.0)
-    small = travel[travel <= np.quantile(travel, 2.0 * STANDS)]
-    return SCATTER * float(np.median(small)) / max(0.3, float(np.median(step_s)))
+def clock_offset(stations: Stations, time_s: Array, fit: Fit) -> tuple[float, float]:
+    """Return what to add to the times (N,) of readings for those of the joints, and its deviation.
 
-
-def by_time(stations: Stations, time_s: Array, fit: Fit, offset_s: float | None = None) -> Clocks:
-    """Join readings (N,), timed by their own clock, to where the arm stood.
-
-    Offsets that bring most readings into steady phases are compared by the nominal arm: a plan
-    whose poses take equally long fits as well a pose later, the positions do not. An offset that
-    is given is not looked for.
+    Offsets that bring most readings to stations are compared by the nominal arm: a plan whose poses
+    take equally long fits as well a pose later, the positions do not.
     """
-    if offset_s is not None:
-        station = stations.at(time_s + offset_s)
-        return Clocks(station, offset_s, 0.0, int((station >= 0).sum()))
-    tried = []
     known_s = time_s[np.isfinite(time_s)]
     if not len(known_s):
-        return Clocks(np.full(len(time_s), -1), 0.0, 0.0, 0)
-    allowed = offset_ranges(stations.start_s, stations.end_s, known_s, NEARLY)
+        return 0.0, 0.0
+    allowed = offset_ranges(stations, known_s, NEARLY)
+    tried = []
     for low, high in allowed[:CANDIDATES]:
         middle = 0.5 * (low + high)
         station = stations.at(time_s + middle)
         inside = np.flatnonzero(station >= 0)
-        left_m = fit(inside, station[inside], len(inside)) if len(allowed) > 1 else None
-        size = np.inf if left_m is None else float(np.median(left_m))
-        tried.append((size, -len(inside), middle, high - low, station))
-        if size < EXPECTED_M:
+        residual_m = fit(inside, station[inside], len(inside)) if len(allowed) > 1 else None
+        size = np.inf if residual_m is None else float(np.median(residual_m))
+        tried.append((size, -len(inside), middle, high - low))
+        if size < EXPECTED_SHIFTED_M:
             break  # offsets that bring in fewer readings need not be tried
-    best_m = min(each[0] for each in tried)
-    near = [each for each in tried if each[0] <= 1.5 * best_m or not np.isfinite(best_m)]
-    best = min(near, key=lambda each: (each[1], each[0]))
-    return Clocks(best[4], float(best[2]), float(best[3] / np.sqrt(12.0)), -best[1])
+    best_m = min(size for size, *_ in tried)
+    near = [offset for offset in tried if offset[0] <= 1.5 * best_m or not np.isfinite(best_m)]
+    _, _, offset_s, width_s = min(near, key=lambda offset: (offset[1], offset[0]))
+    return float(offset_s), float(width_s / np.sqrt(12.0))
 
 
 def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
@@ -123,14 +298,12 @@ def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
     """
     logged = pd.DataFrame({"label": joints.astype(str), "row": np.arange(len(joints))})
     read = pd.DataFrame({"label": readings.astype(str)})
-    for each in (logged, read):
-        each["number"] = each.groupby("label").cumcount()
+    for table in (logged, read):
+        table["number"] = table.groupby("label").cumcount()
     once = logged[~logged["label"].duplicated(keep=False)].set_index("label")["row"]
-    of_many = logged.set_index(["label", "number"])["row"]
-    found = of_many.reindex(pd.MultiIndex.from_frame(read)).to_numpy(dtype=float)
-    alone = read["label"].map(once).to_numpy(dtype=float)
-    station = np.where(np.isnan(alone), found, alone)
-    return np.where(np.isnan(station), -1, station).astype(np.intp)
+    of_many = read.merge(logged, how="left", on=["label", "number"])["row"]
+    station = read["label"].map(once).fillna(of_many)
+    return station.fillna(-1).to_numpy(dtype=np.intp)
 
 
 # Two files read as one: rows of the readings, each with the joints it was taken at.
@@ -141,6 +314,38 @@ NOT_JOINED = {
     "label": "the log of the joints has no such label",
     "row": "the log of the joints has no such row",
 }
+
+_refusal = refusals(
+    RawDataError,
+    {
+        "exchanged": (
+            "missing columns {0}, which {1} has",
+            "the columns of columns.joints in files.joints: {2}",
+            f"exchange files.joints and files.readings in {DESCRIPTION_FILE}",
+        ),
+        "no joints": (
+            "no row of the joints' log can be used",
+            "rows of joint positions",
+            "correct columns.joints",
+        ),
+        "rows": (
+            "the two logs have different numbers of rows, and nothing else joins them",
+            "one row of joints for each reading, or labels or times in both",
+            "exclude the rows that the other lacks, or map a time or a label",
+        ),
+        "time": (
+            "the two logs cannot be joined by time",
+            "readings taken while the arm stands still",
+            "check that both logs are of the same run, and the units and formats of "
+            "columns.joints.time and columns.readings.time",
+        ),
+        "offset": (
+            "the two logs cannot be joined by time",
+            "readings taken while the arm stands still",
+            "remove join.clock_offset_s: it is then found, {0:+.2f} s",
+        ),
+    },
+)
 
 
 @dataclass(frozen=True)
@@ -209,21 +414,19 @@ class TwoLogs:
             [name for name in optional if name not in of_joints],
         )
         logged, samples = self._joints_logged(q, together)
-        by = self._by(read, logged)
-        station, stations, note = self._joined(by, read, logged, samples)
-        columns, odd, at = {}, dict(read.odd), np.maximum(station, 0)
-        made = {name: (values, True) for name, values in zip(q, stations.q_deg.T, strict=True)}
-        made |= {name: (v, False) for name, v in zip(together, stations.tau_Nm.T, strict=False)}
-        for name, values in zip(q, stations.q_u_deg.T, strict=True):
-            if f"u_{name}" in optional:
-                made[f"u_{name}"] = values, False
-        if "temperature_C" in optional and "temperature_C" not in read.columns:
-            known = bool(np.isfinite(stations.temperature_C).all())
-            made |= {"temperature_C": (stations.temperature_C, True)} if known else {}
-        for name, (values, always) in made.items():
-            if always or np.isfinite(values).any():
-                columns[name] = values[at]
+        by, station, stations, note = self._joined(read, logged, samples)
+        at = np.maximum(station, 0)
         first = stations.first[at]
+        columns, odd = dict(read.columns), dict(read.odd)
+        columns |= zip(q, stations.q_deg[at].T, strict=True)
+        further = dict(zip(together, stations.tau_Nm.T, strict=False))
+        further |= zip((f"u_{name}" for name in q), stations.q_u_deg.T, strict=True)
+        for name, values in further.items():
+            if name in (*together, *optional) and np.isfinite(values).any():
+                columns[name] = values[at]
+        logged_C = bool(np.isfinite(stations.temperature_C).all())
+        if "temperature_C" in optional and "temperature_C" not in columns and logged_C:
+            columns["temperature_C"] = stations.temperature_C[at]
         counted = {"load_N": 0.0 * first, "time_s": np.arange(float(len(first)))}
         for name in labels:
             # Poses and repeats that neither log has are made of the joint positions.
@@ -234,11 +437,9 @@ class TwoLogs:
                 odd[name] = {row: unread[line] for row, line in of_row if line in unread}
             elif name in counted:
                 columns[name] = counted[name]
-        columns = {**read.columns, **columns}
         if "time_s" in columns and np.nanmin(columns["time_s"], initial=np.inf) >= SINCE_1970:
             columns["time_s"] = columns["time_s"] - np.nanmin(columns["time_s"])
-        for k, values in enumerate(stations.arrival.T, start=1):
-            columns[f"arrival{k}"] = values[at]
+        columns |= {f"arrival{k}": v[at] for k, v in enumerate(stations.arrival.T, start=1)}
         whole = replace(
             read,
             columns=columns,
@@ -253,21 +454,14 @@ class TwoLogs:
 
     def _refuse_exchanged(self) -> None:
         """Stop when each of the two files has the columns that are mapped of the other."""
-        files = (self.joints, self.readings)
-        mapped = [file.own_names for file in files]
-        headers = [file.header for file in files]
-        lacks = [set(own) - set(header) for own, header in zip(mapped, headers, strict=True)]
-        has = [set(own) <= set(header) for own, header in zip(mapped, headers[::-1], strict=True)]
-        if not all(lacks) or not all(has) or not all(mapped):
-            return
-        missing = [name for name in mapped[0] if name in lacks[0]]
-        raise RawDataError(
-            f"missing columns {', '.join(missing)}, which {self.readings.path.name} has",
-            where=f"{self.joints.path}:1",
-            value=", ".join(headers[0]),
-            allowed=f"the columns of columns.joints in files.joints: {', '.join(mapped[0])}",
-            remedy=f"exchange files.joints and files.readings in {DESCRIPTION_FILE}",
-        )
+        of_joints, of_readings = self.joints.own_names, self.readings.own_names
+        headers = self.joints.header, self.readings.header
+        lacks, others_lack = set(of_joints) - set(headers[0]), set(of_readings) - set(headers[1])
+        swapped = set(of_joints) <= set(headers[1]) and set(of_readings) <= set(headers[0])
+        if lacks and others_lack and swapped:
+            missing = ", ".join(name for name in of_joints if name in lacks)
+            words = (missing, self.readings.path.name, ", ".join(of_joints))
+            raise _refusal("exchanged", f"{self.joints.path}:1", ", ".join(headers[0]), *words)
 
     def _joints_logged(self, q: Sequence[str], together: Sequence[str]) -> tuple[RawRows, Samples]:
         """Read the joints' log, in order of time where it has one."""
@@ -276,13 +470,8 @@ class TwoLogs:
         logged = [*q, *(name for name in together if name in raw.columns)]
         raw = raw.finite([*logged, *(["time_s"] if "time_s" in text else [])])
         if not len(raw):
-            raise RawDataError(
-                "no row of the joints' log can be used",
-                where=str(self.joints.path),
-                value=raw.quarantined[0].reason if raw.quarantined else None,
-                allowed="rows of joint positions",
-                remedy="correct columns.joints",
-            )
+            value = raw.quarantined[0].reason if raw.quarantined else None
+            raise _refusal("no joints", self.joints.path, value)
         time_s = raw["time_s"] if "time_s" in text else np.arange(float(len(raw)))
         order = np.argsort(time_s, kind="stable")
         raw = raw.at(order)
@@ -290,38 +479,36 @@ class TwoLogs:
         temperature_C = raw.numbers_of(["temperature_C"])[:, 0]
         return raw, Samples(raw.line, time_s[order], raw.numbers_of(q), tau_Nm, temperature_C)
 
-    @property
-    def _join(self) -> Join:
-        return self.campaign.join or Join()
-
-    def _by(self, read: RawRows, logged: RawRows) -> Literal["row", "label", "time"]:
-        """Return what joins the two: what campaign.yaml says, else labels, times or rows."""
-        if self._join.by is not None:
-            return self._join.by
-        if "pose" in read.columns and "pose" in logged.columns:
-            return "label"
-        timed = "time_s" in self.joints.names and "time_s" in self.readings.names
-        return "time" if timed else "row"
-
     def _joined(
-        self, by: str, read: RawRows, logged: RawRows, samples: Samples
-    ) -> tuple[Index, Stations, str]:
-        """Return where the arm stood at each reading, and how that was found, in one clause."""
-        count = len(read)
+        self, read: RawRows, logged: RawRows, samples: Samples
+    ) -> tuple[Literal["row", "label", "time"], Index, Stations, str]:
+        """Return by what the two are joined, the station of each reading, and how, in one clause.
+
+        They are joined by what campaign.yaml says, else by labels, times or rows.
+        """
+        join, count = self.campaign.join or Join(), len(read)
+        labelled = "pose" in read.columns and "pose" in logged.columns
+        timed = "time_s" in self.joints.names and "time_s" in self.readings.names
+        by = join.by or ("label" if labelled else "time" if timed else "row")
         stations = stations_of(samples, count if by == "time" else len(samples), self.still_deg_s)
         fit = self._fit(read, stations)
         files = f"{self.joints.path.name} and {self.readings.path.name}"
         if by == "time":
-            stated_s = self._join.clock_offset_s
-            clocks = by_time(stations, read["time_s"], fit, stated_s)
-            self._refuse_apart(clocks.inside, count, stations, read["time_s"], fit)
-            u = "" if stated_s is not None else f" ± {2.0 * clocks.u_s:.2g} s"
+            time_s, stated_s = read["time_s"], join.clock_offset_s
+            offset_s, u_s = stated_s, 0.0
+            if offset_s is None:
+                offset_s, u_s = clock_offset(stations, time_s, fit)
+            station = stations.at(time_s + offset_s)
+            inside = int((station >= 0).sum())
+            if 2 * inside <= count:
+                raise self._apart(inside, stations, time_s, fit)
+            u = "" if stated_s is not None else f" ± {2.0 * u_s:.2g} s"
             note = (
                 f"{files} joined by time: the joints' clock is that of the readings "
-                f"{clocks.offset_s:+.2f} s{u}; {clocks.inside} of {count} readings lie in "
+                f"{offset_s:+.2f} s{u}; {inside} of {count} readings lie in "
                 f"{len(stations)} steady phases"
             )
-            return clocks.station, stations, note
+            return by, station, stations, note
         if by == "label":
             station = by_label(logged.text_of("pose"), read.text_of("pose"))
         else:
@@ -330,45 +517,30 @@ class TwoLogs:
             joints, joined = self.joints.path.name, f"as they are joined by {by}"
             refuse_shifted(shift, self.readings.path, read.line, joined, joints)
         if by == "row" and count != len(stations):
-            raise RawDataError(
-                "the two logs have different numbers of rows, and nothing else joins them",
-                where=str(self.readings.path),
-                value=f"{count} readings and {len(stations)} rows of joints",
-                allowed="one row of joints for each reading, or labels or times in both",
-                remedy="exclude the rows that the other lacks, or map a time or a label",
-            )
-        return station, stations, f"{files} joined by {by}"
+            value = f"{count} readings and {len(stations)} rows of joints"
+            raise _refusal("rows", self.readings.path, value)
+        return by, station, stations, f"{files} joined by {by}"
 
     def _fit(self, read: RawRows, stations: Stations) -> Fit:
         """Return how far readings are from the nominal arm, base and target fitted."""
         measured, instrument = self.measured, self.campaign.instrument.type
         values = read.numbers_of(measured.names)
         usable = np.asarray(measured.may_be_blank | np.isfinite(values).all(axis=1))
-        for found in instrument.unusable(measured, values):
-            usable &= ~found.rows
+        for unusable in instrument.unusable(measured, values):
+            usable &= ~unusable.rows
         unknown = np.full(values.shape, np.nan)
         seen = instrument.from_raw(measured, values, unknown, self.campaign.stated)
         T_base_ee = Chain.of(self.arm).forward(in_radians(stations.q_deg, self.arm.prismatic))
         return nominal_fit(seen, T_base_ee, usable)
 
-    def _refuse_apart(
-        self, inside: int, count: int, stations: Stations, time_s: Array, fit: Fit
-    ) -> None:
-        if 2 * inside > count:
-            return
-        stated = self._join.clock_offset_s
-        found = None if stated is None else by_time(stations, time_s, fit)
-        other = found is not None and 2 * found.inside > count
-        raise RawDataError(
-            "the two logs cannot be joined by time",
-            where=str(self.readings.path.parent / DESCRIPTION_FILE) + ": join.clock_offset_s"
-            if other
-            else str(self.readings.path),
-            value=f"{inside} of {count} readings lie where the arm stood, at "
-            + ("the best offset of the clocks" if stated is None else f"{stated:+g} s"),
-            allowed="readings taken while the arm stands still",
-            remedy=f"remove join.clock_offset_s: it is then found, {found.offset_s:+.2f} s"
-            if other and found is not None
-            else "check that both logs are of the same run, and the units and formats of "
-            "columns.joints.time and columns.readings.time",
-        )
+    def _apart(self, inside: int, stations: Stations, time_s: Array, fit: Fit) -> RawDataError:
+        """Return the refusal of readings of which few lie where the arm stood."""
+        stated_s = None if self.campaign.join is None else self.campaign.join.clock_offset_s
+        offset = "the best offset of the clocks" if stated_s is None else f"{stated_s:+g} s"
+        value = f"{inside} of {len(time_s)} readings lie where the arm stood, at {offset}"
+        if stated_s is not None:
+            other_s, _ = clock_offset(stations, time_s, fit)
+            if 2 * (stations.at(time_s + other_s) >= 0).sum() > len(time_s):
+                where = f"{self.readings.path.parent / DESCRIPTION_FILE}: join.clock_offset_s"
+                return _refusal("offset", where, value, other_s)
+        return _refusal("time", self.readings.path, value)

@@ -129,7 +129,8 @@ def import_data(
         pa10cal import ipa-robot-accuracy data/ipa --out data/raw
     """
     from pa10cal.datasets.campaign_folder import write_campaigns
-    from pa10cal.datasets.importing import AsItIs, dataset_named, import_campaigns
+    from pa10cal.datasets.importing import AsItIs, import_campaigns
+    from pa10cal.datasets.readers import dataset_named
     from pa10cal.errors import RawDataError
 
     campaigns = import_campaigns(
@@ -178,8 +179,8 @@ def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
         pa10cal fetch ipa-robot-accuracy --out data/ipa
         pa10cal fetch ipa-robot-accuracy --out data/ipa --source /media/copy
     """
-    from pa10cal.datasets.importing import dataset_named
     from pa10cal.datasets.importing import fetch as fetch_files
+    from pa10cal.datasets.readers import dataset_named
 
     asked = dataset_named(dataset)
     print(asked.published.terms, flush=True)

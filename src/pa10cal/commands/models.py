@@ -195,7 +195,7 @@ def compensate(
     found = fitted.compensate(
         asked.T,
         frame=frame,
-        seed=asked.seed,
+        seed=asked.q,
         load_N=loads_N,
         arrival=sides,
         extrapolate=force,
@@ -214,7 +214,7 @@ def compensate(
     if doubtful(fitted):
         columns["forced"] = np.full(len(found), fitted.grade)
     write_text(out, commands_text(asked.ids, found.q, arm.prismatic, columns))
-    said = [*contradictions.of_targets(fitted, asked.T, asked.seed, frame)]
+    said = [*contradictions.of_targets(fitted, asked.T, asked.q, frame)]
     said = said or [*contradictions.of_answers(fitted, asked.T, found, frame, loads_N)]
     rest = remarks("compensate", targets, said, asked.unused)
     words, counts = np.unique(found.status, return_counts=True)

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
-import pkgutil
 import urllib.request
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from http.client import HTTPException
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pa10cal.campaign.description import JointPositions
 from pa10cal.campaign.raw_rows import Quarantined
-from pa10cal.datasets import readers
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals
 from pa10cal.files.output import whole_files
+from pa10cal.yaml_file import read_yaml
 
 # What a reader of a data set defines, and what it gives: campaigns not yet written.
 
@@ -35,36 +29,36 @@ class Published:
     version: str  # the version meant, such as a commit
     address: str  # what stands in front of a file's path
     sha256: Mapping[str, str]  # checksum of every file that is fetched, by its path
-    repository: str = ""  # the owner's, as `owner/name`
-    licence: str | None = None  # that which the owner states; None where none is
+    stated: Mapping[str, Any] = field(default_factory=dict)  # what its reader's YAML file states
 
     @classmethod
-    def on_github(
-        cls, repository: str, commit: str, sums: str, licence: str | None = None, folder: str = ""
-    ) -> Published:
-        """Return files of a commit of a public repository.
+    def of(cls, name: str) -> Published:
+        """Return what `published/<name>.yaml` states of a data set.
 
-        Args:
-            repository: the owner's, as `owner/name`.
-            sums: checksums and paths, a line a file, as `sha256sum` prints them.
-            folder: of the repository, with a slash at its end, that the paths are counted from.
+        The files are those of a commit of a public repository on GitHub, counted from a folder of
+        it where one is stated.
         """
-        address = f"https://raw.githubusercontent.com/{repository}/{commit}/"
-        pairs = (line.split(maxsplit=1) for line in sums.strip().splitlines())
-        sha256 = {f"{folder}{path}": checksum for checksum, path in pairs}
-        return cls(commit, address, sha256, repository, licence)
+        path = Path(__file__).parent / "published" / f"{name}.yaml"
+        stated = read_yaml(path, RawDataError, what="what is stated of the data set is unreadable")
+        folder = f"{stated['folder']}/" if "folder" in stated else ""
+        sha256 = {f"{folder}{path}": checksum for path, checksum in stated["sha256"].items()}
+        commit = stated["commit"]
+        address = f"https://raw.githubusercontent.com/{stated['repository']}/{commit}/"
+        return cls(commit, address, sha256, stated)
 
-    def told(self, provenance: str, **more: object) -> str:
-        """Return a provenance with repository and commit in their places."""
-        return provenance.format(repository=self.repository, commit=self.version, **more)
+    def told(self, **more: object) -> str:
+        """Return the provenance with repository, commit and what else it names in their places."""
+        text: str = self.stated["provenance"]
+        return text.format(**{**self.stated, **more})
 
     @property
     def terms(self) -> str:
         """Return under which licence the files are, in a sentence."""
-        if self.licence is not None:
-            return f"{self.repository}: {self.licence}."
+        repository = self.stated["repository"]
+        if "licence" in self.stated:
+            return f"{repository}: {self.stated['licence']}."
         return (
-            f"{self.repository}: no licence is stated by the owner. The files are fetched from the "
+            f"{repository}: no licence is stated by the owner. The files are fetched from the "
             "owner for you alone; ask the owner before you pass them on."
         )
 
@@ -108,16 +102,6 @@ class ImportedCampaign:
         return self.readings
 
 
-#: Descriptions of arms that are measured in data sets and are not shipped as arms of their own.
-ARMS = Path(__file__).with_name("arms")
-
-
-def rotation_columns(R_instr_target: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Return orientations (N, 3, 3) as the columns qw to qz, qw not negative."""
-    quaternions = Rotation.from_matrix(R_instr_target).as_quat(canonical=True, scalar_first=True)
-    return dict(zip(("qw", "qx", "qy", "qz"), quaternions.T, strict=True))
-
-
 @dataclass(frozen=True)
 class DataSet:
     """A data set that can be imported."""
@@ -135,37 +119,33 @@ class DataSet:
         return tuple(path for path in self.published.sha256 if path not in self.unread)
 
 
-# The data sets that can be imported, found by looking through the folder of readers.
+# Campaigns of a data set.
 
-
-def dataset_names() -> tuple[str, ...]:
-    """Return the names of all data sets: those of the readers' modules, with hyphens."""
-    modules = pkgutil.iter_modules(readers.__path__)
-    return tuple(sorted(module.name.replace("_", "-") for module in modules))
-
-
-def dataset_named(name: str) -> DataSet:
-    """Return the data set of that name.
-
-    Raises:
-        RawDataError: when there is none, naming those that there are.
-    """
-    known = dataset_names()
-    if name not in known:
-        near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-        raise RawDataError(
-            "there is no reader of this data set",
-            where="data set",
-            value=name,
-            allowed=", ".join(known),
-            remedy=f"is {near[0]!r} meant?"
-            if near
-            else "correct the name, or write a reader in "
-            "pa10cal/datasets/readers (docs/datasets.md)",
-        )
-    module = import_module(f"{readers.__name__}.{name.replace('-', '_')}")
-    dataset: DataSet = module.DATASET
-    return dataset
+_refusal = refusals(
+    RawDataError,
+    {
+        "no folder": (
+            "there is no such folder",
+            "a folder with {0}",
+            "correct the path, or fetch the data set",
+        ),
+        "missing": (
+            "files of the data set are missing in the folder",
+            "a folder with {0}",
+            "copy the missing files there, or fetch the data set again",
+        ),
+        "checksum": (
+            "the checksum differs from that of the published file",
+            "SHA-256 {0} (version {1})",
+            "{2}",
+        ),
+        "unreachable": (
+            "the file cannot be fetched",
+            "an address that can be reached, or a folder with the file",
+            "check the connection, or name a copy of the data set as the source",
+        ),
+    },
+)
 
 
 def import_campaigns(
@@ -184,35 +164,30 @@ def import_campaigns(
     Raises:
         RawDataError: when files are missing, cannot be read, or are not the published ones.
     """
-    refuse_missing(folder, dataset.files)
+    files = ", ".join(dataset.files)
+    if not folder.is_dir():
+        raise _refusal("no folder", "folder of the data set", str(folder), files)
+    if missing := [name for name in dataset.files if not (folder / name).is_file()]:
+        raise _refusal("missing", folder, ", ".join(missing), files)
     published = dataset.published
     differing = differing_files(folder, {name: published.sha256[name] for name in dataset.files})
     campaigns = dataset.read(folder, max_left_out)
-    if not differing:
-        return campaigns
-    if not any_version:
-        raise refusal_of(
-            differing,
-            published.version,
-            "fetch the data set again, or import it as it is with --any-version",
-        )
-    return tuple(_told(campaign, folder, differing) for campaign in campaigns)
-
-
-def _told(
-    campaign: ImportedCampaign, folder: Path, differing: tuple[Differing, ...]
-) -> ImportedCampaign:
-    """Describe a campaign which of its files are not the published ones."""
-    own = {str(folder / file) for file in campaign.files}
-    clauses = [
-        f"{Path(each.place).name} is not the published file (SHA-256 {each.found})"
-        for each in differing
-        if each.place in own
-    ]
-    if not clauses:
-        return campaign
-    told = f"{campaign.provenance} But {'; '.join(clauses)}."
-    return replace(campaign, provenance=told, notes=(*campaign.notes, *clauses))
+    if differing and not any_version:
+        remedy = "fetch the data set again, or import it as it is with --any-version"
+        raise _refusal_of(differing, published, remedy)
+    described = []
+    for campaign in campaigns:
+        clauses = [
+            f"{Path(file.place).name} is not the published file (SHA-256 {file.found})"
+            for file in differing
+            if file.place in {str(folder / own) for own in campaign.files}
+        ]
+        if clauses:
+            provenance = f"{campaign.provenance} But {'; '.join(clauses)}."
+            notes = (*campaign.notes, *clauses)
+            campaign = replace(campaign, provenance=provenance, notes=notes)
+        described.append(campaign)
+    return tuple(described)
 
 
 # Files of a data set against the checksums of their published version.
@@ -232,38 +207,8 @@ def sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def refuse_missing(folder: Path, files: Iterable[str]) -> None:
-    """Stop when files are not in the folder.
-
-    Raises:
-        RawDataError: naming all that are missing.
-    """
-    files = tuple(files)
-    if not folder.is_dir():
-        raise RawDataError(
-            "there is no such folder",
-            where="folder of the data set",
-            value=str(folder),
-            allowed=f"a folder with {', '.join(files)}",
-            remedy="correct the path, or fetch the data set",
-        )
-    missing = [name for name in files if not (folder / name).is_file()]
-    if missing:
-        raise RawDataError(
-            "files of the data set are missing in the folder",
-            where=str(folder),
-            value=", ".join(missing),
-            allowed=f"a folder with {', '.join(files)}",
-            remedy="copy the missing files there, or fetch the data set again",
-        )
-
-
 def differing_files(folder: Path, published: Mapping[str, str]) -> tuple[Differing, ...]:
-    """Return the files whose SHA-256 is not the published one.
-
-    Args:
-        published: checksum by path; all these files are there.
-    """
+    """Return the files, which are all there, whose SHA-256 is not the published one."""
     found = {name: sha256((folder / name).read_bytes()) for name in published}
     return tuple(
         Differing(str(folder / name), found[name], expected)
@@ -272,17 +217,15 @@ def differing_files(folder: Path, published: Mapping[str, str]) -> tuple[Differi
     )
 
 
-def refusal_of(differing: tuple[Differing, ...], version: str, remedy: str) -> RawDataError:
+def _refusal_of(
+    differing: tuple[Differing, ...], published: Published, remedy: str
+) -> RawDataError:
     """Return the refusal of files that are not those of a version, with both checksums of each."""
-    first, others = differing[0], differing[1:]
-    also = "".join(f"; so does {each.place} (SHA-256 {each.found})" for each in others)
-    return RawDataError(
-        "the checksum differs from that of the published file",
-        where=first.place,
-        value=f"SHA-256 {first.found}{also}",
-        allowed=f"SHA-256 {', '.join(each.published for each in differing)} (version {version})",
-        remedy=remedy,
-    )
+    first, *others = differing
+    also = "".join(f"; so does {file.place} (SHA-256 {file.found})" for file in others)
+    sums = ", ".join(file.published for file in differing)
+    value = f"SHA-256 {first.found}{also}"
+    return _refusal("checksum", first.place, value, sums, published.version, remedy)
 
 
 # The files of a public data set, fetched from where they are published, or from a copy.
@@ -294,13 +237,8 @@ TIMEOUT_S = 60.0
 def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[str, ...]:
     """Bring all files of a published data set into a folder: the pinned version, or nothing.
 
-    Files that are there already and are the published ones are not fetched again.
-
-    Args:
-        source: folder or address to take them from; None for where they are published.
-
-    Returns:
-        Paths of the files fetched, inside the folder.
+    Files that are there already and are the published ones are not fetched again. They are taken
+    from a folder or address, or from where they are published. Returns the paths that were fetched.
 
     Raises:
         RawDataError: when a file cannot be had, or one is not the published one.
@@ -312,7 +250,10 @@ def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[st
         for name, checksum in published.sha256.items()
         if not (folder / name).is_file() or sha256((folder / name).read_bytes()) != checksum
     }
-    base = published.address if source is None else _address(source)
+    base = published.address
+    if source is not None:
+        base = source if "://" in source else Path(source).resolve().as_uri()
+        base = base if base.endswith("/") else f"{base}/"
     contents = {name: _content(base + quote(name)) for name in expected}
     differing = tuple(
         Differing(base + name, sha256(content), expected[name])
@@ -320,17 +261,11 @@ def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[st
         if sha256(content) != expected[name]
     )
     if differing:
-        raise refusal_of(differing, published.version, "fetch it again, or from another source")
+        raise _refusal_of(differing, published, "fetch it again, or from another source")
     with whole_files(*(folder / name for name in expected)) as besides:
         for beside, content in zip(besides, contents.values(), strict=True):
             beside.write_bytes(content)
     return tuple(expected)
-
-
-def _address(source: str) -> str:
-    """Return what stands in front of a file's path."""
-    address = source if "://" in source else Path(source).resolve().as_uri()
-    return address if address.endswith("/") else f"{address}/"
 
 
 def _content(address: str) -> bytes:
@@ -338,17 +273,8 @@ def _content(address: str) -> bytes:
         with urllib.request.urlopen(address, timeout=TIMEOUT_S) as answer:
             content: bytes = answer.read()
     except (OSError, HTTPException, ValueError) as error:
-        raise RawDataError(
-            "the file cannot be fetched",
-            where=address.removeprefix("file://"),
-            value=_cause(error),
-            allowed="an address that can be reached, or a folder with the file",
-            remedy="check the connection, or name a copy of the data set as the source",
-        ) from None
+        # The reason, without the name of the function that failed.
+        cause = getattr(error, "reason", error)
+        reason = str(getattr(cause, "strerror", None) or cause)
+        raise _refusal("unreachable", address.removeprefix("file://"), reason) from None
     return content
-
-
-def _cause(error: Exception) -> str:
-    """Return the reason, without the name of the function that failed."""
-    cause = getattr(error, "reason", error)
-    return str(getattr(cause, "strerror", None) or cause)

@@ -10,11 +10,12 @@ import io
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from pa10cal.campaign.description import read_description
-from pa10cal.errors import Pa10calError
+from pa10cal.errors import Pa10calError, RecordError
 from pa10cal.files.arms import load_arm
 from pa10cal.files.output import csv_cell, markdown_cell, write_text
 from pa10cal.results import fleet
@@ -22,89 +23,31 @@ from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import HeldOutModel, HoldoutRecord, TransferRecord
+from pa10cal.yaml_file import read_yaml
 
 
 @dataclass(frozen=True)
 class Known:
     """What is known of a measured campaign before it is worked on."""
 
-    dataset: str | None  # the data set that it is imported of; None where none has it
     instrument: str  # what measured it, for a reader
+    dataset: str | None = None  # the data set that it is imported of; None where none has it
     # what the owner or somebody else reports of these data, with its source; empty where nothing
     # is known
     published: str = ""
 
 
-_TITAN, _IIWA7, _MOTOMAN = "titan-robot-accuracy", "iiwa7-robot-calibration", "welding-motoman"
-_JUSTIN, _UR10 = "dlr-elastic-calibration", "ipa-robot-accuracy"
-_OWNERS_TITAN = (
-    "the owner's own compensated model: {} mm rms over all points (columns xn1 … zn3 of {})"
-)
-_OPTICAL = "optical tracker, poses; torques logged"
-_ANOTHERS_SPRINGS = (
-    "an independent fit: springs of `iiwa7-free` carried here {} mm rms, {} without springs"
-)
-_GRAVITY = (
-    "the owners: an error with the form of gravity in joints 2 and 3; their model lowers the "
-    "largest error by more than half (arXiv 2510.19962)"
-)
-_LADDER = (
-    "the owners, mean in sample over both arms: frames alone 21.3 mm, geometry 10.5, joint "
-    "elasticity 5.64, lateral elasticity too 3.12 (Tenhumberg and Bäuml, ieeexplore 9555793)"
-)
-
+_STATED = read_yaml(Path(__file__).with_suffix(".yaml"), RecordError, what="it cannot be read")
 #: Campaigns in the order of the page.
 CAMPAIGNS: Mapping[str, Known] = {
-    "titan-fixed": Known(
-        _TITAN, "three points, instrument not stated", _OWNERS_TITAN.format(0.172, "robodata.csv")
-    ),
-    "titan-rail": Known(
-        _TITAN,
-        "three points, instrument not stated",
-        _OWNERS_TITAN.format("0.17 to 0.18", "robodata2.csv"),
-    ),
-    "ma2010-0516": Known(_MOTOMAN, "OptiTrack, poses", _GRAVITY),
-    "ma2010-0801": Known(_MOTOMAN, "OptiTrack, poses", _GRAVITY),
-    "iiwa7-free": Known(
-        _IIWA7, _OPTICAL, "an independent fit: geometry and springs 0.296 mm rms held out"
-    ),
-    "iiwa7-0kg": Known(_IIWA7, _OPTICAL, _ANOTHERS_SPRINGS.format(0.44, 1.39)),
-    "iiwa7-1250g": Known(_IIWA7, _OPTICAL, _ANOTHERS_SPRINGS.format("0.50", 1.58)),
-    "iiwa7-2500g": Known(_IIWA7, _OPTICAL, _ANOTHERS_SPRINGS.format(0.57, 1.77)),
-    "justin-left": Known(_JUSTIN, "Vicon, one marker", _LADDER),
-    "justin-left-tau": Known(None, "Vicon, one marker; torques of assumed masses", _LADDER),
-    "justin-right": Known(_JUSTIN, "Vicon, one marker", _LADDER),
-    "irb120": Known(
-        "faro-irb120",
-        "laser tracker, three reflectors, three on the base",
-        "an independent fit of poses made of the reflectors by hand: 0.59 mm rms held out, 0.48 "
-        "with effects; reflectors agree to 0.006 mm",
-    ),
-    "ur10-a": Known(
-        _UR10,
-        "laser tracker, poses",
-        "an independent fit: geometry 0.430 mm rms held out, springs 0.411, errors of the sensors "
-        "0.088",
-    ),
-    "ur10-c": Known(
-        _UR10,
-        "laser tracker, poses",
-        "an independent fit: geometry 0.485 mm rms held out, springs 0.483, errors of the sensors "
-        "0.078",
-    ),
+    name: Known(**stated) for name, stated in _STATED["campaigns"].items()
 }
 #: Several campaigns of one robot, fitted as one where all of them are at hand.
 GROUPS: Mapping[str, tuple[str, ...]] = {
-    "ma2010": ("ma2010-0516", "ma2010-0801"),
-    "iiwa7": ("iiwa7-free", "iiwa7-0kg", "iiwa7-1250g", "iiwa7-2500g"),
-    "ur10": ("ur10-a", "ur10-c"),
+    name: tuple(members) for name, members in _STATED["groups"].items()
 }
 #: Models carried to another campaign: source and target.
-CARRIED = (
-    *(("iiwa7-free", f"iiwa7-{payload}") for payload in ("0kg", "1250g", "2500g")),
-    ("ur10-a", "ur10-c"),
-    ("ur10-c", "ur10-a"),
-)
+CARRIED = tuple((source, target) for source, target in _STATED["carried"])
 
 
 @dataclass(frozen=True)
@@ -120,19 +63,18 @@ class AtHand:
 def at_hand(measured_dir: Path, sources: Mapping[str, str], imported: Path) -> dict[str, AtHand]:
     """Return the campaigns at hand by name, those of the page first and in its order.
 
-    Args:
-        measured_dir: holds folders of campaigns, and data sets in folders of their names.
-        sources: folders of data sets by name, where they lie elsewhere; addresses do not count.
-        imported: gets the campaigns that are imported.
+    A folder holds campaigns, and data sets in folders of their names, where `sources` does not name
+    another one; `imported` gets the campaigns that are imported.
     """
     there = {path.parent.name: path.parent for path in measured_dir.glob("*/campaign.yaml")}
     found = {}
     for name, known in CAMPAIGNS.items():
-        source = _source(known.dataset, measured_dir, sources)
+        dataset = known.dataset or ""
+        source = Path(sources.get(dataset) or measured_dir / dataset)
         if name in there:
             found[name] = AtHand(there[name])
-        elif source is not None:
-            found[name] = AtHand(imported / name, known.dataset, source)
+        elif dataset and source.is_dir():
+            found[name] = AtHand(imported / name, dataset, source)
     others = sorted(set(there) - set(found))
     return found | {name: AtHand(there[name]) for name in others}
 
@@ -152,15 +94,6 @@ def files_of(hand: AtHand) -> Iterator[Path]:
     yield from sorted(path for path in folder.rglob("*") if path.is_file())
 
 
-def _source(dataset: str | None, measured_dir: Path, sources: Mapping[str, str]) -> Path | None:
-    """Return the folder of a data set, where there is one."""
-    if dataset is None:
-        return None
-    named = sources.get(dataset, "")
-    places = (Path(named),) if named else (measured_dir / dataset,)
-    return next((place for place in places if place.is_dir()), None)
-
-
 # The table of measured robots: read from results, written as CSV and for docs/measured.md.
 #
 # python -m pa10cal.datasets.measured [RECORD] [PAGE] (from the root of the repository) puts
@@ -177,10 +110,8 @@ def measured_record(
 ) -> fleet.MeasuredRobotsRecord:
     """Return the table of the campaigns at hand and of the groups that they make.
 
-    Args:
-        results: holds a folder of results for each.
-        calibration: load case that was evaluated.
-        not_carried: why a model was not carried over, by `source target`.
+    Each has a folder of results; `not_carried` says why a model was not carried over, by `source
+    target`.
 
     Raises:
         RecordError: when a campaign has no `chain.json`.
@@ -205,7 +136,10 @@ def _robot(
     """Return the row of a campaign; what its stages did not come to is not in it."""
     folder, known = results / name, CAMPAIGNS.get(name)
     became = read(fleet.ChainRecord, folder / fleet.ChainRecord.FILE)
-    robot, kind = _described(raw)
+    robot, kind = None, None
+    with suppress(Pa10calError):  # where they can be read
+        campaign = read_description(raw)
+        robot, kind = load_arm(campaign.robot, raw).title, campaign.instrument.kind
     common = {
         "campaign": name,
         "robot": robot,
@@ -239,15 +173,6 @@ def _robot(
     )
 
 
-def _described(raw: Path) -> tuple[str | None, str | None]:
-    """Return what the arm is called and the kind of the instrument, where they can be read."""
-    try:
-        campaign = read_description(raw)
-        return load_arm(campaign.robot, raw).title, campaign.instrument.kind
-    except Pa10calError:
-        return None, None
-
-
 def _without_folders(message: str, *folders: Path) -> str:
     """Return a message with the files of some folders named from there: a page is of no machine."""
     for folder in folders:
@@ -278,92 +203,81 @@ def _carried(
     name: str, folder: Path, springs: bool, not_carried: Mapping[str, str]
 ) -> list[fleet.Carried]:
     """Return the models of other campaigns in this one."""
-    found = []
-    for source, target in CARRIED:
+    carried = []
+    for source in (source for source, target in CARRIED if target == name):
         path = folder / f"evaluation/transfer_{source}.json"
-        message = not_carried.get(f"{source} {name}")
-        if target != name or (message is None and not path.is_file()):
-            continue
-        if message is not None:
+        if (message := not_carried.get(f"{source} {name}")) is not None:
             message = _without_folders(message, folder.parent)
-            found.append(fleet.Carried(source=source, message=message, errors={}))
-            continue
-        models = read(TransferRecord, path).models
-        errors = errors_by_model(models, springs=springs or "geometry" in models)
-        found.append(fleet.Carried(source=source, errors=errors))
-    return found
+            carried.append(fleet.Carried(source=source, message=message, errors={}))
+        elif path.is_file():
+            models = read(TransferRecord, path).models
+            errors = errors_by_model(models, springs=springs or "geometry" in models)
+            carried.append(fleet.Carried(source=source, errors=errors))
+    return carried
 
 
 def csv_text(record: fleet.MeasuredRobotsRecord) -> str:
     """Return the table as CSV, a row a campaign and a row a model carried to it."""
+    kinds = [(model, kind) for model in MODELS for kind in ("mean_mm", "rms_mm")]
+
+    def numbers(errors: Mapping[fleet.MeasuredModel, fleet.HeldOutError]) -> list[str | None]:
+        return [f"{getattr(errors[m], kind):.4f}" if m in errors else None for m, kind in kinds]
+
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    errors = [f"{model}_{kind}_mm" for model in MODELS for kind in ("mean", "rms")]
     rows.writerow(
         [
-            *("campaign", "model_of", "robot", "instrument", "poses", "held_out", *errors),
+            *("campaign", "model_of", "robot", "instrument", "poses", "held_out"),
+            *(f"{model}_{kind}" for model, kind in kinds),
             *("grade", "verdict", "names", "faults", "status", "message", "published"),
         ]
     )
-    for each in record.robots:
-        about = (each.robot, each.instrument, each.poses, each.held_out)
-        told = (each.grade, each.verdict, "; ".join(each.names), "; ".join(each.faults))
-        cells = (each.campaign, each.campaign, *about, *_numbers(each.errors), *told)
-        lines = [(*cells, each.status, each.message, each.published)]
-        for other in each.carried:
+    for robot in record.robots:
+        about = (robot.robot, robot.instrument, robot.poses, robot.held_out)
+        verdict = (robot.grade, robot.verdict, "; ".join(robot.names), "; ".join(robot.faults))
+        cells = (robot.campaign, robot.campaign, *about, *numbers(robot.errors), *verdict)
+        lines = [(*cells, robot.status, robot.message, robot.published)]
+        for other in robot.carried:
             status = "done" if other.message is None else "refused"
-            cells = (each.campaign, other.source, *about, *_numbers(other.errors))
+            cells = (robot.campaign, other.source, *about, *numbers(other.errors))
             lines.append((*cells, None, None, None, None, status, other.message, None))
         rows.writerows(["" if cell is None else csv_cell(cell) for cell in line] for line in lines)
     return text.getvalue()
 
 
-def _numbers(errors: Mapping[fleet.MeasuredModel, fleet.HeldOutError]) -> list[str | None]:
-    return [
-        f"{getattr(errors[model], kind):.4f}" if model in errors else None
-        for model in MODELS
-        for kind in ("mean_mm", "rms_mm")
-    ]
-
-
 def markdown(record: fleet.MeasuredRobotsRecord) -> str:
     """Return the tables of the page."""
+
+    def line(cells: Sequence[str]) -> str:
+        return f"| {' | '.join(markdown_cell(cell) for cell in cells)} |"
+
+    def header(*titles: str) -> list[str]:
+        return [line(titles), line(["---"] * len(titles))]
+
+    def errors(of: Mapping[fleet.MeasuredModel, fleet.HeldOutError]) -> list[str]:
+        pairs = [of.get(model) for model in MODELS]
+        return [f"{pair.mean_mm:.3f} / {pair.rms_mm:.3f}" if pair else "" for pair in pairs]
+
     head = ("campaign", "robot, instrument", "poses", *MODELS)
-    lines = _header(*head, "verdict, names", "reported by others")
-    for each in record.robots:
-        told = f"{each.status}: {each.message}" if each.message else _verdict(each)
-        about = ", ".join(text for text in (each.robot, each.instrument) if text)
-        if each.members:
-            about += f"; {', '.join(each.members)} as one"
-        poses = "" if each.poses is None else f"{each.poses} ({each.held_out})"
-        of = (f"`{each.campaign}`", about, poses, *_cells(each.errors))
-        lines.append(_line([*of, told, each.published or ""]))
-    carried = [(each.campaign, other) for each in record.robots for other in each.carried]
+    lines = header(*head, "verdict, names", "reported by others")
+    for robot in record.robots:
+        faults = [f"the log: {fault}" for fault in robot.faults]
+        verdict = "; ".join([f"`{robot.verdict}`", *robot.names, *faults])
+        verdict = f"{robot.status}: {robot.message}" if robot.message else verdict
+        about = ", ".join(text for text in (robot.robot, robot.instrument) if text)
+        if robot.members:
+            about += f"; {', '.join(robot.members)} as one"
+        poses = "" if robot.poses is None else f"{robot.poses} ({robot.held_out})"
+        of = (f"`{robot.campaign}`", about, poses, *errors(robot.errors))
+        lines.append(line([*of, verdict, robot.published or ""]))
+    carried = [(robot.campaign, other) for robot in record.robots for other in robot.carried]
     if carried:
         lines += ["", "Carried to another campaign, base and tool alone fitted there:", ""]
-        lines += _header("model of", "in", *MODELS)
+        lines += header("model of", "in", *MODELS)
     for name, other in carried:
-        cells = [other.message, "", "", ""] if other.message else _cells(other.errors)
-        lines.append(_line([f"`{other.source}`", f"`{name}`", *cells]))
+        cells = [other.message, "", "", ""] if other.message else errors(other.errors)
+        lines.append(line([f"`{other.source}`", f"`{name}`", *cells]))
     return "\n".join(lines) + "\n"
-
-
-def _header(*titles: str) -> list[str]:
-    return [_line(titles), _line(["---"] * len(titles))]
-
-
-def _verdict(robot: fleet.MeasuredRobot) -> str:
-    named = [f"`{robot.verdict}`", *robot.names]
-    return "; ".join([*named, *(f"the log: {fault}" for fault in robot.faults)])
-
-
-def _cells(errors: Mapping[fleet.MeasuredModel, fleet.HeldOutError]) -> list[str]:
-    found = [errors.get(model) for model in MODELS]
-    return [f"{each.mean_mm:.3f} / {each.rms_mm:.3f}" if each else "" for each in found]
-
-
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(markdown_cell(cell) for cell in cells)} |"
 
 
 def page_text(now: str, record: fleet.MeasuredRobotsRecord) -> str:

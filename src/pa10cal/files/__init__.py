@@ -13,11 +13,6 @@ def own_description(name: str, folder: Path, arms: Path | None = None) -> Path |
 
     It is looked for in the campaign's folder, then in the folder of arms: the one given, else
     `arms` beside the campaign's folder, or beside the folder that this is a link to.
-
-    Args:
-        name: name of the arm.
-        folder: the campaign's folder.
-        arms: folder of arm descriptions; None for that beside the campaign.
     """
     file = f"{name}.yaml"
     return next((each / file for each in arm_places(folder, arms) if (each / file).is_file()), None)

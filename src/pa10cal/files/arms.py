@@ -18,7 +18,7 @@ from pa10cal.arm.chain import placed, roll_pitch_yaw
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD, Arm, neighbouring_axes, with_hayati_rows
 from pa10cal.arm.exports import UrdfSource
 from pa10cal.arrays import Array
-from pa10cal.errors import ALLOWED, ArmError, fits_a_folder
+from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, refusals
 from pa10cal.files import arm_places, own_description
 from pa10cal.files.output import write_text
 from pa10cal.options import Positive, Section
@@ -42,6 +42,74 @@ _FAR_M = 10.0
 _HEAVY_KG = 2000.0
 #: How near a number of degrees lies to a quarter turn in radians that was written with few digits.
 _QUARTER_TURN_DIGITS = 6e-4
+
+_refusal = refusals(
+    ArmError,
+    {
+        "foreign": (
+            "{0} is for a joint that {1}, and this one {2}",
+            "{3}",
+            "correct the key, or set prismatic: {4}",
+        ),
+        "no limits": (
+            "a prismatic joint needs limits",
+            "limits_m: [lowest, highest], in metres",
+            "set limits_m",
+        ),
+        "no motion": (
+            "{0} allows the joint no motion",
+            "the lower limit first, then a higher one",
+            "correct {0}",
+        ),
+        "far": (
+            f"{{0}} exceeds {_FAR_M:g} m",
+            "metres",
+            "divide by 1000 if the lengths are in millimetres",
+        ),
+        "radians": ("{0} looks like radians", "degrees", "write {1:g}"),
+        "limits in radians": (
+            "limits_deg looks like radians, in this and every other row",
+            "degrees",
+            "multiply by 180/pi",
+        ),
+        "proportion": (
+            "{0} is out of proportion to the other lengths",
+            "metres, as the others are (their median is {1:g})",
+            "divide by 1000 if this one is in millimetres",
+        ),
+        "masses": (
+            "{0} is missing",
+            "mass_kg and com_m in every row, or in none",
+            "complete the row, or remove all masses",
+        ),
+        "keys": (
+            "a row is made of keys and values",
+            "{{a_m: 0.45, alpha_deg: -90, ...}}",
+            "correct it; numbers have decimal points, not commas",
+        ),
+        "hayati": (
+            "hayati: {0} contradicts the row: {1}",
+            "beta in place of d where neighbouring axes are within "
+            f"{np.degrees(NEARLY_PARALLEL_RAD):g} deg of parallel, and only there: elsewhere it "
+            "says what theta says already, and without it a small tilt of parallel axes makes "
+            "links of hundreds of metres",
+            "leave hayati out",
+        ),
+        "name": ("no name of a robot", ALLOWED, "correct the name"),
+        "unknown": ("unknown robot", "{0}", "correct the name, or {1}"),
+        "file name": (
+            "the arm is not named after its file",
+            "{0}",
+            "set name: {0}, or rename the file",
+        ),
+        "urdf": ("the URDF cannot be read", "a URDF file, UTF-8", "check the path"),
+        "own urdf": (
+            "the URDF that the arm came from cannot be read",
+            "a file beside the description",
+            "copy it there, or remove the key urdf: names of its own are exported then",
+        ),
+    },
+)
 
 
 class ArmRow(Section):
@@ -78,144 +146,71 @@ class ArmRow(Section):
 
 
 def check_rows(rows: Sequence[ArmRow], where: str) -> None:
-    """Refuse rows whose keys or figures cannot be meant.
-
-    Args:
-        rows: rows of one arm.
-        where: its file.
+    """Refuse rows of one arm, of the file `where`, whose keys or figures cannot be meant.
 
     Raises:
         ArmError: naming row and key.
     """
     for number, row in enumerate(rows, start=1):
-        _check_joint(row, f"{where}: row {number}")
-        _check_angles(row, f"{where}: row {number}")
-    _check_limits_are_degrees(rows, where)
-    _check_proportions(rows, where)
-    for number, row in enumerate(rows, start=1):
-        for key, value_m in (("a_m", row.a_m), ("d_m", row.d_m)):
-            refuse_far((value_m,), key, f"{where}: row {number}")
-    _check_masses(rows, where)
-
-
-def refuse_far(values_m: Sequence[float], key: str, where: str) -> None:
-    """Refuse lengths that cannot be metres.
-
-    Args:
-        values_m: the lengths.
-        key: their key.
-        where: file and row, or file and frame.
-
-    Raises:
-        ArmError: naming the key.
-    """
-    if max(map(abs, values_m), default=0.0) > _FAR_M:
-        raise ArmError(
-            f"{key} exceeds {_FAR_M:g} m",
-            where=where,
-            value=values_m[0] if len(values_m) == 1 else list(values_m),
-            allowed="metres",
-            remedy="divide by 1000 if the lengths are in millimetres",
-        )
-
-
-def _check_joint(row: ArmRow, where: str) -> None:
-    kind, other = ("slides", "turns") if row.prismatic else ("turns", "slides")
-    foreign = {
-        "slides": ("limits_deg", "torque_limit_Nm", "gear_ratio"),
-        "turns": ("limits_m", "force_limit_N"),
-    }
-    own = "limits_m and force_limit_N" if row.prismatic else "limits_deg and torque_limit_Nm"
-    for key in foreign[kind]:
-        if getattr(row, key) is not None:
-            raise ArmError(
-                f"{key} is for a joint that {other}, and this one {kind}",
-                where=where,
-                value=getattr(row, key),
-                allowed=own,
-                remedy=f"correct the key, or set prismatic: {str(not row.prismatic).lower()}",
-            )
-    if row.prismatic and row.limits_m is None:
-        raise ArmError(
-            "a prismatic joint needs limits",
-            where=where,
-            allowed="limits_m: [lowest, highest], in metres",
-            remedy="set limits_m",
-        )
-    key = "limits_m" if row.prismatic else "limits_deg"
-    low, high = getattr(row, key) or (-_FULL_TURN_DEG, _FULL_TURN_DEG)
-    if low >= high:
-        raise ArmError(
-            f"{key} allows the joint no motion",
-            where=where,
-            value=[low, high],
-            allowed="the lower limit first, then a higher one",
-            remedy=f"correct {key}",
-        )
-    lengths = {"limits_m": row.limits_m or (), "com_m": row.com_m or ()}
-    for key, values in lengths.items():
-        refuse_far(values, key, where)
-
-
-def _check_angles(row: ArmRow, where: str) -> None:
-    for key in ("theta_deg", "alpha_deg"):
-        value = getattr(row, key)
-        quarters = round(abs(value) / (math.pi / 2.0))
-        if 1 <= quarters <= 4 and math.isclose(
-            abs(value), quarters * math.pi / 2.0, rel_tol=_QUARTER_TURN_DIGITS
-        ):
-            raise ArmError(
-                f"{key} looks like radians",
-                where=where,
-                value=value,
-                allowed="degrees",
-                remedy=f"write {math.copysign(90.0 * quarters, value):g}",
-            )
-
-
-def _check_limits_are_degrees(rows: Sequence[ArmRow], where: str) -> None:
+        _check_row(row, f"{where}: row {number}")
     limits_deg = {number: row.limits_deg for number, row in enumerate(rows, 1) if row.limits_deg}
     if limits_deg and all(max(map(abs, pair)) < 6.3 for pair in limits_deg.values()):
-        number = next(iter(limits_deg))
-        raise ArmError(
-            "limits_deg looks like radians, in this and every other row",
-            where=f"{where}: row {number}",
-            value=list(limits_deg[number]),
-            allowed="degrees",
-            remedy="multiply by 180/pi",
-        )
-
-
-def _check_proportions(rows: Sequence[ArmRow], where: str) -> None:
+        number, pair = next(iter(limits_deg.items()))
+        raise _refusal("limits in radians", f"{where}: row {number}", list(pair))
     lengths_m = [
-        (abs(getattr(row, key)), number, key)
+        (getattr(row, key), number, key)
         for number, row in enumerate(rows, start=1)
         for key in ("d_m", "a_m")
         if getattr(row, key)
     ]
     for k, (length_m, number, key) in enumerate(lengths_m):
-        others = [other for j, (other, _, _) in enumerate(lengths_m) if j != k]
-        if length_m > _LONG_M and others and length_m > _OUT_OF_PROPORTION * median(others):
-            raise ArmError(
-                f"{key} is out of proportion to the other lengths",
-                where=f"{where}: row {number}",
-                value=getattr(rows[number - 1], key),
-                allowed=f"metres, as the others are (their median is {median(others):g})",
-                remedy="divide by 1000 if this one is in millimetres",
-            )
-
-
-def _check_masses(rows: Sequence[ArmRow], where: str) -> None:
-    stated = [number for number, row in enumerate(rows, 1) if row.mass_kg is not None]
+        others = [abs(other) for other, _, _ in lengths_m[:k] + lengths_m[k + 1 :]]
+        usual_m = median(others) if others else math.inf
+        if abs(length_m) > max(_LONG_M, _OUT_OF_PROPORTION * usual_m):
+            raise _refusal("proportion", f"{where}: row {number}", length_m, key, usual_m)
+    for number, row in enumerate(rows, start=1):
+        refuse_far((row.a_m,), "a_m", f"{where}: row {number}")
+        refuse_far((row.d_m,), "d_m", f"{where}: row {number}")
+    stated = any(row.mass_kg is not None for row in rows)
     for number, row in enumerate(rows, start=1):
         missing = [key for key in ("mass_kg", "com_m") if stated and getattr(row, key) is None]
         if missing or (row.com_m is not None and row.mass_kg is None):
-            raise ArmError(
-                f"{' and '.join(missing) or 'mass_kg'} is missing",
-                where=f"{where}: row {number}",
-                allowed="mass_kg and com_m in every row, or in none",
-                remedy="complete the row, or remove all masses",
-            )
+            keys = " and ".join(missing) or "mass_kg"
+            raise _refusal("masses", f"{where}: row {number}", None, keys)
+
+
+def refuse_far(values_m: Sequence[float], key: str, where: str) -> None:
+    """Refuse lengths under a key that cannot be metres.
+
+    Raises:
+        ArmError: naming the key; `where` is file and row, or file and frame.
+    """
+    if max(map(abs, values_m), default=0.0) > _FAR_M:
+        value = values_m[0] if len(values_m) == 1 else list(values_m)
+        raise _refusal("far", where, value, key)
+
+
+def _check_row(row: ArmRow, where: str) -> None:
+    keys = {"turns": ["limits_deg", "torque_limit_Nm"], "slides": ["limits_m", "force_limit_N"]}
+    kind, other = ("slides", "turns") if row.prismatic else ("turns", "slides")
+    own = keys[kind]
+    for key in (*keys[other], *(["gear_ratio"] if row.prismatic else [])):
+        if (value := getattr(row, key)) is not None:
+            words = (key, other, kind, " and ".join(own), str(not row.prismatic).lower())
+            raise _refusal("foreign", where, value, *words)
+    if row.prismatic and row.limits_m is None:
+        raise _refusal("no limits", where)
+    low, high = getattr(row, own[0]) or (-_FULL_TURN_DEG, _FULL_TURN_DEG)
+    if low >= high:
+        raise _refusal("no motion", where, [low, high], own[0])
+    refuse_far(row.limits_m or (), "limits_m", where)
+    refuse_far(row.com_m or (), "com_m", where)
+    for key in ("theta_deg", "alpha_deg"):
+        value = getattr(row, key)
+        quarters = round(abs(value) / (math.pi / 2.0))
+        near = quarters * math.pi / 2.0
+        if 1 <= quarters <= 4 and math.isclose(abs(value), near, rel_tol=_QUARTER_TURN_DIGITS):
+            raise _refusal("radians", where, value, key, math.copysign(90.0 * quarters, value))
 
 
 _UNREADABLE = "the arm description cannot be read"
@@ -273,28 +268,17 @@ def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) ->
         SettingsError: when a key of its file is unknown, missing or of the wrong kind.
     """
     if not fits_a_folder(name):
-        raise ArmError(
-            "no name of a robot",
-            where="robot",
-            value=name,
-            allowed=ALLOWED,
-            remedy="correct the name",
-        )
+        raise _refusal("name", "robot", name)
     own = None if folder is None else own_description(name, folder, arms)
     if own is not None:
         return read_arm(own)
     if name not in arm_names():
-        among = [] if folder is None else [str(each) for each in arm_places(folder, arms)]
-        or_file = f", or {name}.yaml in {' or '.join(among)}" if among else ""
-        raise ArmError(
-            "unknown robot",
-            where="robot",
-            value=name,
-            allowed=", ".join(arm_names()) + or_file,
-            remedy="correct the name, or describe the arm in such a file"
-            if among
-            else f"correct the name, or give the file of a description, such as {name}.yaml",
-        )
+        allowed = ", ".join(arm_names())
+        describe = f"give the file of a description, such as {name}.yaml"
+        if folder is not None:
+            allowed += f", or {name}.yaml in {' or '.join(map(str, arm_places(folder, arms)))}"
+            describe = "describe the arm in such a file"
+        raise _refusal("unknown", "robot", name, allowed, describe)
     text = files("pa10cal.files").joinpath("arms", f"{name}.yaml").read_text(encoding="utf-8")
     return parse_arm(parse_yaml(text), where=f"{name}.yaml")
 
@@ -308,13 +292,7 @@ def read_arm(path: Path) -> Arm:
     """
     arm = parse_arm(read_yaml(path, ArmError, what=_UNREADABLE), where=str(path))
     if arm.name != path.stem:
-        raise ArmError(
-            "the arm is not named after its file",
-            where=str(path),
-            value=arm.name,
-            allowed=path.stem,
-            remedy=f"set name: {path.stem}, or rename the file",
-        )
+        raise _refusal("file name", path, arm.name, path.stem)
     return arm
 
 
@@ -337,10 +315,6 @@ def copy_description(name: str, folder: Path, to: Path) -> None:
 def urdf_of_arm(name: str, folder: Path) -> UrdfSource | None:
     """Return the URDF that the arm of a campaign came from; None where it came from none.
 
-    Args:
-        name: name of the arm.
-        folder: the campaign's folder, which holds its description or stands beside `arms`.
-
     Raises:
         ArmError: when the description names a file that cannot be read.
         SettingsError: when a key of the description is unknown, missing or of the wrong kind.
@@ -356,13 +330,8 @@ def urdf_of_arm(name: str, folder: Path) -> UrdfSource | None:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise ArmError(
-            "the URDF that the arm came from cannot be read",
-            where=f"{own}: urdf.file",
-            value=f"{path}: {getattr(error, 'strerror', None) or error}",
-            allowed="a file beside the description",
-            remedy="copy it there, or remove the key urdf: names of its own are exported then",
-        ) from None
+        value = f"{path}: {getattr(error, 'strerror', None) or error}"
+        raise _refusal("own urdf", f"{own}: urdf.file", value) from None
     return UrdfSource(text, str(path), source.base, source.tip)
 
 
@@ -374,7 +343,12 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
         SettingsError: when a key is unknown, missing or of the wrong kind.
     """
     content = parse_section(_ArmFile, raw, where=where)
-    rows = [_row(row, f"{where}: row {number}") for number, row in enumerate(content.rows, start=1)]
+    rows = []
+    for number, row in enumerate(content.rows, start=1):
+        place = f"{where}: row {number}"
+        if not isinstance(row, dict) or not all(isinstance(key, str) for key in row):
+            raise _refusal("keys", place, row)
+        rows.append(parse_section(ArmRow, row, where=place))
     check_rows(rows, where)
     for key, frame in (("base", content.base), ("tool", content.tool)):
         refuse_far(frame.xyz_m, "xyz_m", f"{where}: {key}")
@@ -398,49 +372,22 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
         T_row_n_ee=content.tool.pose,
     )
     arm = with_hayati_rows(arm)
-    _check_hayati(arm, [row.hayati for row in rows], where)
+    axes_of = {axes.row: axes for axes in neighbouring_axes(arm)}
+    for number, (row, hayati) in enumerate(zip(rows, arm.hayati, strict=True), start=1):
+        if row.hayati is not None and row.hayati != hayati:
+            why = "no two joint axes meet in this row"
+            if (axes := axes_of.get(number)) is not None:
+                why = (
+                    f"the axes of joints {axes.joints[0]} and {axes.joints[1]} are "
+                    f"{np.degrees(axes.angle_rad):.3g} deg from parallel"
+                )
+            stated = str(row.hayati).lower()
+            raise _refusal("hayati", f"{where}: row {number}", None, stated, why)
     return arm
-
-
-def _row(raw: Any, where: str) -> ArmRow:
-    if not isinstance(raw, dict) or not all(isinstance(key, str) for key in raw):
-        raise ArmError(
-            "a row is made of keys and values",
-            where=where,
-            value=raw,
-            allowed="{a_m: 0.45, alpha_deg: -90, ...}",
-            remedy="correct it; numbers have decimal points, not commas",
-        )
-    return parse_section(ArmRow, raw, where=where)
 
 
 def _all_or_none(values: list[Any]) -> Array | None:
     return None if None in values else np.array(values)
-
-
-def _check_hayati(arm: Arm, stated: list[bool | None], where: str) -> None:
-    """Refuse a row that states Hayati's parameter against its axes."""
-    axes_of = {axes.row: axes for axes in neighbouring_axes(arm)}
-    for row, (given, found) in enumerate(zip(stated, arm.hayati, strict=True), start=1):
-        if given is None or given == found:
-            continue
-        limit = f"{np.degrees(NEARLY_PARALLEL_RAD):g} deg"
-        if row not in axes_of:
-            why = "no two joint axes meet in this row"
-        else:
-            axes = axes_of[row]
-            why = (
-                f"the axes of joints {axes.joints[0]} and {axes.joints[1]} are "
-                f"{np.degrees(axes.angle_rad):.3g} deg from parallel"
-            )
-        raise ArmError(
-            f"hayati: {str(given).lower()} contradicts the row: {why}",
-            where=f"{where}: row {row}",
-            allowed=f"beta in place of d where neighbouring axes are within {limit} of parallel, "
-            "and only there: elsewhere it says what theta says already, and without it a small "
-            "tilt of parallel axes makes links of hundreds of metres",
-            remedy="leave hayati out",
-        )
 
 
 # URDF files to import arms from.
@@ -451,11 +398,8 @@ def arm_from_urdf(
 ) -> ImportedArm:
     """Import an arm from a URDF.
 
-    Args:
-        path: the file.
-        base: link that is the arm's base; the root where None.
-        tip: link that is the end-effector; the only tip where None.
-        name: of the arm; the file's where None.
+    Its base is the root and its end-effector the only tip where no links are named; its name is
+    that of the file where none is given.
 
     Raises:
         ArmError: when the file cannot be read or used.
@@ -465,13 +409,7 @@ def arm_from_urdf(
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise ArmError(
-            "the URDF cannot be read",
-            where=str(path),
-            value=getattr(error, "strerror", None) or str(error),
-            allowed="a URDF file, UTF-8",
-            remedy="check the path",
-        ) from None
+        raise _refusal("urdf", path, getattr(error, "strerror", None) or str(error)) from None
     return arm_from_urdf_text(text, name or path.stem, base=base, tip=tip, where=str(path))
 
 
@@ -485,12 +423,8 @@ _MOST_DECIMALS = 15
 def arm_text(arm: Arm, comments: Iterable[str] = (), urdf: Mapping[str, str] | None = None) -> str:
     """Return the file of an arm, so that `parse_arm` gives the arm back.
 
-    What the file may leave out and what is not known is omitted.
-
-    Args:
-        arm: the arm.
-        comments: lines that stand first.
-        urdf: where it came from: `file`, `base` and `tip`.
+    What the file may leave out and what is not known is omitted. Comments stand first; `urdf` says
+    where the arm came from: `file`, `base` and `tip`.
     """
     head: dict[str, Any] = {"name": arm.name, "title": arm.title, "convention": arm.convention}
     if urdf is not None:
@@ -499,12 +433,21 @@ def arm_text(arm: Arm, comments: Iterable[str] = (), urdf: Mapping[str, str] | N
     lines += [f"{key}: {_flow(value)}" for key, value in head.items()]
     for key, T in (("base", arm.T_base_row1), ("tool", arm.T_row_n_ee)):
         if (np.eye(4) != T).any():
-            lines.append(f"{key}: {_flow(_frame(T))}")
+            numbers = {"xyz_m": T[:3, 3], "rpy_deg": np.degrees(roll_pitch_yaw(T[:3, :3]))}
+            frame = {name: list(map(_number, values)) for name, values in numbers.items()}
+            lines.append(f"{key}: {_flow(frame)}")
     lines.append("rows:")
+    columns = {
+        "theta_deg": np.degrees(arm.theta_rad),
+        "d_m": arm.d_m,
+        "a_m": arm.a_m,
+        "alpha_deg": np.degrees(arm.alpha_rad),
+        "beta_deg": np.degrees(arm.beta_rad),
+    }
     for row in range(arm.n):
-        geometry, rest = _geometry(arm, row), _joint_and_link(arm, row)
+        geometry = {key: _number(v[row]) for key, v in columns.items() if v[row] != 0.0}
         lines.append(f"  - {{{_flow(geometry)[1:-1]}," if geometry else "  - {")
-        lines.append(f"     {_flow(rest)[1:-1]}}}")
+        lines.append(f"     {_flow(_joint_and_link(arm, row))[1:-1]}}}")
     return "\n".join(lines) + "\n"
 
 
@@ -531,17 +474,6 @@ def _shortest(limit: float, within: float, *, degrees: bool) -> float | int:
     return _number(shown)
 
 
-def _geometry(arm: Arm, row: int) -> dict[str, Any]:
-    values = {
-        "theta_deg": np.degrees(arm.theta_rad[row]),
-        "d_m": arm.d_m[row],
-        "a_m": arm.a_m[row],
-        "alpha_deg": np.degrees(arm.alpha_rad[row]),
-        "beta_deg": np.degrees(arm.beta_rad[row]),
-    }
-    return {key: _number(value) for key, value in values.items() if value != 0.0}
-
-
 def _joint_and_link(arm: Arm, row: int) -> dict[str, Any]:
     slides = bool(arm.prismatic[row])
     limits, rated = arm.limits_rad[row], arm.torque_limit_Nm[row]
@@ -555,16 +487,8 @@ def _joint_and_link(arm: Arm, row: int) -> dict[str, Any]:
         content["force_limit_N" if slides else "torque_limit_Nm"] = _number(rated)
     if arm.mass_kg is not None and arm.com_m is not None:
         content["mass_kg"] = _number(arm.mass_kg[row])
-        content["com_m"] = _numbers(arm.com_m[row])
+        content["com_m"] = list(map(_number, arm.com_m[row]))
     return content
-
-
-def _frame(T: Array) -> dict[str, Any]:
-    return {"xyz_m": _numbers(T[:3, 3]), "rpy_deg": _numbers(np.degrees(roll_pitch_yaw(T[:3, :3])))}
-
-
-def _numbers(values: Array) -> list[float | int]:
-    return [_number(value) for value in values]
 
 
 def _number(value: float) -> float | int:

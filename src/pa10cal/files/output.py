@@ -28,10 +28,7 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; move it into place when the block succeeds.
 
-    The temporary name keeps the ending, since writers choose a format by it.
-
-    Raises:
-        OutputError: when nothing can be written at this place.
+    The temporary name keeps the ending, since writers choose a format by it; see `whole_files`.
     """
     with whole_files(path) as (beside,):
         yield beside
@@ -70,18 +67,17 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
             raise
         # All are on the disk before the first has its name: no crash leaves a name of nothing.
         for path, file in zip(paths, files, strict=True):
-            try:
+            with _writing(path):
                 os.fsync(file)
-            except OSError as error:
-                raise _unwritable(path, error) from None
         for path, beside in zip(paths, besides, strict=True):
-            _move(beside, path)
+            with _writing(path):
+                os.replace(beside, path)  # noqa: PTH105 -- the atomic call, by its own name
 
 
 @contextmanager
 def _claimed(path: Path, beside: Path) -> Iterator[int]:
     """Make the folder and the locked file, so that an unfit place is known before any work."""
-    try:
+    with _writing(path):
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -89,21 +85,12 @@ def _claimed(path: Path, beside: Path) -> Iterator[int]:
             if former.name.endswith(_PARTIAL + path.name):
                 _remove_of_dead(former)
         file = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-    except OSError as error:
-        raise _unwritable(path, error) from None
     try:
         with suppress(OSError):  # a file system without locks
             fcntl.flock(file, fcntl.LOCK_SH)
         yield file
     finally:
         os.close(file)
-
-
-def _move(beside: Path, path: Path) -> None:
-    try:
-        os.replace(beside, path)  # noqa: PTH105 -- the atomic call, by its own name
-    except OSError as error:
-        raise _unwritable(path, error) from None
 
 
 def _remove(beside: Path) -> None:
@@ -121,7 +108,7 @@ def folder_beside(place: Path) -> Iterator[Path]:
     for left in place.parent.iterdir():
         replaced = left.name.endswith(f"{_PARTIAL}{place.name}{FORMER}") and place.is_dir()
         if replaced or left.name.endswith(_PARTIAL + place.name):
-            _remove_folder_of_dead(left)
+            _remove_of_dead(left)
     beside = place.with_name(f".{os.getpid()}{_PARTIAL}{place.name}")
     beside.mkdir()
     lock = os.open(beside, os.O_RDONLY | os.O_CLOEXEC)
@@ -134,16 +121,6 @@ def folder_beside(place: Path) -> Iterator[Path]:
         shutil.rmtree(beside, ignore_errors=True)
 
 
-def _remove_folder_of_dead(partial: Path) -> None:
-    with suppress(OSError):
-        lock = os.open(partial, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by its writer
-            shutil.rmtree(partial)
-        finally:
-            os.close(lock)
-
-
 def remove_partials(folder: Path) -> None:
     """Remove what killed processes left of outputs below a folder, and nothing of living ones."""
     for place, _, names in os.walk(folder):
@@ -153,24 +130,19 @@ def remove_partials(folder: Path) -> None:
 
 
 def _remove_of_dead(partial: Path) -> None:
-    """Remove a file beside its place unless the process that writes it lives."""
-    with suppress(OSError), partial.open("r+b") as file:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by its writer
-        partial.unlink()
+    """Remove a file or folder beside its place unless the process that writes it lives."""
+    with suppress(OSError):
+        lock = os.open(partial, os.O_RDONLY if partial.is_dir() else os.O_RDWR)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by its writer
+            shutil.rmtree(partial) if partial.is_dir() else partial.unlink()
+        finally:
+            os.close(lock)
 
 
 @contextmanager
 def writing_into(folder: Path, what: str, remedy: str) -> Iterator[None]:
-    """Refuse a folder into which the block cannot write.
-
-    Args:
-        folder: the folder.
-        what: what cannot be written then, such as `the results`.
-        remedy: what to do about it.
-
-    Raises:
-        OutputError: naming the folder.
-    """
+    """Refuse a folder into which the block cannot write `what`, with a remedy (OutputError)."""
     try:
         yield
     except OSError as error:
@@ -181,6 +153,15 @@ def writing_into(folder: Path, what: str, remedy: str) -> Iterator[None]:
             allowed="a folder that may be written to, with room in it",
             remedy="make room on the disk" if error.errno in _NO_ROOM else remedy,
         ) from None
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Refuse a file that the block cannot write."""
+    try:
+        yield
+    except OSError as error:
+        raise _unwritable(path, error) from None
 
 
 def _unwritable(path: Path, error: OSError) -> OutputError:

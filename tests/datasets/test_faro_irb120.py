@@ -10,10 +10,12 @@ import pytest
 from made_up_datasets import IRB120, ROWS, edit, write_irb120
 from pa10cal.campaign.read import read_campaign
 from pa10cal.datasets.campaign_folder import write_campaigns
-from pa10cal.datasets.readers.faro_irb120 import FILES, read
+from pa10cal.datasets.readers import dataset_named
 from pa10cal.errors import RawDataError
 
 PLACES = [f"{name}{k}_{axis}_mm" for name in ("T", "base") for k in (1, 2, 3) for axis in "xyz"]
+
+read, FILES = dataset_named("faro-irb120").read, dataset_named("faro-irb120").files
 
 
 @pytest.fixture

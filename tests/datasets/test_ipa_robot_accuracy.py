@@ -12,12 +12,15 @@ from made_up_datasets import REPEAT, REPEATED, ROWS, SERIES_A, SERIES_C, edit, u
 from pa10cal.arm.chain import Chain
 from pa10cal.campaign.read import read_campaign
 from pa10cal.datasets.campaign_folder import write_campaigns
-from pa10cal.datasets.importing import dataset_named
-from pa10cal.datasets.readers.ipa_robot_accuracy import DATASET, MEAN_C, STATED_MM, read
+from pa10cal.datasets.readers import dataset_named
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import fit_rigid
 from pa10cal.options import IngestOptions
 
+DATASET = dataset_named("ipa-robot-accuracy")
+read = DATASET.read
+STATED = DATASET.published.stated["campaigns"]
+STATED_MM = STATED["ur10-c"]["uncertainty_mm"]
 NAMES = {SERIES_A: "measurements_grid.csv", SERIES_C: "measurements_random_poses.csv"}
 
 
@@ -157,7 +160,9 @@ def test_real_series_are_read_whole(real, name, rows):
     assert campaign.quarantined == ()
     assert (np.diff(poses.states.time_s) >= 0).all()
     assert list(poses.pose) == sorted(poses.pose)
-    assert poses.states.temperature_C.mean() == pytest.approx(MEAN_C[name], abs=6e-4)
+    assert poses.states.temperature_C.mean() == pytest.approx(
+        STATED[name]["reference_temperature_C"], abs=6e-4
+    )
     if name == "ur10-c":
         u_mm = 1e3 * np.sqrt(np.diagonal(poses.measured.cov, axis1=1, axis2=2)[:, :3])
         assert np.sqrt(np.mean(u_mm**2)) == pytest.approx(STATED_MM, abs=5e-5)
@@ -199,6 +204,6 @@ def test_real_campaigns_are_split_by_time(real, name):
 def test_the_real_files_are_the_pinned_ones(ipa_data):
     from pa10cal.datasets.importing import differing_files
 
-    dataset = dataset_named("ipa-robot-accuracy")
+    dataset = DATASET
     sums = {name: dataset.published.sha256[name] for name in dataset.files}
     assert differing_files(ipa_data, sums) == ()
