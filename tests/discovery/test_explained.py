@@ -126,8 +126,7 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
             ),
             naming=(
                 SimpleNamespace(
-                    effects=("of 3",), on_holdout=last,
-                    without=(SimpleNamespace(on_holdout=without, on_train=None),),
+                    effects=("of 3",), judging=last, without=(SimpleNamespace(judging=without),),
                 ),
             ),
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from typing_extensions import override
@@ -33,7 +33,7 @@ from pa10cal.discovery.noise import (
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.row_faults import carries, of_wrong_row
 from pa10cal.discovery.torque_check import stated_wrongly
-from pa10cal.discovery.verdict import Searched, Verdict, is_named, label_of, no_name
+from pa10cal.discovery.verdict import Searched, Verdict, is_named, label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
@@ -44,15 +44,13 @@ from pa10cal.terms.effects.joint_error_map import JointErrorMap
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pa10cal.discovery.finding import Finding
     from pa10cal.results.health import InputFinding
 
 
 # The verdict on a campaign that can be calibrated, and in which effects cannot be sought.
 
 
-@dataclass(frozen=True)
-class TooLittle:
+class TooLittle(NamedTuple):
     """What a campaign lacks for a search, and what would do."""
 
     why: str
@@ -147,30 +145,23 @@ def discover(
     found = _judged(campaign, model)
     for _ in range(_MOST_CARRIERS):
         # A map is no name: it may well show at one pose.
-        carried = [each for each in found.effects if each.carrier and is_named(each.effect)]
+        carried = [one for one in found.effects if one.carrier and is_named(one.effect)]
         if not (carried and isinstance(found, Searched)):
             break
         # One pose is no evidence of what acts in all of them: it is wrong, and the rest decides.
-        fault = carries(str(carried[0].carrier), label_of(carried[0].effect, None), carried[0].gain)
-        campaign = campaign.without_pose(str(carried[0].carrier), fault)
+        first, pose = carried[0], str(carried[0].carrier)
+        fault = carries(pose, label_of(first.effect, None), first.gain)
+        campaign = campaign.without_pose(pose, fault)
         without = _judged(campaign, model)
         if without.unexplained:
             # The rest does not fit either: nothing says that this pose is worse than the others.
-            found = without_names(found, carried)
+            reasons = {one: f"pose {one.carrier} alone carries it" for one in carried}
+            found = found.without_names(reasons, found.train.after.mean_mm)
             break
         found = without
     if isinstance(found, Searched):
         found = with_lines_named(with_proposals(gated(found)))
     return with_compliance(found)
-
-
-def without_names(found: Searched[object], carried: Sequence[Finding[object]]) -> Searched[object]:
-    """Return a verdict without names that one pose carries each: they are unexplained."""
-    gone = [each.effect for each in carried]
-    fewer = found.with_findings([each for each in found.findings if each.effect not in gone])
-    left_mm = found.train.after.mean_mm
-    unknown = (no_name(each, left_mm, f"pose {each.carrier} alone carries it") for each in carried)
-    return replace(fewer, unexplained=(*fewer.unexplained, *unknown))
 
 
 def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:

@@ -15,9 +15,8 @@ from typing import Literal
 
 import numpy as np
 
-from pa10cal.arrays import Array, Mask
+from pa10cal.arrays import Array
 from pa10cal.discovery.finding import Finding, name_of
-from pa10cal.discovery.gap import Named
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.results.record import EffectName
@@ -64,24 +63,24 @@ def explained_by(
     last = _squared(joining[-1].after_mm) if joining else first
     share = float(np.clip((first - last) / beyond, 0.0, 1.0))
     taken = np.array(
-        [max(_squared(each.before_mm) - _squared(each.after_mm), 0.0) for each in joining]
+        [max(_squared(one.before_mm) - _squared(one.after_mm), 0.0) for one in joining]
     )
     shares = taken * (share / taken.sum()) if taken.sum() > 0.0 else np.zeros(len(joining))
     entries = [
         ExplainedEffect(
-            ids=each.ids,
-            of=each.of,
-            elsewhere=each.elsewhere,
-            weights=each.weights,
+            ids=effect.ids,
+            of=effect.of,
+            elsewhere=effect.elsewhere,
+            weights=effect.weights,
             share=float(own),
-            before_mm=min(_squared(each.before_mm), first) ** 0.5,
-            after_mm=_squared(each.after_mm) ** 0.5,
+            before_mm=min(_squared(effect.before_mm), first) ** 0.5,
+            after_mm=_squared(effect.after_mm) ** 0.5,
         )
-        for each, own in zip(joining, shares, strict=True)
+        for effect, own in zip(joining, shares, strict=True)
     ]
     return Explained(
         share=share,
-        of=tuple(sorted(entries, key=lambda each: -each.share)),
+        of=tuple(sorted(entries, key=lambda entry: -entry.share)),
         without_a_name=1.0 - share,
         over=over,
         before_mm=first**0.5,
@@ -100,51 +99,39 @@ def explained(found: Verdict[object]) -> Explained | None:
     calibrated = found.gives_way
     if (found.method is None or found.verdict == "none") and not calibrated:
         return None
-    gap = found.train if (held_out := found.holdout) is None else held_out
-    rows = np.ones(len(gap.poses), dtype=bool)
-    if held_out is not None and found.prepared.suspected is not None:
-        rows = ~found.prepared.suspected
+    over: Literal["held-out poses", "fitted poses"] = "held-out poses"
+    gap, suspected = found.holdout, found.prepared.suspected
+    if gap is None:
+        gap, suspected, over = found.train, None, "fitted poses"
+    rows = np.ones(len(gap.poses), dtype=bool) if suspected is None else ~suspected
     if not rows.any():
         return None
-    over: Literal["held-out poses", "fitted poses"] = (
-        "fitted poses" if held_out is None else "held-out poses"
-    )
-    before_mm = gap.found_before.distance_mm[rows]
-    after_mm = gap.found_after.distance_mm[rows]
     joining = []
-    for each in found.gives_way:
-        proof = each.proof
-        weights: Literal["assumed"] | None = None
-        if proof.weights in ("assumed", "total"):
-            weights = "assumed"
-        joining.append(_joining(each, proof.without_each_mm, after_mm, weights))
+
+    def join(
+        finding: Finding[object],
+        before_mm: Array,
+        after_mm: Array,
+        weights: Literal["assumed"] | None = None,
+    ) -> None:
+        others = finding.alternatives
+        ids = dict.fromkeys((finding.id, *(one.id for one in others if one.of == finding.of)))
+        elsewhere = tuple(name_of(one) for one in others if one.of != finding.of)
+        joining.append(Joining(tuple(ids), finding.of, before_mm, after_mm, elsewhere, weights))
+
+    before_mm = gap.found_before.distance_mm[rows]
+    for spring in found.gives_way:
+        proof = spring.proof
+        weights: Literal["assumed"] | None = (
+            "assumed" if proof.weights in ("assumed", "total") else None
+        )
+        join(spring, proof.without_each_mm, gap.found_after.distance_mm[rows], weights)
         # Rigid joints have the effects found in them: without these it is no less.
         before_mm = max(before_mm, proof.all_rigid_each_mm, key=_squared)
-    findings = {each.effect: each for each in found.findings}
-    *_, last = found.naming
-    after_mm = _errors(last, rows)
+    findings, last = {finding.effect: finding for finding in found.findings}, found.naming[-1]
     for effect, without in zip(last.effects, last.without, strict=True):
-        joining.append(_joining(findings[effect], _errors(without, rows), after_mm))
+        join(findings[effect], without.judging.distance_mm[rows], last.judging.distance_mm[rows])
     return explained_by(joining, before_mm, gap.noise_rms_mm, over)
-
-
-def _joining(
-    finding: Finding[object],
-    before_mm: Array,
-    after_mm: Array,
-    weights: Literal["assumed"] | None = None,
-) -> Joining:
-    """Return a finding and its alternatives, those at its place and those elsewhere."""
-    rivals = finding.alternatives
-    here = dict.fromkeys((finding.id, *(each.id for each in rivals if each.of == finding.of)))
-    elsewhere = tuple(name_of(each) for each in rivals if each.of != finding.of)
-    return Joining(tuple(here), finding.of, before_mm, after_mm, elsewhere, weights)
-
-
-def _errors(found: Named, rows: Mask) -> Array:
-    """Return position errors of some poses, held out where there are such."""
-    left = found.on_train if found.on_holdout is None else found.on_holdout
-    return left.distance_mm[rows]
 
 
 def _squared(errors_mm: Array) -> float:

@@ -12,7 +12,7 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.discovery.finding import Fault, NotTestable, faults_of_input
+from pa10cal.discovery.finding import DiagnosedFault, Untestable, faults_of_input
 from pa10cal.discovery.row_faults import held_out_faults, row_faults
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
@@ -80,7 +80,7 @@ def why_unknown(effect: Effect, states: PoseStates, *, logged: bool, weights: bo
 
 def computable(
     effects: Iterable[Effect], states: PoseStates, *, logged: bool, weights: bool
-) -> tuple[list[Effect], list[NotTestable]]:
+) -> tuple[list[Effect], list[Untestable]]:
     """Divide effects into those that can be predicted, and the others; see `why_unknown`."""
     known, refused = [], []
     for effect in effects:
@@ -88,7 +88,7 @@ def computable(
         if why is None:
             known.append(effect)
         else:
-            refused.append(NotTestable(effect, why, by_these_poses=False))
+            refused.append(Untestable(effect, why, by_these_poses=False))
     return known, refused
 
 
@@ -155,7 +155,7 @@ class Prepared:
     setup: MeasurementSetup  # what is known besides the poses
     torques: TorqueSource  # where the torques come from: `logged`, `masses`, or `none`
     arrivals_from_order: bool  # whether directions of arrival are those of the order of poses
-    faults: tuple[Fault, ...] = ()  # faults of single rows or poses
+    faults: tuple[DiagnosedFault, ...] = ()  # faults of single rows or poses
     # (P,) readings that are not to be averaged; None for none
     excluded: Mask | None = None
     # (H,) held-out poses with a suspected reading; None for none
@@ -166,7 +166,7 @@ class Prepared:
         """Return which readings have a gross error, or a fault of their own, (P,)."""
         return np.zeros(len(self.readings), bool) if self.excluded is None else self.excluded
 
-    def without_pose(self, pose: str, fault: Fault) -> Prepared:
+    def without_pose(self, pose: str, fault: DiagnosedFault) -> Prepared:
         """Return the campaign without the readings of a pose, which have a fault."""
         excluded = self.gross | (self.readings.pose == pose)
         return replace(self, excluded=excluded, faults=(*self.faults, fault))
@@ -181,7 +181,7 @@ def prepared(
     every: Observations,
     model: FittedModel,
     setup: MeasurementSetup,
-    faults: Sequence[Fault] = (),
+    faults: Sequence[DiagnosedFault] = (),
 ) -> Prepared:
     """Make a campaign ready: directions of arrival, orientations and torques as the model has them.
 
@@ -233,9 +233,9 @@ def prepared(
     )
 
 
-def _direction(joint: int) -> Fault:
+def _direction(joint: int) -> DiagnosedFault:
     """Return that the directions of a joint, from 1, are reversed."""
-    return Fault(
+    return DiagnosedFault(
         kind="direction",
         where=f"joint {joint}",
         what=f"joint {joint} is logged to arrive from the other side than where it stood before, "

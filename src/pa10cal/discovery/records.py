@@ -1,7 +1,4 @@
-"""The records of discovery: `verdict.json`, `extended.json`, `analysis.json`.
-
-What they hold comes from the functions that found it; here it is gathered, and said in words.
-"""
+"""The records of discovery, `verdict.json`, `extended.json`, `analysis.json`, and their words."""
 
 from __future__ import annotations
 
@@ -13,23 +10,22 @@ from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.explained import explained
 from pa10cal.discovery.finding import name_of, sized, steps_told, with_a_name
-from pa10cal.discovery.gap import Gap
 from pa10cal.discovery.linear import possible_sizes
-from pa10cal.discovery.verdict import Plan, Verdict, without_a_cause
+from pa10cal.discovery.verdict import MAP, Plan, Verdict
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import model_to_plain
-from pa10cal.results import discovery as parts
-from pa10cal.results import maps
-from pa10cal.results.analysis import (
-    AnalysisRecord,
-    GapField,
-    GapRows,
-    NamingStep,
-    ParameterShift,
+from pa10cal.results.analysis import AnalysisRecord, GapField, ParameterShift
+from pa10cal.results.discovery import (
+    AllUnexplained,
+    ExtendedRecord,
+    Gap,
+    SearchByRepeats,
+    Unexplained,
+    VerdictKeys,
+    VerdictRecord,
 )
-from pa10cal.results.discovery import ExtendedRecord, VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import Parameter
-from pa10cal.results.maps import JointWitness
+from pa10cal.results.maps import FallsBack, JointWitness
 from pa10cal.results.record import Campaign
 
 
@@ -45,17 +41,14 @@ class DiscoveryRecords:
 def discovery_records(
     found: Verdict[object], ahead: Plan, campaign: Campaign, calibration: str
 ) -> DiscoveryRecords:
-    """Return the records of a campaign.
+    """Return the records of a campaign: its verdict, and what to measure next.
 
-    Args:
-        found: the verdict.
-        ahead: what to measure next.
-        campaign: the campaign.
-        calibration: load case of the calibration it began with.
+    It began with a calibration of the load case `calibration`.
     """
     name, provenance = campaign.name, campaign.provenance
     keys, from_order = verdict_keys(found, ahead), found.prepared.arrivals_from_order
     parameters, (before, after) = model_parameters(found), found.lack_of_fit()
+    baseline = found.baseline
     return DiscoveryRecords(
         VerdictRecord(
             **dict(keys),
@@ -85,18 +78,11 @@ def discovery_records(
             provenance=provenance,
             before=before,
             after=after,
-            naming=tuple(
-                NamingStep(
-                    effects=tuple(map(name_of, step.effects)),
-                    train=step.train,
-                    holdout=step.holdout,
-                )
-                for step in found.naming
-            ),
-            parameter_shifts=parameter_shifts(found.baseline, parameters),
+            naming=tuple(step.record for step in found.naming),
+            parameter_shifts=parameter_shifts(baseline, parameters),
             gap=GapField(
-                train=gap_rows(found.train, found.baseline),
-                holdout=None if found.holdout is None else gap_rows(found.holdout, found.baseline),
+                train=found.train.rows(baseline),
+                holdout=None if found.holdout is None else found.holdout.rows(baseline),
             ),
             noise_floor_mm=found.noise_floor_mm,
         ),
@@ -105,7 +91,13 @@ def discovery_records(
 
 def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKeys:
     """Return the verdict on a campaign, and what to measure next."""
-    places = without_a_cause(found.effects, found.unexplained)
+    # Maps say where an error is, and not why: they are what has no name, where nothing else is.
+    places = found.unexplained or tuple(
+        Unexplained(of=each.of, form=MAP, shared_error_mm=None, why="cause not known")
+        for each in found.effects
+        if each.id == MAP
+    )
+    limits, below = found.falls_back, found.below_detection_limit
     return VerdictKeys(
         verdict=found.verdict,
         why=found.why,
@@ -117,14 +109,12 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
             for finding in (*found.gives_way, *found.effects)
         ),
         faults=found.faults,
-        unexplained=parts.AllUnexplained(**dict(places[0]), all=places) if places else None,
-        proposed=tuple(each.record for each in found.proposed) or None,
+        unexplained=AllUnexplained(**dict(places[0]), all=places) if places else None,
+        proposed=tuple(proposal.record for proposal in found.proposed) or None,
         not_testable=with_a_name(found.not_testable),
-        below_detection_limit=None
-        if found.below_detection_limit is None
-        else with_a_name(found.below_detection_limit),
+        below_detection_limit=None if below is None else with_a_name(below),
         indistinguishable=tuple(tuple(map(name_of, group)) for group in found.indistinguishable),
-        gap=parts.Gap(
+        gap=Gap(
             noise_floor_mm=found.noise_floor_mm,
             noise_floor_from=found.noise_floor_from,
             train=found.train.record(),
@@ -135,8 +125,8 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         **found.of_its_method(),
         angles_seen=None if found.seen is None else found.seen.record,
         falls_back=None
-        if found.falls_back is None
-        else maps.FallsBack(within=found.falls_back.within.record, why=found.falls_back.why),
+        if limits is None
+        else FallsBack(within=limits.within.record, why=limits.why),
         suggested_poses=() if ahead is None else ahead.poses,
         separations=None if ahead is None else ahead.separations,
     )
@@ -146,8 +136,8 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     """Return what a reader should know before trusting the extended model."""
     found = []
     for effect in verdict.effects:
-        rivals = ", ".join(f"{rival.id} of {rival.of}" for rival in effect.alternatives)
-        if rivals:
+        if effect.alternatives:
+            rivals = ", ".join(f"{rival.id} of {rival.of}" for rival in effect.alternatives)
             found.append(f"{effect.id} of {effect.of} is indistinguishable from {rivals}")
     if verdict.verdict == "unexplained" and verdict.unexplained is not None:
         place = verdict.unexplained.of or "unknown place"
@@ -156,7 +146,7 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     if verdict.falls_back is not None:
         found.append(verdict.falls_back.why)
     search = verdict.search
-    if isinstance(search, parts.SearchByRepeats) and search.readings_excluded:
+    if isinstance(search, SearchByRepeats) and search.readings_excluded:
         many = "s are" if search.readings_excluded > 1 else " is"
         found.append(
             f"{search.readings_excluded} reading{many} excluded, far from the model and from all "
@@ -190,26 +180,25 @@ def summary(verdict: VerdictKeys) -> list[str]:
         for each in verdict.proposed or ()
     ]
     for kind, gap in (("train", verdict.gap.train), ("holdout", verdict.gap.holdout)):
-        lines += [] if gap is None else _gap_lines(kind, gap)
-    return lines
-
-
-def _gap_lines(kind: str, gap: parts.SetGap) -> list[str]:
-    low, high = gap.reduction.interval95_mm
-    lines = [
-        f"{kind} mean {gap.before.mean_mm:.4f} -> {gap.after.mean_mm:.4f} mm, less by {low:.4f} "
-        f"to {high:.4f} mm (95 %); noise floor {gap.noise_floor_mm:.4f} mm"
-    ]
-    return lines + [
-        f"  {name}: {part.after.configurations} poses, rms {part.before.rms_mm:.4f} -> "
-        f"{part.after.rms_mm:.4f} mm"
-        for name, part in (
-            ("inside", gap.inside),
-            ("outside", gap.outside),
-            ("without readings flagged as wrong", gap.trusted),
+        if gap is None:
+            continue
+        low, high = gap.reduction.interval95_mm
+        lines.append(
+            f"{kind} mean {gap.before.mean_mm:.4f} -> {gap.after.mean_mm:.4f} mm, less by "
+            f"{low:.4f} to {high:.4f} mm (95 %); noise floor {gap.noise_floor_mm:.4f} mm"
         )
-        if part is not None
-    ]
+        parts = {
+            "inside": gap.inside,
+            "outside": gap.outside,
+            "without readings flagged as wrong": gap.trusted,
+        }
+        lines += [
+            f"  {name}: {part.after.configurations} poses, rms {part.before.rms_mm:.4f} -> "
+            f"{part.after.rms_mm:.4f} mm"
+            for name, part in parts.items()
+            if part is not None
+        ]
+    return lines
 
 
 def ripple_words(witness: JointWitness) -> str:
@@ -269,19 +258,4 @@ def parameter_shifts(
             identifiable=parameter.identifiable,
         )
         for name, parameter in after.items()
-    )
-
-
-def gap_rows(gap: Gap, baseline: FittedModel) -> GapRows:
-    """Return every configuration with its residuals before and after, along base axes."""
-    poses, T_instr_base = gap.poses, baseline.T_instr_base
-    T_instr_ee = T_instr_base @ baseline.model.predict(poses.states, baseline.x)
-    p_instr_m = poses.measured.end_poses(T_instr_ee)[:, :3, 3]
-    return GapRows(
-        pose=poses.pose,
-        load_N=poses.states.load_N,
-        place_mm=1e3 * (p_instr_m - T_instr_base[:3, 3]) @ T_instr_base[:3, :3],
-        before_mm=gap.found_before.position_mm,
-        after_mm=gap.found_after.position_mm,
-        extrapolated=None if gap.inside is None else ~gap.inside,
     )

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.finding import Fault, fault_of
+from pa10cal.discovery.finding import DiagnosedFault, fault_of
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -40,7 +40,7 @@ def stated_wrongly(
     baseline: FittedModel,
     setup: MeasurementSetup,
     context: CandidateContext,
-) -> tuple[Fault, ...]:
+) -> tuple[DiagnosedFault, ...]:
     """Return loads and tool that are stated wrongly, by logged torques."""
     faults = [each for each in fault_candidates(context) if isinstance(each, WeightStated)]
     if not faults or setup.payload is None or context.torques != "logged":

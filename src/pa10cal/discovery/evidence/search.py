@@ -15,7 +15,7 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.evidence.fit import Fit, fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import SIZES, Block, Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.discovery.finding import NotTestable
+from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import by_end, of_weights, possible_sizes
 from pa10cal.discovery.preparation import computable, effects_in, why_hidden
 from pa10cal.terms.effects.effect import Effect
@@ -114,7 +114,7 @@ def _factor(effect: Effect, x: Array) -> Array:
 
 def testable(
     problem: Problem, found: Fit, effects: tuple[Effect, ...]
-) -> tuple[tuple[Effect, ...], tuple[NotTestable, ...]]:
+) -> tuple[tuple[Effect, ...], tuple[Untestable, ...]]:
     """Divide effects into those that these data can show and those that they cannot."""
     known, refused = computable(
         effects,
@@ -137,7 +137,7 @@ def testable(
         if why is None:
             shown.append(effect)
         else:
-            refused.append(NotTestable(effect, why))
+            refused.append(Untestable(effect, why))
     return tuple(shown), tuple(refused)
 
 

@@ -10,7 +10,7 @@ from scipy.stats import rankdata
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Mask
-from pa10cal.discovery.finding import Fault
+from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.in_time.wander import (
     STILL,
     InTime,
@@ -138,7 +138,7 @@ def in_time_of(
 
 def steps_in_time(
     wander: Wander | None, at: FittedModel, readings: Observations
-) -> tuple[Fault, ...]:
+) -> tuple[DiagnosedFault, ...]:
     """Return the jumps as faults of the log."""
     if wander is None:
         return ()
@@ -153,7 +153,7 @@ def steps_in_time(
         size_mm = float(np.sqrt(np.mean(error_mm(readings.measured, moved) ** 2)))
         turn_mrad = 1e3 * float(np.linalg.norm(motion[3:]))
         found.append(
-            Fault(
+            DiagnosedFault(
                 kind="step_in_time",
                 where=f"between {pose[last]} at {time_s[last]:.10g} s and {pose[next_]} at "
                 f"{time_s[next_]:.10g} s",
