@@ -29,7 +29,7 @@ from pa10cal.discovery.linear import (
     rms,
 )
 from pa10cal.discovery.noise import pose_weights
-from pa10cal.discovery.preparation import sought, why_unknown
+from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.verdict import Verdict, is_named
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -140,23 +140,11 @@ class _Rows:
         left, jacobian = residual_and_jacobian(at, poses)
         weights = pose_weights(left, float(jacobian.shape[2]), poses.measured)
         held_out = trusted(found.holdout, found.prepared.suspected)
-        terms = at.model.terms
-        logged = found.prepared.torques == "logged"
-        held = {term for term in terms if isinstance(term, Effect)}
-        candidates = tuple(
-            effect
-            for effect in sought(found.context, terms)
-            if is_named(effect)
-            and effect not in held
-            and why_unknown(effect, poses.states, logged=logged, weights=True) is None
-        )
-        return cls(
-            at,
-            poses,
-            None if held_out is None else held_out.poses,
-            weights.whiteners(np.arange(len(poses))),
-            candidates,
-        )
+        terms, logged = at.model.terms, found.prepared.torques == "logged"
+        named = [e for e in sought(found.context, terms) if is_named(e) and e not in terms]
+        candidates, _ = computable(named, poses.states, logged=logged, weights=True)
+        others = None if held_out is None else held_out.poses
+        return cls(at, poses, others, weights.whiteners(), tuple(candidates))
 
     @property
     def readings(self) -> int:

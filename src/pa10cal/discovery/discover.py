@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -84,10 +84,9 @@ def not_sought(campaign: Prepared, calibrated: FittedModel, reason: TooLittle) -
     noise = noise_of_near_poses(readings, residual(baseline, readings))
     measured, group = readings.measured, reading_groups(readings)
     cov = mean_covariance(noise.cov, measured.components_seen, group)
-    poses = complete(average_repeats(readings), baseline, setup)
+    poses, held_out = complete(average_repeats(readings), baseline, setup), campaign.held_out
     floor_mm = mean_error_of_noise_mm(poses.measured, cov)
-
-    held_out = campaign.held_out
+    compared = partial(gap, before=baseline, after=baseline, noise_floor_mm=floor_mm)
     x, covariance = np.concatenate([baseline.x, np.zeros(6)]), calibrated.covariance
     return NotSought(
         prepared=campaign,
@@ -96,10 +95,8 @@ def not_sought(campaign: Prepared, calibrated: FittedModel, reason: TooLittle) -
         covariance=np.full((len(x), len(x)), np.nan) if covariance is None else covariance,
         noise_floor_mm=floor_mm,
         noise_floor_from=noise.origin,
-        train=gap(poses, baseline, baseline, floor_mm),
-        holdout=None
-        if held_out is None
-        else gap(complete(held_out, baseline, setup), baseline, baseline, floor_mm),
+        train=compared(poses),
+        holdout=None if held_out is None else compared(complete(held_out, baseline, setup)),
         why=reason.why,
         remedy=reason.remedy,
         calibrated=calibrated,
@@ -129,14 +126,9 @@ def discover(
 ) -> Verdict[object]:
     """Find which effects are missing from a calibrated model.
 
-    Held-out poses serve nothing but the gap. In a campaign with too few poses or repeats nothing is
-    sought, and the verdict says so.
-
-    Args:
-        every: single readings of a campaign, of all kinds, with the instrument's covariance.
-        model: the calibrated model.
-        setup: what is known of the campaign besides its readings, and the options of the search.
-        wrong: configurations that are wrong, and not among the readings for that.
+    By single readings of all kinds, with the instrument's covariance, and by what was found wrong
+    and is not among them for that. Held-out poses serve nothing but the gap. In a campaign with too
+    few poses or repeats nothing is sought, and the verdict says so.
 
     Raises:
         CalibrationError: when a joint with a spring has no torque.
@@ -173,11 +165,10 @@ def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:
     if judged_by_blocks(campaign.trusted):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 
-        by_blocks = discover_by_blocks(campaign)
-        poses, context = by_blocks.survey.poses, by_blocks.context
-        wrong = stated_wrongly(poses, campaign.baseline, campaign.setup, context)
-        faults = (*by_blocks.faults_of_rows, *wrong)
-        return replace(by_blocks, faults_of_rows=faults)
+        found = discover_by_blocks(campaign)
+        poses = found.survey.poses
+        wrong = stated_wrongly(poses, campaign.baseline, campaign.setup, found.context)
+        return replace(found, faults_of_rows=(*found.faults_of_rows, *wrong))
     check_torques(campaign.baseline.model, campaign.readings)
     if lacking := too_little(campaign.trusted, campaign.baseline):
         return not_sought(campaign, model, lacking)
@@ -200,8 +191,7 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | 
         if typical_rad > _NO_ATTITUDE_RAD:
             return TooLittle(
                 f"the orientations are {np.degrees(typical_rad):.0f} deg off those of the "
-                "calibrated "
-                "model, typically",
+                "calibrated model, typically",
                 "check the order and the sense of qw, qx, qy, qz, and the findings of the "
                 "calibration",
             )

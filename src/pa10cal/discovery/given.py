@@ -268,8 +268,7 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
             "reason": ended.reason,
             "parameters": _parameters(found),
             "covariance": Covariance(
-                names=(*(p.name for p in model.model.parameters), *_BASE),
-                matrix=model.covariance,
+                names=(*(p.name for p in model.model.parameters), *_BASE), matrix=model.covariance
             ),
             "T_instr_base": model.T_instr_base,
             "fitted_model": model_to_plain(model),

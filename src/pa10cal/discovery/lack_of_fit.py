@@ -18,20 +18,7 @@ from pa10cal.discovery.linear import by_joints, error_mm, position_m, position_n
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.results.analysis import (
-    CellJoint,
-    Cells,
-    Channel,
-    Drift,
-    ErrorPart,
-    JointArrival,
-    JointPart,
-    LackOfFit,
-    Periodogram,
-    PureErrorTest,
-    TorqueArrival,
-    TorquePart,
-)
+from pa10cal.results import analysis as records
 from pa10cal.results.evaluation import Estimate
 
 # Weighted means and slopes whose uncertainty counts poses, not rows.
@@ -109,7 +96,7 @@ def joint_errors(screws: Array, left: Array) -> tuple[Array, Array]:
 
 def periodogram(
     q_rad: Array, error_rad: Array, weight: Array, gear_ratio: float
-) -> Periodogram | None:
+) -> records.Periodogram | None:
     """Return the periodogram of one joint's error by its angle, None where it hardly turned.
 
     It is that of Lomb and Scargle, generalised: a constant is free. Orders are marked where joints
@@ -135,7 +122,7 @@ def periodogram(
 
         part = lombscargle(q_rad, centred, every, weights=share, normalize=True, floating_mean=True)
         explained_rad = np.sqrt(variance * np.clip(part, 0.0, 1.0))
-    return Periodogram(
+    return records.Periodogram(
         orders=rounded(orders),
         explained_rad=rounded(explained_rad[: len(orders)]),
         marked=np.array(marked),
@@ -151,7 +138,7 @@ _HOUR_S = 3600.0
 _DIGITS = 6
 
 
-def pure_error_test(chi_square: float, dof: float, pure_dof: int) -> PureErrorTest:
+def pure_error_test(chi_square: float, dof: float, pure_dof: int) -> records.PureErrorTest:
     """Return Fisher's F of a remaining error, near one where the model lacks nothing.
 
     By the sum of squares in units of the pure error's variance, rows less what the parameters took
@@ -159,7 +146,12 @@ def pure_error_test(chi_square: float, dof: float, pure_dof: int) -> PureErrorTe
     """
     F, pure = chi_square / dof, float(pure_dof)
     p_value = float(fdtrc(dof, pure, F))
-    return PureErrorTest(chi_square=chi_square, dof=dof, pure_error_dof=pure, F=F, p_value=p_value)
+    return records.PureErrorTest(
+        chi_square=chi_square, dof=dof, pure_error_dof=pure, F=F, p_value=p_value
+    )
+
+
+_UNTESTED = records.Channel(shared=None, unshared=None, shared_variance_of_a_reading=0.0)
 
 
 @dataclass(frozen=True)
@@ -189,9 +181,9 @@ class TorqueResiduals:
 
 def lack_of_fit(
     left: CellResiduals,
-    tests: tuple[Channel | None, Channel | None] = (None, None),
+    tests: tuple[records.Channel | None, records.Channel | None] = (None, None),
     torques: TorqueResiduals | None = None,
-) -> LackOfFit:
+) -> records.LackOfFit:
     """Compute where a model and the data disagree.
 
     With the tests of poses and of torques against pure error, None without repeats, and with what
@@ -212,14 +204,14 @@ def lack_of_fit(
     )
     x_mm, y_mm, z_mm = rounded(position_mm[shown]).T
     weight, hours = cells.readings.astype(float), states.time_s / _HOUR_S
-    return LackOfFit(
-        pose=tests[0] or Channel(shared=None, unshared=None, shared_variance_of_a_reading=0.0),
+    return records.LackOfFit(
+        pose=tests[0] or _UNTESTED,
         torque=tests[1],
         rms_mm=_root_mean(squares),
         floor_mm=_root_mean(noise),
         by_load=_parts([f"{load:g} N" for load in states.load_N], squares, noise),
         by_axis=tuple(
-            ErrorPart(
+            records.ErrorPart(
                 of=axis,
                 cells=len(cells),
                 rms_mm=_root_mean(position_mm[:, k] ** 2),
@@ -232,14 +224,14 @@ def lack_of_fit(
         if torques is None
         else tuple(_torque_part(cells, torques, j) for j in range(n)),
         drifts=tuple(
-            Drift(
+            records.Drift(
                 axis=axis,
                 by_time_mm_per_h=slope(hours, of_axis, weight, cells.pose),
                 by_temperature_mm_per_K=slope(states.temperature_C, of_axis, weight, cells.pose),
             )
             for axis, of_axis in zip(AXES, position_mm.T, strict=True)
         ),
-        cells=Cells(
+        cells=records.Cells(
             pose=some.pose,
             load_N=rounded(few.load_N),
             readings=some.readings,
@@ -249,7 +241,7 @@ def lack_of_fit(
             position_y_mm=y_mm,
             position_z_mm=z_mm,
             joints=tuple(
-                CellJoint(
+                records.CellJoint(
                     joint=j + 1,
                     q_rad=rounded(few.q_rad[:, j]),
                     arrival=rounded(few.arrival[:, j]),
@@ -273,15 +265,15 @@ def rounded(values: Array) -> Array:
 
 def _joint_part(
     arm: Arm, cells: Observations, error_rad: Array, std_rad: Array, j: int
-) -> JointPart:
+) -> records.JointPart:
     error, weight = error_rad[:, j], std_rad[:, j] ** -2.0
     share = weight / weight.sum()
-    return JointPart(
+    return records.JointPart(
         joint=j + 1,
         rms_rad=float(np.sqrt(share @ error**2)),
         floor_rad=float(np.sqrt(share @ std_rad[:, j] ** 2)),
         arrivals=tuple(
-            JointArrival(direction=sign, cells=count, mean_rad=of.value, std_rad=of.std)
+            records.JointArrival(direction=sign, cells=count, mean_rad=of.value, std_rad=of.std)
             for sign, count, of in _arrivals(cells, error, weight, j)
         ),
         periodogram=None
@@ -290,14 +282,14 @@ def _joint_part(
     )
 
 
-def _torque_part(cells: Observations, torques: TorqueResiduals, j: int) -> TorquePart:
+def _torque_part(cells: Observations, torques: TorqueResiduals, j: int) -> records.TorquePart:
     left_Nm = torques.torque_Nm[:, j]
-    return TorquePart(
+    return records.TorquePart(
         joint=j + 1,
         rms_Nm=_root_mean(left_Nm**2),
         noise_Nm=_root_mean(torques.noise_Nm[j] ** 2 / cells.readings),
         arrivals=tuple(
-            TorqueArrival(direction=sign, cells=count, mean_Nm=of.value, std_Nm=of.std)
+            records.TorqueArrival(direction=sign, cells=count, mean_Nm=of.value, std_Nm=of.std)
             for sign, count, of in _arrivals(cells, left_Nm, cells.readings.astype(float), j)
         ),
     )
@@ -313,18 +305,15 @@ def _arrivals(
             yield sign, int(rows.sum()), mean(values[rows], weight[rows], pose[rows])
 
 
-def _parts(of: list[str], squares: Array, noise: Array) -> tuple[ErrorPart, ...]:
+def _parts(of: list[str], squares: Array, noise: Array) -> tuple[records.ErrorPart, ...]:
     """Return the parts of cells by a label of each, in the order in which labels first come."""
     labels, first, group = np.unique(of, return_index=True, return_inverse=True)
     count = np.bincount(group)
     rms = np.sqrt(np.bincount(group, squares) / count)
     floor = np.sqrt(np.bincount(group, noise) / count)
     return tuple(
-        ErrorPart(
-            of=str(labels[k]),
-            cells=int(count[k]),
-            rms_mm=float(rms[k]),
-            floor_mm=float(floor[k]),
+        records.ErrorPart(
+            of=str(labels[k]), cells=int(count[k]), rms_mm=float(rms[k]), floor_mm=float(floor[k])
         )
         for k in np.argsort(first)
     )

@@ -139,10 +139,8 @@ def _long_enough(series: Sequence[JointSeries]) -> list[JointSeries]:
 def lines(series: Sequence[JointSeries], ratio: float | None, joints: int) -> list[Line]:
     """Return the lines of a joint, the strongest first, each sought beside those before it.
 
-    Args:
-        series: its campaigns, each in configurations to which it moved.
-        ratio: at whose multiples alone to look; None: at all orders.
-        joints: how many are searched, for the rate of false lines.
+    In its campaigns, each in configurations to which it moved; at multiples of a ratio alone, or at
+    all orders. How many joints are searched decides the rate of false lines.
     """
     if ratio is None:
         orders = np.arange(_LOWEST, _HIGHEST, 1.0 / _TURNS)
@@ -226,10 +224,16 @@ def _witness(
             gains += _gains(alone, line.order, turns)
     nats = gains.max(axis=1)
     best = int(np.argmax(nats))
+    # Where the likelihood is highest between the shares tried, by a parabola.
+    k = int(np.clip(best, 1, len(nats) - 2))
+    low, middle, high = nats[k - 1 : k + 2]
+    bend = low - 2.0 * middle + high
+    step = 0.5 * (low - high) / bend if bend < 0.0 else 0.0
+    alpha = float(_ALPHAS[k] + np.clip(step, -1.0, 1.0) * (_ALPHAS[1] - _ALPHAS[0]))
     return MotorRipple(
         ratio=ratio,
         orders=tuple(round(order / ratio) for order in orders),
-        alpha=_top(nats),
+        alpha=alpha,
         interval95=_interval(nats - nats[best]),
         gain_nats=float(nats[best] - np.interp(0.0, _ALPHAS, nats)),
         gain_over_one_nats=float(nats[best] - np.interp(1.0, _ALPHAS, nats)),
@@ -311,15 +315,6 @@ def _gains(series: JointSeries, order: float, turns: Array) -> Array:
     return found
 
 
-def _top(nats: Array) -> float:
-    """Return where a likelihood given at the shares tried is highest, by a parabola."""
-    k = int(np.clip(np.argmax(nats), 1, len(nats) - 2))
-    low, middle, high = nats[k - 1 : k + 2]
-    bend = low - 2.0 * middle + high
-    step = 0.5 * (low - high) / bend if bend < 0.0 else 0.0
-    return float(_ALPHAS[k] + np.clip(step, -1.0, 1.0) * (_ALPHAS[1] - _ALPHAS[0]))
-
-
 def _interval(below: Array) -> tuple[float, float]:
     """Return the 95 % interval about the best of all shares tried (A,), by log-likelihoods."""
     inside = np.flatnonzero(below > -_CHI2_95_HALF)
@@ -350,14 +345,8 @@ def joint_series(
 
     The residual of a pose is that of all its joints and of its reading at once; their variances are
     found from all poses (expectation and maximisation). What a joint makes of it, the others being
-    noise, is its score.
-
-    Args:
-        at: the model, with its maps.
-        poses: P poses.
-        left: (P, b) predicted minus measured components.
-        whitener: (P, b, b) makes the residuals of a pose independent and of unit size.
-        joints: from 1.
+    noise, is its score. The model has its maps; it leaves (P, b), predicted minus measured, which
+    the whitener (P, b, b) makes independent and of unit size. Joints are counted from 1.
     """
     score, weight = _scores(
         whitener @ by_every_joint(at, poses),
@@ -376,18 +365,11 @@ def joint_series(
         np.nan,
     )
     campaign = np.zeros(len(poses), int) if states.campaign is None else states.campaign
-    found: list[list[JointSeries]] = []
-    for j in range(score.shape[1]):
-        whole = JointSeries(
-            q_rad=states.q_rad[:, j],
-            left_rad=score[:, j] / weight[:, j],
-            weight=weight[:, j],
-            error_rad=error_rad[:, j],
-            torque_Nm=torque_Nm[:, j],
-            moved=states.since_before[:, j] != 0.0,
-        )
-        here = [whole.where(campaign == number) for number in np.unique(campaign)]
-        found.append(here if j + 1 in joints else [])
+    columns = (states.q_rad, score / weight, weight, error_rad, torque_Nm, states.since_before != 0)
+    found: list[list[JointSeries]] = [[] for _ in range(score.shape[1])]
+    for joint in joints:
+        whole = JointSeries(*(column[:, joint - 1] for column in columns))
+        found[joint - 1] = [whole.where(campaign == number) for number in np.unique(campaign)]
     return found
 
 

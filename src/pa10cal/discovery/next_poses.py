@@ -13,15 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pa10cal.arm.room import (
-    Box,
-    Postures,
-    above,
-    draw_within,
-    end_within,
-    off_column,
-    off_links,
-)
+from pa10cal.arm.room import Box, Postures, above, draw_within, end_within, off_column, off_links
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
@@ -438,19 +430,10 @@ def without_repeats(survey: Survey, found: ModelWithEffects, noise: Noise) -> tu
     cov = noise.cov * len(rows) / count
     setup, load_N = survey.setup, poses.states.load_N
     pose, _, _ = noise_models(poses, cov, survey.baseline, setup, None, load_N, in_time)
+    base, context, logged = survey.baseline, survey.context, survey.torques_logged
+    none_Nm = np.zeros_like(poses.states.tau_Nm)
     problem = Problem(
-        survey.baseline,
-        setup,
-        poses,
-        poses,
-        cov,
-        noise,
-        pose,
-        torque=None,
-        torque_left_Nm=np.zeros_like(poses.states.tau_Nm),
-        context=survey.context,
-        torques_logged=survey.torques_logged,
-        in_time=in_time,
+        base, setup, poses, poses, cov, noise, pose, None, none_Nm, context, logged, in_time
     )
     sizes, variance = (SIZES.index(1.0),) * len(found.effects), max(scatter - 1.0, 0.0)
     return problem, Fit(found.effects, found.at, found.converged, sizes, variance, 0.0)

@@ -76,13 +76,10 @@ class Noise:
 
 
 def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) -> Noise:
-    """Find the noise of single readings from repeats.
+    """Find the noise of P single readings from repeats.
 
-    Args:
-        readings: P single readings.
-        deviation: (P, b) components measured less what a model says at the reading's own joint
-            positions and torques.
-        screws: (P, b, n) how the components follow each joint's position.
+    By components (P, b) measured less what a model says at the reading's own joint positions and
+    torques, and how they follow each joint's position (P, b, n).
 
     Raises:
         DiscoveryError: when too little is repeated, or repeats show no noise.
@@ -109,12 +106,12 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
         squares = np.sum(turned**2, axis=0)
         by_direction_Nm = np.sum(turned * torque_difference, axis=0) / np.where(squares, squares, 1)
         torque_difference = torque_difference - turned * by_direction_Nm
-    of_kinds = np.zeros((len(seen), len(measured.component_kinds), *stated.shape[1:]))
-    for k, (_, at) in enumerate(measured.component_kinds):  # the same error of all of a kind
-        rows = np.arange(seen.shape[1])[at]
-        of_kinds[:, k, rows, rows] = seen[:, at]
-    of_joints = np.einsum("pik,pjk->pkij", screws, screws)
-    sources = np.concatenate([of_joints, stated[:, None], of_kinds], axis=1)
+    of_sources = [np.einsum("pik,pjk->pkij", screws, screws), stated[:, None]]
+    for _, at in measured.component_kinds:  # the same independent error of all of a kind
+        rows, of_kind = np.arange(seen.shape[1])[at], np.zeros((len(seen), 1, *stated.shape[1:]))
+        of_kind[:, 0, rows, rows] = seen[:, at]
+        of_sources.append(of_kind)
+    sources = np.concatenate(of_sources, axis=1)
     both = seen[first] & seen[second]
     of_pairs = np.where(
         (both[:, :, None] & both[:, None, :])[:, None],
@@ -215,8 +212,7 @@ def _pairs(readings: Observations) -> tuple[Index, Index]:
     """Return readings and their next ones of the same circumstances; see `repeated`."""
     circumstances = compared(readings)
     order = np.lexsort((readings.states.time_s, circumstances))
-    sorted_codes = circumstances[order]
-    pairs = np.flatnonzero(sorted_codes[1:] == sorted_codes[:-1])
+    pairs = np.flatnonzero(np.diff(circumstances[order]) == 0)
     return order[pairs], order[pairs + 1]
 
 
@@ -298,13 +294,8 @@ def with_torque_noise(
     """Return stated noise with what the noise of logged torques adds to it by way of the springs.
 
     Noise found from pairs of readings holds it already. The noise of torques is what they scatter
-    by about those of weights known but for factors; zero of a joint with too few poses to say.
-
-    Args:
-        noise: of P poses.
-        at: the model.
-        poses: P complete poses whose torques were logged.
-        payload: what the arm carried; None where the masses are not known.
+    by about those of weights known but for factors; zero of a joint with too few poses to say. The
+    poses are complete; the payload is None where the masses are not known.
     """
     springs = [term for term in at.model.terms if yields(term)]
     if noise.differences or payload is None or not springs:
@@ -382,12 +373,10 @@ def unweighted(measured: Instrument) -> PoseWeights:
 
 
 def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeights:
-    """Weigh poses by what a model leaves of them.
+    """Weigh poses by what a model leaves of their components, (P, b).
 
-    Args:
-        residual: (P, b) what remains of the components.
-        dof: parameters that the data determine, which the residuals are smaller by.
-        measured: states the covariance of the components, and which were seen.
+    The residuals are smaller by the parameters that the data determine, `dof`. The instrument
+    states the covariance of the components, and which were seen.
     """
     stated, seen = measured.stated_covariance, measured.components_seen
     rows = int(seen.sum())

@@ -25,7 +25,7 @@ from pa10cal.results.discovery import (
     VerdictRecord,
 )
 from pa10cal.results.evaluation import Parameter
-from pa10cal.results.maps import FallsBack, JointWitness
+from pa10cal.results.maps import FallsBack
 from pa10cal.results.record import Campaign
 
 
@@ -165,12 +165,17 @@ def summary(verdict: VerdictKeys) -> list[str]:
     lines += [] if lead is None else [f"  {each}" for each in lead.sentences]
     for effect in verdict.effects_by_share:
         values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
-        rivals = " or ".join(f"{rival.id} of {rival.of}" for rival in effect.alternatives)
-        lines.append(
-            f"  {effect.id} of {effect.of}: {values}"
-            + (f"; indistinguishable from {rivals}" if rivals else "")
-            + ("" if effect.witness is None else ripple_words(effect.witness))
-        )
+        line = f"  {effect.id} of {effect.of}: {values}"
+        if effect.alternatives:
+            rivals = " or ".join(f"{rival.id} of {rival.of}" for rival in effect.alternatives)
+            line += f"; indistinguishable from {rivals}"
+        if effect.witness is not None and (ripple := effect.witness.ripple) is not None:
+            low, high = ripple.interval95
+            line += (
+                f"; its motor followed {ripple.alpha:.2f} of it ({low:.2f} to {high:.2f}), by "
+                f"lines at {', '.join(map(str, ripple.orders))} times {ripple.ratio:g}"
+            )
+        lines.append(line)
     lines += [
         f"  without a name, of {place.of or 'unknown place'}: {place.why}"
         for place in (verdict.unexplained.all if verdict.unexplained else ())
@@ -199,18 +204,6 @@ def summary(verdict: VerdictKeys) -> list[str]:
             if part is not None
         ]
     return lines
-
-
-def ripple_words(witness: JointWitness) -> str:
-    """Return what the ripple says in words that follow others; nothing where there is none."""
-    ripple = witness.ripple
-    if ripple is None:
-        return ""
-    low, high = ripple.interval95
-    return (
-        f"; its motor followed {ripple.alpha:.2f} of it ({low:.2f} to {high:.2f}), by lines at "
-        f"{', '.join(map(str, ripple.orders))} times {ripple.ratio:g}"
-    )
 
 
 # All that the figures of discovery show.

@@ -118,20 +118,18 @@ def _of_loads(readings: Observations, told_N: Array, gain: Array) -> Iterator[Di
     stated_N = readings.states.load_N
     wrong = told_N != stated_N
     for pose in np.unique(readings.pose[wrong]):
-        here = wrong & (readings.pose == pose)
+        of_pose = readings.pose == pose
+        here = wrong & of_pose
         pairs = sorted(set(zip(stated_N[here].tolist(), told_N[here].tolist(), strict=True)))
-        whole = all(here[(readings.pose == pose) & (stated_N == one)].all() for one, _ in pairs)
-        repeats = sorted(set(readings.repeat[here].tolist()))
-        among = "" if whole else f", repeat {', '.join(map(str, repeats))}"
-        each = "; ".join(f"{one:g} N stated, {other:g} N told" for one, other in pairs)
+        where = f"pose {pose}, {', '.join(f'{stated:g} N' for stated, _ in pairs)}"
+        if not all(here[of_pose & (stated_N == stated)].all() for stated, _ in pairs):
+            where += f", repeat {', '.join(map(str, np.unique(readings.repeat[here])))}"
         swapped = len(pairs) > 1 and {one for one, _ in pairs} == {other for _, other in pairs}
-        yield DiagnosedFault(
-            kind="load",
-            where=f"pose {pose}, {', '.join(f'{one:g} N' for one, _ in pairs)}{among}",
-            what=f"{'the loads seem exchanged' if swapped else 'the load seems another'}: {each}",
-            remedy="check which load hung on the arm, and correct load_N there",
-            gain=float(gain[here].sum()),
-        )
+        what = "the loads seem exchanged: " if swapped else "the load seems another: "
+        what += "; ".join(f"{stated:g} N stated, {told:g} N told" for stated, told in pairs)
+        remedy = "check which load hung on the arm, and correct load_N there"
+        gained = float(gain[here].sum())
+        yield DiagnosedFault(kind="load", where=where, what=what, remedy=remedy, gain=gained)
 
 
 def _of_readings(
@@ -141,15 +139,23 @@ def _of_readings(
     rows = np.flatnonzero(gross.accused)
     if not len(rows):
         return
-    orders = _orders(readings.take(rows), model)
+    some, names = readings.take(rows), readings.measured.target_names
+    # The order of the targets that explains each reading, where another does than theirs.
+    order_of: dict[int, tuple[int, ...]] = {}
+    if 2 <= len(names) <= _MOST_TARGETS:
+        least = _EXCHANGED_LEFT * np.linalg.norm(residual(model, some), axis=1)
+        for order in permutations(range(len(names))):
+            other = replace(some, measured=some.measured.in_order(order))
+            left = np.linalg.norm(residual(model, other), axis=1)
+            for k in np.flatnonzero(left < least).tolist():
+                order_of[k], least[k] = order, left[k]
     whole = float(np.sum(gross.times**2)) + len(readings)
-    for row, order in zip(rows.tolist(), orders, strict=True):
+    for k, row in enumerate(rows.tolist()):
         kind: FaultKind = "outlier"
         what = f"{gross.off_mm[row]:.3g} mm off, {gross.times[row]:.3g} times the usual scatter"
         remedy = "look at the raw reading, and measure it again or leave it out"
-        if order is not None:
-            names = readings.measured.target_names
-            moved = " and ".join(names[b] for b, other in enumerate(order) if other != b)
+        if k in order_of:
+            moved = " and ".join(names[b] for b, other in enumerate(order_of[k]) if other != b)
             kind, what = "label", f"the labels of targets {moved} seem exchanged"
             remedy = "correct the labels of this configuration"
         yield DiagnosedFault(
@@ -161,21 +167,6 @@ def _of_readings(
             gain=float(gross.times[row] ** 2 / whole),
             decides=kind == "label",
         )
-
-
-def _orders(readings: Observations, model: FittedModel) -> list[tuple[int, ...] | None]:
-    """Return the order of the targets that explains each reading; None where none does."""
-    names = readings.measured.target_names
-    found: list[tuple[int, ...] | None] = [None] * len(readings)
-    if not 2 <= len(names) <= _MOST_TARGETS:
-        return found
-    least = _EXCHANGED_LEFT * np.linalg.norm(residual(model, readings), axis=1)
-    for order in permutations(range(len(names))):
-        other = replace(readings, measured=readings.measured.in_order(order))
-        left = np.linalg.norm(residual(model, other), axis=1)
-        for row in np.flatnonzero(left < least).tolist():
-            found[row], least[row] = order, left[row]
-    return found
 
 
 # Single readings that a gross error moved: their repeats do not confirm them.
