@@ -68,7 +68,9 @@ class Arena:
         widths = np.array([columns.shape[1] for columns in candidates])
         for width in np.unique(widths):
             places = np.flatnonzero(widths == width)
-            found[places] = self._squares(np.stack([candidates[k] for k in places], axis=1))
+            found[places] = self._squares(
+                np.stack([candidates[k] for k in places.tolist()], axis=1)
+            )
         return found
 
     def _squares(self, columns: Array) -> Array:
@@ -236,16 +238,16 @@ def choose(
     good = [each for each in good if no_worse(each.squares, good[0].squares, _ALIKE)]
     if not good:
         return None
-    best = min(good, key=lambda tried: (tried.form.length, tried.total))
+    best = min(good, key=lambda one: (one.form.length, one.total))
     form, arena, nothing, held = best.form, judge.arena, judge.nothing, judge.held
-    same = [tried.form.order for tried in good if tried.form.form == form.form]
+    same = [one.form.order for one in good if one.form.form == form.form]
     orders = [order for order in same if order is not None]
     # The best of every other kind of form that does as well; not one order and another.
-    kinds = {form.form: form}
-    for tried in good:
-        if form.form != "harmonic" or tried.form.form != "two_harmonics":
-            kinds.setdefault(tried.form.form, tried.form)
-    others = [other for other in kinds.values() if other is not form][:_MOST_OTHERS]
+    other_kinds = {form.form: form}
+    for one in good:
+        if form.form != "harmonic" or one.form.form != "two_harmonics":
+            other_kinds.setdefault(one.form.form, one.form)
+    others = [other for other in other_kinds.values() if other is not form][:_MOST_OTHERS]
     # Fitted to all poses.
     (columns,) = arena.columns_of([form])
     amounts, covariance = arena.fitted(columns)
@@ -253,7 +255,7 @@ def choose(
     report = form.report(factor @ amounts)
     by_amount = report.jacobian @ factor
     covariance = by_amount @ covariance @ by_amount.T
-    gain, whole = nothing - best.squares, float(nothing.sum())
+    gain, total = nothing - best.squares, float(nothing.sum())
     record = ProposedFormula(
         formula=form.formula,
         of=form.of,
@@ -267,10 +269,10 @@ def choose(
         evidence=ProposedEvidence(
             blocks=len(nothing),
             rows=len(arena.data),
-            squared_error_without=whole,
+            squared_error_without=total,
             squared_error_with=best.total,
             squared_error_held=None if held is None else float(held.sum()),
-            gain_std=standard_error(gain) / whole,
+            gain_std=standard_error(gain) / total,
         ),
     )
     return Proposal(form, tuple(instead), record)

@@ -254,13 +254,14 @@ class Verdict(ABC, Generic[P_co]):
         del effects
         return self.model
 
+    def errors_by_name(self) -> tuple[Named, ...]:
+        """Return the errors that remain as the effects join the model one by one."""
+        return in_order(self.train, self.holdout, self.extended.effects, self._model_with)
+
     @cached_property
     def naming(self) -> tuple[Named, ...]:
-        """Return the errors that remain as the effects join the model one by one.
-
-        Of models that fall back where the extended model does.
-        """
-        steps = in_order(self.train, self.holdout, self.extended.effects, self._model_with)
+        """Return `errors_by_name` of models that fall back where the extended model does."""
+        steps = self.errors_by_name()
         if self.falls_back is None:
             return steps
         return tuple(step.falling_back(self.falls_back.within, self.gap) for step in steps)
