@@ -365,11 +365,17 @@ def joint_series(
         np.nan,
     )
     campaign = np.zeros(len(poses), int) if states.campaign is None else states.campaign
-    columns = (states.q_rad, score / weight, weight, error_rad, torque_Nm, states.since_before != 0)
     found: list[list[JointSeries]] = [[] for _ in range(score.shape[1])]
-    for joint in joints:
-        whole = JointSeries(*(column[:, joint - 1] for column in columns))
-        found[joint - 1] = [whole.where(campaign == number) for number in np.unique(campaign)]
+    for j in (joint - 1 for joint in joints):
+        whole = JointSeries(
+            q_rad=states.q_rad[:, j],
+            left_rad=score[:, j] / weight[:, j],
+            weight=weight[:, j],
+            error_rad=error_rad[:, j],
+            torque_Nm=torque_Nm[:, j],
+            moved=states.since_before[:, j] != 0.0,
+        )
+        found[j] = [whole.where(campaign == number) for number in np.unique(campaign)]
     return found
 
 

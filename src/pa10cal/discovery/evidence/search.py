@@ -87,9 +87,10 @@ def _blocks(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> list[B
     if problem.torque is not None:
         by_x, first = np.zeros((*states.tau_Nm.shape, pose.shape[1])), 0
         for term, start in zip(terms, starts, strict=True):
+            columns = slice(first, first + term.linear)
             if shows_torque(term):
-                by_x[:, :, first : first + term.linear] = term.torque_derivative(states, start)
-            first += term.linear
+                by_x[:, :, columns] = term.torque_derivative(states, start)
+            first = columns.stop
         torque = problem.torque.rows(by_x)
     blocks, first = [], 0
     for effect in effects:
