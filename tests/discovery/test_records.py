@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.explained import Joining, explained, explained_by
+from pa10cal.discovery.records import Joining, explained, explained_by
 from pa10cal.results.explained import percent
 from pa10cal.results.record import EffectName
 
