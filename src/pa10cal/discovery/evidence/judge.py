@@ -306,8 +306,7 @@ def _refitted(
     """
     worse = threshold(effects_in(found.family), MISSED_RATE)
     place = found.fit.effects.index(effect)
-    members = tuple(found.family.index(e) for e in found.fit.effects)
-    kept, sizes = less(members, place), less(found.fit.sizes, place)
+    kept, sizes = less(found.members, place), less(found.fit.sizes, place)
     candidates = [found.family.index(e) for e in family if e not in found.fit.effects]
     without = found.evidence.score(kept, sizes).log_evidence
     here = found.score.log_evidence
@@ -356,8 +355,7 @@ def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ..
     """
     if not unexplained:
         return False
-    members = tuple(found.family.index(e) for e in found.fit.effects)
-    sizes = found.fit.sizes
+    members, sizes = found.members, found.fit.sizes
     for k, rival in enumerate(found.family):
         if (rival.generic or rival.id == MAP) and rival.of == effect.of and k not in members:
             _, size = found.evidence.additions(members, sizes, [k])[0]

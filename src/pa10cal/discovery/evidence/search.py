@@ -190,12 +190,21 @@ class EndOfSearch:
 
     problem: Problem  # the campaign, noise and weights computed about that fit
     fit: Fit  # the model with the effects found
-    score: Score  # its evidence about that fit
-    without: tuple[Score, ...]  # evidence of the set less each of its effects
     evidence: Evidence  # about that fit, over the whole family
     family: tuple[Effect, ...]  # the candidates, in the order of the evidence's blocks
     same: Mask  # (m, m) which of them look the same in these poses
-    nothing: Score  # evidence of the empty set about that fit
+    score: Score  # evidence of the set found
+    without: tuple[Score, ...]  # evidence of the set less each of its effects
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        """Return the places of the effects found in the family."""
+        return tuple(map(self.family.index, self.fit.effects))
+
+    @property
+    def nothing(self) -> Score:
+        """Return the evidence of the empty set."""
+        return self.evidence.score((), ())
 
 
 def threshold(family: int, error_rate: float) -> float:
@@ -233,20 +242,11 @@ def search(
 
 def ended_at(problem: Problem, current: Fit, family: tuple[Effect, ...], same: Mask) -> EndOfSearch:
     """Return what the search has found where it ends at a fit, with the evidence about it."""
-    evidence = evidence_about(problem, current, family)
-    members = tuple(family.index(effect) for effect in current.effects)
-    return EndOfSearch(
-        problem=problem,
-        fit=current,
-        score=evidence.score(members, current.sizes),
-        without=tuple(
-            evidence.score(less(members, k), less(current.sizes, k)) for k in range(len(members))
-        ),
-        evidence=evidence,
-        family=family,
-        same=same,
-        nothing=evidence.score((), ()),
-    )
+    evidence, sizes = evidence_about(problem, current, family), current.sizes
+    members = tuple(map(family.index, current.effects))
+    score, places = evidence.score(members, sizes), range(len(members))
+    without = tuple(evidence.score(less(members, k), less(sizes, k)) for k in places)
+    return EndOfSearch(problem, current, evidence, family, same, score, without)
 
 
 def refit(
