@@ -13,7 +13,7 @@ from pa10cal.arm.statics import Payload, PoseStates, statics
 from pa10cal.discovery.evidence.discover import VerdictByRepeats, discover_by_repeats
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.discovery.evidence.search import EndOfSearch, evidence_about, less, testable
+from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, testable
 from pa10cal.discovery.linear import moved_base
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
 from pa10cal.files.arms import load_arm
@@ -126,20 +126,7 @@ def forced(measured, effects, sizes, problem=None, family=None) -> EndOfSearch:
     problem = measured.problem if problem is None else problem
     family = measured.family if family is None else family
     there = fit(problem, effects, sizes, (0.0, 0.0))
-    evidence = evidence_about(problem, there, family)
-    members = tuple(family.index(effect) for effect in effects)
-    return EndOfSearch(
-        problem=problem,
-        fit=there,
-        score=evidence.score(members, sizes),
-        without=tuple(
-            evidence.score(less(members, k), less(sizes, k)) for k in range(len(members))
-        ),
-        evidence=evidence,
-        family=family,
-        same=np.eye(len(family), dtype=bool),
-        nothing=evidence.score((), ()),
-    )
+    return ended_at(problem, there, family, np.eye(len(family), dtype=bool))
 
 
 def measure(missing=Missing(), seed=20080427, poses=POSES, apparatus_m=5e-6, pose_m=0.0):

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from pa10cal.discovery.finding import Fault, fault_of, faults_of_input, to_check
+from pa10cal.discovery.finding import DiagnosedFault, fault_of, faults_of_input, to_check
 from pa10cal.discovery.preparation import effects_in, is_fault
 from pa10cal.discovery.verdict import is_named
 from pa10cal.results.health import InputFinding
@@ -43,7 +43,7 @@ class Shift(LogFault):
 
 
 def fault(*, decides):
-    return Fault(
+    return DiagnosedFault(
         kind="outlier", where="pose 7", what="off", remedy="measure again", decides=decides
     )
 

@@ -9,7 +9,7 @@ from scipy.stats import ttest_rel
 
 from made_up_poses import measured_poses
 from pa10cal.arm.statics import PoseStates
-from pa10cal.discovery.gap import Gap, beside_motion, fallen_back, gap, trusted
+from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back, gap, trusted
 
 POSES, LOADS_N = 12, (0.0, 44.0)
 
@@ -37,7 +37,7 @@ def made(poses=POSES, loads_N=LOADS_N):
     return measured, models, off_mm
 
 
-def compared(measured, before, after, T_moved=None) -> Gap:
+def compared(measured, before, after, T_moved=None) -> PairedErrors:
     """Return the gap of two models that say where the end is."""
 
     def model(T):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.gap import Gap
+from pa10cal.discovery.gap import PairedErrors
 from pa10cal.discovery.gates import harmless
 from pa10cal.fit.angles_seen import nothing_seen, span_visited
 from pa10cal.fit.fitted_model import load_model
@@ -30,7 +30,7 @@ def with_errors(found, factor, beyond):
     before = gap.found_before
     worse = replace(before, distance_mm=factor * before.distance_mm)
     after = gap.found_after.with_others(rows, worse)
-    held_out = Gap(poses, before, after, gap.noise_floor_mm)
+    held_out = PairedErrors(poses, before, after, gap.noise_floor_mm)
     return replace(found, holdout=held_out), rows
 
 
@@ -77,7 +77,7 @@ def test_a_model_that_harms_everywhere_is_the_calibrated_one(request, campaign):
         found.holdout.found_before, distance_mm=1.1 * found.holdout.found_before.distance_mm
     )
     gap = found.holdout
-    harming = Gap(gap.poses, gap.found_before, worse, gap.noise_floor_mm)
+    harming = PairedErrors(gap.poses, gap.found_before, worse, gap.noise_floor_mm)
     after = harmless(replace(found, holdout=harming))
     assert after.holdout.after == after.holdout.before
     assert after.train.after == after.train.before

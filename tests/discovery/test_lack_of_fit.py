@@ -229,11 +229,11 @@ def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(harmon
     steps = in_order(train, None, extended.effects, partial(model_with, problem, extended))
     # What takes most away joins first.
     assert [step.effects for step in steps] == [(), (HARMONIC,), (HARMONIC, FRICTION)]
-    assert isinstance(steps[1].train, Accuracy)
-    assert steps[0].train == train.before
-    assert steps[2].train == train.after
-    assert steps[1].train.rms_mm < 0.3 * steps[0].train.rms_mm
-    assert steps[0].holdout is None
+    assert isinstance(steps[1].record.train, Accuracy)
+    assert steps[0].record.train == train.before
+    assert steps[2].record.train == train.after
+    assert steps[1].record.train.rms_mm < 0.3 * steps[0].record.train.rms_mm
+    assert steps[0].record.holdout is None
 
 
 def test_without_effects_there_is_the_baseline_alone(harmonic):
@@ -241,7 +241,7 @@ def test_without_effects_there_is_the_baseline_alone(harmonic):
     train = compare(problem, start, average_repeats(problem.readings))
     steps = in_order(train, train, start.effects, partial(model_with, problem, start))
     assert [step.effects for step in steps] == [()]
-    assert steps[0].holdout == train.before
+    assert steps[0].record.holdout == train.before
 
 
 class TestPeriodogram:

@@ -29,7 +29,7 @@ from pa10cal.discovery.linear import (
     rms,
 )
 from pa10cal.discovery.noise import pose_weights
-from pa10cal.discovery.preparation import sought, why_unknown
+from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.verdict import Verdict, is_named
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -82,12 +82,14 @@ def with_compliance(found: V) -> V:
         nats = 0.5 * (gain - np.log(rows.readings))
         if nats >= needed:
             shown.append((nats, spring, without))
-    shown.sort(key=lambda each: -each[0])
-    every_shown = tuple(spring for _, spring, _ in shown)
-    rigid, instead = rows.error(every_shown), rows.instead_of(every_shown, needed)
+    shown.sort(key=lambda entry: -entry[0])
+    together = tuple(spring for _, spring, _ in shown)
+    rigid, instead = rows.error(together), rows.instead_of(together, needed)
     findings = []
     for nats, spring, without in shown:
-        effect = JointCompliance(spring.of, spring.tau_ref_Nm)
+        others = tuple(dict.fromkeys((*instead, *rows.rivals(spring, needed))))
+        if len(others) > _MOST_ALTERNATIVES:
+            continue
         stiffness, std, sag_rad, sag_std = rows.stiffness(spring)
         proof = GivesWay(
             lost_without_it_nats=nats,
@@ -103,11 +105,8 @@ def with_compliance(found: V) -> V:
             all_rigid_each_mm=rigid.judging_mm,
             weights="logged" if found.prepared.torques == "logged" else known.origin,
         )
-        others = (*instead, *(e for e in rows.rivals(spring, needed) if e not in instead))
-        if len(others) > _MOST_ALTERNATIVES:
-            continue
-        x, covariance = np.array([stiffness]), np.array([[std**2]])
-        findings.append(Finding(effect, x, covariance, others, proof))
+        effect = JointCompliance(spring.of, spring.tau_ref_Nm)
+        findings.append(Finding(effect, np.array([stiffness]), np.array([[std**2]]), others, proof))
     return replace(found, gives_way=tuple(findings))
 
 
@@ -141,23 +140,11 @@ class _Rows:
         left, jacobian = residual_and_jacobian(at, poses)
         weights = pose_weights(left, float(jacobian.shape[2]), poses.measured)
         held_out = trusted(found.holdout, found.prepared.suspected)
-        terms = at.model.terms
-        logged = found.prepared.torques == "logged"
-        held = {term for term in terms if isinstance(term, Effect)}
-        candidates = tuple(
-            effect
-            for effect in sought(found.context, terms)
-            if is_named(effect)
-            and effect not in held
-            and why_unknown(effect, poses.states, logged=logged, weights=True) is None
-        )
-        return cls(
-            at,
-            poses,
-            None if held_out is None else held_out.poses,
-            weights.whiteners(np.arange(len(poses))),
-            candidates,
-        )
+        terms, logged = at.model.terms, found.prepared.torques == "logged"
+        named = [e for e in sought(found.context, terms) if is_named(e) and e not in terms]
+        candidates, _ = computable(named, poses.states, logged=logged, weights=True)
+        others = None if held_out is None else held_out.poses
+        return cls(at, poses, others, weights.whiteners(), tuple(candidates))
 
     @property
     def readings(self) -> int:
@@ -183,44 +170,45 @@ class _Rows:
         return replace(self.at, x=x)
 
     def error(self, rigid: tuple[JointSpring, ...]) -> _Left:
-        """Return what is left with some joints rigid, all else fitted anew."""
+        """Return what is left with some joints rigid, all else fitted anew, to first order.
+
+        Where a spring goes others take over by bounds: no point of the model, but what is left.
+        """
         at = self.without(rigid)
-        system = self._system(at, rigid)
-        step, squares = system.solved()
-        held_out = self.held_out
-        return _Left(
-            squares,
-            self._errors_mm(at, self.poses, step),
-            None if held_out is None else self._errors_mm(at, held_out, step),
-        )
+        step, squares = self._system(at, rigid).solved()
+
+        def errors_mm(poses: Observations) -> Array:
+            left, jacobian = residual_and_jacobian(at, poses)
+            return error_mm(poses.measured, left + jacobian @ step)
+
+        held_out_mm = None if self.held_out is None else errors_mm(self.held_out)
+        return _Left(squares, errors_mm(self.poses), held_out_mm)
 
     def rivals(self, spring: JointSpring, needed: float) -> tuple[Effect, ...]:
         """Return effects beside which a spring is not needed any more, the best first."""
         rigid, alike = self.without((spring,)), self.alike(spring)
-        without, with_it = self._system(rigid, (spring,)), self._as_it_is
-        tried = []
-        for (effect, at_rigid), (_, columns) in zip(
-            self._columns(rigid), self._columns(self.at), strict=True
-        ):
-            left = without.squares_with(at_rigid)
-            gain = (left - with_it.squares_with(columns)) / alike
-            tried.append((effect, left, 0.5 * (gain - np.log(self.readings))))
-        return _best_of(tried, needed)
+        without, left = self._system(rigid, (spring,)), dict[Effect, float]()
+        both = zip(self._columns(rigid), self._columns(self.at), strict=True)
+        for (effect, at_rigid), (_, columns) in both:
+            squares = without.squares_with(at_rigid)
+            gain = (squares - self._as_it_is.squares_with(columns)) / alike
+            if 0.5 * (gain - np.log(self.readings)) < needed:
+                left[effect] = min(squares, left.get(effect, np.inf))
+        return tuple(sorted(left, key=lambda effect: left[effect]))
 
     def instead_of(self, springs: tuple[JointSpring, ...], needed: float) -> tuple[Effect, ...]:
         """Return effects that explain the poses, each alone, as well as some springs together."""
         if len(springs) < 2:
             return ()
-        rigid = self.without(springs)
+        rigid, left = self.without(springs), dict[Effect, float]()
         without, (_, squares) = self._system(rigid, springs), self._as_it_is.solved()
-        a_parameter = np.log(self.readings)
-        tried = []
         for effect, columns in self._columns(rigid):
-            left = without.squares_with(columns)
+            with_it = without.squares_with(columns)
             # The shape of moments costs what it costs the springs.
-            fewer = (len(springs) - effect.linear) * a_parameter
-            tried.append((effect, left, 0.5 * (left - squares - fewer)))
-        return _best_of(tried, needed)
+            fewer = (len(springs) - effect.linear) * np.log(self.readings)
+            if 0.5 * (with_it - squares - fewer) < needed:
+                left[effect] = min(with_it, left.get(effect, np.inf))
+        return tuple(sorted(left, key=lambda effect: left[effect]))
 
     def _by_moments(self, at: FittedModel, shape: tuple[int, ...]) -> Array:
         """Return what uncertain weights move, (P, b, k), through links and base found to bend."""
@@ -253,11 +241,10 @@ class _Rows:
 
         What bends under moments does so under those of the weights, which are not known either.
         """
-        asked = [(effect, start) for effect in self.candidates for start in effect.starts]
-        effects, starts = [effect for effect, _ in asked], [start for _, start in asked]
-        for effect, start, own in zip(
-            effects, starts, by_terms(at, self.poses, effects, starts), strict=True
-        ):
+        effects = [effect for effect in self.candidates for _ in effect.starts]
+        starts = [start for effect in self.candidates for start in effect.starts]
+        columns = by_terms(at, self.poses, effects, starts)
+        for effect, start, own in zip(effects, starts, columns, strict=True):
             parts = [own[:, :, : effect.linear]]
             if isinstance(effect, LinkEffect | BaseCompliance):
                 parts += [by_terms(at, poses, [effect], [start])[0] for poses in self._moments]
@@ -300,8 +287,7 @@ class _Rows:
         is the same in all of them: they count as one (the variance by stretches of time over that
         of independent poses, at least 1).
         """
-        at = self.at.model.columns_of(spring).start
-        system = self._as_it_is
+        at, system = self.at.model.columns_of(spring).start, self._as_it_is
         independent = float(system.covariance[at, at])
         by_stretches = float(system.by_stretches(self._stretch)[at, at])
         return max(1.0, by_stretches / independent) if independent > 0.0 else 1.0
@@ -315,13 +301,10 @@ class _Rows:
         return np.repeat(order * stretches // count, self.whitener.shape[1])
 
     def stiffness(self, spring: JointSpring) -> tuple[float, float, float, float]:
-        """Return stiffness and largest sag of a joint, each with its standard uncertainty.
+        """Return stiffness [N m/rad], its uncertainty, the largest sag [rad], its uncertainty.
 
         Poses show how far a joint sags. Its stiffness is what the torque of the assumed weights
         varies by, over what the sag does.
-
-        Returns:
-            Stiffness [N m/rad], its uncertainty, sag [rad], its uncertainty.
         """
         model, x = self.at.model, self.at.x
         joint, states = spring.joint - 1, self.poses.states
@@ -343,9 +326,9 @@ class _Rows:
         covariances = (system.covariance[:k, :k], system.by_stretches(self._stretch)[:k, :k])
         return (
             stiffness,
-            float(np.sqrt(max(slope @ each @ slope for each in covariances))),
+            float(np.sqrt(max(slope @ covariance @ slope for covariance in covariances))),
             sag,
-            float(np.sqrt(max(of_sag @ each @ of_sag for each in covariances))),
+            float(np.sqrt(max(of_sag @ covariance @ of_sag for covariance in covariances))),
         )
 
     @cached_property
@@ -368,27 +351,6 @@ class _Rows:
         off = np.where(self.of_weights, unknowns / self.sizes, 0.0)
         return _System(white[:, free] * self.sizes[free], data, off[free], free, self.sizes)
 
-    @staticmethod
-    def _errors_mm(at: FittedModel, poses: Observations, step: Array) -> Array:
-        """Return the position errors of poses after a step of all unknowns, to first order.
-
-        Where a spring goes others take over by bounds: no point of the model, but what is left.
-        """
-        left, jacobian = residual_and_jacobian(at, poses)
-        return error_mm(poses.measured, left + jacobian @ step)
-
-
-def _best_of(tried: list[tuple[Effect, float, float]], needed: float) -> tuple[Effect, ...]:
-    """Return effects beside which less log evidence than needed speaks for springs, best first.
-
-    Each is given at each of its shapes, with the squares it leaves and that evidence.
-    """
-    left: dict[Effect, float] = {}
-    for effect, squares, nats in tried:
-        if nats < needed:
-            left[effect] = min(squares, left.get(effect, np.inf))
-    return tuple(sorted(left, key=lambda effect: left[effect]))
-
 
 @dataclass(frozen=True, eq=False)
 class _System:
@@ -401,14 +363,10 @@ class _System:
     sizes: Array  # of all unknowns
 
     @cached_property
-    def normal(self) -> Array:
-        """Return the normal equations (k, k)."""
-        return np.asarray(self.columns.T @ self.columns + np.eye(self.columns.shape[1]))
-
-    @cached_property
     def inverse(self) -> Array:
         """Return the covariance (k, k) in sizes."""
-        return np.asarray(np.linalg.inv(self.normal))
+        normal = self.columns.T @ self.columns + np.eye(self.columns.shape[1])
+        return np.asarray(np.linalg.inv(normal))
 
     @cached_property
     def gradient(self) -> Array:

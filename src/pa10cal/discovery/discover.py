@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from typing_extensions import override
@@ -33,7 +33,7 @@ from pa10cal.discovery.noise import (
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.row_faults import carries, of_wrong_row
 from pa10cal.discovery.torque_check import stated_wrongly
-from pa10cal.discovery.verdict import Searched, Verdict, is_named, label_of, no_name
+from pa10cal.discovery.verdict import Searched, Verdict, is_named, label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
@@ -44,15 +44,13 @@ from pa10cal.terms.effects.joint_error_map import JointErrorMap
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pa10cal.discovery.finding import Finding
     from pa10cal.results.health import InputFinding
 
 
 # The verdict on a campaign that can be calibrated, and in which effects cannot be sought.
 
 
-@dataclass(frozen=True)
-class TooLittle:
+class TooLittle(NamedTuple):
     """What a campaign lacks for a search, and what would do."""
 
     why: str
@@ -86,10 +84,9 @@ def not_sought(campaign: Prepared, calibrated: FittedModel, reason: TooLittle) -
     noise = noise_of_near_poses(readings, residual(baseline, readings))
     measured, group = readings.measured, reading_groups(readings)
     cov = mean_covariance(noise.cov, measured.components_seen, group)
-    poses = complete(average_repeats(readings), baseline, setup)
+    poses, held_out = complete(average_repeats(readings), baseline, setup), campaign.held_out
     floor_mm = mean_error_of_noise_mm(poses.measured, cov)
-
-    held_out = campaign.held_out
+    compared = partial(gap, before=baseline, after=baseline, noise_floor_mm=floor_mm)
     x, covariance = np.concatenate([baseline.x, np.zeros(6)]), calibrated.covariance
     return NotSought(
         prepared=campaign,
@@ -98,10 +95,8 @@ def not_sought(campaign: Prepared, calibrated: FittedModel, reason: TooLittle) -
         covariance=np.full((len(x), len(x)), np.nan) if covariance is None else covariance,
         noise_floor_mm=floor_mm,
         noise_floor_from=noise.origin,
-        train=gap(poses, baseline, baseline, floor_mm),
-        holdout=None
-        if held_out is None
-        else gap(complete(held_out, baseline, setup), baseline, baseline, floor_mm),
+        train=compared(poses),
+        holdout=None if held_out is None else compared(complete(held_out, baseline, setup)),
         why=reason.why,
         remedy=reason.remedy,
         calibrated=calibrated,
@@ -131,14 +126,9 @@ def discover(
 ) -> Verdict[object]:
     """Find which effects are missing from a calibrated model.
 
-    Held-out poses serve nothing but the gap. In a campaign with too few poses or repeats nothing is
-    sought, and the verdict says so.
-
-    Args:
-        every: single readings of a campaign, of all kinds, with the instrument's covariance.
-        model: the calibrated model.
-        setup: what is known of the campaign besides its readings, and the options of the search.
-        wrong: configurations that are wrong, and not among the readings for that.
+    By single readings of all kinds, with the instrument's covariance, and by what was found wrong
+    and is not among them for that. Held-out poses serve nothing but the gap. In a campaign with too
+    few poses or repeats nothing is sought, and the verdict says so.
 
     Raises:
         CalibrationError: when a joint with a spring has no torque.
@@ -147,30 +137,23 @@ def discover(
     found = _judged(campaign, model)
     for _ in range(_MOST_CARRIERS):
         # A map is no name: it may well show at one pose.
-        carried = [each for each in found.effects if each.carrier and is_named(each.effect)]
+        carried = [one for one in found.effects if one.carrier and is_named(one.effect)]
         if not (carried and isinstance(found, Searched)):
             break
         # One pose is no evidence of what acts in all of them: it is wrong, and the rest decides.
-        fault = carries(str(carried[0].carrier), label_of(carried[0].effect, None), carried[0].gain)
-        campaign = campaign.without_pose(str(carried[0].carrier), fault)
+        first, pose = carried[0], str(carried[0].carrier)
+        fault = carries(pose, label_of(first.effect, None), first.gain)
+        campaign = campaign.without_pose(pose, fault)
         without = _judged(campaign, model)
         if without.unexplained:
             # The rest does not fit either: nothing says that this pose is worse than the others.
-            found = without_names(found, carried)
+            reasons = {one: f"pose {one.carrier} alone carries it" for one in carried}
+            found = found.without_names(reasons, found.train.after.mean_mm)
             break
         found = without
     if isinstance(found, Searched):
         found = with_lines_named(with_proposals(gated(found)))
     return with_compliance(found)
-
-
-def without_names(found: Searched[object], carried: Sequence[Finding[object]]) -> Searched[object]:
-    """Return a verdict without names that one pose carries each: they are unexplained."""
-    gone = [each.effect for each in carried]
-    fewer = found.with_findings([each for each in found.findings if each.effect not in gone])
-    left_mm = found.train.after.mean_mm
-    unknown = (no_name(each, left_mm, f"pose {each.carrier} alone carries it") for each in carried)
-    return replace(fewer, unexplained=(*fewer.unexplained, *unknown))
 
 
 def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:
@@ -182,11 +165,10 @@ def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:
     if judged_by_blocks(campaign.trusted):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 
-        by_blocks = discover_by_blocks(campaign)
-        poses, context = by_blocks.survey.poses, by_blocks.context
-        wrong = stated_wrongly(poses, campaign.baseline, campaign.setup, context)
-        faults = (*by_blocks.faults_of_rows, *wrong)
-        return replace(by_blocks, faults_of_rows=faults)
+        found = discover_by_blocks(campaign)
+        poses = found.survey.poses
+        wrong = stated_wrongly(poses, campaign.baseline, campaign.setup, found.context)
+        return replace(found, faults_of_rows=(*found.faults_of_rows, *wrong))
     check_torques(campaign.baseline.model, campaign.readings)
     if lacking := too_little(campaign.trusted, campaign.baseline):
         return not_sought(campaign, model, lacking)
@@ -209,8 +191,7 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | 
         if typical_rad > _NO_ATTITUDE_RAD:
             return TooLittle(
                 f"the orientations are {np.degrees(typical_rad):.0f} deg off those of the "
-                "calibrated "
-                "model, typically",
+                "calibrated model, typically",
                 "check the order and the sense of qw, qx, qy, qz, and the findings of the "
                 "calibration",
             )

@@ -11,8 +11,14 @@ import numpy as np
 from pydantic import Field
 
 from pa10cal.arrays import Array
-from pa10cal.results import discovery as results
-from pa10cal.results.discovery import EvidenceOfSag
+from pa10cal.results.discovery import (
+    BlockedCrossValidation,
+    EvidenceByBlocks,
+    EvidenceOfSag,
+    Fault,
+    FoundEffect,
+    NotTestable,
+)
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.health import InputFinding
 from pa10cal.results.maps import JointWitness, MapForm
@@ -79,35 +85,33 @@ class Finding(Generic[P_co]):
     @property
     def gain(self) -> float | None:
         """Return the part of the squared error of poses left out that it explains, if known."""
-        gain = getattr(self.proof, "gain", None)
-        return None if gain is None else float(gain)
+        return getattr(self.proof, "gain", None)
 
     @property
     def carrier(self) -> str | None:
         """Return the one pose that carries it, without which nothing speaks for it; else None."""
-        carrier = getattr(self.proof, "carrier", None)
-        return None if carrier is None else str(carrier)
+        return getattr(self.proof, "carrier", None)
 
     @property
     def parameters(self) -> dict[str, EffectParameter]:
         """Return its reported parameters by name."""
         return effect_parameters(self.effect, self.x, self.covariance)
 
-    def record(self, witness: JointWitness | None = None) -> results.FoundEffect:
+    def record(self, witness: JointWitness | None = None) -> FoundEffect:
         """Return it as it is written, with what says whose error an error by angle is."""
         proof, form = self.proof, None
         if isinstance(self.effect, JointErrorMap) and self.effect.spectrum is not None:
             kind = "band" if isinstance(self.effect.spectrum, Band) else "fading"
             keys = {"knots": self.effect.knots, kind: asdict(self.effect.spectrum)}
             form = MapForm.model_validate(keys)
-        return results.FoundEffect(
+        return FoundEffect(
             id=self.id,
             of=self.of,
             form=form,
             parameters=self.parameters,
             alternatives=tuple(map(name_of, self.alternatives)),
-            evidence=results.EvidenceByBlocks(cross_validation_over_blocks=proof)
-            if isinstance(proof, results.BlockedCrossValidation)
+            evidence=EvidenceByBlocks(cross_validation_over_blocks=proof)
+            if isinstance(proof, BlockedCrossValidation)
             else proof,
             witness=witness,
             weights=proof.weights if isinstance(proof, GivesWay) else None,
@@ -139,7 +143,7 @@ def name_of(effect: Effect) -> EffectName:
 
 
 @dataclass(frozen=True)
-class NotTestable:
+class Untestable:
     """An effect that these data cannot show."""
 
     effect: Effect  # which, and where
@@ -148,12 +152,12 @@ class NotTestable:
     by_these_poses: bool = True
 
 
-def with_a_name(entries: Sequence[NotTestable]) -> tuple[results.NotTestable, ...]:
+def with_a_name(entries: Sequence[Untestable]) -> tuple[NotTestable, ...]:
     """Return the effects with a name among those that the data cannot show."""
     return tuple(
-        results.NotTestable(id=each.effect.id, of=each.effect.of, why=each.why)
-        for each in entries
-        if not each.effect.generic
+        NotTestable(id=entry.effect.id, of=entry.effect.of, why=entry.why)
+        for entry in entries
+        if not entry.effect.generic
     )
 
 
@@ -169,7 +173,7 @@ _OF_INPUT: dict[str, FaultKind] = {
 }
 
 
-class Fault(results.Fault):
+class DiagnosedFault(Fault):
     """Something in the log that is wrong, and what it does to the verdict; that is not written."""
 
     gain: float | None = Field(
@@ -190,35 +194,36 @@ class Fault(results.Fault):
     )
 
 
-def steps_told(faults: Sequence[Fault]) -> tuple[float, ...]:
+def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:
     """Return the times of the steps that are told as facts [s], the most certain first."""
     return tuple(fault.at_s for fault in faults if fault.at_s is not None)
 
 
-def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) -> Fault:
+def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) -> DiagnosedFault:
     """Return a fault found as a term, which explains a part of the squared error."""
     told = term.told(x, np.sqrt(np.diag(covariance)))
-    return Fault(kind=term.kind, where=told.where, what=told.what, remedy=told.remedy, gain=gain)
+    return DiagnosedFault(
+        kind=term.kind, where=told.where, what=told.what, remedy=told.remedy, gain=gain
+    )
 
 
-def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[Fault, ...]:
+def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[DiagnosedFault, ...]:
     """Return what the calibration found wrong in the input, as far as it is a fault of the log."""
-    found = []
-    for each in suspicions:
-        kind = _OF_INPUT.get(each.kind)
-        joint = re.fullmatch(r"(?:.* \(`)?(?:delta_theta_|q)(\d+)(?:`\))?", each.where)
-        if each.kind == "departure" and joint is not None:
+    faults = []
+    for finding in suspicions:
+        kind = _OF_INPUT.get(finding.kind)
+        joint = re.fullmatch(r"(?:.* \(`)?(?:delta_theta_|q)(\d+)(?:`\))?", finding.where)
+        if finding.kind == "departure" and joint is not None:
             kind = "joint_zero"
         if kind is None:
             continue
-        left = each.would_leave_mm
-        then = "" if left is None else f" ({left:.3g} mm rms would remain if that is put right)"
-        where = each.where if joint is None else f"joint {joint[1]}"
-        what = f"{each.what}{then}"
-        found.append(Fault(kind=kind, where=where, what=what, remedy=each.remedy))
-    return tuple(found)
+        where, what = finding.where if joint is None else f"joint {joint[1]}", finding.what
+        if finding.would_leave_mm is not None:
+            what += f" ({finding.would_leave_mm:.3g} mm rms would remain if that is put right)"
+        faults.append(DiagnosedFault(kind=kind, where=where, what=what, remedy=finding.remedy))
+    return tuple(faults)
 
 
-def to_check(faults: Sequence[Fault], *, effects: bool) -> bool:
+def to_check(faults: Sequence[DiagnosedFault], *, effects: bool) -> bool:
     """Return whether a verdict is `check_the_log`, by its faults and whether effects stand."""
     return any(fault.decides or not effects for fault in faults)

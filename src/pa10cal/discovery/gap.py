@@ -10,11 +10,13 @@ import numpy as np
 from scipy.special import gammaln, stdtrit
 
 from pa10cal.arrays import Array, Mask
-from pa10cal.calibration.uncertainty import summarise, summarise_by_load
+from pa10cal.calibration.uncertainty import summarise
+from pa10cal.discovery.finding import name_of
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
+from pa10cal.results.analysis import GapRows, NamingStep
 from pa10cal.results.discovery import LoadGap, Reduction, SetGap
 from pa10cal.results.evaluation import Accuracy, BeforeAfter
 from pa10cal.terms.effects.effect import Effect
@@ -23,8 +25,8 @@ _LEVEL = 0.95
 
 
 @dataclass(frozen=True)
-class Gap:
-    """The gap between model and measurement on some configurations."""
+class PairedErrors:
+    """The gap between two models and measurement on some configurations."""
 
     poses: Observations  # P configurations
     # found_before and found_after: deviations of the calibrated baseline and of the extended model,
@@ -86,36 +88,47 @@ class Gap:
 
         Configurations that have a suspected reading (P,) are counted apart as well.
         """
-        less, still = trusted(self, suspected), self.without_motion
-        load_N = self.poses.states.load_N
-        before, after = (
-            summarise_by_load(each, load_N) for each in (self.found_before, self.found_after)
-        )
+        load_N, still = self.poses.states.load_N, self.without_motion
+        loads = {f"{load:g}N": load_N == load for load in np.unique(load_N)}
         return SetGap(
             before=self.before,
             after=self.after,
             noise_floor_mm=self.noise_floor_mm,
             reduction=self.reduction,
             per_load={
-                f"{load:g}N": LoadGap(
-                    before=before[f"{load:g}N"],
-                    after=after[f"{load:g}N"],
-                    reduction=self.reduction_of(load_N == load),
+                load: LoadGap(
+                    before=summarise(self.found_before, rows),
+                    after=summarise(self.found_after, rows),
+                    reduction=self.reduction_of(rows),
                 )
-                for load in np.unique(load_N)
+                for load, rows in loads.items()
             },
             inside=self.accuracies(self.inside),
             outside=None if self.inside is None else self.accuracies(~self.inside),
             trusted=None
-            if less is None or less is self
-            else BeforeAfter(before=less.before, after=less.after),
+            if suspected is None or not suspected.any()
+            else self.accuracies(~suspected),
             without_motion=None
             if still is None
             else BeforeAfter(before=summarise(still[0]), after=summarise(still[1])),
             with_rivals=None if self.with_rivals is None else summarise(self.with_rivals),
         )
 
-    def beside(self, other: Gap) -> Gap:
+    def rows(self, baseline: FittedModel) -> GapRows:
+        """Return every configuration with its residuals before and after, along base axes."""
+        poses, T_instr_base = self.poses, baseline.T_instr_base
+        T_instr_ee = T_instr_base @ baseline.model.predict(poses.states, baseline.x)
+        p_instr_m = poses.measured.end_poses(T_instr_ee)[:, :3, 3]
+        return GapRows(
+            pose=poses.pose,
+            load_N=poses.states.load_N,
+            place_mm=1e3 * (p_instr_m - T_instr_base[:3, 3]) @ T_instr_base[:3, :3],
+            before_mm=self.found_before.position_mm,
+            after_mm=self.found_after.position_mm,
+            extrapolated=None if self.inside is None else ~self.inside,
+        )
+
+    def beside(self, other: PairedErrors) -> PairedErrors:
         """Return it with what another has that is in no model, where it has none of its own."""
         return replace(
             self,
@@ -144,33 +157,35 @@ class Named:
     without: tuple[Named, ...] = ()  # of the model with all effects, the model without each of them
 
     @property
-    def left_mm(self) -> float:
-        """Return the root mean square error that remains, held out where there are such poses."""
-        return summarise(self.on_train if self.on_holdout is None else self.on_holdout).rms_mm
+    def judging(self) -> Deviations:
+        """Return its deviations at held-out poses, or else at those fitted."""
+        return self.on_train if self.on_holdout is None else self.on_holdout
 
     @property
-    def train(self) -> Accuracy:
-        """Return its errors over the poses fitted."""
-        return summarise(self.on_train)
+    def record(self) -> NamingStep:
+        """Return its errors as they are written."""
+        return NamingStep(
+            effects=tuple(map(name_of, self.effects)),
+            train=summarise(self.on_train),
+            holdout=None if self.on_holdout is None else summarise(self.on_holdout),
+        )
 
-    @property
-    def holdout(self) -> Accuracy | None:
-        """Return its errors over held-out poses; None without any."""
-        return None if self.on_holdout is None else summarise(self.on_holdout)
-
-    def falling_back(self, within: AnglesSeen, gaps: Mapping[str, Gap | None]) -> Named:
+    def falling_back(self, within: AnglesSeen, gaps: Mapping[str, PairedErrors | None]) -> Named:
         """Return it with the calibrated model beyond some joint positions."""
+        train, holdout = gaps["train"], gaps["holdout"]
+        assert train is not None
 
-        def fallen(left: Deviations | None, found: Gap | None) -> Deviations | None:
-            if left is None or found is None:
-                return left
+        def fallen(left: Deviations, found: PairedErrors) -> Deviations:
             outside = ~within.inside(found.poses.states.q_rad)
             return left.with_others(outside, found.found_before)
 
-        on_train = fallen(self.on_train, gaps["train"])
-        assert on_train is not None
-        without = tuple(each.falling_back(within, gaps) for each in self.without)
-        return Named(self.effects, on_train, fallen(self.on_holdout, gaps["holdout"]), without)
+        held_out = self.on_holdout
+        return Named(
+            self.effects,
+            fallen(self.on_train, train),
+            held_out if held_out is None or holdout is None else fallen(held_out, holdout),
+            tuple(step.falling_back(within, gaps) for step in self.without),
+        )
 
 
 def gap(
@@ -180,7 +195,7 @@ def gap(
     noise_floor_mm: float,
     seen: AnglesSeen | None = None,
     T_moved: Array | None = None,
-) -> Gap:
+) -> PairedErrors:
     """Compare two models on averaged poses, as each predicts them by itself.
 
     Args:
@@ -193,7 +208,7 @@ def gap(
         T_moved: (P, 4, 4) how the base had moved at each, which neither model holds; None where it
             had not.
     """
-    return Gap(
+    return PairedErrors(
         poses,
         left_by(before, poses),
         left_by(after, poses),
@@ -205,27 +220,26 @@ def gap(
     )
 
 
-def beside_motion(found: Gap) -> Gap:
+def beside_motion(found: PairedErrors) -> PairedErrors:
     """Return the gap with the motion of the base taken out of the readings, where it was found."""
     if found.without_motion is None:
         return found
     before, after = found.without_motion
-    return Gap(found.poses, before, after, found.noise_floor_mm, found.inside)
+    return PairedErrors(found.poses, before, after, found.noise_floor_mm, found.inside)
 
 
-def fallen_back(found: Gap, outside: Mask) -> Gap:
+def fallen_back(found: PairedErrors, outside: Mask) -> PairedErrors:
     """Return the gap where some configurations (P,) are left to the calibrated model."""
     return replace(found, found_after=found.found_after.with_others(outside, found.found_before))
 
 
-def trusted(found: Gap | None, suspected: Mask | None) -> Gap | None:
+def trusted(found: PairedErrors | None, suspected: Mask | None) -> PairedErrors | None:
     """Return the gap without configurations that are suspected; None where nothing is left."""
     if found is None or suspected is None or not suspected.any():
         return found
     if suspected.all():
         return None
-    rows = ~suspected
-    still = found.without_motion
+    rows, still = ~suspected, found.without_motion
     return replace(
         found,
         poses=found.poses.take(rows),
@@ -238,8 +252,8 @@ def trusted(found: Gap | None, suspected: Mask | None) -> Gap | None:
 
 
 def in_order(
-    train: Gap,
-    holdout: Gap | None,
+    train: PairedErrors,
+    holdout: PairedErrors | None,
     effects: tuple[Effect, ...],
     fitted_with: Callable[[tuple[Effect, ...]], FittedModel],
 ) -> tuple[Named, ...]:
@@ -260,7 +274,7 @@ def in_order(
     if len(effects) > 1:
         rest = {each: tuple(other for other in effects if other != each) for each in effects}
         without = {each: with_only(rest[each]) for each in effects}
-        effects = tuple(sorted(effects, key=lambda each: -without[each].left_mm))
+        effects = tuple(sorted(effects, key=lambda each: -summarise(without[each].judging).rms_mm))
         steps += [with_only(effects[:count]) for count in range(1, len(effects) - 1)]
         steps.append(replace(without[effects[-1]], effects=effects[:-1]))
     if effects:

@@ -6,7 +6,7 @@ model is fitted anew without it, and what it stood for is unexplained.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TypeVar
 
@@ -16,10 +16,10 @@ from pa10cal.arrays import Mask
 from pa10cal.calibration.health import JOINT_RAD, most_stated
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.gap import Gap, beside_motion, fallen_back, trusted
+from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back, trusted
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.verdict import FallsBack, Searched, is_named, no_name
+from pa10cal.discovery.verdict import Limits, Searched, is_named, no_name
 from pa10cal.fit.angles_seen import AnglesSeen, nothing_seen, span_visited
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
@@ -69,40 +69,29 @@ def gated(found: V) -> V:
 
 def _with_names_that_pass(found: V) -> V:
     """Return a verdict without the effects that do not pass; an alternative that does stands in."""
-    unknown = []
     for finding in found.effects:
         if not is_named(finding.effect):
             continue
         reasons = (*unfit(finding, found.model), *of_order(finding, found.prepared))
         if not reasons:
             continue
-        found, finding = _with_other_reading(found, finding)
+        # Where joints are commanded and not read back, a controller stops short of its command, or
+        # beyond: by either sign, which lost motion has not.
+        stops = ArrivalError(finding.of, found.context.campaigns)
+        commanded = finding.id == Backlash.id and found.context.commanded
+        if commanded and stops not in finding.alternatives:
+            finding = replace(finding, alternatives=(stops, *finding.alternatives))
+            found = replace(found, findings=_instead(found, finding, finding))
         better = _alternative(found, finding)
-        if better is not None:
-            found = better
-            continue
-        found = found.with_findings(
-            [each for each in found.findings if each.effect != finding.effect]
-        )
-        unknown.append(no_name(finding, found.train.after.mean_mm, "; ".join(reasons)))
-    return replace(found, unexplained=(*found.unexplained, *unknown)) if unknown else found
+        found = better or found.without_names({finding: "; ".join(reasons)})
+    return found
 
 
-def _with_other_reading(found: V, finding: Finding[object]) -> tuple[V, Finding[object]]:
-    """Return lost motion with what else goes with the direction of arrival as an alternative.
-
-    Where joints are commanded and not read back, a controller stops short of its command, or
-    beyond: by either sign, which lost motion has not.
-    """
-    context = found.context
-    if finding.id != Backlash.id or not context.commanded:
-        return found, finding
-    stops = ArrivalError(finding.of, context.campaigns)
-    if stops in finding.alternatives:
-        return found, finding
-    wider = replace(finding, alternatives=(stops, *finding.alternatives))
-    findings = tuple(wider if each.effect == finding.effect else each for each in found.findings)
-    return replace(found, findings=findings), wider
+def _instead(
+    found: Searched[object], finding: Finding[object], other: Finding[object]
+) -> tuple[Finding[object], ...]:
+    """Return the findings with another in the place of the one of the same effect."""
+    return tuple(other if one.effect == finding.effect else one for one in found.findings)
 
 
 def _without_names_that_move_nothing(found: V) -> V:
@@ -111,19 +100,17 @@ def _without_names_that_move_nothing(found: V) -> V:
     Where the extended model is the calibrated one everywhere, and the poses of the fit themselves
     come out no better by it than chance makes, what is named moves nothing.
     """
-    safe, names = harmless(found), [each for each in found.findings if is_named(each.effect)]
-    if safe.falls_back is None or not safe.falls_back.everywhere or not names:
-        return safe
-    if found.train.reduction.interval95_mm[0] > 0.0:
+    safe, names = harmless(found), [one for one in found.findings if is_named(one.effect)]
+    nowhere = safe.falls_back is not None and safe.falls_back.within.nowhere
+    if not nowhere or not names or found.train.reduction.interval95_mm[0] > 0.0:
         return safe
     before_mm, after_mm = found.train.before.mean_mm, found.train.after.mean_mm
     why = (
         f"it takes nothing away, {before_mm:.4g} mm before and "
         f"{after_mm:.4g} mm with it at the poses of the fit, and no less at others"
     )
-    rest = [each for each in found.findings if each not in names]
-    safe = harmless(found.with_findings(rest))
-    unknown = (no_name(each, safe.train.after.mean_mm, why) for each in names)
+    safe = harmless(found.with_findings([one for one in found.findings if one not in names]))
+    unknown = (no_name(name, safe.train.after.mean_mm, why) for name in names)
     return replace(safe, unexplained=(*safe.unexplained, *unknown))
 
 
@@ -133,10 +120,10 @@ def of_order(finding: Finding[object], campaign: Prepared) -> Iterator[str]:
     if finding.id != BaseDrift.id or measured_again(campaign.readings):
         return
     slow = slow_joints(states)
-    along = [each for each in drivers(states, slides) if each.joint and slow[each.joint - 1]]
+    along = [str(one) for one in drivers(states, slides) if one.joint and slow[one.joint - 1]]
     if along:
-        named = " and ".join(map(str, along))
-        yield f"the order of the poses goes with {named}, of which an error may be alike"
+        joints = " and ".join(along)
+        yield f"the order of the poses goes with {joints}, of which an error may be alike"
 
 
 def with_pulls(found: V) -> V:
@@ -148,30 +135,25 @@ def with_pulls(found: V) -> V:
     """
     if found.prepared.torques == "logged":
         return found
-    held = {each.effect.of for each in found.findings if each.id == JointErrorMap.id}
-
-    def ambiguous(finding: Finding[object]) -> Finding[object]:
-        if finding.id != GearRatioError.id or finding.of in held:
-            return finding
-        others = [each for each in finding.alternatives if each.id != JointErrorMap.id]
-        return replace(finding, alternatives=(*others, JointErrorMap(finding.of)))
-
-    findings = tuple(map(ambiguous, found.findings))
-    return found if findings == found.findings else replace(found, findings=findings)
+    held = {finding.of for finding in found.findings if finding.id == JointErrorMap.id}
+    for finding in found.findings:
+        if finding.id == GearRatioError.id and finding.of not in held:
+            others = [one for one in finding.alternatives if one.id != JointErrorMap.id]
+            wider = replace(finding, alternatives=(*others, JointErrorMap(finding.of)))
+            found = replace(found, findings=_instead(found, finding, wider))
+    return found
 
 
 def _alternative(found: V, finding: Finding[object]) -> V | None:
     """Return the verdict with the first alternative of a finding that passes in its place."""
-    held = {each.effect for each in found.findings}
+    held = {one.effect for one in found.findings}
     for other in finding.alternatives[:MOST_ALTERNATIVES]:
         if not is_named(other) or other in held:
             continue
-        rest = tuple(each for each in finding.alternatives if each != other)
+        rest = tuple(one for one in finding.alternatives if one != other)
         instead = replace(finding, effect=other, alternatives=rest)
-        tried = found.with_findings(
-            [instead if each.effect == finding.effect else each for each in found.findings]
-        )
-        now = next(each for each in tried.findings if each.effect == other)
+        tried = found.with_findings(_instead(found, finding, instead))
+        now = next(one for one in tried.findings if one.effect == other)
         if not any(unfit(now, tried.model)):
             return tried
     return None
@@ -270,30 +252,25 @@ def harmless(found: V) -> V:
     if held_out is None:
         return found
     outside = ~visited.inside(held_out.poses.states.q_rad)
-    there, all_over = _harm(held_out, outside), _harm(held_out, np.ones_like(outside))
-    if there is None and all_over is None:
+    every = np.ones_like(outside)
+    there, all_over = _harm(held_out, outside), _harm(held_out, every)
+    harm, within = all_over or there, nothing_seen(len(visited.turns))
+    if harm is None:
         return found
-    if outside.any() and _harm(fallen_back(held_out, outside), np.ones_like(outside)) is None:
-        return _falling_back(found, visited, there or all_over)
-    return _falling_back(found, nothing_seen(len(visited.turns)), all_over or there)
-
-
-def _falling_back(found: V, within: AnglesSeen, harm: BeforeAfter | None) -> V:
-    """Return the verdict with a model that holds within some joint positions alone."""
-    assert harm is not None
-    everywhere = not any(len(stretches) for stretches in within.intervals)
-    where = "" if everywhere else " beyond the joint positions of the fit"
+    where, then = "", "everywhere"
+    if outside.any() and _harm(fallen_back(held_out, outside), every) is None:
+        harm, within = there or harm, visited
+        where, then = " beyond the joint positions of the fit", "there"
     what = "with the effects" if found.findings else "by the model fitted anew"
     why = (
         f"held-out poses{where} are predicted worse {what}: {harm.before.rms_mm:.4f} mm rms "
-        f"before, {harm.after.rms_mm:.4f} mm after; the extended model is the calibrated one "
-        + ("everywhere" if everywhere else "there")
+        f"before, {harm.after.rms_mm:.4f} mm after; the extended model is the calibrated one {then}"
     )
 
-    def left_out(gap: Gap) -> Gap:
+    def within_alone(gap: PairedErrors) -> PairedErrors:
         return fallen_back(gap, ~within.inside(gap.poses.states.q_rad))
 
-    return replace(found.with_gaps(left_out), falls_back=FallsBack(within, why))
+    return replace(found.with_gaps(within_alone), falls_back=Limits(within, why))
 
 
 def _without_contradicted(found: V, visited: AnglesSeen) -> V:
@@ -301,7 +278,6 @@ def _without_contradicted(found: V, visited: AnglesSeen) -> V:
 
     Motion of the base that was found is no fault of a name: it is taken out of the readings here.
     """
-    unknown: list[Unexplained] = []
     while (held_out := trusted(found.holdout, found.prepared.suspected)) is not None:
         held_out = beside_motion(held_out)
         q_rad = held_out.poses.states.q_rad
@@ -314,32 +290,25 @@ def _without_contradicted(found: V, visited: AnglesSeen) -> V:
                 break
         else:
             break
-        left = ~visited.each(q_rad)[rows]
-        names = _suspects(found.effects, np.asarray(left.any(axis=0)))
+        # Names of joints that left what was visited; all names where none did.
+        left = np.any(~visited.each(q_rad)[rows], axis=0)
+        names = [name for name in found.effects if is_named(name.effect)]
+        of_joints = [
+            name
+            for name in names
+            if isinstance(name.effect, JointEffect) and left[name.effect.joint - 1]
+        ]
         if not names:
             break
-        kept = [each for each in found.findings if each not in names]
-        found = found.with_findings(kept)
         why = (
             f"held-out poses contradict it, {harm.before.rms_mm:.4f} mm rms before and "
             f"{harm.after.rms_mm:.4f} mm with it"
         )
-        unknown += [no_name(each, found.train.after.mean_mm, why) for each in names]
-    return replace(found, unexplained=(*found.unexplained, *unknown)) if unknown else found
+        found = found.without_names(dict.fromkeys(of_joints or names, why))
+    return found
 
 
-def _suspects(findings: Sequence[Finding[object]], left: Mask) -> list[Finding[object]]:
-    """Return the names of joints that left (n,) what was visited; all names where none did."""
-    names = [each for each in findings if is_named(each.effect)]
-    of_joints = [
-        each
-        for each in names
-        if isinstance(each.effect, JointEffect) and left[each.effect.joint - 1]
-    ]
-    return of_joints or names
-
-
-def _harm(gap: Gap, rows: Mask) -> BeforeAfter | None:
+def _harm(gap: PairedErrors, rows: Mask) -> BeforeAfter | None:
     """Return the errors of configurations (P,) that are predicted worse; None where they are not.
 
     They are by more than chance, or by more than two parts in a hundred.
@@ -359,7 +328,7 @@ def _is_over(factor: float, harm: BeforeAfter) -> bool:
     return after.mean_mm > factor * before.mean_mm or after.rms_mm > factor * before.rms_mm
 
 
-def _beyond_uncertainty(found: Searched[object], gap: Gap, rows: Mask) -> bool:
+def _beyond_uncertainty(found: Searched[object], gap: PairedErrors, rows: Mask) -> bool:
     """Return whether errors exceed what noise and the uncertainty of the model explain.
 
     Where single poses scatter by more than noise, as joints do that stop where friction lets them,

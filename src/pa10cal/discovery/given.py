@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array, Mask
+from pa10cal.arrays import Mask
 from pa10cal.calibration.health import Evidence, FitSummary, health
 from pa10cal.calibration.load_case import COMBINED, base_parameters, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
@@ -49,7 +49,6 @@ from pa10cal.results.calibration import (
     CalibrationRecord,
     Covariance,
     GeneralCalibrationRecord,
-    LoadErrors,
 )
 from pa10cal.results.evaluation import BeforeAfter, ResidualRows
 from pa10cal.results.health import Health
@@ -135,24 +134,39 @@ def calibrate_with(
             repeats=repeats,
             suspected=len(campaign.held_out) - len(away),
         )
+    columns = used.measured.position_columns
+    noise = np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener)
+    variances = np.diagonal(noise, axis1=1, axis2=2)[:, columns]
+    jacobian = residual_and_jacobian(fitted.at, used)[1]
+    parameters = (*fitted.model.parameters, *used.measured.target_parameters)
+    white = whitener @ jacobian
+    scale = np.array([parameter.scale for parameter in parameters])
+    rank = identify(white.reshape(-1, white.shape[2]), scale)
+    ended = FitSummary(
+        converged=fitted.converged,
+        reason="the last step was small" if fitted.converged else "steps were not enough",
+        iterations=0,
+        at_bound=(),
+        pose=used.pose,
+        parameters=parameters,
+        covariance=covariance,
+        identifiability=rank,
+        white=white,
+        position=jacobian[:, columns],
+        not_identifiable=not_identifiable(rank, parameters),
+        x=fitted.x[: len(parameters)],
+    )
     evidence = Evidence(
-        ended=_summary(fitted, used, whitener, covariance),
+        ended=ended,
         train_rms_mm=summarise(deviations, ~flagged).rms_mm,
         held_out=held_out,
         suspected_outliers=int(flagged.sum()),
-        noise_mm=_noise_mm(used, whitener),
+        noise_mm=float(1e3 * np.sqrt(variances.sum(axis=1).mean())),
         noise_is_found=True,
         spread_mm=used.measured.spread_mm,
         wanted_mm=wanted_mm,
     )
-    return CalibratedWith(
-        model=calibrated,
-        poses=poses,
-        found=deviations,
-        flagged=flagged,
-        ended=evidence.ended,
-        health=health(evidence),
-    )
+    return CalibratedWith(calibrated, poses, deviations, flagged, ended, health(evidence))
 
 
 def listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
@@ -182,17 +196,10 @@ def calibrated_with(
     options: CalibrationOptions,
     discovery: DiscoveryOptions,
 ) -> R:
-    """Calibrate a load case once more with effects, and return its record.
+    """Calibrate a load case (`combined`, `general`, or `44N`) once more with effects.
 
-    Args:
-        effects: which; none leaves the record as it is.
-        record: the load case without them.
-        campaign: description of the campaign.
-        arm: the nominal arm.
-        every: single readings of all kinds.
-        load: `combined`, `general`, or a load such as `44N`.
-        options: how to calibrate.
-        discovery: how a search would judge the campaign.
+    By single readings of all kinds, and the record of the load case without effects; with none that
+    record is returned as it is.
 
     Raises:
         CalibrationError: where an effect has no such place, or the poses do not determine it.
@@ -208,14 +215,6 @@ def calibrated_with(
     used = every.take(np.flatnonzero(fitted))
     found = calibrate_with(used, model, setup, effects, suspected, options.wanted_uncertainty_mm)
     return with_effects(record, found, campaign)
-
-
-def _noise_mm(poses: Observations, whitener: Array) -> float:
-    """Return what noise explains of the root mean square position error."""
-    columns = poses.measured.position_columns
-    covariance = np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener)
-    variances = np.diagonal(covariance, axis1=1, axis2=2)[:, columns]
-    return float(1e3 * np.sqrt(variances.sum(axis=1).mean()))
 
 
 def _effects(
@@ -243,32 +242,6 @@ def _effects(
     return tuple(found)
 
 
-def _summary(
-    fitted: ModelWithEffects, poses: Observations, whitener: Array, covariance: Array
-) -> FitSummary:
-    """Return how the fit ended, for its health."""
-    jacobian = residual_and_jacobian(fitted.at, poses)[1]
-    parameters = (*fitted.model.parameters, *poses.measured.target_parameters)
-    scale = np.array([parameter.scale for parameter in parameters])
-    white = whitener @ jacobian
-    rank = identify(white.reshape(-1, white.shape[2]), scale)
-    columns = poses.measured.position_columns
-    return FitSummary(
-        converged=fitted.converged,
-        reason="the last step was small" if fitted.converged else "steps were not enough",
-        iterations=0,
-        at_bound=(),
-        pose=poses.pose,
-        parameters=parameters,
-        covariance=covariance,
-        identifiability=rank,
-        white=white,
-        position=jacobian[:, columns],
-        not_identifiable=not_identifiable(rank, parameters),
-        x=np.concatenate([fitted.at.x, fitted.at.targets_m])[: len(parameters)],
-    )
-
-
 # The record of a calibration with effects: that without them, its fit replaced.
 
 R = TypeVar("R", bound=CalibrationRecord)
@@ -279,17 +252,23 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
     about = FittedTo.of(found.poses, record.load, found.health, campaign)
     model = replace(found.model, fitted_to=about)
     load_N = found.poses.states.load_N
-    after = summarise_by_load(found.found, load_N)
+    ended, errors = found.ended, dict(record.errors)
     less = summarise_trusted(found.found, found.found, load_N, found.flagged)
-    ended = found.ended
+    for load, after in summarise_by_load(found.found, load_N).items():
+        if load in errors:
+            before = errors[load].trusted or errors[load]
+            trusted = less.get(load)
+            if trusted is not None:
+                trusted = BeforeAfter(before=before.before, after=trusted.after)
+            update = {"after": after, "trusted": trusted}
+            errors[load] = errors[load].model_copy(update=update)
     return record.model_copy(
         update={
             "status": "converged" if ended.converged else "not converged",
             "reason": ended.reason,
             "parameters": _parameters(found),
             "covariance": Covariance(
-                names=(*(p.name for p in model.model.parameters), *_BASE),
-                matrix=model.covariance,
+                names=(*(p.name for p in model.model.parameters), *_BASE), matrix=model.covariance
             ),
             "T_instr_base": model.T_instr_base,
             "fitted_model": model_to_plain(model),
@@ -297,14 +276,7 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
             "unknowns": len(ended.parameters),
             "condition": ended.identifiability.condition,
             "singular_values": ended.identifiability.singular_values,
-            "errors": {
-                load: errors
-                if load not in after
-                else errors.model_copy(
-                    update={"after": after[load], "trusted": _trusted(errors, less.get(load))}
-                )
-                for load, errors in record.errors.items()
-            },
+            "errors": errors,
             "residuals": ResidualRows(
                 pose=found.poses.pose,
                 load_N=load_N,
@@ -316,12 +288,6 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
             "warnings": () if found.health.grade == "good" else (found.health.line,),
         }
     )
-
-
-def _trusted(errors: LoadErrors, less: BeforeAfter | None) -> BeforeAfter | None:
-    """Return errors at one load without flagged poses."""
-    before = (errors.trusted or errors).before
-    return None if less is None else BeforeAfter(before=before, after=less.after)
 
 
 _BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")

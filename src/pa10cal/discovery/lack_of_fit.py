@@ -18,20 +18,7 @@ from pa10cal.discovery.linear import by_joints, error_mm, position_m, position_n
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.results.analysis import (
-    CellJoint,
-    Cells,
-    Channel,
-    Drift,
-    ErrorPart,
-    JointArrival,
-    JointPart,
-    LackOfFit,
-    Periodogram,
-    PureErrorTest,
-    TorqueArrival,
-    TorquePart,
-)
+from pa10cal.results import analysis as records
 from pa10cal.results.evaluation import Estimate
 
 # Weighted means and slopes whose uncertainty counts poses, not rows.
@@ -95,15 +82,11 @@ _LARGEST_STEP = 0.25
 
 
 def joint_errors(screws: Array, left: Array) -> tuple[Array, Array]:
-    """Turn what the model leaves at every cell into errors of the joints, by least squares.
+    """Return errors of the joints by least squares, (C, n) [rad, m], and their standard deviations.
 
-    Args:
-        screws: (C, b, n) how whitened components follow the joints.
-        left: (C, b, 1) components measured less predicted, whitened by the noise of each cell.
-
-    Returns:
-        By how much further joints stand than the model says (C, n) [rad; m of a prismatic joint],
-        and the standard deviation of that by the noise of the cell.
+    That is by how much further joints stand than the model says. Components (C, b, 1), measured
+    less predicted, are whitened by the noise of each cell, as is how they follow the joints
+    (C, b, n).
     """
     across = screws.transpose(0, 2, 1)
     covariance = np.linalg.inv(across @ screws + np.eye(screws.shape[2]) / POSSIBLE_RAD**2)
@@ -113,17 +96,12 @@ def joint_errors(screws: Array, left: Array) -> tuple[Array, Array]:
 
 def periodogram(
     q_rad: Array, error_rad: Array, weight: Array, gear_ratio: float
-) -> Periodogram | None:
+) -> records.Periodogram | None:
     """Return the periodogram of one joint's error by its angle, None where it hardly turned.
 
     It is that of Lomb and Scargle, generalised: a constant is free. Orders are marked where joints
-    are known to err: once and twice a turn of the joint, once and twice a turn of the motor.
-
-    Args:
-        q_rad: (C,) joint angle of every cell.
-        error_rad: (C,) joint angle error.
-        weight: (C,) by which cells are weighted.
-        gear_ratio: motor turns a joint turn; nan where not known.
+    are known to err: once and twice a turn of the joint, once and twice a turn of the motor, whose
+    gear ratio is nan where not known. Angles, errors and weights are those of the cells, (C,).
     """
     turns = float(np.ptp(q_rad)) / (2.0 * np.pi)
     known = (gear_ratio, 2.0 * gear_ratio) if np.isfinite(gear_ratio) else ()
@@ -141,7 +119,7 @@ def periodogram(
     explained_rad = np.zeros(len(every))
     if variance != 0.0:
         explained_rad = np.sqrt(_explained_variance(q_rad, centred, share, every).clip(0, variance))
-    return Periodogram(
+    return records.Periodogram(
         orders=rounded(orders),
         explained_rad=rounded(explained_rad[: len(orders)]),
         marked=np.array(marked),
@@ -178,22 +156,20 @@ _HOUR_S = 3600.0
 _DIGITS = 6
 
 
-def pure_error_test(chi_square: float, dof: float, pure_dof: int) -> PureErrorTest:
+def pure_error_test(chi_square: float, dof: float, pure_dof: int) -> records.PureErrorTest:
     """Return Fisher's F of a remaining error, near one where the model lacks nothing.
 
-    Args:
-        chi_square: sum of squares in units of the pure error's variance.
-        dof: rows less what the parameters took of them.
-        pure_dof: behind the pure error, from repeats.
+    By the sum of squares in units of the pure error's variance, rows less what the parameters took
+    of them, and the degrees of freedom behind the pure error, from repeats.
     """
-    ratio = chi_square / dof
-    return PureErrorTest(
-        chi_square=chi_square,
-        dof=dof,
-        pure_error_dof=pure_dof,
-        F=ratio,
-        p_value=float(fdtrc(dof, pure_dof, ratio)),
+    F, pure = chi_square / dof, float(pure_dof)
+    p_value = float(fdtrc(dof, pure, F))
+    return records.PureErrorTest(
+        chi_square=chi_square, dof=dof, pure_error_dof=pure, F=F, p_value=p_value
     )
+
+
+_UNTESTED = records.Channel(shared=None, unshared=None, shared_variance_of_a_reading=0.0)
 
 
 @dataclass(frozen=True)
@@ -223,15 +199,15 @@ class TorqueResiduals:
 
 def lack_of_fit(
     left: CellResiduals,
-    tests: tuple[Channel | None, Channel | None] = (None, None),
+    tests: tuple[records.Channel | None, records.Channel | None] = (None, None),
     torques: TorqueResiduals | None = None,
-) -> LackOfFit:
+) -> records.LackOfFit:
     """Compute where a model and the data disagree.
 
     With the tests of poses and of torques against pure error, None without repeats, and with what
     is left of the torques, None where that is not known.
     """
-    cells, n = left.cells, left.cells.states.n
+    cells, states, n = left.cells, left.cells.states, left.cells.states.n
     squares = error_mm(cells.measured, left.components) ** 2
     noise = 1e6 * np.trace(position_noise(cells.measured, left.cov), axis1=1, axis2=2)
     found_m, found_m2 = position_m(left.at, cells, left.components, left.cov)
@@ -239,17 +215,21 @@ def lack_of_fit(
     last, most = len(cells) - 1, min(len(cells), MOST_CELLS)
     shown = np.unique(np.linspace(0, last, most).round().astype(int))
     some = cells.take(shown)
+    few = some.states
     white = whitener_of(left.cov[shown])
-    joints = joint_errors(white @ left.screws[shown], white @ left.components[shown, :, None])
-    arm = left.at.model.chain.arm
-    return LackOfFit(
-        pose=tests[0] or Channel(shared=None, unshared=None, shared_variance_of_a_reading=0.0),
+    error_rad, std_rad = joint_errors(
+        white @ left.screws[shown], white @ left.components[shown, :, None]
+    )
+    x_mm, y_mm, z_mm = rounded(position_mm[shown]).T
+    weight, hours = cells.readings.astype(float), states.time_s / _HOUR_S
+    return records.LackOfFit(
+        pose=tests[0] or _UNTESTED,
         torque=tests[1],
         rms_mm=_root_mean(squares),
         floor_mm=_root_mean(noise),
-        by_load=_parts([f"{load:g} N" for load in cells.states.load_N], squares, noise),
+        by_load=_parts([f"{load:g} N" for load in states.load_N], squares, noise),
         by_axis=tuple(
-            ErrorPart(
+            records.ErrorPart(
                 of=axis,
                 cells=len(cells),
                 rms_mm=_root_mean(position_mm[:, k] ** 2),
@@ -257,46 +237,40 @@ def lack_of_fit(
             )
             for k, axis in enumerate(AXES)
         ),
-        by_joint=tuple(_joint_part(arm, some, *joints, j) for j in range(n)),
+        by_joint=tuple(_joint_part(left.at.arm, some, error_rad, std_rad, j) for j in range(n)),
         by_torque=()
         if torques is None
         else tuple(_torque_part(cells, torques, j) for j in range(n)),
-        drifts=tuple(_drift(cells, axis, position_mm[:, k]) for k, axis in enumerate(AXES)),
-        cells=_cells(
-            some, position_mm[shown], *joints, None if torques is None else torques.torque_Nm[shown]
-        ),
-    )
-
-
-def _cells(
-    cells: Observations,
-    position_mm: Array,
-    error_rad: Array,
-    std_rad: Array,
-    torque_Nm: Array | None,
-) -> Cells:
-    """Return what is drawn of every cell, with as many digits as a picture shows."""
-    states = cells.states
-    x_mm, y_mm, z_mm = rounded(position_mm).T
-    return Cells(
-        pose=cells.pose,
-        load_N=rounded(states.load_N),
-        readings=cells.readings,
-        time_s=rounded(states.time_s),
-        temperature_C=rounded(states.temperature_C),
-        position_x_mm=x_mm,
-        position_y_mm=y_mm,
-        position_z_mm=z_mm,
-        joints=tuple(
-            CellJoint(
-                joint=j + 1,
-                q_rad=rounded(states.q_rad[:, j]),
-                arrival=rounded(states.arrival[:, j]),
-                error_rad=rounded(error_rad[:, j]),
-                std_rad=rounded(std_rad[:, j]),
-                torque_residual_Nm=None if torque_Nm is None else rounded(torque_Nm[:, j]),
+        drifts=tuple(
+            records.Drift(
+                axis=axis,
+                by_time_mm_per_h=slope(hours, of_axis, weight, cells.pose),
+                by_temperature_mm_per_K=slope(states.temperature_C, of_axis, weight, cells.pose),
             )
-            for j in range(states.n)
+            for axis, of_axis in zip(AXES, position_mm.T, strict=True)
+        ),
+        cells=records.Cells(
+            pose=some.pose,
+            load_N=rounded(few.load_N),
+            readings=some.readings,
+            time_s=rounded(few.time_s),
+            temperature_C=rounded(few.temperature_C),
+            position_x_mm=x_mm,
+            position_y_mm=y_mm,
+            position_z_mm=z_mm,
+            joints=tuple(
+                records.CellJoint(
+                    joint=j + 1,
+                    q_rad=rounded(few.q_rad[:, j]),
+                    arrival=rounded(few.arrival[:, j]),
+                    error_rad=rounded(error_rad[:, j]),
+                    std_rad=rounded(std_rad[:, j]),
+                    torque_residual_Nm=None
+                    if torques is None
+                    else rounded(torques.torque_Nm[shown, j]),
+                )
+                for j in range(n)
+            ),
         ),
     )
 
@@ -309,15 +283,15 @@ def rounded(values: Array) -> Array:
 
 def _joint_part(
     arm: Arm, cells: Observations, error_rad: Array, std_rad: Array, j: int
-) -> JointPart:
+) -> records.JointPart:
     error, weight = error_rad[:, j], std_rad[:, j] ** -2.0
     share = weight / weight.sum()
-    return JointPart(
+    return records.JointPart(
         joint=j + 1,
         rms_rad=float(np.sqrt(share @ error**2)),
         floor_rad=float(np.sqrt(share @ std_rad[:, j] ** 2)),
         arrivals=tuple(
-            JointArrival(direction=sign, cells=count, mean_rad=of.value, std_rad=of.std)
+            records.JointArrival(direction=sign, cells=count, mean_rad=of.value, std_rad=of.std)
             for sign, count, of in _arrivals(cells, error, weight, j)
         ),
         periodogram=None
@@ -326,14 +300,14 @@ def _joint_part(
     )
 
 
-def _torque_part(cells: Observations, torques: TorqueResiduals, j: int) -> TorquePart:
+def _torque_part(cells: Observations, torques: TorqueResiduals, j: int) -> records.TorquePart:
     left_Nm = torques.torque_Nm[:, j]
-    return TorquePart(
+    return records.TorquePart(
         joint=j + 1,
         rms_Nm=_root_mean(left_Nm**2),
         noise_Nm=_root_mean(torques.noise_Nm[j] ** 2 / cells.readings),
         arrivals=tuple(
-            TorqueArrival(direction=sign, cells=count, mean_Nm=of.value, std_Nm=of.std)
+            records.TorqueArrival(direction=sign, cells=count, mean_Nm=of.value, std_Nm=of.std)
             for sign, count, of in _arrivals(cells, left_Nm, cells.readings.astype(float), j)
         ),
     )
@@ -349,28 +323,15 @@ def _arrivals(
             yield sign, int(rows.sum()), mean(values[rows], weight[rows], pose[rows])
 
 
-def _drift(cells: Observations, axis: str, position_mm: Array) -> Drift:
-    weight = cells.readings.astype(float)
-    hours, kelvin = cells.states.time_s / _HOUR_S, cells.states.temperature_C
-    return Drift(
-        axis=axis,
-        by_time_mm_per_h=slope(hours, position_mm, weight, cells.pose),
-        by_temperature_mm_per_K=slope(kelvin, position_mm, weight, cells.pose),
-    )
-
-
-def _parts(of: list[str], squares: Array, noise: Array) -> tuple[ErrorPart, ...]:
+def _parts(of: list[str], squares: Array, noise: Array) -> tuple[records.ErrorPart, ...]:
     """Return the parts of cells by a label of each, in the order in which labels first come."""
     labels, first, group = np.unique(of, return_index=True, return_inverse=True)
     count = np.bincount(group)
     rms = np.sqrt(np.bincount(group, squares) / count)
     floor = np.sqrt(np.bincount(group, noise) / count)
     return tuple(
-        ErrorPart(
-            of=str(labels[k]),
-            cells=int(count[k]),
-            rms_mm=float(rms[k]),
-            floor_mm=float(floor[k]),
+        records.ErrorPart(
+            of=str(labels[k]), cells=int(count[k]), rms_mm=float(rms[k]), floor_mm=float(floor[k])
         )
         for k in np.argsort(first)
     )

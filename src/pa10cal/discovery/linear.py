@@ -6,7 +6,7 @@ frame says. Rows are those of the instrument: b components a pose, zero where no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,16 +33,13 @@ def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
 
     Of the k parameters of a model's terms, then of the t coordinates of an instrument's targets.
     """
-
-    def possible(parameter: Parameter) -> float:
+    found = []
+    for parameter in (*model.parameters, *(() if measured is None else measured.target_parameters)):
         name, scale = parameter.name, parameter.scale
-        if name.startswith(WEIGHT):
-            return scale
+        usual = scale if name.startswith(WEIGHT) else _POSSIBLE_SCALES * scale
         sizes = (size for start, size in _POSSIBLE_UNITS.items() if name.startswith(start))
-        return next(sizes, _POSSIBLE_SCALES * scale)
-
-    targets = () if measured is None else measured.target_parameters
-    return np.array([possible(each) for each in (*model.parameters, *targets)])
+        found.append(next(sizes, usual))
+    return np.array(found)
 
 
 def residual(at: FittedModel, poses: Observations) -> Array:
@@ -131,12 +128,12 @@ def by_targets(at: FittedModel, poses: Observations) -> Array:
     return at.compared(poses).by_targets
 
 
-def by_joints(at: FittedModel, poses: Observations, joints: Sequence[int]) -> Array:
+def by_joints(at: FittedModel, poses: Observations, joints: Iterable[int]) -> Array:
     """Return how `residual` follows the positions of joints, from 1: (P, b, j)."""
     chain = at.model.chain
     driven = [chain.motions[chain.joint_columns[joint - 1]].coordinate for joint in joints]
     positions = Offsets(tuple(Parameter(name, "", 1.0) for name in driven), tuple(driven))
-    return by_terms(at, poses, [positions], [np.zeros(len(joints))])[0]
+    return by_terms(at, poses, [positions], [np.zeros(len(driven))])[0]
 
 
 def error_mm(measured: Instrument, residual: Array) -> Array:
@@ -158,18 +155,10 @@ def standard_error(gain: Array) -> float:
 def position_m(
     at: FittedModel, poses: Observations, components: Array, cov: Array
 ) -> tuple[Array, Array]:
-    """Return the position that components amount to, (P, 3) [m], along the instrument's axes.
+    """Return the position that components amount to, (P, 3) [m], and the variance of its noise.
 
-    The mean over the targets; of a distance, along the line of sight.
-
-    Args:
-        at: the model.
-        poses: P poses.
-        components: (P, b) measured minus predicted.
-        cov: (P, b, b) covariance of their noise.
-
-    Returns:
-        The position (P, 3), and the variance (P, 3) of its noise.
+    Along the instrument's axes, the mean over the targets; of a distance, along the line of sight.
+    Components (P, b) are measured minus predicted, with the covariance of their noise (P, b, b).
     """
     rows, times = _positions(poses.measured)
     T_instr_ee = at.T_instr_base @ at.model.predict(poses.states, at.x)
@@ -203,11 +192,11 @@ def mean_length(covariance: Array) -> Array:
 
 def mean_error_of_noise_mm(measured: Instrument, cov: Array) -> float:
     """Return the mean position error that noise (P, b, b) alone leaves, the same in all poses."""
-    each = position_noise(measured, cov)
+    noise = position_noise(measured, cov)
     if not measured.campaigns:
-        return float(1e3 * mean_length(each.mean(axis=0, keepdims=True))[0])
+        return float(1e3 * mean_length(noise.mean(axis=0, keepdims=True))[0])
     _, way = np.unique(measured.components_seen, axis=0, return_inverse=True)
-    means = np.stack([each[way.ravel() == k].mean(axis=0) for k in range(way.max() + 1)])
+    means = np.stack([noise[way.ravel() == k].mean(axis=0) for k in range(way.max() + 1)])
     return float(1e3 * np.average(mean_length(means), weights=np.bincount(way.ravel())))
 
 
@@ -250,18 +239,16 @@ class ModelWithEffects:
         """Return all unknowns."""
         return unknowns(self.at)
 
-    def effect_columns(self) -> list[tuple[int, int]]:
-        """Return first column and the one past the last of each effect."""
-        return [(at.start, at.stop) for at in map(self.columns_of, self.effects)]
-
     def columns_of(self, effect: Effect) -> slice:
         """Return where the parameters of one of its effects stand."""
         return self.model.columns_of(effect)
 
     def own_columns(self) -> Index:
         """Return the columns of the unknowns that belong to no effect."""
-        of_effects = [np.arange(*ends) for ends in self.effect_columns()]
-        return np.setdiff1d(np.arange(len(self.x)), np.concatenate([np.zeros(0, int), *of_effects]))
+        own = np.ones(len(self.x), dtype=bool)
+        for effect in self.effects:
+            own[self.columns_of(effect)] = False
+        return np.flatnonzero(own)
 
     def of(self, effect: Effect) -> Array:
         """Return the parameters of one of its effects."""

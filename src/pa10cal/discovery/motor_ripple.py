@@ -17,17 +17,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import combinations
 from math import factorial
-from typing import Literal
 
 import numpy as np
-from pydantic import Field
 from scipy.special import bdtrc
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.linear import by_every_joint
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.results import maps
+from pa10cal.results.maps import Agreement, MotorRipple
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 #: Probability allowed of one false line in a whole search.
@@ -66,83 +64,6 @@ _CHI2_95_HALF = 1.92
 _TINY = 1e-300
 
 
-# Whose error a joint's error by its angle is: its sensor's, or its gear's. Both turn the joint by
-# the same periodic function of its angle, so poses alone cannot say.
-
-Cause = Literal["sensor", "gear"]
-
-#: Share of the error that the motor must surely follow, or surely not, for a cause to be named: an
-#: interval that ends here still holds "all of it" or "nothing of it", within the error of the map.
-_NEARLY_ALL = 0.7
-_HARDLY_ANY = 0.3
-#: Log-likelihood by which the motor's ripple must prefer one cause over the other, in nats.
-LEAST_NATS = 4.0
-#: Correlation of campaigns or turns from which they agree, and how many arcs it takes.
-LEAST_CORRELATION = 0.8
-LEAST_ARCS = 15
-
-
-class Witness(maps.MotorRipple):
-    """What the motor's ripple of one joint says.
-
-    The residual of the joint has lines a cos(N n p) + b sin(N n p) in p = q + alpha e(q) +
-    beta tau, with e the joint's error (true less commanded angle).
-    """
-
-    @property
-    def excludes_gear(self) -> bool:
-        """Whether the motor surely followed the error."""
-        return self.interval95[0] > 0.0 and self.gain_nats > LEAST_NATS
-
-    @property
-    def excludes_sensor(self) -> bool:
-        """Whether the motor surely did not follow the whole error."""
-        return self.interval95[1] < 1.0 and self.gain_over_one_nats > LEAST_NATS
-
-    @property
-    def likely(self) -> Cause | None:
-        """Return whose error most of it is; None where the ripple does not decide.
-
-        Where the motor followed a part of the error, both err, and the ripple has decided that.
-        """
-        if self.excludes_gear and self.excludes_sensor:
-            return "sensor" if self.alpha > 0.5 else "gear"
-        return self.cause
-
-    @property
-    def cause(self) -> Cause | None:
-        """Return whose error it is; None where the ripple does not decide, or where both err."""
-        low, high = self.interval95
-        if self.excludes_gear and not self.excludes_sensor and high > _NEARLY_ALL:
-            return "sensor"
-        if self.excludes_sensor and not self.excludes_gear and low < _HARDLY_ANY:
-            return "gear"
-        return None
-
-
-class Agreement(maps.Agreement):
-    """How well campaigns, or turns of a joint, agree on its error where both were."""
-
-    @property
-    def holds(self) -> bool:
-        """Whether the error is the joint's own, and not that of a campaign or of a turn."""
-        return self.arcs >= LEAST_ARCS and self.correlation >= LEAST_CORRELATION
-
-
-class JointCause(maps.JointWitness):
-    """Whose error a joint's error by its angle is, and what says so."""
-
-    ripple: Witness | None = Field(description="of its motor; None where it shows none")
-    agreement: Agreement | None = Field(description="of campaigns or turns; None likewise")
-
-    @property
-    def cause(self) -> Cause | None:
-        """Return whose error it is; None where it cannot be said."""
-        if self.ripple is None or self.agreement is None or not self.agreement.holds:
-            return None
-        return self.ripple.cause
-
-
 @dataclass(frozen=True, eq=False)
 class JointSeries:
     """One joint in P configurations of a campaign."""
@@ -161,6 +82,12 @@ class JointSeries:
         """Return some of its configurations."""
         return JointSeries(*(getattr(self, field.name)[rows] for field in fields(self)))
 
+    @property
+    def centred_rad(self) -> Array:
+        """Return what the model leaves less its weighted mean."""
+        total = max(float(self.weight.sum()), _TINY)
+        return self.left_rad - float(self.weight @ self.left_rad) / total
+
     def motor_rad(self, share: float) -> Array:
         """Return the angle at which the motor stands if it followed some of the error."""
         return self.q_rad + share * self.error_rad
@@ -177,7 +104,7 @@ class Line:
 
 def witnesses(
     joints: Sequence[Sequence[JointSeries]], stated_ratio: Array
-) -> tuple[Witness | None, ...]:
+) -> tuple[MotorRipple | None, ...]:
     """Return what the ripple of every joint says; None where it shows none.
 
     Args:
@@ -185,32 +112,35 @@ def witnesses(
         stated_ratio: (n,) motor turns a joint turn by the arm's description; nan where not known.
     """
     searched = sum(map(bool, joints))
-    moved: list[list[JointSeries]] = []
-    found: list[list[Line]] = []
-    for joint in joints:
-        there = [each.where(each.moved) for each in joint]
-        moved.append([each for each in there if len(each) >= LEAST_POSES])
-        own = lines(moved[-1], None, searched) if moved[-1] else []
-        found.append(_of_motor(own, joint))
+    moved = [_long_enough([part.where(part.moved) for part in joint]) for joint in joints]
+    found = [
+        _of_motor(lines(series, None, searched) if series else [], joint)
+        for series, joint in zip(moved, joints, strict=True)
+    ]
     common = common_ratio([line for own in found for line in own])
-    said: list[Witness | None] = []
-    for k, series in enumerate(moved):
-        ratio = _agreed(common or common_ratio(found[k]), float(stated_ratio[k]))
+    said: list[MotorRipple | None] = []
+    for joint, series, own, stated in zip(joints, moved, found, stated_ratio.tolist(), strict=True):
+        ratio = common or common_ratio(own)
+        if not np.isnan(stated):  # unless the data have one that is no multiple or part of it
+            times = 1.0 if ratio is None else max(ratio / stated, stated / ratio)
+            if ratio is None or abs(times - round(times)) < _COMMENSURATE * times:
+                ratio = stated
         if not series or ratio is None:
             said.append(None)
-            continue
-        own = _of_motor(lines(series, ratio, searched), joints[k])
-        said.append(_witness(series, ratio, own))
+        else:
+            said.append(_witness(series, ratio, _of_motor(lines(series, ratio, searched), joint)))
     return tuple(said)
+
+
+def _long_enough(series: Sequence[JointSeries]) -> list[JointSeries]:
+    return [part for part in series if len(part) >= LEAST_POSES]
 
 
 def lines(series: Sequence[JointSeries], ratio: float | None, joints: int) -> list[Line]:
     """Return the lines of a joint, the strongest first, each sought beside those before it.
 
-    Args:
-        series: its campaigns, each in configurations to which it moved.
-        ratio: at whose multiples alone to look; None: at all orders.
-        joints: how many are searched, for the rate of false lines.
+    In its campaigns, each in configurations to which it moved; at multiples of a ratio alone, or at
+    all orders. How many joints are searched decides the rate of false lines.
     """
     if ratio is None:
         orders = np.arange(_LOWEST, _HIGHEST, 1.0 / _TURNS)
@@ -259,33 +189,22 @@ def common_ratio(found: Sequence[Line]) -> float | None:
     return whole if abs(ratio - whole) * times.max() < _SAME else ratio
 
 
-def _agreed(found: float | None, stated: float) -> float | None:
-    """Return the stated ratio, unless the data have one that is no multiple or part of it."""
-    if np.isnan(stated) or found is None:
-        return found if np.isnan(stated) else stated
-    times = max(found / stated, stated / found)
-    return stated if abs(times - round(times)) < _COMMENSURATE * times else found
-
-
 def _of_motor(found: Sequence[Line], joint: Sequence[JointSeries]) -> list[Line]:
     """Return the lines that do not show where the joint did not move: else they are a sensor's."""
-    stood = [each.where(~each.moved) for each in joint]
-    stood = [each for each in stood if len(each) >= LEAST_POSES]
+    stood = _long_enough([part.where(~part.moved) for part in joint])
     if not stood or not found:
         return list(found)
     nats = _spectrum(stood, 0.0)
     least = float(np.log(3 * len(found) / FALSE_RATE))
-
-    def stands(line: Line) -> bool:
-        at = round(line.order * _TURNS)
-        return float(nats[at - 1 : at + 2].max()) > least
-
-    return [line for line in found if not stands(line)]
+    at = [round(line.order * _TURNS) for line in found]
+    return [line for line, k in zip(found, at, strict=True) if nats[k - 1 : k + 2].max() <= least]
 
 
-def _witness(series: Sequence[JointSeries], ratio: float, lines_: Sequence[Line]) -> Witness | None:
+def _witness(
+    series: Sequence[JointSeries], ratio: float, own: Sequence[Line]
+) -> MotorRipple | None:
     """Return what a joint's lines at multiples of a ratio say; None where it has none."""
-    found = sorted(lines_, key=lambda line: line.order)
+    found = sorted(own, key=lambda line: line.order)
     orders = [line.order for line in found]
     error_rad = max(float(np.std(each.error_rad)) for each in series)
     if not orders or orders[-1] * error_rad < _LEAST_TURN_RAD:
@@ -305,10 +224,16 @@ def _witness(series: Sequence[JointSeries], ratio: float, lines_: Sequence[Line]
             gains += _gains(alone, line.order, turns)
     nats = gains.max(axis=1)
     best = int(np.argmax(nats))
-    return Witness(
+    # Where the likelihood is highest between the shares tried, by a parabola.
+    k = int(np.clip(best, 1, len(nats) - 2))
+    low, middle, high = nats[k - 1 : k + 2]
+    bend = low - 2.0 * middle + high
+    step = 0.5 * (low - high) / bend if bend < 0.0 else 0.0
+    alpha = float(_ALPHAS[k] + np.clip(step, -1.0, 1.0) * (_ALPHAS[1] - _ALPHAS[0]))
+    return MotorRipple(
         ratio=ratio,
         orders=tuple(round(order / ratio) for order in orders),
-        alpha=_top(nats),
+        alpha=alpha,
         interval95=_interval(nats - nats[best]),
         gain_nats=float(nats[best] - np.interp(0.0, _ALPHAS, nats)),
         gain_over_one_nats=float(nats[best] - np.interp(1.0, _ALPHAS, nats)),
@@ -320,7 +245,7 @@ def _witness(series: Sequence[JointSeries], ratio: float, lines_: Sequence[Line]
 
 def _spectrum(series: Sequence[JointSeries], share: float) -> Array:
     """Return minus the log probability of lines at orders k/4 by chance, (K,)."""
-    gained = sum((_gained(each, share) for each in series), np.zeros(_HIGHEST * _TURNS))
+    gained = sum((_gained(part, share) for part in series), np.zeros(_HIGHEST * _TURNS))
     # Of Gamma(c) with c campaigns, in closed form.
     terms = sum((gained**k / factorial(k) for k in range(len(series))), np.zeros_like(gained))
     return np.asarray(gained - np.log(terms))
@@ -335,17 +260,14 @@ def _gained(series: JointSeries, share: float) -> Array:
     part = np.mod(series.motor_rad(share) / (2.0 * np.pi * _TURNS), 1.0) * _CELLS
     cell = part.astype(np.intp)
     beyond = part - cell
-    next_ = (cell + 1) % _CELLS
 
     def transformed(values: Array) -> Array:
         grid = np.bincount(cell, values * (1.0 - beyond), _CELLS)
-        grid += np.bincount(next_, values * beyond, _CELLS)
+        grid += np.bincount((cell + 1) % _CELLS, values * beyond, _CELLS)
         return np.asarray(np.fft.rfft(grid))
 
-    count = _HIGHEST * _TURNS
-    weight = series.weight
-    centred = series.left_rad - float(weight @ series.left_rad) / max(float(weight.sum()), _TINY)
-    of_left = transformed(weight * centred)[:count]
+    count, weight = _HIGHEST * _TURNS, series.weight
+    of_left = transformed(weight * series.centred_rad)[:count]
     of_weight = transformed(weight)
     gained = _explained(of_left, of_weight[:count], of_weight[: 2 * count : 2], float(weight.sum()))
     windows = gained[: count // _BACKGROUND * _BACKGROUND].reshape(-1, _BACKGROUND)
@@ -357,10 +279,8 @@ def _gained(series: JointSeries, share: float) -> Array:
 def _explained(of_left: Array, of_weight: Array, of_double: Array, total: float) -> Array:
     """Return the log-likelihood that sine and cosine gain beside a constant.
 
-    Args:
-        of_left: sums of weight times what is left, times exp(-i phase).
-        of_weight, of_double: sums of weights times exp(-i phase), exp(-2 i phase).
-        total: sum of weights.
+    By sums of weighted residuals times exp(-i phase), of weights times exp(-i phase) and
+    exp(-2 i phase), and of weights.
     """
     cc = 0.5 * (total + of_double.real) - of_weight.real**2 / total
     ss = 0.5 * (total - of_double.real) - of_weight.imag**2 / total
@@ -381,34 +301,18 @@ def _without(series: JointSeries, line: Line) -> JointSeries:
 
 def _gains(series: JointSeries, order: float, turns: Array) -> Array:
     """Return the log-likelihood that a line gains, (A, B): by share and by turn a torque."""
-    weight = series.weight
+    weight, centred = series.weight, series.centred_rad
     total = float(weight.sum())
-    centred = series.left_rad - float(weight @ series.left_rad) / max(total, _TINY)
+    by_turn = np.ones((1, len(series)), dtype=complex)
     if len(turns) > 1:
         torque_Nm = series.torque_Nm - series.torque_Nm.mean()
         by_turn = np.exp(-1j * order * turns[:, None] * torque_Nm)
-    else:
-        by_turn = np.ones((1, len(series)), dtype=complex)
-    doubled = by_turn**2
     found = np.empty((len(_ALPHAS), len(turns)))
     for k, share in enumerate(_ALPHAS):
         turn = np.exp(-1j * order * series.motor_rad(float(share)))
-        found[k] = _explained(
-            by_turn @ (weight * centred * turn),
-            by_turn @ (weight * turn),
-            doubled @ (weight * turn**2),
-            total,
-        )
+        left, once, twice = weight * centred * turn, weight * turn, weight * turn**2
+        found[k] = _explained(by_turn @ left, by_turn @ once, by_turn**2 @ twice, total)
     return found
-
-
-def _top(nats: Array) -> float:
-    """Return where a likelihood given at the shares tried is highest, by a parabola."""
-    k = int(np.clip(np.argmax(nats), 1, len(nats) - 2))
-    low, middle, high = nats[k - 1 : k + 2]
-    bend = low - 2.0 * middle + high
-    step = 0.5 * (low - high) / bend if bend < 0.0 else 0.0
-    return float(_ALPHAS[k] + np.clip(step, -1.0, 1.0) * (_ALPHAS[1] - _ALPHAS[0]))
 
 
 def _interval(below: Array) -> tuple[float, float]:
@@ -441,14 +345,8 @@ def joint_series(
 
     The residual of a pose is that of all its joints and of its reading at once; their variances are
     found from all poses (expectation and maximisation). What a joint makes of it, the others being
-    noise, is its score.
-
-    Args:
-        at: the model, with its maps.
-        poses: P poses.
-        left: (P, b) predicted minus measured components.
-        whitener: (P, b, b) makes the residuals of a pose independent and of unit size.
-        joints: from 1.
+    noise, is its score. The model has its maps; it leaves (P, b), predicted minus measured, which
+    the whitener (P, b, b) makes independent and of unit size. Joints are counted from 1.
     """
     score, weight = _scores(
         whitener @ by_every_joint(at, poses),
@@ -467,8 +365,8 @@ def joint_series(
         np.nan,
     )
     campaign = np.zeros(len(poses), int) if states.campaign is None else states.campaign
-    found: list[list[JointSeries]] = []
-    for j in range(score.shape[1]):
+    found: list[list[JointSeries]] = [[] for _ in range(score.shape[1])]
+    for j in (joint - 1 for joint in joints):
         whole = JointSeries(
             q_rad=states.q_rad[:, j],
             left_rad=score[:, j] / weight[:, j],
@@ -477,8 +375,7 @@ def joint_series(
             torque_Nm=torque_Nm[:, j],
             moved=states.since_before[:, j] != 0.0,
         )
-        here = [whole.where(campaign == number) for number in np.unique(campaign)]
-        found.append(here if j + 1 in joints else [])
+        found[j] = [whole.where(campaign == number) for number in np.unique(campaign)]
     return found
 
 

@@ -8,29 +8,20 @@ evidence to be expected. Either of the two may be the truth, so the lesser of bo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from pa10cal.arm.room import (
-    Box,
-    Constraint,
-    Postures,
-    above,
-    draw_within,
-    end_within,
-    off_column,
-    off_links,
-)
+from pa10cal.arm.room import Box, Postures, above, draw_within, end_within, off_column, off_links
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.evidence.fit import Fit
 from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import NoiseModel, Problem, noise_models
 from pa10cal.discovery.evidence.search import linearise
-from pa10cal.discovery.finding import Finding, NotTestable
+from pa10cal.discovery.finding import Finding, Untestable
 from pa10cal.discovery.in_time.wander import InTime
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
@@ -65,9 +56,6 @@ MOST_UNKNOWNS = 400
 _MOST_MEASURED = 1000
 
 
-# Poses that could be measured.
-
-
 #: Part of each joint's range kept clear at either end.
 _LIMIT_MARGIN = 0.05
 #: The end keeps within the box of the measured places, widened to every side by
@@ -79,21 +67,27 @@ _FLOOR_M, _COLUMN_M, _CLEARANCE_M = 0.15, 0.25, 0.15
 
 
 def draw_near(measured: Problem | Survey, count: int, random_seed: int) -> Array:
-    """Draw joint positions where arm and tool may go, near the measured poses.
+    """Draw joint positions (N, n) where arm and tool may go, near the measured poses.
 
     Whether links, rods and instrument collide otherwise is not looked at.
-
-    Returns:
-        (N, n) joint positions [rad, or m of a prismatic joint].
 
     Raises:
         DiscoveryError: when none is found.
     """
     chain = measured.baseline.model.chain
     targets = targets_m(measured.baseline, measured.setup).reshape(-1, 3)
+    end = Postures.of(chain, measured.cells.states.q_rad, targets).p_base_end
+    lowest, highest = end.min(axis=0), end.max(axis=0)
+    room_m = np.maximum(0.5 * (highest - lowest), _LEAST_MARGIN_M)
+    off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
+    constraints = {
+        "near the measured poses": end_within(Box(lowest - room_m, highest + room_m)),
+        "above the floor": above(min(_FLOOR_M, float(lowest[2]))),
+        "off the column": off_column(min(_COLUMN_M, off_axis_m)),
+        "off the links": off_links(_CLEARANCE_M),
+    }
     low, high = chain.arm.limits_rad.T
     margin = _LIMIT_MARGIN * (high - low)
-    constraints = _near(Postures.of(chain, measured.cells.states.q_rad, targets))
     ranges = low + margin, high - margin
     found = draw_within(chain, targets, ranges, constraints, count, random_seed)
     if not len(found.q):
@@ -107,35 +101,23 @@ def draw_near(measured: Problem | Survey, count: int, random_seed: int) -> Array
     return found.q
 
 
-def _near(measured: Postures) -> dict[str, Constraint]:
-    """Return where arm and tool may go, by the postures that were measured."""
-    end = measured.p_base_end
-    low, high = end.min(axis=0), end.max(axis=0)
-    margin = np.maximum(0.5 * (high - low), _LEAST_MARGIN_M)
-    off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
-    return {
-        "near the measured poses": end_within(Box(low - margin, high + margin)),
-        "above the floor": above(min(_FLOOR_M, float(low[2]))),
-        "off the column": off_column(min(_COLUMN_M, off_axis_m)),
-        "off the links": off_links(_CLEARANCE_M),
-    }
-
-
 # Poses that tell rivals apart.
 
 
 def unresolved(
-    effects: Sequence[Finding[object]], not_testable: Sequence[NotTestable] = ()
+    effects: Sequence[Finding[object]], not_testable: Sequence[Untestable] = ()
 ) -> tuple[Pair, ...]:
     """Return what other poses might settle: effects found against their alternatives, first.
 
     An effect that is not testable has no rival but the model's own parameters.
     """
-    rivals: list[Pair] = [(each.effect, other) for each in effects for other in each.alternatives]
+    rivals: list[Pair] = [
+        (found.effect, other) for found in effects for other in found.alternatives
+    ]
     alone: list[Pair] = [
-        (each.effect, None)
-        for each in not_testable
-        if each.by_these_poses and not each.effect.generic
+        (hidden.effect, None)
+        for hidden in not_testable
+        if hidden.by_these_poses and not hidden.effect.generic
     ]
     return (*rivals, *alone)[:_MOST_PAIRS]
 
@@ -168,10 +150,39 @@ def separating_poses(
         one_by_one(pair, count)
     possible = [pair.value for pair in pairs]
     sought = [k for k in range(len(pairs)) if possible[k] - before[k] >= LEAST_NATS]
-    order = _best_for_all([pairs[k] for k in sought], count)
-    nats = _nats_by_pose(pairs, order)
+    order = np.zeros(0, dtype=np.intp)
+    if sought:
+        closest = Combined([pairs[k] for k in sought])
+        chosen = exchange(closest, one_by_one(closest, count), most_sweeps=_MOST_SWEEPS).chosen
+        order = one_by_one(closest, count, among=chosen)
+    for pair in pairs:
+        pair.restart()
+    nats = np.empty((len(order) + 1, len(pairs)))  # of each pair before any pose, and after each
+    nats[0] = [pair.value for pair in pairs]
+    for step, pose in enumerate(order.tolist()):
+        for pair in pairs:
+            pair.add(pose)
+        nats[step + 1] = [pair.value for pair in pairs]
+    suggestions = []
+    for step, pose in enumerate(order.tolist()):
+        gained, even_share = nats[step + 1] - nats[step], (nats[-1] - nats[0]) / len(order)
+        nearest = min(sought, key=lambda k: nats[step, k])
+        suggestions.append(
+            SuggestedPose(
+                q_deg=np.degrees(pool.q_rad[pose]),
+                q_rad=pool.q_rad[pose],
+                load_N=float(pool.load_N[pose]),
+                arrive_from=-pool.arrival[pose],
+                separation_nats=float(nats[step + 1, sought].min()),
+                for_=tuple(
+                    label_of(*rivals[k])
+                    for k in sought
+                    if k == nearest or gained[k] >= even_share[k]
+                ),
+            )
+        )
     return Plan(
-        _suggested(pool, order, nats, rivals, sought),
+        tuple(suggestions),
         tuple(
             ExpectedSeparation(
                 pair=label_of(*pair),
@@ -205,98 +216,7 @@ def _pool(problem: Problem, random_seed: int) -> PoseStates:
     )
 
 
-def _best_for_all(pairs: Sequence[Combined], count: int) -> Index:
-    """Return the poses that bring the closest pair furthest apart, each the best in its turn."""
-    if not pairs:
-        return np.zeros(0, dtype=np.intp)
-    closest = Combined(pairs)
-    chosen = exchange(closest, one_by_one(closest, count), most_sweeps=_MOST_SWEEPS).chosen
-    return one_by_one(closest, count, among=chosen)
-
-
-def _nats_by_pose(pairs: Sequence[Combined], order: Index) -> Array:
-    """Return the separation of all pairs before any pose and after each, (count + 1, pairs)."""
-    for pair in pairs:
-        pair.restart()
-    nats = [[pair.value for pair in pairs]]
-    for pose in order.tolist():
-        for pair in pairs:
-            pair.add(pose)
-        nats.append([pair.value for pair in pairs])
-    return np.array(nats)
-
-
-def _suggested(
-    pool: PoseStates, order: Index, nats: Array, rivals: Sequence[Pair], sought: list[int]
-) -> tuple[SuggestedPose, ...]:
-    """Return the poses chosen, with the pairs that each is for."""
-    suggestions = []
-    for step, k in enumerate(order.tolist()):
-        gained, even_share = nats[step + 1] - nats[step], (nats[-1] - nats[0]) / len(order)
-        closest = min(sought, key=lambda pair: nats[step, pair])
-        suggestions.append(
-            SuggestedPose(
-                q_deg=np.degrees(pool.q_rad[k]),
-                q_rad=pool.q_rad[k],
-                load_N=float(pool.load_N[k]),
-                arrive_from=-pool.arrival[k],
-                separation_nats=float(nats[step + 1, sought].min()),
-                for_=tuple(
-                    label_of(*rivals[pair])
-                    for pair in sought
-                    if pair == closest or gained[pair] >= even_share[pair]
-                ),
-            )
-        )
-    return tuple(suggestions)
-
-
 # How far rivals are apart, by rows of what was measured and of what could be.
-
-
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Rows of poses with b components each, of unit variance: C measured, then N candidates."""
-
-    found: Fit
-    measured: int  # C
-    # (C + N, b, k) of the model's own parameters and of the errors common to all poses, at the size
-    # expected of them
-    own: Array
-    sized: dict[Effect, Array]  # (C + N, b, k') of each effect, at the size that is granted to it
-    as_found: dict[Effect, Array]  # (C + N, b, 1) of each effect of the fit, in its own amount
-
-    def separation(self, truth: Effect, rival: Effect | None, poses: int) -> Separation:
-        """Return how far an effect is from its rival, if it is the truth, by some poses so far."""
-        effect = self._if_true(truth, rival)
-        rows = np.concatenate([self._adjustable(truth, rival), effect], axis=2)
-        _, b, k = rows.shape
-        known = np.concatenate([rows[: self.measured].reshape(-1, k), np.eye(k)])
-        return Separation(rows[self.measured :], known, effect.shape[2], poses * b)
-
-    def _adjustable(self, truth: Effect, rival: Effect | None) -> Array:
-        """Return rows of all that may be adjusted, the rival last."""
-        effects = [effect for effect in self.found.effects if effect not in (truth, rival)]
-        effects += [] if rival is None else [rival]
-        return np.concatenate([self.own, *(self.sized[effect] for effect in effects)], axis=2)
-
-    def _if_true(self, truth: Effect, rival: Effect | None) -> Array:
-        """Return the rows (C + N, b, m) of an effect taken for the truth.
-
-        In the amount found; else in that with which it passes for its rival that was found; else in
-        what is plausible of each parameter, on average over its shapes.
-        """
-        if truth in self.as_found:
-            return self.as_found[truth]
-        sized = self.sized[truth]
-        if rival is None or rival not in self.as_found:
-            return np.asarray(sized / (_ANY_SIZE * np.sqrt(len(truth.starts))))
-        columns = self._adjustable(rival, truth)[: self.measured]
-        k = columns.shape[2]
-        rows = np.concatenate([columns.reshape(-1, k), np.eye(k)])
-        target = np.append(self.as_found[rival][: self.measured], np.zeros(k))
-        passes = np.linalg.lstsq(rows, target, rcond=None)[0][-sized.shape[2] :]
-        return np.asarray(sized @ passes[:, None])
 
 
 def _separations(
@@ -304,39 +224,65 @@ def _separations(
 ) -> list[Combined]:
     """Return, for every pair, the lesser separation of either effect from the other.
 
+    Rows are those of C measured poses, then of N candidates, b components each, of unit variance.
+
     Raises:
         DiscoveryError: when an effect needs what is not known of the poses ahead.
     """
     members = (effect for pair in rivals for effect in pair if effect is not None)
     effects = tuple(dict.fromkeys([*found.effects, *members]))
     factors, now = _by_parameters(problem, found, effects)
-    own, *each = map(
+    # (C + N, b, k) of the model's own parameters and of the errors common to all poses, at the size
+    # expected of them, and of each effect
+    own, *others = map(
         np.concatenate, zip(now, _by_parameters(ahead, found, effects)[1], strict=True)
     )
-    sizes = {effect: SIZES[size] for effect, size in found.size_of.items()}
-    by_effect = dict(zip(effects, each, strict=True))
-    rows = _Rows(
-        found=found,
-        measured=len(now[0]),
-        own=own,
-        sized={
-            effect: by_effect[effect] @ factor * sizes.get(effect, _ANY_SIZE)
-            for effect, factor in zip(effects, factors, strict=True)
-        },
-        as_found={
-            effect: by_effect[effect][..., : effect.linear]
-            @ found.of(effect)[: effect.linear, None]
-            for effect in found.effects
-        },
-    )
-    poses = len(np.unique(problem.cells.pose))
-    pairs = []
-    for effect, rival in rivals:
-        ways = [rows.separation(effect, rival, poses)]
-        if rival is not None:
-            ways.append(rows.separation(rival, effect, poses))
-        pairs.append(Combined(ways))
-    return pairs
+    by_effect = dict(zip(effects, others, strict=True))
+    granted = {effect: SIZES[size] for effect, size in found.size_of.items()}
+    sized = {  # at the size that is granted to it
+        effect: by_effect[effect] @ factor * granted.get(effect, _ANY_SIZE)
+        for effect, factor in zip(effects, factors, strict=True)
+    }
+    as_found = {  # (C + N, b, 1) of each effect of the fit, in its own amount
+        effect: by_effect[effect][..., : effect.linear] @ found.of(effect)[: effect.linear, None]
+        for effect in found.effects
+    }
+    measured, components = len(now[0]), len(np.unique(problem.cells.pose)) * own.shape[1]
+
+    def adjustable(truth: Effect, rival: Effect | None) -> Array:
+        """Return rows of all that may be adjusted, the rival last."""
+        free = [effect for effect in found.effects if effect not in (truth, rival)]
+        free += [] if rival is None else [rival]
+        return np.concatenate([own, *(sized[effect] for effect in free)], axis=2)
+
+    def if_true(truth: Effect, rival: Effect | None) -> Array:
+        """Return the rows (C + N, b, m) of an effect taken for the truth.
+
+        In the amount found; else in that with which it passes for its rival that was found; else in
+        what is plausible of each parameter, on average over its shapes.
+        """
+        if truth in as_found:
+            return as_found[truth]
+        if rival is None or rival not in as_found:
+            return np.asarray(sized[truth] / (_ANY_SIZE * np.sqrt(len(truth.starts))))
+        columns = adjustable(rival, truth)[:measured]
+        k = columns.shape[2]
+        rows = np.concatenate([columns.reshape(-1, k), np.eye(k)])
+        target = np.append(as_found[rival][:measured], np.zeros(k))
+        passes = np.linalg.lstsq(rows, target, rcond=None)[0][-sized[truth].shape[2] :]
+        return np.asarray(sized[truth] @ passes[:, None])
+
+    def separation(truth: Effect, rival: Effect | None) -> Separation:
+        effect = if_true(truth, rival)
+        rows = np.concatenate([adjustable(truth, rival), effect], axis=2)
+        k = rows.shape[2]
+        known = np.concatenate([rows[:measured].reshape(-1, k), np.eye(k)])
+        return Separation(rows[measured:], known, effect.shape[2], components)
+
+    return [
+        Combined([separation(effect, rival), *([separation(rival, effect)] if rival else [])])
+        for effect, rival in rivals
+    ]
 
 
 def _by_parameters(
@@ -346,14 +292,20 @@ def _by_parameters(
 
     Returns:
         The factors (k', k') of each effect, and rows (C, b, k) of all that is common to the rivals,
-        at its size, then of a unit of the parameters of each effect.
+        at its size, then of a unit of the parameters of each effect. Errors common to all poses
+        have columns of their own: future poses share them.
 
     Raises:
         DiscoveryError: when an effect needs what is not known of the poses.
     """
     lin, pose = linearise(problem, found, effects), problem.pose
+
+    def scaled(channel: NoiseModel, variance: float, rows: Array) -> Array:
+        scaled = rows / np.sqrt(1.0 + variance * channel.shared_size)[:, None]
+        return scaled.reshape(len(channel.whitener), -1, rows.shape[1])
+
     rows = [np.hstack([lin.own, pose.common]), *(block.pose for block in lin.blocks)]
-    rows = [_scaled(pose, found.pose_variance, each) for each in rows]
+    rows = [scaled(pose, found.pose_variance, part) for part in rows]
     if problem.torque is not None and any(shows_torque(effect) for effect in effects):
         torque = problem.torque
         # Nothing but effects is seen in poses and torques both.
@@ -362,11 +314,11 @@ def _by_parameters(
         of_torques = [np.pad(torque.common, [(0, 0), (first, 0)])]
         of_torques += [block.torque for block in lin.blocks]
         rows = [
-            np.concatenate([each, _scaled(torque, found.torque_variance, more)], axis=1)
-            for each, more in zip(rows, of_torques, strict=True)
+            np.concatenate([part, scaled(torque, found.torque_variance, more)], axis=1)
+            for part, more in zip(rows, of_torques, strict=True)
         ]
-    for effect, each in zip(effects, rows[1:], strict=True):
-        if not np.all(np.isfinite(each)):
+    for effect, part in zip(effects, rows[1:], strict=True):
+        if not np.all(np.isfinite(part)):
             raise DiscoveryError(
                 "the effect depends on a quantity that is unknown for future poses",
                 where=f"{effect.id} of {effect.of}",
@@ -374,15 +326,6 @@ def _by_parameters(
                 remedy="omit the effect",
             )
     return [block.factor for block in lin.blocks], rows
-
-
-def _scaled(channel: NoiseModel, variance: float, rows: Array) -> Array:
-    """Return rows (C b, k) scaled to unit variance, as (C, b, k).
-
-    Errors common to all poses have columns of their own: future poses share them.
-    """
-    scaled = rows / np.sqrt(1.0 + variance * channel.shared_size)[:, None]
-    return scaled.reshape(len(channel.whitener), -1, rows.shape[1])
 
 
 def predicted(problem: Problem, found: Fit, states: PoseStates) -> Problem:
@@ -423,15 +366,9 @@ def predicted(problem: Problem, found: Fit, states: PoseStates) -> Problem:
     pose, torque, _ = noise_models(
         poses, cov, baseline, setup, torque_u_Nm, load_N, problem.in_time
     )
-    return replace(
-        problem,
-        readings=poses,
-        cells=poses,
-        cell_cov=cov,
-        pose=pose,
-        torque=torque,
-        torque_left_Nm=np.zeros_like(poses.states.tau_Nm),
-    )
+    nothing_Nm = np.zeros_like(poses.states.tau_Nm)
+    ahead = replace(problem, readings=poses, cells=poses, cell_cov=cov, pose=pose, torque=torque)
+    return replace(ahead, torque_left_Nm=nothing_Nm)
 
 
 def _as_seen(problem: Problem, at: FittedModel, states: PoseStates) -> Instrument:
@@ -493,26 +430,16 @@ def without_repeats(survey: Survey, found: ModelWithEffects, noise: Noise) -> tu
     cov = noise.cov * len(rows) / count
     setup, load_N = survey.setup, poses.states.load_N
     pose, _, _ = noise_models(poses, cov, survey.baseline, setup, None, load_N, in_time)
+    base, context, logged = survey.baseline, survey.context, survey.torques_logged
+    none_Nm = np.zeros_like(poses.states.tau_Nm)
     problem = Problem(
-        survey.baseline,
-        setup,
-        poses,
-        poses,
-        cov,
-        noise,
-        pose,
-        torque=None,
-        torque_left_Nm=np.zeros_like(poses.states.tau_Nm),
-        context=survey.context,
-        torques_logged=survey.torques_logged,
-        in_time=in_time,
+        base, setup, poses, poses, cov, noise, pose, None, none_Nm, context, logged, in_time
     )
     sizes, variance = (SIZES.index(1.0),) * len(found.effects), max(scatter - 1.0, 0.0)
     return problem, Fit(found.effects, found.at, found.converged, sizes, variance, 0.0)
 
 
-# Poses that show joint angles which no pose of the fit has seen.
-
+#: Poses drawn to find some at angles not seen.
 _DRAWN = 2000
 _TURN = 2.0 * np.pi
 

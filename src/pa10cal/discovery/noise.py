@@ -19,7 +19,7 @@ from scipy.optimize import minimize, nnls
 from scipy.spatial import cKDTree
 from scipy.special import chdtri, ndtri
 
-from pa10cal.arm.statics import Payload, PoseStates, StaticLoads
+from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.linear import by_every_joint, by_joints, position_m
 from pa10cal.errors import DiscoveryError
@@ -76,13 +76,10 @@ class Noise:
 
 
 def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) -> Noise:
-    """Find the noise of single readings from repeats.
+    """Find the noise of P single readings from repeats.
 
-    Args:
-        readings: P single readings.
-        deviation: (P, b) components measured less what a model says at the reading's own joint
-            positions and torques.
-        screws: (P, b, n) how the components follow each joint's position.
+    By components (P, b) measured less what a model says at the reading's own joint positions and
+    torques, and how they follow each joint's position (P, b, n).
 
     Raises:
         DiscoveryError: when too little is repeated, or repeats show no noise.
@@ -96,21 +93,25 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
             allowed=f"at least {LEAST_DIFFERENCES}",
             remedy="measure poses repeatedly",
         )
+    measured, states = readings.measured, readings.states
+    seen, stated = measured.components_seen, measured.stated_covariance
     difference = (deviation[second] - deviation[first]) / np.sqrt(2.0)
-    seen = readings.measured.components_seen
-    turned = (readings.states.arrival[second] - readings.states.arrival[first]) / np.sqrt(2.0)
+    torque_difference = (states.tau_Nm[second] - states.tau_Nm[first]) / np.sqrt(2.0)
+    turned = (states.arrival[second] - states.arrival[first]) / np.sqrt(2.0)
     if turned.any():
-        stated = np.diagonal(readings.measured.stated_covariance, axis1=1, axis2=2)[first]
+        # What goes with the direction of each joint is no noise.
+        sizes = np.sqrt(np.diagonal(stated, axis1=1, axis2=2)[first])
         by_direction = 0.5 * (screws[first] + screws[second]) * turned[:, None, :]
-        difference = difference - _along(difference, by_direction, np.sqrt(stated), seen[first])
-    sources = np.concatenate(
-        [
-            np.einsum("pik,pjk->pkij", screws, screws),
-            readings.measured.stated_covariance[:, None],
-            *(_one_kind(seen, at) for _, at in readings.measured.component_kinds),
-        ],
-        axis=1,
-    )
+        difference = difference - _along(difference, by_direction, sizes, seen[first])
+        squares = np.sum(turned**2, axis=0)
+        by_direction_Nm = np.sum(turned * torque_difference, axis=0) / np.where(squares, squares, 1)
+        torque_difference = torque_difference - turned * by_direction_Nm
+    of_sources = [np.einsum("pik,pjk->pkij", screws, screws), stated[:, None]]
+    for _, at in measured.component_kinds:  # the same independent error of all of a kind
+        rows, of_kind = np.arange(seen.shape[1])[at], np.zeros((len(seen), 1, *stated.shape[1:]))
+        of_kind[:, 0, rows, rows] = seen[:, at]
+        of_sources.append(of_kind)
+    sources = np.concatenate(of_sources, axis=1)
     both = seen[first] & seen[second]
     of_pairs = np.where(
         (both[:, :, None] & both[:, None, :])[:, None],
@@ -127,35 +128,17 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
             allowed="repeats that differ by the noise of joints and instrument",
             remedy="look for readings with a gross error, and for readings that were copied",
         ) from None
-    n = screws.shape[2]
-    torque = readings.states.tau_Nm
-    torque_difference = (torque[second] - torque[first]) / np.sqrt(2.0)
-    if turned.any():
-        squares = np.sum(turned**2, axis=0)
-        by_direction_Nm = np.sum(turned * torque_difference, axis=0) / np.where(squares, squares, 1)
-        torque_difference = torque_difference - turned * by_direction_Nm
+    # A joint whose log does not scatter, such as one that always reads zero, counts as scattering
+    # by as much as the joint that scatters most: nothing else is known of it.
+    n, torque_Nm = screws.shape[2], np.sqrt(np.mean(torque_difference**2, axis=0))
+    quiet = torque_Nm <= _QUIET * np.abs(states.tau_Nm).max()
     return Noise(
         cov=_whole(np.einsum("k,pkij->pij", variances, sources), seen),
         differences=len(first),
         joint_rad=np.sqrt(variances[:n]),
         instrument=float(np.sqrt(variances[n])),
-        torque_Nm=_torque_noise_Nm(torque_difference, torque),
+        torque_Nm=np.where(quiet, 0.0 if quiet.all() else torque_Nm.max(), torque_Nm),
     )
-
-
-def _torque_noise_Nm(difference_Nm: Array, torque_Nm: Array) -> Array:
-    """Return the standard deviation (n,) of a reading's torques.
-
-    A joint whose log does not scatter, such as one that always reads zero, counts as scattering by
-    as much as the joint that scatters most: nothing else is known of it.
-
-    Args:
-        difference_Nm: (D, n) of successive readings of a pose, of the variance of one reading.
-        torque_Nm: (P, n) of all readings.
-    """
-    noise_Nm = np.sqrt(np.mean(difference_Nm**2, axis=0))
-    quiet = noise_Nm <= _QUIET * np.abs(torque_Nm).max()
-    return np.where(quiet, 0.0 if quiet.all() else noise_Nm.max(), noise_Nm)
 
 
 def noise_of_near_poses(poses: Observations, residual: Array) -> Noise:
@@ -187,10 +170,8 @@ def noise_of_near_poses(poses: Observations, residual: Array) -> Noise:
 
 def nearly_same(poses: Observations) -> tuple[Index, Index]:
     """Return the poses of pairs that are nearly the same, the nearest first, each pose once."""
-    states = poses.states
-    keys = np.column_stack([states.q_rad, states.load_N])
-    tree = cKDTree(keys)
-    pairs = tree.query_pairs(NEARLY_SAME, p=np.inf, output_type="ndarray")
+    keys = np.column_stack([poses.states.q_rad, poses.states.load_N])
+    pairs = cKDTree(keys).query_pairs(NEARLY_SAME, p=np.inf, output_type="ndarray")
     apart = np.abs(keys[pairs[:, 0]] - keys[pairs[:, 1]]).max(axis=1, initial=0.0)
     taken = np.zeros(len(poses), dtype=bool)
     chosen = []
@@ -231,8 +212,7 @@ def _pairs(readings: Observations) -> tuple[Index, Index]:
     """Return readings and their next ones of the same circumstances; see `repeated`."""
     circumstances = compared(readings)
     order = np.lexsort((readings.states.time_s, circumstances))
-    sorted_codes = circumstances[order]
-    pairs = np.flatnonzero(sorted_codes[1:] == sorted_codes[:-1])
+    pairs = np.flatnonzero(np.diff(circumstances[order]) == 0)
     return order[pairs], order[pairs + 1]
 
 
@@ -253,21 +233,16 @@ def whitener_of(cov: Array) -> Array:
 def mean_covariance(cov: Array, seen: Mask, code: Index) -> Array:
     """Return the covariance (G, b, b) of the means of independent readings of each group.
 
-    Args:
-        cov: (P, b, b) of the readings.
-        seen: (P, b) components that each reading has.
-        code: (P,) number of each reading's group, from 0, none omitted.
+    By that of the readings (P, b, b), the components that each has (P, b), and the number of each
+    one's group (P,), from 0, none omitted.
     """
     count = np.bincount(code)
-    shape = (len(count), *cov.shape[1:])
+    total, times = np.zeros((len(count), *cov.shape[1:])), np.zeros((len(count), cov.shape[1]))
     if seen.all():
-        total = np.zeros(shape)
         np.add.at(total, code, cov)
         return np.asarray(total / count[:, None, None] / count[:, None, None])
-    times = np.zeros(shape[:2])
     np.add.at(times, code, seen)
     share = seen / np.maximum(times, 1.0)[code]
-    total = np.zeros(shape)
     np.add.at(total, code, share[:, :, None] * cov * share[:, None, :])
     return _whole(total, times > 0.0)
 
@@ -276,15 +251,6 @@ def _whole(cov: Array, seen: Mask) -> Array:
     """Return covariances (P, b, b) with one where nothing was seen: such rows are all zero."""
     here = np.where(seen[:, :, None] & seen[:, None, :], cov, 0.0)
     return here + np.eye(seen.shape[1]) * ~seen[:, :, None]
-
-
-def _one_kind(seen: Mask, at: slice) -> Array:
-    """Return (P, 1, b, b) the same independent error of all components of a kind."""
-    count, components = seen.shape
-    one = np.zeros((count, 1, components, components))
-    rows = range(components)[at]
-    one[:, 0, rows, rows] = seen[:, at]
-    return one
 
 
 def _variance_components(difference: Array, sources: Array, seen: Mask) -> Array:
@@ -327,49 +293,29 @@ def with_torque_noise(
 ) -> Noise:
     """Return stated noise with what the noise of logged torques adds to it by way of the springs.
 
-    Noise found from pairs of readings holds it already.
-
-    Args:
-        noise: of P poses.
-        at: the model.
-        poses: P complete poses whose torques were logged.
-        payload: what the arm carried; None where the masses are not known.
+    Noise found from pairs of readings holds it already. The noise of torques is what they scatter
+    by about those of weights known but for factors; zero of a joint with too few poses to say. The
+    poses are complete; the payload is None where the masses are not known.
     """
     springs = [term for term in at.model.terms if yields(term)]
     if noise.differences or payload is None or not springs:
         return noise
-    weights = statics_of(at.model, at.x, poses.states, payload).static_loads
-    torque_Nm = _scatter_about_weights_Nm(poses.states, weights)
-    turned_rad = np.zeros(poses.states.q_rad.shape)
-    for spring in springs:
-        x = at.x[at.model.columns_of(spring)]
-        turned_rad[:, spring.joint - 1] += spring.by_torque(poses.states, x)
-    moved = by_every_joint(at, poses) * (turned_rad * torque_Nm)[:, None, :]
-    return replace(noise, cov=noise.cov + moved @ np.swapaxes(moved, 1, 2), torque_Nm=torque_Nm)
-
-
-def _scatter_about_weights_Nm(states: PoseStates, weights: StaticLoads) -> Array:
-    """Return what logged torques scatter by, (n,), about those of weights known but for factors.
-
-    Zero of a joint with too few poses to say.
-    """
-    left_Nm = states.tau_Nm - weights.joint_Nm
-    found = np.zeros(states.n)
+    states = poses.states
+    weights = statics_of(at.model, at.x, states, payload).static_loads
+    left_Nm, torque_Nm = states.tau_Nm - weights.joint_Nm, np.zeros(states.n)
+    one = np.ones(len(states))
     for j in range(states.n):
-        columns = np.column_stack(
-            [
-                np.ones(len(states)),
-                states.arrival[:, j],
-                states.load_N,
-                weights.joint_Nm[:, j],
-                weights.by_weights[:, j],
-            ]
-        )
+        of_weights = weights.joint_Nm[:, j], weights.by_weights[:, j]
+        columns = np.column_stack([one, states.arrival[:, j], states.load_N, *of_weights])
         x, _, rank, _ = np.linalg.lstsq(columns, left_Nm[:, j], rcond=1e-9)
         dof = len(states) - int(rank)
         if dof >= _ROWS_A_COLUMN * int(rank):
-            found[j] = np.sqrt(np.sum((left_Nm[:, j] - columns @ x) ** 2) / dof)
-    return found
+            torque_Nm[j] = np.sqrt(np.sum((left_Nm[:, j] - columns @ x) ** 2) / dof)
+    turned_rad = np.zeros(states.q_rad.shape)
+    for spring in springs:
+        turned_rad[:, spring.joint - 1] += spring.by_torque(states, at.values_of(spring))
+    moved = by_every_joint(at, poses) * (turned_rad * torque_Nm)[:, None, :]
+    return replace(noise, cov=noise.cov + moved @ np.swapaxes(moved, 1, 2), torque_Nm=torque_Nm)
 
 
 # Weights of poses: stated uncertainty, scatter of the residuals, and less far outside.
@@ -427,12 +373,10 @@ def unweighted(measured: Instrument) -> PoseWeights:
 
 
 def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeights:
-    """Weigh poses by what a model leaves of them.
+    """Weigh poses by what a model leaves of their components, (P, b).
 
-    Args:
-        residual: (P, b) what remains of the components.
-        dof: parameters that the data determine, which the residuals are smaller by.
-        measured: states the covariance of the components, and which were seen.
+    The residuals are smaller by the parameters that the data determine, `dof`. The instrument
+    states the covariance of the components, and which were seen.
     """
     stated, seen = measured.stated_covariance, measured.components_seen
     rows = int(seen.sum())
@@ -492,14 +436,10 @@ def scatter_of(at: FittedModel, poses: Observations, left: Array) -> Scatter:
     every = max(1, len(poses) // _ENOUGH_POSES)
     poses, left = poses.take(np.arange(0, len(poses), every)), left[::every]
     turned = by_joints(at, poses, range(1, at.arm.n + 1))
-    parts = [each[:, :, None] * each[:, None, :] for each in np.moveaxis(turned, 2, 0)]
-    components = left.shape[1]
-    for _, kind in poses.measured.component_kinds:
-        own = np.zeros(components)
-        own[kind] = 1.0
-        parts.append(np.diag(own)[None])
-    seen = poses.measured.components_seen
-    unseen = np.where(seen, 0.0, 1.0)[:, :, None] * np.eye(components)
+    parts = [own[:, :, None] * own[:, None, :] for own in np.moveaxis(turned, 2, 0)]
+    seen, unit = poses.measured.components_seen, np.eye(left.shape[1])
+    parts += [np.diag(unit[kind].sum(axis=0))[None] for _, kind in poses.measured.component_kinds]
+    unseen = np.where(seen, 0.0, 1.0)[:, :, None] * unit
     both = seen[:, :, None] & seen[:, None, :]
     parts = [np.where(both, part, 0.0) for part in parts]
     left = np.where(seen, left, 0.0)
@@ -514,11 +454,11 @@ def scatter_of(at: FittedModel, poses: Observations, left: Array) -> Scatter:
         by_size = np.array([np.sum(slope * part) for part in parts])
         return float(value) / len(left), sizes * by_size / len(left)
 
-    of_kinds = [  # half the mean square of each
-        max(0.5 * float(np.mean(left[:, kind][seen[:, kind]] ** 2)), _LEAST)
-        for _, kind in poses.measured.component_kinds
-    ]
-    start = np.log(np.concatenate([np.full(turned.shape[2], 1e-9), of_kinds]))
+    of_kinds = {  # half the mean square of each
+        name: max(0.5 * float(np.mean(left[:, kind][seen[:, kind]] ** 2)), _LEAST)
+        for name, kind in poses.measured.component_kinds
+    }
+    start = np.log(np.concatenate([np.full(at.arm.n, 1e-9), [*of_kinds.values()]]))
     found = minimize(
         cost,
         start,
@@ -528,9 +468,7 @@ def scatter_of(at: FittedModel, poses: Observations, left: Array) -> Scatter:
         options={"maxiter": 60},
     )
     sizes = np.exp(0.5 * found.x)
-    names = [name for name, _ in poses.measured.component_kinds]
-    found_kinds = sizes[turned.shape[2] :].tolist()
-    return Scatter(sizes[: turned.shape[2]], dict(zip(names, found_kinds, strict=True)))
+    return Scatter(sizes[: at.arm.n], dict(zip(of_kinds, sizes[at.arm.n :].tolist(), strict=True)))
 
 
 def share_inside(

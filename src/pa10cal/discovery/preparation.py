@@ -12,7 +12,7 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.discovery.finding import Fault, NotTestable, faults_of_input
+from pa10cal.discovery.finding import DiagnosedFault, Untestable, faults_of_input
 from pa10cal.discovery.row_faults import held_out_faults, row_faults
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
@@ -80,24 +80,18 @@ def why_unknown(effect: Effect, states: PoseStates, *, logged: bool, weights: bo
 
 def computable(
     effects: Iterable[Effect], states: PoseStates, *, logged: bool, weights: bool
-) -> tuple[list[Effect], list[NotTestable]]:
+) -> tuple[list[Effect], list[Untestable]]:
     """Divide effects into those that can be predicted, and the others; see `why_unknown`."""
-    known, refused = [], []
-    for effect in effects:
-        why = why_unknown(effect, states, logged=logged, weights=weights)
-        if why is None:
-            known.append(effect)
-        else:
-            refused.append(NotTestable(effect, why, by_these_poses=False))
-    return known, refused
+    reasons = {e: why_unknown(e, states, logged=logged, weights=weights) for e in effects}
+    known = [effect for effect, why in reasons.items() if why is None]
+    return known, [Untestable(e, why, by_these_poses=False) for e, why in reasons.items() if why]
 
 
 def why_hidden(share: float, signal: float) -> str | None:
     """Return why poses cannot show an effect that moves something; None where they can.
 
-    Args:
-        share: part of it that remains after the model's own parameters took what they can.
-        signal: what remains of its usual size, in standard deviations.
+    By the part of it that remains after the model's own parameters took what they can, and what
+    that is of its usual size, in standard deviations.
     """
     if share < LEAST_SHARE:
         return f"{100 * share:.1f} % remains beside the model's own parameters"
@@ -155,7 +149,7 @@ class Prepared:
     setup: MeasurementSetup  # what is known besides the poses
     torques: TorqueSource  # where the torques come from: `logged`, `masses`, or `none`
     arrivals_from_order: bool  # whether directions of arrival are those of the order of poses
-    faults: tuple[Fault, ...] = ()  # faults of single rows or poses
+    faults: tuple[DiagnosedFault, ...] = ()  # faults of single rows or poses
     # (P,) readings that are not to be averaged; None for none
     excluded: Mask | None = None
     # (H,) held-out poses with a suspected reading; None for none
@@ -166,7 +160,7 @@ class Prepared:
         """Return which readings have a gross error, or a fault of their own, (P,)."""
         return np.zeros(len(self.readings), bool) if self.excluded is None else self.excluded
 
-    def without_pose(self, pose: str, fault: Fault) -> Prepared:
+    def without_pose(self, pose: str, fault: DiagnosedFault) -> Prepared:
         """Return the campaign without the readings of a pose, which have a fault."""
         excluded = self.gross | (self.readings.pose == pose)
         return replace(self, excluded=excluded, faults=(*self.faults, fault))
@@ -181,17 +175,22 @@ def prepared(
     every: Observations,
     model: FittedModel,
     setup: MeasurementSetup,
-    faults: Sequence[Fault] = (),
+    faults: Sequence[DiagnosedFault] = (),
 ) -> Prepared:
     """Make a campaign ready: directions of arrival, orientations and torques as the model has them.
 
-    Args:
-        every: single readings of all kinds, with the instrument's covariance.
-        model: the calibrated model.
-        setup: what is known besides the poses.
-        faults: those found when the raw files were read.
+    From single readings of all kinds, and the faults found when the raw files were read.
     """
-    of_input = [_direction(int(k) + 1) for k in np.flatnonzero(reversed_joints(every))]
+    of_input = [
+        DiagnosedFault(
+            kind="direction",
+            where=f"joint {joint}",
+            what=f"joint {joint} is logged to arrive from the other side than where it stood "
+            "before, nearly always, and the other joints are not; its directions were reversed",
+            remedy=f"check the sign of q{joint}_deg in the log of approaches",
+        )
+        for joint in (np.flatnonzero(reversed_joints(every)) + 1).tolist()
+    ]
     every, from_order = with_arrivals(every)
     as_calibrated = model.with_bends()
     if model.fitted_to is not None:
@@ -204,15 +203,16 @@ def prepared(
     readings, torques = with_their_torques(every.of_kind("grid").turned(model.R_ee_target))
     whole = complete(readings, as_calibrated, setup)
     found = row_faults(whole, as_calibrated, setup.payload, torques)
-    single = every.of_kind("holdout")
-    held_out, held_out_found, suspected = None, None, None
+    single, held_out, suspected = every.of_kind("holdout"), None, None
+    of_rows = found.faults
     if len(single):
         held_out, _ = with_their_torques(average_repeats(single).turned(model.R_ee_target))
         alone, _ = with_their_torques(single.turned(model.R_ee_target))
         alone = complete(alone, as_calibrated, setup)
-        held_out_found = held_out_faults(alone, as_calibrated, whole.take(~found.excluded))
-        if held_out_found.excluded.any():
-            suspected = np.bincount(reading_groups(single), held_out_found.excluded) > 0.0
+        away = held_out_faults(alone, as_calibrated, whole.take(~found.excluded))
+        of_rows = (*of_rows, *away.faults)
+        if away.excluded.any():
+            suspected = np.bincount(reading_groups(single), away.excluded) > 0.0
     if torques == "masses" and setup.payload is not None:
         model = with_uncertain_weights(model, setup.payload)
     return Prepared(
@@ -222,25 +222,9 @@ def prepared(
         setup=setup,
         torques=torques,
         arrivals_from_order=from_order,
-        faults=(
-            *faults,
-            *of_input,
-            *found.faults,
-            *(held_out_found.faults if held_out_found else ()),
-        ),
+        faults=(*faults, *of_input, *of_rows),
         excluded=found.excluded,
         suspected=suspected,
-    )
-
-
-def _direction(joint: int) -> Fault:
-    """Return that the directions of a joint, from 1, are reversed."""
-    return Fault(
-        kind="direction",
-        where=f"joint {joint}",
-        what=f"joint {joint} is logged to arrive from the other side than where it stood before, "
-        "nearly always, and the other joints are not; its directions were reversed",
-        remedy=f"check the sign of q{joint}_deg in the log of approaches",
     )
 
 
@@ -261,10 +245,7 @@ def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup
 
 
 def complete_about(
-    poses: Observations,
-    baseline: FittedModel,
-    about: FittedModel,
-    setup: MeasurementSetup,
+    poses: Observations, baseline: FittedModel, about: FittedModel, setup: MeasurementSetup
 ) -> Observations:
     """Add what poses carry by a better model, whose effects may need what the baseline says."""
     poses = complete(poses, baseline, setup)
@@ -280,12 +261,16 @@ def context_of(
     cells: Observations, baseline: FittedModel, setup: MeasurementSetup
 ) -> CandidateContext:
     """Return what decides where effects may sit; the poses are complete."""
-    states = cells.states
+    states, terms = cells.states, baseline.model.terms
     assert states.seen is not None
-    springs = [term.joint for term in baseline.model.terms if isinstance(term, JointSpring)]
+    source: TorqueSource = "none"
+    if any(isinstance(term, Weights) for term in terms):
+        source = "masses"
+    elif states.static_loads is not None and np.isfinite(states.tau_Nm).all():
+        source = "logged"
     return CandidateContext(
         arm=baseline.model.chain.arm,
-        flexible_joints=tuple(springs),
+        flexible_joints=tuple(term.joint for term in terms if isinstance(term, JointSpring)),
         reference_temperature_C=setup.reference_temperature_C,
         tau_span_Nm=np.abs(
             states.tau_Nm if states.static_loads is None else states.static_loads.joint_Nm
@@ -296,15 +281,7 @@ def context_of(
         time_span_s=(float(states.time_s.min()), float(states.time_s.max())),
         loads_N=tuple(np.unique(states.load_N).tolist()),
         tool_kg=0.0 if setup.payload is None else setup.payload.mass_kg,
-        torques=_source(states, baseline),
+        torques=source,
         commanded=setup.commanded,
         campaigns=tuple(name for name, _ in cells.measured.campaigns),
     )
-
-
-def _source(states: PoseStates, baseline: FittedModel) -> TorqueSource:
-    """Return where the torques of complete poses come from."""
-    if any(isinstance(term, Weights) for term in baseline.model.terms):
-        return "masses"
-    logged = states.static_loads is not None and bool(np.isfinite(states.tau_Nm).all())
-    return "logged" if logged else "none"

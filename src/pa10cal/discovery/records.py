@@ -1,36 +1,35 @@
-"""The records of discovery: `verdict.json`, `extended.json`, `analysis.json`.
-
-What they hold comes from the functions that found it; here it is gathered, and said in words.
-"""
+"""The records of discovery, `verdict.json`, `extended.json`, `analysis.json`, and their words."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.uncertainty import reported_keys
-from pa10cal.discovery.explained import explained
-from pa10cal.discovery.finding import name_of, sized, steps_told, with_a_name
-from pa10cal.discovery.gap import Gap
+from pa10cal.discovery.finding import Finding, name_of, sized, steps_told, with_a_name
 from pa10cal.discovery.linear import possible_sizes
-from pa10cal.discovery.verdict import Plan, Verdict, without_a_cause
+from pa10cal.discovery.verdict import MAP, Plan, Verdict
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import model_to_plain
-from pa10cal.results import discovery as parts
-from pa10cal.results import maps
-from pa10cal.results.analysis import (
-    AnalysisRecord,
-    GapField,
-    GapRows,
-    NamingStep,
-    ParameterShift,
+from pa10cal.results.analysis import AnalysisRecord, GapField, ParameterShift
+from pa10cal.results.discovery import (
+    AllUnexplained,
+    ExtendedRecord,
+    Gap,
+    SearchByRepeats,
+    Unexplained,
+    VerdictKeys,
+    VerdictRecord,
 )
-from pa10cal.results.discovery import ExtendedRecord, VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import Parameter
-from pa10cal.results.maps import JointWitness
-from pa10cal.results.record import Campaign
+from pa10cal.results.explained import Explained, ExplainedEffect
+from pa10cal.results.maps import FallsBack
+from pa10cal.results.record import Campaign, EffectName
 
 
 @dataclass(frozen=True)
@@ -45,17 +44,14 @@ class DiscoveryRecords:
 def discovery_records(
     found: Verdict[object], ahead: Plan, campaign: Campaign, calibration: str
 ) -> DiscoveryRecords:
-    """Return the records of a campaign.
+    """Return the records of a campaign: its verdict, and what to measure next.
 
-    Args:
-        found: the verdict.
-        ahead: what to measure next.
-        campaign: the campaign.
-        calibration: load case of the calibration it began with.
+    It began with a calibration of the load case `calibration`.
     """
     name, provenance = campaign.name, campaign.provenance
     keys, from_order = verdict_keys(found, ahead), found.prepared.arrivals_from_order
     parameters, (before, after) = model_parameters(found), found.lack_of_fit()
+    baseline = found.baseline
     return DiscoveryRecords(
         VerdictRecord(
             **dict(keys),
@@ -85,18 +81,11 @@ def discovery_records(
             provenance=provenance,
             before=before,
             after=after,
-            naming=tuple(
-                NamingStep(
-                    effects=tuple(map(name_of, step.effects)),
-                    train=step.train,
-                    holdout=step.holdout,
-                )
-                for step in found.naming
-            ),
-            parameter_shifts=parameter_shifts(found.baseline, parameters),
+            naming=tuple(step.record for step in found.naming),
+            parameter_shifts=parameter_shifts(baseline, parameters),
             gap=GapField(
-                train=gap_rows(found.train, found.baseline),
-                holdout=None if found.holdout is None else gap_rows(found.holdout, found.baseline),
+                train=found.train.rows(baseline),
+                holdout=None if found.holdout is None else found.holdout.rows(baseline),
             ),
             noise_floor_mm=found.noise_floor_mm,
         ),
@@ -105,7 +94,13 @@ def discovery_records(
 
 def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKeys:
     """Return the verdict on a campaign, and what to measure next."""
-    places = without_a_cause(found.effects, found.unexplained)
+    # Maps say where an error is, and not why: they are what has no name, where nothing else is.
+    places = found.unexplained or tuple(
+        Unexplained(of=each.of, form=MAP, shared_error_mm=None, why="cause not known")
+        for each in found.effects
+        if each.id == MAP
+    )
+    limits, below = found.falls_back, found.below_detection_limit
     return VerdictKeys(
         verdict=found.verdict,
         why=found.why,
@@ -117,14 +112,12 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
             for finding in (*found.gives_way, *found.effects)
         ),
         faults=found.faults,
-        unexplained=parts.AllUnexplained(**dict(places[0]), all=places) if places else None,
-        proposed=tuple(each.record for each in found.proposed) or None,
+        unexplained=AllUnexplained(**dict(places[0]), all=places) if places else None,
+        proposed=tuple(proposal.record for proposal in found.proposed) or None,
         not_testable=with_a_name(found.not_testable),
-        below_detection_limit=None
-        if found.below_detection_limit is None
-        else with_a_name(found.below_detection_limit),
+        below_detection_limit=None if below is None else with_a_name(below),
         indistinguishable=tuple(tuple(map(name_of, group)) for group in found.indistinguishable),
-        gap=parts.Gap(
+        gap=Gap(
             noise_floor_mm=found.noise_floor_mm,
             noise_floor_from=found.noise_floor_from,
             train=found.train.record(),
@@ -135,8 +128,8 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         **found.of_its_method(),
         angles_seen=None if found.seen is None else found.seen.record,
         falls_back=None
-        if found.falls_back is None
-        else maps.FallsBack(within=found.falls_back.within.record, why=found.falls_back.why),
+        if limits is None
+        else FallsBack(within=limits.within.record, why=limits.why),
         suggested_poses=() if ahead is None else ahead.poses,
         separations=None if ahead is None else ahead.separations,
     )
@@ -146,8 +139,8 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     """Return what a reader should know before trusting the extended model."""
     found = []
     for effect in verdict.effects:
-        rivals = ", ".join(f"{rival.id} of {rival.of}" for rival in effect.alternatives)
-        if rivals:
+        if effect.alternatives:
+            rivals = ", ".join(f"{rival.id} of {rival.of}" for rival in effect.alternatives)
             found.append(f"{effect.id} of {effect.of} is indistinguishable from {rivals}")
     if verdict.verdict == "unexplained" and verdict.unexplained is not None:
         place = verdict.unexplained.of or "unknown place"
@@ -156,7 +149,7 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     if verdict.falls_back is not None:
         found.append(verdict.falls_back.why)
     search = verdict.search
-    if isinstance(search, parts.SearchByRepeats) and search.readings_excluded:
+    if isinstance(search, SearchByRepeats) and search.readings_excluded:
         many = "s are" if search.readings_excluded > 1 else " is"
         found.append(
             f"{search.readings_excluded} reading{many} excluded, far from the model and from all "
@@ -175,12 +168,17 @@ def summary(verdict: VerdictKeys) -> list[str]:
     lines += [] if lead is None else [f"  {each}" for each in lead.sentences]
     for effect in verdict.effects_by_share:
         values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
-        rivals = " or ".join(f"{rival.id} of {rival.of}" for rival in effect.alternatives)
-        lines.append(
-            f"  {effect.id} of {effect.of}: {values}"
-            + (f"; indistinguishable from {rivals}" if rivals else "")
-            + ("" if effect.witness is None else ripple_words(effect.witness))
-        )
+        line = f"  {effect.id} of {effect.of}: {values}"
+        if effect.alternatives:
+            rivals = " or ".join(f"{rival.id} of {rival.of}" for rival in effect.alternatives)
+            line += f"; indistinguishable from {rivals}"
+        if effect.witness is not None and (ripple := effect.witness.ripple) is not None:
+            low, high = ripple.interval95
+            line += (
+                f"; its motor followed {ripple.alpha:.2f} of it ({low:.2f} to {high:.2f}), by "
+                f"lines at {', '.join(map(str, ripple.orders))} times {ripple.ratio:g}"
+            )
+        lines.append(line)
     lines += [
         f"  without a name, of {place.of or 'unknown place'}: {place.why}"
         for place in (verdict.unexplained.all if verdict.unexplained else ())
@@ -190,38 +188,25 @@ def summary(verdict: VerdictKeys) -> list[str]:
         for each in verdict.proposed or ()
     ]
     for kind, gap in (("train", verdict.gap.train), ("holdout", verdict.gap.holdout)):
-        lines += [] if gap is None else _gap_lines(kind, gap)
-    return lines
-
-
-def _gap_lines(kind: str, gap: parts.SetGap) -> list[str]:
-    low, high = gap.reduction.interval95_mm
-    lines = [
-        f"{kind} mean {gap.before.mean_mm:.4f} -> {gap.after.mean_mm:.4f} mm, less by {low:.4f} "
-        f"to {high:.4f} mm (95 %); noise floor {gap.noise_floor_mm:.4f} mm"
-    ]
-    return lines + [
-        f"  {name}: {part.after.configurations} poses, rms {part.before.rms_mm:.4f} -> "
-        f"{part.after.rms_mm:.4f} mm"
-        for name, part in (
-            ("inside", gap.inside),
-            ("outside", gap.outside),
-            ("without readings flagged as wrong", gap.trusted),
+        if gap is None:
+            continue
+        low, high = gap.reduction.interval95_mm
+        lines.append(
+            f"{kind} mean {gap.before.mean_mm:.4f} -> {gap.after.mean_mm:.4f} mm, less by "
+            f"{low:.4f} to {high:.4f} mm (95 %); noise floor {gap.noise_floor_mm:.4f} mm"
         )
-        if part is not None
-    ]
-
-
-def ripple_words(witness: JointWitness) -> str:
-    """Return what the ripple says in words that follow others; nothing where there is none."""
-    ripple = witness.ripple
-    if ripple is None:
-        return ""
-    low, high = ripple.interval95
-    return (
-        f"; its motor followed {ripple.alpha:.2f} of it ({low:.2f} to {high:.2f}), by lines at "
-        f"{', '.join(map(str, ripple.orders))} times {ripple.ratio:g}"
-    )
+        parts = {
+            "inside": gap.inside,
+            "outside": gap.outside,
+            "without readings flagged as wrong": gap.trusted,
+        }
+        lines += [
+            f"  {name}: {part.after.configurations} poses, rms {part.before.rms_mm:.4f} -> "
+            f"{part.after.rms_mm:.4f} mm"
+            for name, part in parts.items()
+            if part is not None
+        ]
+    return lines
 
 
 # All that the figures of discovery show.
@@ -272,16 +257,126 @@ def parameter_shifts(
     )
 
 
-def gap_rows(gap: Gap, baseline: FittedModel) -> GapRows:
-    """Return every configuration with its residuals before and after, along base axes."""
-    poses, T_instr_base = gap.poses, baseline.T_instr_base
-    T_instr_ee = T_instr_base @ baseline.model.predict(poses.states, baseline.x)
-    p_instr_m = poses.measured.end_poses(T_instr_ee)[:, :3, 3]
-    return GapRows(
-        pose=poses.pose,
-        load_N=poses.states.load_N,
-        place_mm=1e3 * (p_instr_m - T_instr_base[:3, 3]) @ T_instr_base[:3, :3],
-        before_mm=gap.found_before.position_mm,
-        after_mm=gap.found_after.position_mm,
-        extrapolated=None if gap.inside is None else ~gap.inside,
+# How much of the error beyond noise is explained, and by what.
+#
+# The share of all effects is what the mean square error over held-out poses falls by, from the
+# calibrated model to the one that is exported, as part of what it had beyond noise. It is divided
+# among them by what the exported model loses without each, all else fitted again: joining one by
+# one, an effect may be masked by another. Shares sum to the whole. Errors without one are told as
+# no larger than those without any.
+
+#: Without an effect found, errors so many times as large as those of noise, root mean squares, are
+#: more than noise.
+_MORE_THAN_NOISE = 1.15
+
+
+@dataclass(frozen=True)
+class Joining:
+    """An effect that joins a model."""
+
+    ids: tuple[str, ...]  # of the effect, then of its alternatives at the same place
+    of: str  # where it sits
+    # before_mm and after_mm: (P,) position errors without it and with it, over the same poses
+    before_mm: Array
+    after_mm: Array
+    elsewhere: tuple[EffectName, ...] = ()  # alternatives at other places
+    # `assumed` where its size is relative to weights that nobody stated
+    weights: Literal["assumed"] | None = None
+
+
+def explained_by(
+    joining: Sequence[Joining],
+    before_mm: Array,
+    noise_rms_mm: float,
+    over: Literal["held-out poses", "fitted poses"] = "held-out poses",
+) -> Explained | None:
+    """Return what effects take away; None where there is no more than noise to explain.
+
+    Args:
+        joining: the effects; the last of them ends at the model with all.
+        before_mm: (P,) position errors of the model without any.
+        noise_rms_mm: root mean square error that noise alone would leave.
+        over: what the poses are.
+    """
+    noise = noise_rms_mm**2
+    first = _squared(before_mm)
+    beyond = first - noise
+    least = 1.0 if joining else _MORE_THAN_NOISE**2
+    if not beyond > (least - 1.0) * noise or not first > 0.0:
+        return None
+    last = _squared(joining[-1].after_mm) if joining else first
+    share = float(np.clip((first - last) / beyond, 0.0, 1.0))
+    taken = np.array(
+        [max(_squared(one.before_mm) - _squared(one.after_mm), 0.0) for one in joining]
     )
+    shares = taken * (share / taken.sum()) if taken.sum() > 0.0 else np.zeros(len(joining))
+    entries = [
+        ExplainedEffect(
+            ids=effect.ids,
+            of=effect.of,
+            elsewhere=effect.elsewhere,
+            weights=effect.weights,
+            share=float(own),
+            before_mm=min(_squared(effect.before_mm), first) ** 0.5,
+            after_mm=_squared(effect.after_mm) ** 0.5,
+        )
+        for effect, own in zip(joining, shares, strict=True)
+    ]
+    return Explained(
+        share=share,
+        of=tuple(sorted(entries, key=lambda entry: -entry.share)),
+        without_a_name=1.0 - share,
+        over=over,
+        before_mm=first**0.5,
+        after_mm=last**0.5,
+        noise_mm=noise_rms_mm,
+    )
+
+
+def explained(found: Verdict[object]) -> Explained | None:
+    """Return what the effects of a verdict take away; None where not sought, or nothing is missing.
+
+    Held-out poses with a suspected reading do not count; without held-out poses it is counted over
+    those fitted. Joints that give way under weights that nobody stated joined the geometry in the
+    calibration already: errors before are those of the geometry alone.
+    """
+    calibrated = found.gives_way
+    if (found.method is None or found.verdict == "none") and not calibrated:
+        return None
+    over: Literal["held-out poses", "fitted poses"] = "held-out poses"
+    gap, suspected = found.holdout, found.prepared.suspected
+    if gap is None:
+        gap, suspected, over = found.train, None, "fitted poses"
+    rows = np.ones(len(gap.poses), dtype=bool) if suspected is None else ~suspected
+    if not rows.any():
+        return None
+    joining = []
+
+    def join(
+        finding: Finding[object],
+        before_mm: Array,
+        after_mm: Array,
+        weights: Literal["assumed"] | None = None,
+    ) -> None:
+        others = finding.alternatives
+        ids = dict.fromkeys((finding.id, *(one.id for one in others if one.of == finding.of)))
+        elsewhere = tuple(name_of(one) for one in others if one.of != finding.of)
+        joining.append(Joining(tuple(ids), finding.of, before_mm, after_mm, elsewhere, weights))
+
+    before_mm = gap.found_before.distance_mm[rows]
+    for spring in found.gives_way:
+        proof = spring.proof
+        weights: Literal["assumed"] | None = (
+            "assumed" if proof.weights in ("assumed", "total") else None
+        )
+        join(spring, proof.without_each_mm, gap.found_after.distance_mm[rows], weights)
+        # Rigid joints have the effects found in them: without these it is no less.
+        before_mm = max(before_mm, proof.all_rigid_each_mm, key=_squared)
+    findings, last = {finding.effect: finding for finding in found.findings}, found.naming[-1]
+    for effect, without in zip(last.effects, last.without, strict=True):
+        join(findings[effect], without.judging.distance_mm[rows], last.judging.distance_mm[rows])
+    return explained_by(joining, before_mm, gap.noise_rms_mm, over)
+
+
+def _squared(errors_mm: Array) -> float:
+    return float(np.mean(errors_mm**2))

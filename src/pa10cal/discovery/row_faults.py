@@ -15,7 +15,7 @@ from scipy.special import chdtri
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.discovery.finding import Fault
+from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.in_time.wander import moved_between_repeats
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import (
@@ -46,8 +46,6 @@ from pa10cal.results.record import FaultKind
 _EXCHANGED_LEFT = 0.25
 #: Targets whose orders are all tried.
 _MOST_TARGETS = 5
-_LOOK_AT_POSE = "look at the readings of this pose: joints, load, labels"
-_LOOK = "look at the raw reading, and measure it again or leave it out"
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,7 @@ class RowFaults:
 
     # (P,) readings not to be used; more than the faults name, as some are merely far
     excluded: Mask
-    faults: tuple[Fault, ...]  # what is certain
+    faults: tuple[DiagnosedFault, ...]  # what is certain
 
 
 def row_faults(
@@ -69,19 +67,14 @@ def row_faults(
     exchanged = loads_exchanged(readings, model, payload, torques)
     other = exchanged.load_N != readings.states.load_N
     faults = [*_of_loads(readings, exchanged.load_N, exchanged.gain)]
-    rest = np.flatnonzero(~other)
-    gross = gross_errors(readings.take(rest), model)
-    excluded = other.copy()
-    excluded[rest] |= gross.excluded
-    faults += _of_readings(readings.take(rest), model, gross, "")
+    rest, excluded = readings.take(~other), other.copy()
+    gross = gross_errors(rest, model)
+    excluded[~other] = gross.excluded
+    faults += _of_readings(rest, model, gross, "")
     for pose, (off_mm, times) in poses_off(readings.take(~excluded), model).items():
         excluded |= readings.pose == pose
         what = f"all its readings are {off_mm:.3g} mm off, {times:.3g} times as far as is usual"
-        faults.append(
-            Fault(
-                kind="outlier", where=f"pose {pose}", what=what, remedy=_LOOK_AT_POSE, decides=False
-            )
-        )
+        faults.append(_outlier(pose, what))
     return RowFaults(excluded, tuple(faults))
 
 
@@ -96,70 +89,76 @@ def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observat
     return RowFaults(far, tuple(_of_readings(held_out, model, gross, "held out, ")))
 
 
-def of_wrong_row(finding: InputFinding) -> Fault:
+def of_wrong_row(finding: InputFinding) -> DiagnosedFault:
     """Return the fault of a configuration that was quarantined because it is wrong."""
     kind: FaultKind = "label" if finding.kind == "target_label" else "outlier"
-    return Fault(
-        kind=kind,
-        where=finding.where,
-        what=finding.what,
-        remedy=finding.remedy,
-        decides=kind == "label",
-    )
+    told = {"where": finding.where, "what": finding.what, "remedy": finding.remedy}
+    return DiagnosedFault(kind=kind, **told, decides=kind == "label")
 
 
-def carries(pose: str, name: str, gain: float | None) -> Fault:
+def carries(pose: str, name: str, gain: float | None) -> DiagnosedFault:
     """Return the fault of a pose that carried a name alone."""
-    return Fault(
-        kind="outlier",
-        where=f"pose {pose}",
-        what=f"without this pose nothing speaks for {name}: one pose is no evidence of what acts "
-        "in all",
-        remedy=_LOOK_AT_POSE,
-        gain=gain,
+    what = (
+        f"without this pose nothing speaks for {name}: one pose is no evidence of what acts in all"
+    )
+    return _outlier(pose, what, gain=gain, decides=True)
+
+
+def _outlier(
+    pose: str, what: str, *, gain: float | None = None, decides: bool = False
+) -> DiagnosedFault:
+    where, look = f"pose {pose}", "look at the readings of this pose: joints, load, labels"
+    return DiagnosedFault(
+        kind="outlier", where=where, what=what, remedy=look, gain=gain, decides=decides
     )
 
 
-def _of_loads(readings: Observations, told_N: Array, gain: Array) -> Iterator[Fault]:
+def _of_loads(readings: Observations, told_N: Array, gain: Array) -> Iterator[DiagnosedFault]:
     """Tell the readings of each pose whose load is another's."""
     stated_N = readings.states.load_N
     wrong = told_N != stated_N
     for pose in np.unique(readings.pose[wrong]):
-        here = wrong & (readings.pose == pose)
+        of_pose = readings.pose == pose
+        here = wrong & of_pose
         pairs = sorted(set(zip(stated_N[here].tolist(), told_N[here].tolist(), strict=True)))
-        whole = all(here[(readings.pose == pose) & (stated_N == one)].all() for one, _ in pairs)
-        repeats = sorted(set(readings.repeat[here].tolist()))
-        among = "" if whole else f", repeat {', '.join(map(str, repeats))}"
-        each = "; ".join(f"{one:g} N stated, {other:g} N told" for one, other in pairs)
+        where = f"pose {pose}, {', '.join(f'{stated:g} N' for stated, _ in pairs)}"
+        if not all(here[of_pose & (stated_N == stated)].all() for stated, _ in pairs):
+            where += f", repeat {', '.join(map(str, np.unique(readings.repeat[here])))}"
         swapped = len(pairs) > 1 and {one for one, _ in pairs} == {other for _, other in pairs}
-        yield Fault(
-            kind="load",
-            where=f"pose {pose}, {', '.join(f'{one:g} N' for one, _ in pairs)}{among}",
-            what=f"{'the loads seem exchanged' if swapped else 'the load seems another'}: {each}",
-            remedy="check which load hung on the arm, and correct load_N there",
-            gain=float(gain[here].sum()),
-        )
+        what = "the loads seem exchanged: " if swapped else "the load seems another: "
+        what += "; ".join(f"{stated:g} N stated, {told:g} N told" for stated, told in pairs)
+        remedy = "check which load hung on the arm, and correct load_N there"
+        gained = float(gain[here].sum())
+        yield DiagnosedFault(kind="load", where=where, what=what, remedy=remedy, gain=gained)
 
 
 def _of_readings(
     readings: Observations, model: FittedModel, gross: GrossErrors, which: str
-) -> Iterator[Fault]:
+) -> Iterator[DiagnosedFault]:
     """Tell the readings that are surely wrong: by their labels, or for a reason not known."""
     rows = np.flatnonzero(gross.accused)
     if not len(rows):
         return
-    orders = _orders(readings.take(rows), model)
+    some, names = readings.take(rows), readings.measured.target_names
+    # The order of the targets that explains each reading, where another does than theirs.
+    order_of: dict[int, tuple[int, ...]] = {}
+    if 2 <= len(names) <= _MOST_TARGETS:
+        least = _EXCHANGED_LEFT * np.linalg.norm(residual(model, some), axis=1)
+        for order in permutations(range(len(names))):
+            other = replace(some, measured=some.measured.in_order(order))
+            left = np.linalg.norm(residual(model, other), axis=1)
+            for k in np.flatnonzero(left < least).tolist():
+                order_of[k], least[k] = order, left[k]
     whole = float(np.sum(gross.times**2)) + len(readings)
-    for row, order in zip(rows.tolist(), orders, strict=True):
+    for k, row in enumerate(rows.tolist()):
         kind: FaultKind = "outlier"
         what = f"{gross.off_mm[row]:.3g} mm off, {gross.times[row]:.3g} times the usual scatter"
-        remedy = _LOOK
-        if order is not None:
-            names = readings.measured.target_names
-            moved = " and ".join(names[b] for b, other in enumerate(order) if other != b)
+        remedy = "look at the raw reading, and measure it again or leave it out"
+        if k in order_of:
+            moved = " and ".join(names[b] for b, other in enumerate(order_of[k]) if other != b)
             kind, what = "label", f"the labels of targets {moved} seem exchanged"
             remedy = "correct the labels of this configuration"
-        yield Fault(
+        yield DiagnosedFault(
             kind=kind,
             where=f"{which}pose {readings.pose[row]}, {readings.states.load_N[row]:g} N, "
             f"repeat {readings.repeat[row]}",
@@ -168,21 +167,6 @@ def _of_readings(
             gain=float(gross.times[row] ** 2 / whole),
             decides=kind == "label",
         )
-
-
-def _orders(readings: Observations, model: FittedModel) -> list[tuple[int, ...] | None]:
-    """Return the order of the targets that explains each reading; None where none does."""
-    names = readings.measured.target_names
-    found: list[tuple[int, ...] | None] = [None] * len(readings)
-    if not 2 <= len(names) <= _MOST_TARGETS:
-        return found
-    least = _EXCHANGED_LEFT * np.linalg.norm(residual(model, readings), axis=1)
-    for order in permutations(range(len(names))):
-        other = replace(readings, measured=readings.measured.in_order(order))
-        left = np.linalg.norm(residual(model, other), axis=1)
-        for row in np.flatnonzero(left < least).tolist():
-            found[row], least[row] = order, left[row]
-    return found
 
 
 # Single readings that a gross error moved: their repeats do not confirm them.
@@ -221,21 +205,37 @@ class GrossErrors:
 
 
 def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
-    """Return which of P single readings, with what the model needs, have a gross error."""
-    left = residual(model, readings)
-    by_repeats = _off_repeats(readings, model, left)
-    return _off_model(readings, model, left, by_repeats)
+    """Return which of P single readings, with what the model needs, have a gross error.
 
-
-def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> GrossErrors:
-    """Judge readings by the others of their circumstances."""
-    count = len(readings)
-    group, seen = compared(readings), readings.measured.components_seen
-    nobody = np.zeros(count, dtype=bool)
+    Each is judged by the others of its circumstances, or else by the model.
+    """
+    left, group = residual(model, readings), compared(readings)
     alone = np.bincount(group)[group] < 2
-    nothing = np.zeros(count)
-    if alone.all():
-        return GrossErrors(nobody, nobody, nothing, nothing)
+    nobody, nothing = np.zeros(len(readings), dtype=bool), np.zeros(len(readings))
+    found = GrossErrors(nobody, nobody, nothing, nothing)
+    if not alone.all():
+        found = _off_repeats(readings, model, left, group)
+    if not alone.any():
+        return found
+    white = _by_scatter(readings, model, left)
+    far = alone & _beyond_tails(white, readings, ~nobody)
+    far &= ~confirmed(readings, left, np.flatnonzero(far))
+    far &= ~_in_time(far, readings.states.time_s)
+    return GrossErrors(
+        found.excluded | far,
+        found.accused | far,
+        np.where(far, _times_usual(white, readings), found.times),
+        np.where(far, _position_mm(readings, left), found.off_mm),
+    )
+
+
+def _off_repeats(
+    readings: Observations, model: FittedModel, left: Array, group: Index
+) -> GrossErrors:
+    """Judge readings by the others of their circumstances, which some have."""
+    count, seen = len(readings), readings.measured.components_seen
+    nobody, nothing = np.zeros(count, dtype=bool), np.zeros(count)
+    alone = np.bincount(group)[group] < 2
     left = left - moved_between_repeats(readings, left, group)
     further = np.linalg.norm(by_stated(readings, left), axis=1)
 
@@ -290,26 +290,6 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
     return replace(found, off_mm=_position_mm(readings, apart))
 
 
-def _off_model(
-    readings: Observations, model: FittedModel, left: Array, found: GrossErrors
-) -> GrossErrors:
-    """Judge readings without a repeat of the same circumstances by the model."""
-    group = compared(readings)
-    alone = np.bincount(group)[group] < 2
-    if not alone.any():
-        return found
-    white = _by_scatter(readings, model, left)
-    far = alone & _beyond_tails(white, readings, np.ones(len(readings), dtype=bool))
-    far &= ~confirmed(readings, left, np.flatnonzero(far))
-    far &= ~_in_time(far, readings.states.time_s)
-    return GrossErrors(
-        found.excluded | far,
-        found.accused | far,
-        np.where(far, _times_usual(white, readings), found.times),
-        np.where(far, _position_mm(readings, left), found.off_mm),
-    )
-
-
 def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[float, float]]:
     """Return poses of which all readings are far from the model, and no other pose is like them.
 
@@ -344,13 +324,15 @@ def _by_scatter(readings: Observations, model: FittedModel, left: Array) -> Arra
 def _beyond_tails(
     white: Array, readings: Observations, usual: Mask, judged: Mask | None = None
 ) -> Mask:
-    """Return (P,) which readings are further off than any tail of right data makes.
+    """Return which single readings (P,) are further off than any tail of right data makes.
 
-    Args:
-        white: (P, b) of about unit size.
-        readings: P single readings.
-        usual: (P,) those that show what tails there are.
-        judged: (P,) those that may be beyond them; None for the same.
+    Rows (P, b) are of about unit size. Usual ones show what tails there are, judged ones may be
+    beyond them; None for the same.
+    """
+    """Return which single readings (P,) are further off than any tail of right data makes.
+
+    Rows (P, b) are of about unit size. Usual readings show what tails there are, judged ones may be
+    beyond them; None for the same.
     """
     judged = usual if judged is None else judged
     beyond = np.zeros(len(readings), dtype=bool)
@@ -445,10 +427,14 @@ def loads_exchanged(
     loads_N = np.unique(stated_N)
     if payload is None or len(loads_N) < 2 or torques == "none":
         return nothing
-    left, by_load = _rows(readings, model, payload, torques)
+    left, by_load = _load_rows(readings, model, payload, torques)
     if not np.any(by_load):
         return nothing
-    alone = _less_pose(left, readings)
+    alone = left.copy()  # less the median over the loads of each pose, where it has several
+    for pose in np.unique(readings.pose):
+        rows = np.flatnonzero(readings.pose == pose)
+        if len(np.unique(stated_N[rows])) > 1:
+            alone[rows] -= np.median(left[rows], axis=0)
     scale = MEDIAN_TO_SIGMA * np.median(np.abs(alone), axis=0)
     known = scale > 0.0
     if not known.any():
@@ -468,7 +454,12 @@ def loads_exchanged(
         nearer = (np.abs(told_N - apart) < allowed_N) & (_APART * u_N < allowed_N)
         nearer &= (np.abs(told_N) > _SURELY * u_N) & (after < _LEFT * before)
         found[nearer & (apart != 0.0)] = load_N
-    found = _with_partners(found, readings)
+    # Loads are exchanged between two readings. One that tells another load alone is merely off.
+    told = found.copy()
+    for row in np.flatnonzero(told != stated_N):
+        there = (readings.pose == readings.pose[row]) & (stated_N == told[row])
+        if not np.any(told[there] == stated_N[row]):
+            found[row] = stated_N[row]
     wrong = found != stated_N
     if not wrong.any() or wrong.mean() > _MOST:
         return nothing
@@ -477,20 +468,7 @@ def loads_exchanged(
     return Exchanged(found, np.where(wrong, gain, 0.0))
 
 
-def _with_partners(told_N: Array, readings: Observations) -> Array:
-    """Return the loads told, as stated where no other reading of the pose has the one told.
-
-    Loads are exchanged between two readings. One that tells another load alone is merely off.
-    """
-    stated_N, found = readings.states.load_N, told_N.copy()
-    for row in np.flatnonzero(told_N != stated_N):
-        there = (readings.pose == readings.pose[row]) & (stated_N == told_N[row])
-        if not np.any(told_N[there] == stated_N[row]):
-            found[row] = stated_N[row]
-    return found
-
-
-def _rows(
+def _load_rows(
     readings: Observations, model: FittedModel, payload: Payload, torques: TorqueSource
 ) -> tuple[Array, Array]:
     """Return rows (P, r) measured less modelled that follow the load, and their derivative."""
@@ -508,14 +486,3 @@ def _rows(
     step_N = float(np.ptp(states.load_N))
     now = left(0.0)
     return now, (now - left(step_N)) / step_N
-
-
-def _less_pose(left: Array, readings: Observations) -> Array:
-    """Return rows less their median over the loads of their pose, where it has several."""
-    alone = left.copy()
-    _, pose = np.unique(readings.pose, return_inverse=True)
-    for number in range(int(pose.max()) + 1):
-        rows = np.flatnonzero(pose == number)
-        if len(np.unique(readings.states.load_N[rows])) > 1:
-            alone[rows] -= np.median(left[rows], axis=0)
-    return alone

@@ -62,15 +62,15 @@ class Arena:
     def squares(self, candidates: Sequence[Array]) -> Array:
         """Return the squared error of every block, predicted from the others, (m, B).
 
-        Args:
-            candidates: m candidates' columns (R, k) each, in the size expected of them.
+        Columns (R, k) of m candidates are in the size expected of them.
         """
         found = np.empty((len(candidates), len(self.blocks)))
-        widths = np.array([each.shape[1] for each in candidates])
+        widths = np.array([columns.shape[1] for columns in candidates])
         for width in np.unique(widths):
             places = np.flatnonzero(widths == width)
-            columns = np.stack([candidates[k] for k in places.tolist()], axis=1)
-            found[places] = self._squares(columns)
+            found[places] = self._squares(
+                np.stack([candidates[k] for k in places.tolist()], axis=1)
+            )
         return found
 
     def _squares(self, columns: Array) -> Array:
@@ -78,15 +78,12 @@ class Arena:
         _, m, k = columns.shape
         n = self.own.shape[1]
         here = [columns[at] for at in self.blocks]
-        across = [
-            (self.own[at].T @ each.reshape(len(at), m * k)).reshape(n, m, k)
-            for at, each in zip(self.blocks, here, strict=True)
-        ]
-        grams = [_each_with(each, each) for each in here]
-        with_data = [
-            np.tensordot(self.data[at], each, axes=1)
-            for at, each in zip(self.blocks, here, strict=True)
-        ]
+        across, grams, with_data = [], [], []
+        for at, inside in zip(self.blocks, here, strict=True):
+            flat = self.own[at].T @ inside.reshape(len(at), m * k)
+            across.append(flat.reshape(n, m, k))
+            grams.append(_each_with(inside, inside))
+            with_data.append(np.tensordot(self.data[at], inside, axes=1))
         every_across = np.sum(across, axis=0)
         every_gram, every_with = np.sum(grams, axis=0), np.sum(with_data, axis=0)
         found = np.empty((m, len(self.blocks)))
@@ -145,11 +142,6 @@ class Proposal:
     instead: tuple[Effect, ...]
     record: ProposedFormula  # all of it, as it is written
 
-    @property
-    def of(self) -> str:
-        """Return where it sits."""
-        return self.form.of
-
 
 @dataclass(frozen=True, eq=False)
 class _Tried:
@@ -182,33 +174,28 @@ class _Judge:
         better = bool(held) and float(held[0].sum()) < float(nothing.sum())
         return cls(arena, needed, nothing, held[0] if better else None)
 
-    @property
-    def noise(self) -> float:
-        """Return the squared error that noise alone would leave."""
-        return len(self.arena.data) if self.arena.noise is None else self.arena.noise
-
     def all_of(self, forms: Sequence[Form]) -> list[_Tried]:
         """Return what blocks left out come to with each of many forms."""
         found: list[_Tried] = []
         for first in range(0, len(forms), _AT_ONCE):
             some = forms[first : first + _AT_ONCE]
-            squares = self.arena.squares(self.arena.columns_of(some))
-            found += [_Tried(form, each) for form, each in zip(some, squares, strict=True)]
+            found += map(_Tried, some, self.arena.squares(self.arena.columns_of(some)))
         return found
 
-    def passes(self, each: _Tried, errors: float = 1.0) -> bool:
+    def passes(self, tried: _Tried, errors: float = 1.0) -> bool:
         """Return whether a form helps enough, and does as well, within so many standard errors."""
-        least = self.noise
-        if self.arena.noise is not None and self.held is not None:
-            least = max(least, float(self.held.sum()))
-        gain = self.nothing - each.squares
+        noise, held = self.arena.noise, self.held
+        least = noise = len(self.arena.data) if noise is None else noise
+        if self.arena.noise is not None and held is not None:
+            least = max(noise, float(held.sum()))
+        gain = self.nothing - tried.squares
         over_noise = float(self.nothing.sum()) - least
         enough = max(self.needed, _SURELY * standard_error(gain), _MOST_OF_IT * over_noise)
         if float(gain.sum()) <= enough / errors:
             return False
-        if self.held is not None:
-            return no_worse(each.squares, self.held, errors)
-        return each.total <= _OVER_NOISE * self.noise * errors
+        if held is not None:
+            return no_worse(tried.squares, held, errors)
+        return tried.total <= _OVER_NOISE * noise * errors
 
 
 def choose(
@@ -251,42 +238,44 @@ def choose(
     good = [each for each in good if no_worse(each.squares, good[0].squares, _ALIKE)]
     if not good:
         return None
-    best = min(good, key=lambda each: (each.form.length, each.total))
-    return _proposal(judge, best, good, instead)
-
-
-def _proposal(
-    judge: _Judge, best: _Tried, good: Sequence[_Tried], instead: Sequence[Effect]
-) -> Proposal:
-    """Return the best of the forms that do as well, fitted to all poses."""
-    arena, nothing, held = judge.arena, judge.nothing, judge.held
-    (columns,) = arena.columns_of([best.form])
+    best = min(good, key=lambda one: (one.form.length, one.total))
+    form, arena, nothing, held = best.form, judge.arena, judge.nothing, judge.held
+    same = [one.form.order for one in good if one.form.form == form.form]
+    orders = [order for order in same if order is not None]
+    # The best of every other kind of form that does as well; not one order and another.
+    other_kinds = {form.form: form}
+    for one in good:
+        if form.form != "harmonic" or one.form.form != "two_harmonics":
+            other_kinds.setdefault(one.form.form, one.form)
+    others = [other for other in other_kinds.values() if other is not form][:_MOST_OTHERS]
+    # Fitted to all poses.
+    (columns,) = arena.columns_of([form])
     amounts, covariance = arena.fitted(columns)
-    factor = best.form.prior_factor
-    report = best.form.report(factor @ amounts)
+    factor = form.prior_factor
+    report = form.report(factor @ amounts)
     by_amount = report.jacobian @ factor
-    gain = nothing - best.squares
     covariance = by_amount @ covariance @ by_amount.T
+    gain, total = nothing - best.squares, float(nothing.sum())
     record = ProposedFormula(
-        formula=best.form.formula,
-        of=best.form.of,
-        form=best.form.form,
-        numbers=best.form.numbers,
-        orders=_orders(best, good),
-        parameters=effect_parameters(best.form, report.values, covariance),
+        formula=form.formula,
+        of=form.of,
+        form=form.form,
+        numbers=form.numbers,
+        orders=(min(orders), max(orders)) if form.order is not None else None,
+        parameters=effect_parameters(form, report.values, covariance),
         gain=float(gain.sum() / nothing.sum()),
         does_as_well_as=tuple(map(name_of, instead)),
-        others=tuple(other.formula for other in _others(best, good)),
+        others=tuple(other.formula for other in others),
         evidence=ProposedEvidence(
             blocks=len(nothing),
             rows=len(arena.data),
-            squared_error_without=float(nothing.sum()),
+            squared_error_without=total,
             squared_error_with=best.total,
             squared_error_held=None if held is None else float(held.sum()),
-            gain_std=standard_error(gain) / float(nothing.sum()),
+            gain_std=standard_error(gain) / total,
         ),
     )
-    return Proposal(best.form, tuple(instead), record)
+    return Proposal(form, tuple(instead), record)
 
 
 def no_worse(squares: Array, than: Array, errors: float = 1.0) -> bool:
@@ -330,23 +319,3 @@ def _closer(tried: Sequence[_Tried]) -> list[Form]:
         found += [each for each in closer if each not in known]
         known.update(closer)
     return found
-
-
-def _orders(best: _Tried, good: Sequence[_Tried]) -> tuple[int, int] | None:
-    """Return the lowest and the highest order with which the form does as well."""
-    order = best.form.order
-    if order is None:
-        return None
-    orders = [each.form.order for each in good if each.form.form == best.form.form]
-    known = [each for each in orders if each is not None]
-    return min(known), max(known)
-
-
-def _others(best: _Tried, good: Sequence[_Tried]) -> tuple[Form, ...]:
-    """Return the best of every other kind of form that does as well; not one order and another."""
-    kinds = {best.form.form: best.form}
-    if best.form.form == "harmonic":
-        good = [each for each in good if each.form.form != "two_harmonics"]
-    for each in good:
-        kinds.setdefault(each.form.form, each.form)
-    return tuple(form for form in kinds.values() if form is not best.form)[:_MOST_OTHERS]

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.finding import Fault, fault_of
+from pa10cal.discovery.finding import DiagnosedFault, fault_of
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -36,11 +36,8 @@ _EDGE = 4.0
 
 
 def stated_wrongly(
-    poses: Observations,
-    baseline: FittedModel,
-    setup: MeasurementSetup,
-    context: CandidateContext,
-) -> tuple[Fault, ...]:
+    poses: Observations, baseline: FittedModel, setup: MeasurementSetup, context: CandidateContext
+) -> tuple[DiagnosedFault, ...]:
     """Return loads and tool that are stated wrongly, by logged torques."""
     faults = [each for each in fault_candidates(context) if isinstance(each, WeightStated)]
     if not faults or setup.payload is None or context.torques != "logged":
@@ -48,7 +45,7 @@ def stated_wrongly(
     rows = _rows(poses, baseline, setup, faults)
     chosen: list[int] = []
     while left := [k for k in range(len(faults)) if k not in chosen]:
-        best = max(left, key=lambda k: rows.gains(chosen, k)[0])
+        best = max(left, key=lambda k: rows.gain(chosen, k))
         if not rows.needs(chosen, best):
             break
         chosen.append(best)
@@ -71,39 +68,35 @@ class _Rows:
     known: int  # how many columns any log may need; those of the faults follow
     of_faults: tuple[Index, ...]  # columns of each fault
 
-    def gains(self, chosen: Sequence[int], fault: int) -> tuple[float, float]:
-        """Return the squares that a further fault takes away, of all and of the lesser half."""
-        both = [
-            self._left(chosen, half) - self._left([*chosen, fault], half)
-            for half in ([0, 1], [0], [1])
-        ]
-        return both[0], min(both[1:])
+    def gain(self, chosen: Sequence[int], fault: int, halves: Sequence[int] = (0, 1)) -> float:
+        """Return the squares that a further fault takes away, of some halves."""
+        return self._left(chosen, halves) - self._left([*chosen, fault], halves)
 
     def needs(self, chosen: Sequence[int], fault: int) -> bool:
         """Return whether a further fault is there."""
-        whole, lesser = self.gains(chosen, fault)
+        lesser = min(self.gain(chosen, fault, [0]), self.gain(chosen, fault, [1]))
         _, covariance, _ = self.amounts([*chosen, fault], fault)
-        nats = 0.5 * (whole + np.linalg.slogdet(covariance)[1])
+        nats = 0.5 * (self.gain(chosen, fault) + np.linalg.slogdet(covariance)[1])
         return bool(nats > _LEAST_NATS and lesser > _OF_A_HALF)
 
     def amounts(self, chosen: Sequence[int], fault: int) -> tuple[Array, Array, float]:
         """Return amounts of one of the chosen, in its sizes, their covariance, and its gain."""
-        at, covariance, x = self._solved(chosen, [0, 1])
+        at, covariance, x = self._solved(chosen, (0, 1))
         own = np.flatnonzero(np.isin(at, self.of_faults[fault]))
-        others = [each for each in chosen if each != fault]
-        without = self._left(others, [0, 1])
-        gain = (without - self._left(chosen, [0, 1])) / without
+        without = self._left([other for other in chosen if other != fault])
+        gain = (without - self._left(chosen)) / without
         return x[own], covariance[np.ix_(own, own)], gain
 
-    def _solved(self, chosen: Sequence[int], halves: list[int]) -> tuple[Index, Array, Array]:
+    def _solved(self, chosen: Sequence[int], halves: Sequence[int]) -> tuple[Index, Array, Array]:
         at = np.concatenate([np.arange(self.known), *(self.of_faults[k] for k in chosen)])
-        normal = self.normal[halves].sum(axis=0)[np.ix_(at, at)] + np.eye(len(at))
+        normal = self.normal[[*halves]].sum(axis=0)[np.ix_(at, at)] + np.eye(len(at))
         covariance = np.linalg.inv(normal)
-        return at, covariance, covariance @ self.with_data[halves].sum(axis=0)[at]
+        return at, covariance, covariance @ self.with_data[[*halves]].sum(axis=0)[at]
 
-    def _left(self, chosen: Sequence[int], halves: list[int]) -> float:
+    def _left(self, chosen: Sequence[int], halves: Sequence[int] = (0, 1)) -> float:
         at, _, x = self._solved(chosen, halves)
-        return float(self.squares[halves].sum() - self.with_data[halves].sum(axis=0)[at] @ x)
+        with_data = self.with_data[[*halves]].sum(axis=0)[at]
+        return float(self.squares[[*halves]].sum() - with_data @ x)
 
 
 def _rows(

@@ -7,22 +7,22 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
-from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.finding import (
-    Fault,
+    DiagnosedFault,
     Finding,
     GivesWay,
-    NotTestable,
+    Untestable,
     fault_of,
     sized,
     to_check,
 )
-from pa10cal.discovery.gap import Gap, Named, in_order
+from pa10cal.discovery.gap import Named, PairedErrors, in_order
 from pa10cal.discovery.linear import ModelWithEffects
 from pa10cal.discovery.noise import Scatter
 from pa10cal.discovery.preparation import Prepared
@@ -33,37 +33,26 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.calibration import EffectByCampaign
-from pa10cal.results.discovery import (
-    Separation,
-    SuggestedPose,
-    Unexplained,
-)
+from pa10cal.results.discovery import Separation, SuggestedPose, Unexplained
+from pa10cal.results.discovery import Verdict as Word
 from pa10cal.results.maps import JointWitness
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.log_faults import LogFault
 
-Word = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
 P_co = TypeVar("P_co", covariant=True)
 
 MAP = "joint_error_map"
-
-
 #: Of more effects only the first are shown where a verdict is printed.
 _MOST_SHOWN = 8
 
 
 @dataclass(frozen=True)
-class FallsBack:
-    """Where the effects found do not hold, so that the model is the calibrated one."""
+class Limits:
+    """Where the effects found hold; elsewhere the model is the calibrated one."""
 
     within: AnglesSeen  # joint positions in which they hold
     why: str  # what held-out poses show, one sentence
-
-    @property
-    def everywhere(self) -> bool:
-        """Return whether they hold nowhere."""
-        return not any(len(stretches) for stretches in self.within.intervals)
 
 
 @dataclass(frozen=True)
@@ -91,10 +80,10 @@ class Verdict(ABC, Generic[P_co]):
     # smooth unknown functions of the search that stand for a part of that
     nameless: tuple[Effect, ...] = ()
     over_noise: bool = False  # whether the search left more than noise, wherever it sits
-    not_testable: tuple[NotTestable, ...] = ()  # effects that these data cannot show
+    not_testable: tuple[Untestable, ...] = ()  # effects that these data cannot show
     # effects sought that would be missed too often at their plausible size; settled before
     # residuals are looked at. None known where judged by repeats.
-    below_detection_limit: tuple[NotTestable, ...] | None = None
+    below_detection_limit: tuple[Untestable, ...] | None = None
     # groups of named candidates that these poses cannot separate
     indistinguishable: tuple[tuple[Effect, ...], ...] = ()
     # the calibrated model with the effects found, and nothing generic in it
@@ -103,12 +92,12 @@ class Verdict(ABC, Generic[P_co]):
     noise_floor_mm: float  # mean position error that noise alone would leave
     noise_floor_from: str | None = None  # what it was found from, where not from repeats
     # train and holdout: the gap before and after; None without held-out poses
-    train: Gap
-    holdout: Gap | None
+    train: PairedErrors
+    holdout: PairedErrors | None
     # faults of single rows or poses that were found after the search
-    faults_of_rows: tuple[Fault, ...] = ()
-    # where the effects do not hold; None where nothing speaks against them
-    falls_back: FallsBack | None = None
+    faults_of_rows: tuple[DiagnosedFault, ...] = ()
+    # where the effects hold; None where nothing speaks against them
+    falls_back: Limits | None = None
     proposed: tuple[Proposal, ...] = ()  # formulas for what has no name; they name nothing
     # joints that give way under weights that nobody stated. Their springs are part of the
     # calibrated model already.
@@ -133,15 +122,15 @@ class Verdict(ABC, Generic[P_co]):
     @property
     def effects(self) -> tuple[Finding[P_co], ...]:
         """Return the effects of the vocabulary that were found, in the order found."""
-        return tuple(each for each in self.findings if not isinstance(each.effect, LogFault))
+        return tuple(found for found in self.findings if not isinstance(found.effect, LogFault))
 
     @property
-    def faults(self) -> tuple[Fault, ...]:
+    def faults(self) -> tuple[DiagnosedFault, ...]:
         """Return the faults of the log: of single rows first, then of all of it."""
         of_all = (
-            fault_of(each.effect, each.x, each.covariance, each.gain)
-            for each in self.findings
-            if isinstance(each.effect, LogFault)
+            fault_of(found.effect, found.x, found.covariance, found.gain)
+            for found in self.findings
+            if isinstance(found.effect, LogFault)
         )
         return (*self.prepared.faults, *self.faults_of_rows, *of_all)
 
@@ -169,8 +158,7 @@ class Verdict(ABC, Generic[P_co]):
     @property
     def everything(self) -> tuple[Effect, ...]:
         """Return what has no name, and the names found beside it."""
-        names = (each.effect for each in self.effects)
-        return (*self.without_name, *(each for each in names if each not in self.without_name))
+        return tuple(dict.fromkeys((*self.without_name, *(e.effect for e in self.effects))))
 
     @property
     def seen(self) -> AnglesSeen | None:
@@ -187,13 +175,13 @@ class Verdict(ABC, Generic[P_co]):
         """Return by how much the stated targets of an apparatus are off their places, (a,)."""
         return np.zeros(self.prepared.readings.measured.by_stated_targets.shape[2])
 
-    def with_gaps(self, changed: Callable[[Gap], Gap]) -> Self:
+    def with_gaps(self, changed: Callable[[PairedErrors], PairedErrors]) -> Self:
         """Return the verdict with both its gaps changed."""
         held_out = None if self.holdout is None else changed(self.holdout)
         return replace(self, train=changed(self.train), holdout=held_out)
 
     @property
-    def gap(self) -> Mapping[str, Gap | None]:
+    def gap(self) -> Mapping[str, PairedErrors | None]:
         """Return the gap by set of poses: `train`, and `holdout` where poses were held out."""
         return {"train": self.train, "holdout": self.holdout}
 
@@ -261,14 +249,14 @@ class Verdict(ABC, Generic[P_co]):
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
         """Return where data and model disagree, before and after."""
 
-    def errors_by_name(self) -> tuple[Named, ...]:
-        """Return the errors that remain as the effects join the model one by one."""
-        return in_order(self.train, self.holdout, self.extended.effects, self._model_with)
-
     def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
         """Return the extended model with some of its effects, all else fitted again."""
         del effects
         return self.model
+
+    def errors_by_name(self) -> tuple[Named, ...]:
+        """Return the errors that remain as the effects join the model one by one."""
+        return in_order(self.train, self.holdout, self.extended.effects, self._model_with)
 
     @cached_property
     def naming(self) -> tuple[Named, ...]:
@@ -276,7 +264,7 @@ class Verdict(ABC, Generic[P_co]):
         steps = self.errors_by_name()
         if self.falls_back is None:
             return steps
-        return tuple(each.falling_back(self.falls_back.within, self.gap) for each in steps)
+        return tuple(step.falling_back(self.falls_back.within, self.gap) for step in steps)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -304,6 +292,19 @@ class Searched(Verdict[P_co]):
             holdout=None if held_out is None else found._gap_on(held_out),
         )
 
+    def without_names(
+        self, reasons: Mapping[Finding[P_co], str], left_mm: float | None = None
+    ) -> Self:
+        """Return the verdict, fitted anew, without some names: they are unexplained, for a reason.
+
+        With the mean error [mm] that is left without them; None for that of the new fit.
+        """
+        gone = [finding.effect for finding in reasons]
+        found = self.with_findings([one for one in self.findings if one.effect not in gone])
+        left_mm = found.train.after.mean_mm if left_mm is None else left_mm
+        unknown = (no_name(finding, left_mm, why) for finding, why in reasons.items())
+        return replace(found, unexplained=(*found.unexplained, *unknown))
+
     @abstractmethod
     def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
         """Return what short forms are held against in place of some effects without a name.
@@ -323,7 +324,7 @@ class Searched(Verdict[P_co]):
         """Return the averaged poses of the fit."""
 
     @abstractmethod
-    def _gap_on(self, poses: Observations) -> Gap:
+    def _gap_on(self, poses: Observations) -> PairedErrors:
         """Return the gap of the calibrated and the extended model on averaged poses."""
 
 
@@ -348,26 +349,13 @@ def smooth_unknown(effect: Effect, left_mm: float, what: str) -> Unexplained:
     return Unexplained(of=effect.of, form=effect.id, shared_error_mm=left_mm, why=why)
 
 
-def is_named(effect: Effect) -> bool:
-    """Return whether an effect says what is wrong, and not only where."""
-    return not (effect.generic or effect.id == MAP or isinstance(effect, LogFault))
-
-
 def word_of(findings: Sequence[Finding[object]], unexplained: Sequence[Unexplained]) -> Word:
     """Return the verdict in a word."""
-    if unexplained:
-        return "unexplained"
-    if not findings:
-        return "none"
+    if unexplained or not findings:
+        return "unexplained" if unexplained else "none"
     return "ambiguous" if any(finding.alternatives for finding in findings) else "named"
 
 
-def without_a_cause(
-    findings: Sequence[Finding[object]], unexplained: Sequence[Unexplained]
-) -> tuple[Unexplained, ...]:
-    """Return what is unexplained, or else the maps: they say where an error is, and not why."""
-    maps = [finding.effect for finding in findings if finding.effect.id == MAP]
-    return tuple(unexplained) or tuple(
-        Unexplained(of=effect.of, form=effect.id, shared_error_mm=None, why="cause not known")
-        for effect in maps
-    )
+def is_named(effect: Effect) -> bool:
+    """Return whether an effect says what is wrong, and not only where."""
+    return not (effect.generic or effect.id == MAP or isinstance(effect, LogFault))

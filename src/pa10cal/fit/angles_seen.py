@@ -36,6 +36,11 @@ class AnglesSeen:
     intervals: tuple[Array, ...]
     turns: tuple[bool, ...]  # (n,) whether the joint turns
 
+    @property
+    def nowhere(self) -> bool:
+        """Return whether no angle of any joint is among them."""
+        return not any(len(stretches) for stretches in self.intervals)
+
     def inside(self, q_rad: Array) -> NDArray[np.bool_]:
         """Return which poses (P, n) keep to the angles covered in all joints, (P,)."""
         return np.asarray(self.each(q_rad).all(axis=1), dtype=np.bool_)

@@ -276,14 +276,14 @@ class SharedError(Part):
     after: float = Field(description="with the effects [mm]")
 
 
-class Search(Part):
+class SearchKeys(Part):
     """How effects were searched for."""
 
     candidates: int = Field(description="effects tried")
     error_rate: float = Field(description="rate of false names allowed")
 
 
-class SearchByRepeats(Search):
+class SearchByRepeats(SearchKeys):
     """How effects were searched for, against the scatter of repeats."""
 
     needed_nats: float = Field(description="log evidence needed of an effect")
@@ -301,7 +301,7 @@ class Needed(Part):
     )
 
 
-class SearchByBlocks(Search):
+class SearchByBlocks(SearchKeys):
     """How effects were searched for, by blocks of poses."""
 
     blocks: int = Field(description="blocks of poses")

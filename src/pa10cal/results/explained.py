@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -230,10 +230,15 @@ def _noun(effect: str, *, many: bool = False) -> str:
 
 
 def _sentence(group: list[ExplainedEffect], whole_mm: float) -> str:
-    clauses = list(_clauses(group))
+    ids, elsewhere = _shared(group)
+    clauses = [_clause(effect, _at(group), many=len(group) > 1) for effect in ids]
+    if len(elsewhere) > _MOST_OTHERS:
+        clauses.append(f"one of {len(elsewhere)} other effects is there")
+    else:
+        clauses += [_clause(other.id, _place(other.of)) for other in elsewhere]
     told = ", or ".join(clauses)
     if group[0].weights is not None:
-        more = "" if _shared(group)[0] == group[0].ids else "; alternatives are listed"
+        more = "" if ids == group[0].ids else "; alternatives are listed"
         told += f" (stiffness relative to assumed weights{more})"
     after_mm = min(each.after_mm for each in group)
     taken = sum(max(each.before_mm**2 - each.after_mm**2, 0.0) for each in group)
@@ -242,18 +247,6 @@ def _sentence(group: list[ExplainedEffect], whole_mm: float) -> str:
     places = _DECIMALS - min(int(after_mm >= 0.01) + int(after_mm >= 0.1), _DECIMALS)
     fall = f"{before_mm:.{places}f} mm becomes {after_mm:.{places}f} mm"
     return f"{told[:1].upper()}{told[1:]}: {fall}."
-
-
-def _clauses(group: list[ExplainedEffect]) -> Iterator[str]:
-    at, many = _at(group), len(group) > 1
-    ids, elsewhere = _shared(group)
-    for each in ids:
-        yield _clause(each, at, many=many)
-    if len(elsewhere) > _MOST_OTHERS:
-        yield f"one of {len(elsewhere)} other effects is there"
-        return
-    for other in elsewhere:
-        yield _clause(other.id, _place(other.of))
 
 
 def _clause(effect: str, at: str, *, many: bool = False) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,12 +112,35 @@ class PoseScatter(Part):
 # What the motor's ripple says of a joint's error, in the records of discovery.
 
 
+#: Correlation of campaigns or turns from which they agree, and how many arcs it takes.
+LEAST_CORRELATION = 0.8
+LEAST_ARCS = 15
+
+
 class Agreement(Part):
     """How well campaigns, or turns of the joint, agree on its error where two of them were."""
 
     correlation: float = Field(description="of their means in arcs of 3 deg, noise taken off")
     slope: float = Field(description="of one by the other")
     arcs: int = Field(description="pairs of means compared")
+
+    @property
+    def holds(self) -> bool:
+        """Whether the error is the joint's own, and not that of a campaign or of a turn."""
+        return self.arcs >= LEAST_ARCS and self.correlation >= LEAST_CORRELATION
+
+
+# A sensor's error and a gear's turn the joint by the same function of its angle: poses alone cannot
+# tell them apart. The residual of the joint has lines a cos(N n p) + b sin(N n p) in p = q +
+# alpha e(q) + beta tau, with e the joint's error (true less commanded angle).
+
+Cause = Literal["sensor", "gear"]
+
+#: Share of the error that the motor must surely follow, or surely not, for a cause to be named: an
+#: interval that ends here still holds "all of it" or "nothing of it", within the error of the map.
+_NEARLY_ALL, _HARDLY_ANY = 0.7, 0.3
+#: Log-likelihood by which the motor's ripple must prefer one cause over the other, in nats.
+LEAST_NATS = 4.0
 
 
 class MotorRipple(Part):
@@ -138,6 +161,36 @@ class MotorRipple(Part):
     alphas: Numbers = Field(description="shares tried")
     profile_nats: Numbers = Field(description="log-likelihood of each, less that of the best")
 
+    @property
+    def excludes_gear(self) -> bool:
+        """Whether the motor surely followed the error."""
+        return self.interval95[0] > 0.0 and self.gain_nats > LEAST_NATS
+
+    @property
+    def excludes_sensor(self) -> bool:
+        """Whether the motor surely did not follow the whole error."""
+        return self.interval95[1] < 1.0 and self.gain_over_one_nats > LEAST_NATS
+
+    @property
+    def likely(self) -> Cause | None:
+        """Return whose error most of it is; None where the ripple does not decide.
+
+        Where the motor followed a part of the error, both err, and the ripple has decided that.
+        """
+        if self.excludes_gear and self.excludes_sensor:
+            return "sensor" if self.alpha > 0.5 else "gear"
+        return self.cause
+
+    @property
+    def cause(self) -> Cause | None:
+        """Return whose error it is; None where the ripple does not decide, or where both err."""
+        low, high = self.interval95
+        if self.excludes_gear and not self.excludes_sensor and high > _NEARLY_ALL:
+            return "sensor"
+        if self.excludes_sensor and not self.excludes_gear and low < _HARDLY_ANY:
+            return "gear"
+        return None
+
 
 class JointWitness(Part):
     """What says whose error a joint's error by its angle is."""
@@ -146,3 +199,10 @@ class JointWitness(Part):
     agreement: Agreement | None = Field(
         description="of campaigns or turns; null where no angle was seen in two of them"
     )
+
+    @property
+    def cause(self) -> Cause | None:
+        """Return whose error it is; None where it cannot be said."""
+        if self.ripple is None or self.agreement is None or not self.agreement.holds:
+            return None
+        return self.ripple.cause

@@ -77,7 +77,7 @@ class TestLinearise:
     def test_effects_put_back_are_as_if_they_had_not_been_in_the_fit(self, null, factor):
         effects = tuple(null.effect(*name) for name in self.NAMES)
         found = fit(null.problem, effects, (1, 1), (0.0, 0.0))
-        first, last = found.effect_columns()[0][0], found.effect_columns()[-1][1]
+        first, last = found.columns_of(effects[0]).start, found.columns_of(effects[-1]).stop
         x = found.x.copy()
         x[first:last] = factor * np.array([2e-4, -1e-4, 1.5])
         found = replace(found, at=at_unknowns(found.at, x))
@@ -98,7 +98,8 @@ class TestLinearise:
         lin = linearise(null.problem, null.start, effects)
         x = np.array([2e-5, -1e-5])
         with_it = fit(null.problem, effects[:1], (1,), (0.0, 0.0))
-        first, last = with_it.effect_columns()[0]
+        at = with_it.columns_of(effects[0])
+        first, last = at.start, at.stop
         own = np.insert(null.start.x, [first] * (last - first), 0.0)
         there, absent = own.copy(), own
         there[first:last] = x

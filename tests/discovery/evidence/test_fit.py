@@ -75,14 +75,16 @@ def test_columns_of_effects_and_of_the_model_are_all_there_are(null):
     effects = tuple(null.effect(*name) for name in EFFECTS)
     amounts = [some_amount(effect) for effect in effects]
     there = fit_at(null, effects, amounts)
-    spans = there.effect_columns()
-    of_effects = np.concatenate([np.arange(*span) for span in spans])
+    every = np.arange(len(there.x))
+    of_effects = np.concatenate([every[there.columns_of(effect)] for effect in effects])
     every = np.sort(np.concatenate([of_effects, there.own_columns()]))
     np.testing.assert_array_equal(every, np.arange(len(there.x)))
     names = [parameter.name for parameter in there.model.parameters]
-    for effect, amount, (first, last) in zip(effects, amounts, spans, strict=True):
+    for effect, amount in zip(effects, amounts, strict=True):
         np.testing.assert_array_equal(there.of(effect), amount)
-        assert names[first:last] == [parameter.name for parameter in effect.parameters]
+        assert names[there.columns_of(effect)] == [
+            parameter.name for parameter in effect.parameters
+        ]
     own = null.start
     np.testing.assert_array_equal(there.x[there.own_columns()], own.x[own.own_columns()])
 
@@ -97,8 +99,8 @@ def test_a_fit_comes_to_rest_where_nothing_leads_down(wave):
             wave.problem.pose.rows(pose_rows(wave.problem, at_unknowns(found.at, x)))
         )[:, 0]
         expected = x / possible_sizes(found.model)
-        ((first, last),) = found.effect_columns()
-        expected[first:last] = np.linalg.solve(effect.prior_factor, x[first:last])
+        at = found.columns_of(effect)
+        expected[at] = np.linalg.solve(effect.prior_factor, x[at])
         return float(rows @ rows + expected @ expected)
 
     least = cost(found.x)
@@ -129,9 +131,8 @@ def test_expected_sizes_hold_back_what_the_data_do_not_tell(null):
     effect = null.effect("cmm_scale", "instrument")
     tight, wide = (fit(null.problem, (effect,), (size,), (0.0, 0.0)) for size in (0, 2))
     std = [
-        np.sqrt(np.diag(covariance_of(null.problem, found)))[slice(*span)]
+        np.sqrt(np.diag(covariance_of(null.problem, found)))[found.columns_of(effect)]
         for found in (tight, wide)
-        for span in found.effect_columns()
     ]
     plausible = np.diag(effect.prior_factor)
     assert (std[0] < 0.1 * plausible).all()

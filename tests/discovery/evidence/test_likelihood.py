@@ -8,7 +8,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal
 
 from pa10cal.discovery.evidence.likelihood import SHARED_VARIANCES, SIZES, Block, Evidence
-from pa10cal.discovery.evidence.problem import NoiseModel, SharedError
+from pa10cal.discovery.evidence.problem import NoiseModel, SharedByCells
 
 CELLS, OWN = 10, 3
 POSE = np.repeat(np.arange(5), 2)
@@ -17,7 +17,7 @@ POSE = np.repeat(np.arange(5), 2)
 def channel_of(rng, b, common):
     """Return a channel of cells that share an error two by two."""
     size, turn = np.linalg.eigh(1.0 * (POSE[:, None] == POSE))
-    shared = SharedError(turn.T, np.maximum(size, 0.0))
+    shared = SharedByCells(turn.T, np.maximum(size, 0.0))
     return NoiseModel.of(
         np.tile(np.eye(b), (CELLS, 1, 1)), shared, rng.normal(size=(CELLS, b, common))
     )
@@ -178,7 +178,7 @@ def test_without_torques_poses_speak_alone(made):
 def test_the_best_variance_is_found_where_hundreds_of_rows_have_a_part(variance):
     rng = np.random.default_rng(8)
     rows = 400
-    shared = SharedError(np.eye(rows), rng.uniform(1.0, 4.0, rows))
+    shared = SharedByCells(np.eye(rows), rng.uniform(1.0, 4.0, rows))
     channel = NoiseModel.of(np.ones((rows, 1, 1)), shared, np.zeros((rows, 1, 0)))
     data = np.sqrt(1.0 + variance * shared.size) * rng.normal(size=rows)
     found = Evidence(channel, None, data, np.zeros(0), np.zeros((rows, 0)), ()).score((), ())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.discovery.evidence.problem import NoiseModel, SharedError
+from pa10cal.discovery.evidence.problem import NoiseModel, SharedByCells
 
 CELLS, B, COMMON = 7, 3, 4
 POSE = np.array([0, 0, 0, 1, 1, 2, 2])
@@ -20,7 +20,7 @@ class Made:
         alike = (shapes @ shapes.T) * (POSE[:, None] == POSE)
         size, turn = np.linalg.eigh(alike)
         common = rng.normal(size=(CELLS, B, COMMON))
-        shared = SharedError(turn.T, np.maximum(size, 0.0))
+        shared = SharedByCells(turn.T, np.maximum(size, 0.0))
         self.channel = NoiseModel.of(np.linalg.inv(root), shared, common)
         self.noise = np.zeros((CELLS * B, CELLS * B))
         self.shared = np.zeros_like(self.noise)

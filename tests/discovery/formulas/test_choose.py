@@ -128,7 +128,7 @@ def test_a_sawtooth_seen_by_a_tracker_comes_back_as_its_formula():
 
     found = made_up_survey.observe(made_up_survey.Hidden(turn=saw)).discovery
     (formula,) = proposed(found)
-    assert (formula.form.form, formula.of) == ("sawtooth", "joint 3")
+    assert (formula.form.form, formula.form.of) == ("sawtooth", "joint 3")
     assert formula.form.order == 10
     size, *_ = formula.record.parameters.values()
     assert size.value == pytest.approx(2e-4, rel=0.05)

@@ -32,12 +32,12 @@ from pa10cal.discovery.blocked_cv.refit import (
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey, survey
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.gap import Gap, left_by
+from pa10cal.discovery.gap import PairedErrors, left_by
 from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import by_targets, by_terms, mean_error_of_noise_mm, possible_sizes
-from pa10cal.discovery.motor_ripple import JointCause, agreement, joint_series, witnesses
+from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
 from pa10cal.discovery.next_poses import (
     MOST_UNKNOWNS,
     poses_at_unseen_angles,
@@ -84,7 +84,7 @@ class VerdictByBlocks(Searched[Prediction]):
     extended: Refit  # the model with the effects found
     noise: Noise  # of single readings
     # what is known of the cause of each map, by joint
-    causes: Mapping[int, JointCause] = field(default_factory=dict)
+    causes: Mapping[int, JointWitness] = field(default_factory=dict)
     bands: InBands | None = None  # of maps that have one; None where none has
 
     method: ClassVar[str] = "cross-validation over blocks"
@@ -130,7 +130,7 @@ class VerdictByBlocks(Searched[Prediction]):
         if self.bands is None or scatter is None:
             return None
 
-        def inside95(gap: Gap) -> float:
+        def inside95(gap: PairedErrors) -> float:
             left = self.survey.left_by(self.model, gap.poses)
             return share_inside(self.model, scatter, gap.poses, left)
 
@@ -237,7 +237,7 @@ class VerdictByBlocks(Searched[Prediction]):
         return self.survey.poses
 
     @override
-    def _gap_on(self, poses: Observations) -> Gap:
+    def _gap_on(self, poses: Observations) -> PairedErrors:
         return compare(self.survey, self.extended, poses, self.noise_floor_mm)
 
     @override
@@ -356,7 +356,7 @@ def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> Verdic
     starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in nameless))
     model = refit(found.survey, effects, starts, extended.weights).fitted()
 
-    def told(gap: Gap) -> Gap:
+    def told(gap: PairedErrors) -> PairedErrors:
         poses = complete_about(gap.poses, found.baseline, model, found.survey.setup)
         return replace(gap, with_rivals=left_by(model, poses))
 
@@ -419,7 +419,7 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
     return _renamed(replace(found, causes=causes), names, alternatives)
 
 
-def _causes(found: VerdictByBlocks) -> dict[int, JointCause]:
+def _causes(found: VerdictByBlocks) -> dict[int, JointWitness]:
     """Return what is known of the cause of every map, by joint."""
     joints = [each.joint for each in found.extended.effects if isinstance(each, JointErrorMap)]
     if not joints:
@@ -434,7 +434,7 @@ def _causes(found: VerdictByBlocks) -> dict[int, JointCause]:
     )
     said = witnesses(series, at.arm.gear_ratio)
     return {
-        joint: JointCause(ripple=said[joint - 1], agreement=agreement(series[joint - 1]))
+        joint: JointWitness(ripple=said[joint - 1], agreement=agreement(series[joint - 1]))
         for joint in sorted(joints)
     }
 

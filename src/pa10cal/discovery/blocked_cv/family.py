@@ -18,7 +18,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.survey import Products, Rows, ShapedEffect, Survey
-from pa10cal.discovery.finding import NotTestable
+from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.preparation import computable, is_fault, sought, why_hidden
 from pa10cal.terms.effects.effect import Effect
@@ -294,7 +294,7 @@ def surely_worse(gain: Array) -> bool:
     return float(gain.sum()) < -_SURELY_WORSE * standard_error(gain)
 
 
-def computable_shapes(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[NotTestable, ...]]:
+def computable_shapes(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[Untestable, ...]]:
     """Return effects that can be computed with what is known of the poses, and the others.
 
     Each effect at each of its shapes; maps are not among them.
@@ -322,7 +322,7 @@ class Family:
     """The candidates of a survey."""
 
     shown: tuple[Candidate, ...]  # candidates that these poses can show, all forms of each
-    hidden: tuple[NotTestable, ...]  # effects that they cannot
+    hidden: tuple[Untestable, ...]  # effects that they cannot
     # of each effect shown, by name: sum of squares of all poses that it is expected to take away
     # at its plausible size, beside the model's own parameters, in all but one of twenty directions
     # of its parameters
@@ -346,14 +346,14 @@ def family(rows: Rows, products: Products) -> Family:
             shown.append(candidate)
             gains[candidate.name] = max(gains.get(candidate.name, 0.0), _nearly_always(left))
         elif not is_fault(candidate.effect):
-            refused[candidate.name] = NotTestable(_plain(candidate.effect), why)
+            refused[candidate.name] = Untestable(_plain(candidate.effect), why)
     hidden = tuple(found for name, found in refused.items() if name not in gains)
     return Family(tuple(shown), hidden, gains)
 
 
 def below_detection_limit(
     found: Family, is_surely_found: Callable[[float], bool]
-) -> tuple[NotTestable, ...]:
+) -> tuple[Untestable, ...]:
     """Return effects of which the plausible size may well be missed, though they are sought."""
     effects = {
         candidate.name: _plain(candidate.effect)
@@ -361,7 +361,7 @@ def below_detection_limit(
         if not is_fault(candidate.effect)
     }
     return tuple(
-        NotTestable(
+        Untestable(
             effects[name],
             f"at its plausible size it stands {np.sqrt(gain):.1f} standard deviations out of the "
             "noise of all poses together, too little to be found in 95 of 100 such campaigns",

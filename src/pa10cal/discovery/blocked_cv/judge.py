@@ -30,7 +30,7 @@ from pa10cal.discovery.blocked_cv.search import (
     level,
 )
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Rows, ShapedEffect, Survey
-from pa10cal.discovery.finding import CARRIED, MayHaveCarrier, NotTestable
+from pa10cal.discovery.finding import CARRIED, MayHaveCarrier, Untestable
 from pa10cal.discovery.in_time.channel import like_a_scan
 from pa10cal.discovery.linear import by_effects, by_own_terms, error_mm, rms, standard_error
 from pa10cal.discovery.noise import AS_FOUND
@@ -547,8 +547,8 @@ class SearchReport:
     nameless: tuple[Effect, ...]
     tried: tuple[Tried, ...]
     errors_mm: Array
-    hidden: tuple[NotTestable, ...]
-    below_detection_limit: tuple[NotTestable, ...]
+    hidden: tuple[Untestable, ...]
+    below_detection_limit: tuple[Untestable, ...]
     candidates: int
     least_gain: float
 

@@ -22,7 +22,7 @@ from pa10cal.discovery.blocked_cv.survey import (
     map_columns,
     products,
 )
-from pa10cal.discovery.gap import Gap, gap
+from pa10cal.discovery.gap import PairedErrors, gap
 from pa10cal.discovery.in_time.wander import moved_frames
 from pa10cal.discovery.linear import (
     ModelWithEffects,
@@ -310,7 +310,9 @@ def _inverse(information: Array, prior: Array, free: Mask) -> Array:
 _STEPS = 3
 
 
-def compare(campaign: Survey, extended: Refit, poses: Observations, noise_floor_mm: float) -> Gap:
+def compare(
+    campaign: Survey, extended: Refit, poses: Observations, noise_floor_mm: float
+) -> PairedErrors:
     """Return the gap of calibrated and extended model on measured poses."""
     after, seen = extended.fitted(), seen_by_maps(campaign, extended.effects)
     poses, wander = complete_about(poses, campaign.baseline, after, campaign.setup), campaign.wander

@@ -32,7 +32,6 @@ from pa10cal.discovery.evidence.judge import (
 )
 from pa10cal.discovery.evidence.problem import NoiseModel, Problem, prepare
 from pa10cal.discovery.evidence.search import (
-    EndOfSearch,
     evidence_about,
     refit,
     resized,
@@ -40,7 +39,7 @@ from pa10cal.discovery.evidence.search import (
     testable,
     threshold,
 )
-from pa10cal.discovery.gap import Gap, gap, left_by
+from pa10cal.discovery.gap import PairedErrors, gap, left_by
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
 from pa10cal.discovery.in_time.wander import STILL, moved_between_repeats, moved_frames
 from pa10cal.discovery.lack_of_fit import (
@@ -194,7 +193,7 @@ class VerdictByRepeats(Searched[Confirmation]):
         return average_repeats(self.prepared.trusted)
 
     @override
-    def _gap_on(self, poses: Observations) -> Gap:
+    def _gap_on(self, poses: Observations) -> PairedErrors:
         return compare(self.problem, self.extended, poses, self.judgement.found.fit)
 
     @override
@@ -219,11 +218,14 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
     problem, extended = judgement.found.problem, judgement.found.fit
     named = tuple(finding.effect for finding in judgement.findings)
     if named != extended.effects:
-        sizes = tuple(extended.size_of[each] for each in named)
+        sizes = tuple(extended.size_of[effect] for effect in named)
         extended = fit(problem, named, sizes, judgement.found.score.variances, extended)
     gap_on = partial(compare, problem, extended, searched=judgement.found.fit)
     held_out, wander, floor = campaign.held_out, problem.in_time.wander, floor_mm(problem)
-    places = {(each.form, each.of) for each in judgement.unexplained}
+    places = {(place.form, place.of) for place in judgement.unexplained}
+    # Groups of effects that look the same in these poses, whatever was measured.
+    alike = {tuple(np.flatnonzero(row).tolist()) for row in judgement.found.same}
+    groups = [group for group in sorted(alike) if len(group) > 1]
     return VerdictByRepeats(
         prepared=campaign,
         context=problem.context,
@@ -239,9 +241,9 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
             for effect in judgement.found.fit.effects
             if effect.generic and (effect.id, effect.of) in places
         ),
-        over_noise=any(each.form is None for each in judgement.unexplained),
-        not_testable=tuple(each for each in refused if not is_fault(each.effect)),
-        indistinguishable=_groups(judgement.found),
+        over_noise=any(place.form is None for place in judgement.unexplained),
+        not_testable=tuple(one for one in refused if not is_fault(one.effect)),
+        indistinguishable=tuple(tuple(family[k] for k in group) for group in groups),
         extended=extended,
         covariance=covariance_of(problem, extended),
         noise_floor_mm=floor,
@@ -292,14 +294,22 @@ def _with_time(readings: Observations, campaign: Prepared) -> tuple[Problem, Fit
 
 def compare(
     problem: Problem, extended: Fit, poses: Observations, searched: Fit | None = None
-) -> Gap:
+) -> PairedErrors:
     """Return the gap of baseline and extended model on averaged poses.
 
     The model at the end of the search may hold what has no name, too.
     """
     poses = complete_about(poses, problem.baseline, extended.at, problem.setup)
-    floor = floor_mm(problem, poses.readings)
-    after, T_moved = _exported(problem, extended), _moved(problem, poses)
+    floor, after, T_moved = floor_mm(problem, poses.readings), _exported(problem, extended), None
+    if (wander := problem.in_time.wander) is not None:
+        # Poses of the fit are averages: the base has moved by the mean of its motions there.
+        single, times_s = problem.readings, poses.states.time_s
+        group = reading_groups(single)
+        of_groups_s = group_means(single.states.time_s, group)
+        if len(of_groups_s) == len(poses) and np.allclose(of_groups_s, times_s):
+            T_moved = moved_frames(group_means(wander.motions(single.states.time_s), group))
+        else:
+            T_moved = moved_frames(wander.motions(times_s))
     found = gap(poses, problem.baseline, after, floor, T_moved=T_moved)
     if searched is None or not any(effect.generic for effect in searched.effects):
         return found
@@ -312,30 +322,10 @@ def _exported(problem: Problem, found: Fit) -> FittedModel:
     return replace(found.fitted(), targets_off_m=apparatus_m(problem, found))
 
 
-def _moved(problem: Problem, poses: Observations) -> Array | None:
-    """Return how the base had moved at averaged poses, (P, 4, 4); None where it had not."""
-    wander = problem.in_time.wander
-    if wander is None:
-        return None
-    single = problem.readings
-    time_s = group_means(single.states.time_s, group := reading_groups(single))
-    if len(time_s) == len(poses) and np.allclose(time_s, poses.states.time_s):
-        return moved_frames(group_means(wander.motions(single.states.time_s), group))
-    return moved_frames(wander.motions(poses.states.time_s))
-
-
 def model_with(problem: Problem, extended: Fit, effects: tuple[Effect, ...]) -> FittedModel:
     """Return an extended model with some of its effects, all fitted again."""
-    sizes = tuple(extended.size_of[each] for each in effects)
+    sizes = tuple(extended.size_of[effect] for effect in effects)
     return _exported(problem, fit(problem, effects, sizes, extended.variances, extended))
-
-
-def _groups(found: EndOfSearch) -> tuple[tuple[Effect, ...], ...]:
-    """Return groups of effects that look the same in these poses, whatever was measured."""
-    groups = {tuple(np.flatnonzero(row).tolist()) for row in found.same}
-    return tuple(
-        tuple(found.family[k] for k in group) for group in sorted(groups) if len(group) > 1
-    )
 
 
 # Where a fit and the data disagree, tested against pure error.
@@ -375,26 +365,24 @@ def channel_tests(problem: Problem, found: Fit) -> tuple[Channel, Channel | None
     tests = []
     for (channel, values), rows, columns in zip(channels, weighed, by_x, strict=True):
         taken = np.einsum("rk,kr->r", columns, cho_solve(factor, columns.T))
-        pure = problem.noise.differences * values.shape[1]
-        tests.append(_channel_test(channel, rows[:, 0] ** 2, 1.0 - taken, pure))
+        pure, squares, dof = (
+            problem.noise.differences * values.shape[1],
+            rows[:, 0] ** 2,
+            1.0 - taken,
+        )
+        shares = channel.shared_size > _NO_PART
+        shared, unshared = (
+            pure_error_test(float(squares[part].sum()), float(dof[part].sum()), pure)
+            if float(dof[part].sum()) > _NO_PART
+            else None
+            for part in (shares, ~shares)
+        )
+        beyond = 0.0 if shared is None else max(shared.chi_square - shared.dof, 0.0)
+        variance = beyond / float(dof @ channel.shared_size) if beyond else 0.0
+        tests.append(
+            Channel(shared=shared, unshared=unshared, shared_variance_of_a_reading=variance)
+        )
     return tests[0], tests[1] if len(tests) > 1 else None
-
-
-def _channel_test(channel: NoiseModel, squares: Array, dof: Array, pure: int) -> Channel:
-    shared = channel.shared_size > _NO_PART
-    tests = [
-        pure_error_test(float(squares[rows].sum()), float(dof[rows].sum()), pure)
-        if float(dof[rows].sum()) > _NO_PART
-        else None
-        for rows in (shared, ~shared)
-    ]
-    beyond = 0.0 if tests[0] is None else max(tests[0].chi_square - tests[0].dof, 0.0)
-    largest = float(dof @ channel.shared_size)
-    return Channel(
-        shared=tests[0],
-        unshared=tests[1],
-        shared_variance_of_a_reading=beyond / largest if beyond else 0.0,
-    )
 
 
 def _left_over(model: NoiseModel, rows: Array, test: Channel) -> Array:

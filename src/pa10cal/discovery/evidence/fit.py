@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +21,6 @@ from pa10cal.discovery.linear import (
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.least_squares import Bounds, Equations, minimise
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.model import Model
 from pa10cal.terms.term import shows_torque
 
 #: A step that lowers the sum of squares by less than this part is the last.
@@ -61,51 +58,45 @@ def fit(
 ) -> Fit:
     """Fit the model with some effects; from several shapes where an effect has them, the best.
 
-    Args:
-        problem: the campaign.
-        effects: what to add to the baseline.
-        sizes: index of the size expected of each.
-        variances: of the shared errors of poses and of torques.
-        start: a fit to set out from; the baseline where None.
+    Each effect has the index of the size expected of it; variances are those of the shared errors
+    of poses and of torques. It sets out from another fit, or from the baseline.
     """
-    # An effect that the start has keeps its shape: only those that join have shapes to try.
-    joining = [effect for effect in effects if start is None or effect not in start.effects]
-    tried = [
-        _fit_from(problem, effects, sizes, variances, start, shape)
-        for shape in range(max((len(effect.starts) for effect in joining), default=1))
-    ]
-    return min(tried, key=lambda found: found[1])[0]
-
-
-def _fit_from(
-    problem: Problem,
-    effects: tuple[Effect, ...],
-    sizes: tuple[int, ...],
-    variances: tuple[float, float],
-    start: Fit | None,
-    shape: int,
-) -> tuple[Fit, float]:
-    model = replace(with_base_term(problem.baseline, effects), kept=problem.kept)
-    x_start = _start(problem, effects, start, shape)
-    at = at_unknowns(
-        replace(problem.baseline, model=model, x=np.zeros(len(model.parameters))), x_start
-    )
-    weighed = _Weighed(problem, effects, sizes, variances, at)
-    targets = problem.cells.measured.target_parameters[: len(problem.baseline.targets_m)]
+    baseline, first = problem.baseline, len(problem.baseline.x)
+    model = replace(with_base_term(baseline, effects), kept=problem.kept)
+    targets = problem.cells.measured.target_parameters[: len(baseline.targets_m)]
     bounds = Bounds.of((*model.parameters, *targets))
-    found = minimise(
-        bounds.clip(x_start),
-        weighed.equations,
-        lambda x, step: bounds.clip(x + step),
-        lambda _, taken: taken.gained <= _PRECISION * (1.0 + taken.before.cost - taken.gained),
-        most_steps=_MOST_STEPS,
-        held=bounds.held,
-        beyond=bounds.beyond,
-        cost=weighed.cost,
-        first_damping=_FIRST_DAMPING,
-    )
-    fitted = Fit(effects, at_unknowns(at, found.at), found.converged, sizes, *variances)
-    return fitted, found.equations.cost
+    own = np.concatenate([baseline.x, np.zeros(6), baseline.targets_m])
+    known: dict[Effect, Array] = {}
+    if start is not None:
+        own, known = start.x[start.own_columns()], {e: start.of(e) for e in start.effects}
+    # An effect that the start has keeps its shape: only those that join have shapes to try.
+    shapes = max((len(effect.starts) for effect in effects if effect not in known), default=1)
+    best: tuple[float, Fit] | None = None
+    for shape in range(shapes):
+        parts = [
+            known[effect] if effect in known else effect.starts[min(shape, len(effect.starts) - 1)]
+            for effect in effects
+        ]
+        x_start = np.concatenate([own[:first], *parts, own[first:]])
+        x, targets_m = np.split(x_start, [len(model.parameters)])
+        at = replace(baseline, model=model, x=x, targets_m=targets_m)
+        weighed = _Weighed(problem, effects, sizes, variances, at)
+        found = minimise(
+            bounds.clip(x_start),
+            weighed.equations,
+            lambda x, step: bounds.clip(x + step),
+            lambda _, taken: taken.gained <= _PRECISION * (1.0 + taken.before.cost - taken.gained),
+            most_steps=_MOST_STEPS,
+            held=bounds.held,
+            beyond=bounds.beyond,
+            cost=weighed.cost,
+            first_damping=_FIRST_DAMPING,
+        )
+        if best is None or found.equations.cost < best[0]:
+            fitted = Fit(effects, at_unknowns(at, found.at), found.converged, sizes, *variances)
+            best = found.equations.cost, fitted
+    assert best is not None
+    return best[1]
 
 
 def covariance_of(problem: Problem, found: Fit) -> Array:
@@ -133,32 +124,6 @@ def apparatus_m(problem: Problem, found: Fit) -> Array:
     return np.asarray(-u_m * units[:stated], dtype=np.float64)
 
 
-def _start(problem: Problem, effects: tuple[Effect, ...], start: Fit | None, shape: int) -> Array:
-    """Return where to set out: what is known of shared parameters, else zero in some shape."""
-    baseline = problem.baseline
-    own = (
-        np.concatenate([baseline.x, np.zeros(6), baseline.targets_m])
-        if start is None
-        else (start.x[start.own_columns()])
-    )
-    parts = []
-    for effect in effects:
-        if start is not None and effect in start.effects:
-            parts.append(start.of(effect))
-        else:
-            parts.append(effect.starts[min(shape, len(effect.starts) - 1)])
-    first = len(baseline.x)
-    return np.concatenate([own[:first], *parts, own[first:]])
-
-
-class _Left(NamedTuple):
-    """A model, what it leaves of the poses (C, b), and what gives the derivative of that."""
-
-    at: FittedModel
-    pose: Array
-    jacobian: Callable[[], Array]
-
-
 class _Weighed:
     """Rows of the fit: weighed poses and torques, and what is expected of every parameter."""
 
@@ -180,47 +145,47 @@ class _Weighed:
         rows = np.diag(1.0 / possible)
         # Zero of an effect does not determine its shape: zero, the middle of what is expected
         # of all else, would draw the shape to the end of its range at the first step.
-        x_start, middle = unknowns(at), expected_middle(problem, at.model)
+        # Tool and targets are about as calibrated, all else about zero.
+        x_start, baseline = unknowns(at), problem.baseline
+        of_tool = [p.name.startswith("tool") for p in baseline.model.parameters]
+        middle = np.zeros(len(x_start))
+        middle[: len(of_tool)] = np.where(of_tool, baseline.x, 0.0)
+        middle[len(at.x) :] = baseline.targets_m
         for effect, size in zip(effects, sizes, strict=True):
             at_effect = at.model.columns_of(effect)
             linear = slice(at_effect.start, at_effect.start + effect.linear)
             rows[linear, linear] = np.linalg.inv(SIZES[size] * effect.prior_factor)
             middle[linear.stop : at_effect.stop] = x_start[linear.stop : at_effect.stop]
         self._expected, self._middle = rows, middle
-        self._looked_at: tuple[Array, _Left] | None = None
+        self._last_x: Array | None = None
+
+    def _look_at(self, x: Array) -> None:
+        """Find what the model leaves of poses at parameters, once for cost and equations."""
+        if self._last_x is not x:
+            self._last_x, self._at = x, at_unknowns(self._at, x)
+            self._left, self._jacobian = residual_then_jacobian(self._at, self._problem.cells)
 
     def cost(self, x: Array) -> float:
         """Return the sum of squares at parameters (k,): all that a step uphill needs."""
-        left = self._left_at(x)
-        rows = [self._pose(self._problem.pose.rows(left.pose[:, :, None]))]
-        if self._problem.torque is not None and self._torque is not None:
-            torque = torque_left(self._problem, left.at)
-            rows.append(self._torque(self._problem.torque.rows(torque[:, :, None])))
-        rows.append(self._expected @ (x - self._middle)[:, None])
-        return float(sum(np.sum(part**2) for part in rows))
+        self._look_at(x)
+        problem, off = self._problem, self._expected @ (x - self._middle)[:, None]
+        rows = [self._pose(problem.pose.rows(self._left[:, :, None]))]
+        if problem.torque is not None and self._torque is not None:
+            torque = torque_left(problem, self._at)
+            rows.append(self._torque(problem.torque.rows(torque[:, :, None])))
+        return float(sum(np.sum(part**2) for part in (*rows, off)))
 
     def equations(self, x: Array) -> Equations:
-        """Return the problem at parameters (k,)."""
-        return Equations.of(*self._rows(x))
-
-    def _rows(self, x: Array) -> tuple[Array, Array]:
-        """Return rows (R,) and their derivative (R, k)."""
-        problem, left = self._problem, self._left_at(x)
-        at, of_pose = left.at, np.concatenate([left.pose[:, :, None], left.jacobian()], axis=2)
-        weighed = [self._pose(problem.pose.rows(of_pose))]
+        """Return the problem at parameters (k,): rows (R,) and their derivative (R, k)."""
+        self._look_at(x)
+        problem, off = self._problem, self._expected @ (x - self._middle)
+        of_pose = np.concatenate([self._left[:, :, None], self._jacobian()], axis=2)
+        rows = [self._pose(problem.pose.rows(of_pose))]
         if problem.torque is not None and self._torque is not None:
-            weighed.append(self._torque(problem.torque.rows(torque_rows(problem, at))))
-        off = self._expected @ (x - self._middle)
-        own = np.concatenate([off[:, None], self._expected], axis=1)
-        everything = np.concatenate([*weighed, own])
-        return everything[:, 0], everything[:, 1:]
-
-    def _left_at(self, x: Array) -> _Left:
-        """Return what the model leaves at parameters, kept for the next question of the same."""
-        if self._looked_at is None or self._looked_at[0] is not x:
-            at = at_unknowns(self._at, x)
-            self._looked_at = x, _Left(at, *residual_then_jacobian(at, self._problem.cells))
-        return self._looked_at[1]
+            rows.append(self._torque(problem.torque.rows(torque_rows(problem, self._at))))
+        rows.append(np.concatenate([off[:, None], self._expected], axis=1))
+        everything = np.concatenate(rows)
+        return Equations.of(everything[:, 0], everything[:, 1:])
 
 
 def pose_rows(problem: Problem, at: FittedModel) -> Array:
@@ -242,16 +207,3 @@ def torque_rows(problem: Problem, at: FittedModel) -> Array:
 def torque_left(problem: Problem, at: FittedModel) -> Array:
     """Return predicted minus logged torque, (C, n)."""
     return at.model.torque_Nm(problem.cells.states, at.x) - problem.torque_left_Nm
-
-
-def expected_middle(problem: Problem, model: Model) -> Array:
-    """Return what is expected of every unknown, (k + t,): tool and targets are about as calibrated.
-
-    All else is expected to be about zero.
-    """
-    baseline = problem.baseline
-    middle = np.zeros(len(model.parameters))
-    for k, parameter in enumerate(baseline.model.parameters):
-        if parameter.name.startswith("tool"):
-            middle[k] = baseline.x[k]
-    return np.concatenate([middle, baseline.targets_m])

@@ -69,26 +69,22 @@ def confirm(problem: Problem, found: EndOfSearch, needed: float = 0.0) -> tuple[
     rows = weighed_rows(problem, found, found.family)
     unturned = weighed_rows(problem, found, found.fit.effects, turned=False)
     labels, pose = np.unique(problem.cells.pose, return_inverse=True)
-    load_N = problem.cells.states.load_N
-    loads, load = np.unique(load_N, return_inverse=True)
-    generator = np.random.default_rng(_SEED)
-    signs = generator.choice([-1.0, 1.0], (FLIPS, int(pose.max()) + 1))
-    confirmed = []
-    for k, without in enumerate(found.without):
-        confirmed.append(
-            Confirmation(
-                lost_without_it_nats=found.score.log_evidence - without.log_evidence,
-                needed_nats=needed,
-                p_sign_flips_max_t=_flipped(rows, k, pose, signs),
-                p_needed=FLIP_RATE,
-                cross_validation_over_poses=_left_out(rows, k, pose % _FOLDS, pose),
-                cross_validation_over_loads=_left_out(unturned, k, load, pose)
-                if len(loads) > 1
-                else None,
-                carrier=_carrier(rows, k, pose, labels, needed),
-            )
+    loads, load = np.unique(problem.cells.states.load_N, return_inverse=True)
+    signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], (FLIPS, int(pose.max()) + 1))
+    return tuple(
+        Confirmation(
+            lost_without_it_nats=found.score.log_evidence - without.log_evidence,
+            needed_nats=needed,
+            p_sign_flips_max_t=_flipped(rows, k, pose, signs),
+            p_needed=FLIP_RATE,
+            cross_validation_over_poses=_left_out(rows, k, pose % _FOLDS, pose),
+            cross_validation_over_loads=_left_out(unturned, k, load, pose)
+            if len(loads) > 1
+            else None,
+            carrier=_carrier(rows, k, pose, labels, needed),
         )
-    return tuple(confirmed)
+        for k, without in enumerate(found.without)
+    )
 
 
 def weighed_rows(
@@ -99,10 +95,9 @@ def weighed_rows(
     Those of candidates, and of effects that the search holds; turned by what the cells of a pose
     share, else by cell.
     """
-    others = tuple(effect for effect in found.fit.effects if effect not in family)
-    lin = linearise(problem, found.fit, (*family, *others))
-    blocks = dict(zip((*family, *others), lin.blocks, strict=True))
-    score = found.score
+    wanted = tuple(dict.fromkeys((*family, *found.fit.effects)))
+    lin, score = linearise(problem, found.fit, wanted), found.score
+    blocks = dict(zip(wanted, lin.blocks, strict=True))
 
     def rows_of(channel: NoiseModel, variance: float, rows: Array) -> Array:
         if turned:
@@ -113,12 +108,10 @@ def weighed_rows(
         return back
 
     def both(pose_rows: Array, torque_rows: Array) -> Array:
-        found_rows = rows_of(problem.pose, score.pose_variance, pose_rows)
-        if problem.torque is None:
-            return found_rows
-        return np.concatenate(
-            [found_rows, rows_of(problem.torque, score.torque_variance, torque_rows)]
-        )
+        parts = [rows_of(problem.pose, score.pose_variance, pose_rows)]
+        if problem.torque is not None:
+            parts.append(rows_of(problem.torque, score.torque_variance, torque_rows))
+        return np.concatenate(parts)
 
     def block(candidate: Block, scale: float) -> Array:
         factor = scale * candidate.factor
@@ -156,11 +149,25 @@ def _flipped(rows: WeighedRows, k: int, pose: Index, signs: Array) -> float:
         taken: Array = columns - others @ cho_solve(factor, others.T @ columns)
         return taken
 
-    data = left(rows.data[:, None])
-    mine = _gain(*_scores(left(rows.own[:, rows.members[k]]), data, pose[rows.cell]), None)
+    data, of_row = left(rows.data[:, None]), pose[rows.cell]
+
+    def gain(columns: Array, signs: Array | None) -> Array:
+        """Return the gain in evidence under each flip of signs (F, P), or as measured."""
+        columns = left(columns)
+        scores = np.zeros((int(of_row.max()) + 1, columns.shape[1]))  # pose by pose
+        np.add.at(scores, of_row, columns * data)
+        values, vectors = np.linalg.eigh(columns.T @ columns)
+        values = np.maximum(values, 0.0)
+        total = (scores.sum(axis=0, keepdims=True) if signs is None else signs @ scores) @ vectors
+        sizes = np.array(SIZES)[:, None] ** 2
+        explained = (total**2) @ (sizes / (1.0 + sizes * values)).T
+        best: Array = 0.5 * (explained - np.log1p(sizes * values).sum(axis=1)).max(axis=1)
+        return best
+
+    mine = gain(rows.own[:, rows.members[k]], None)
     highest = np.full(len(signs), -np.inf)
     for columns in rows.family:
-        highest = np.maximum(highest, _gain(*_scores(left(columns), data, pose[rows.cell]), signs))
+        highest = np.maximum(highest, gain(columns, signs))
     return float((1 + np.count_nonzero(highest >= mine[0])) / (1 + len(signs)))
 
 
@@ -176,8 +183,15 @@ def _carrier(
     without = np.delete(own, rows.members[k])
     total = columns.T @ columns
 
+    def log_evidence(products: Array, at: Index) -> float:
+        """Return the log evidence of columns of unit size, up to a constant of the data."""
+        lower, _ = factor = cho_factor(products[np.ix_(at, at)] + np.eye(len(at)))
+        projection = products[at, -1]
+        gained = float(projection @ cho_solve(factor, projection))
+        return 0.5 * gained - float(np.log(np.diag(lower)).sum())
+
     def loss(products: Array) -> float:
-        return _log_evidence(products, own) - _log_evidence(products, without)
+        return log_evidence(products, own) - log_evidence(products, without)
 
     of_row, whole = pose[rows.cell], loss(total)
     left = np.empty(len(labels))
@@ -187,32 +201,6 @@ def _carrier(
     worst = int(left.argmin())
     carried = left[worst] < min(needed, CARRIED * whole)
     return str(labels[worst]) if carried else None
-
-
-def _log_evidence(products: Array, own: Index) -> float:
-    """Return the log evidence of columns of unit size, up to a constant of the data."""
-    lower, _ = factor = cho_factor(products[np.ix_(own, own)] + np.eye(len(own)))
-    projection = products[own, -1]
-    gained = float(projection @ cho_solve(factor, projection))
-    return 0.5 * gained - float(np.log(np.diag(lower)).sum())
-
-
-def _scores(columns: Array, data: Array, pose: Index) -> tuple[Array, Array]:
-    """Return products of columns and data pose by pose (P, k), and of columns (k, k)."""
-    scores = np.zeros((int(pose.max()) + 1, columns.shape[1]))
-    np.add.at(scores, pose, columns * data)
-    return scores, columns.T @ columns
-
-
-def _gain(scores: Array, gram: Array, signs: Array | None) -> Array:
-    """Return the gain in evidence under each flip of signs (F, P), or as measured."""
-    values, vectors = np.linalg.eigh(gram)
-    values = np.maximum(values, 0.0)
-    total = (scores.sum(axis=0, keepdims=True) if signs is None else signs @ scores) @ vectors
-    sizes = np.array(SIZES)[:, None] ** 2
-    explained = (total**2) @ (sizes / (1.0 + sizes * values)).T
-    found: Array = 0.5 * (explained - np.log1p(sizes * values).sum(axis=1)).max(axis=1)
-    return found
 
 
 def _left_out(
@@ -318,8 +306,7 @@ def _refitted(
     """
     worse = threshold(effects_in(found.family), MISSED_RATE)
     place = found.fit.effects.index(effect)
-    members = tuple(found.family.index(e) for e in found.fit.effects)
-    kept, sizes = less(members, place), less(found.fit.sizes, place)
+    kept, sizes = less(found.members, place), less(found.fit.sizes, place)
     candidates = [found.family.index(e) for e in family if e not in found.fit.effects]
     without = found.evidence.score(kept, sizes).log_evidence
     here = found.score.log_evidence
@@ -331,14 +318,9 @@ def _refitted(
     ]
     refits = []
     for _, candidate, size in sorted(close, reverse=True)[:_MOST_REFITS]:
-        effects = tuple(found.family[k] for k in kept)
-        refit = fit(
-            found.problem,
-            (*effects, found.family[candidate]),
-            (*sizes, size),
-            found.score.variances,
-            found.fit,
-        )
+        effects = tuple(found.family[k] for k in (*kept, candidate))
+        variances = found.score.variances
+        refit = fit(found.problem, effects, (*sizes, size), variances, found.fit)
         own = evidence_about(found.problem, refit, refit.effects)
         score = own.score(tuple(range(len(refit.effects))), refit.sizes)
         if score.log_evidence >= here - worse:
@@ -373,8 +355,7 @@ def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ..
     """
     if not unexplained:
         return False
-    members = tuple(found.family.index(e) for e in found.fit.effects)
-    sizes = found.fit.sizes
+    members, sizes = found.members, found.fit.sizes
     for k, rival in enumerate(found.family):
         if (rival.generic or rival.id == MAP) and rival.of == effect.of and k not in members:
             _, size = found.evidence.additions(members, sizes, [k])[0]

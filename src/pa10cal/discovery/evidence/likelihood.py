@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -65,14 +64,10 @@ class _Given:
     taken: Array  # (V, m, w) what the set takes of each column
 
     def gains(self, own: Index, grams: Array) -> Array:
-        """Return the gain in evidence of candidates at each of `SIZES`, the best variance.
+        """Return the gain in evidence of c candidates at each of `SIZES`, (sizes, c).
 
-        Args:
-            own: (c, k) columns of c candidates, all among the w.
-            grams: (V, c, k, k) their products before the set took its part.
-
-        Returns:
-            (sizes, c).
+        At the best variance, by their columns (c, k), all among the w, and the products of these
+        before the set took its part, (V, c, k, k).
         """
         own = self.place[own]
         taken = self.taken[:, :, own].transpose(0, 2, 3, 1)
@@ -97,28 +92,30 @@ class Evidence:
         own: Array,
         blocks: tuple[Block, ...],
     ) -> None:
-        """Reduce the rows.
+        """Reduce the rows of both channels, of torques where any is logged.
 
-        Args:
-            pose, torque: the channels; None where no torque is logged.
-            pose_data, torque_data: (R,), (R',) whitened rows of measured minus predicted.
-            own: (R, k) whitened rows of the model's own parameters, each times the standard
-                deviation that is thought possible for it.
-            blocks: the candidates.
+        Data (R,), (R',) are whitened rows of measured minus predicted; own ones (R, k) those of the
+        model's own parameters, each times the standard deviation that is thought possible for it.
         """
         stops = np.cumsum([0, *(block.factor.shape[1] for block in blocks)])
         self._columns = [np.arange(a, b) for a, b in pairwise(stops.tolist())]
         self._shows_in_torque = np.array([np.any(block.torque) for block in blocks], dtype=bool)
-        self._pose = reduced(pose, _side_by_side(pose_data, blocks, "pose"), pose_data, own)
+        of_pose = [np.zeros((len(pose_data), 0)), *(block.pose @ block.factor for block in blocks)]
+        self._pose = reduced(pose, np.concatenate(of_pose, axis=1), pose_data, own)
+        # A channel that says nothing, where there are no torques.
         width = int(stops[-1])
-        if torque is None:
-            self._torque = nothing(width)
-        else:
-            showing = np.flatnonzero(self._shows_in_torque).tolist()
-            columns = _side_by_side(torque_data, tuple(blocks[k] for k in showing), "torque")
+        self._torque = Reduced(np.zeros((1, width, width)), np.zeros((1, width)), np.zeros(1))
+        if torque is not None:
             none = np.zeros((len(torque_data), 0))
-            places = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in showing)])
-            self._torque = spread(reduced(torque, columns, torque_data, none), places, width)
+            showing = np.flatnonzero(self._shows_in_torque).tolist()
+            of_torque = [none, *(blocks[k].torque @ blocks[k].factor for k in showing)]
+            found = reduced(torque, np.concatenate(of_torque, axis=1), torque_data, none)
+            # Columns of the others are zero.
+            at = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in showing)])
+            count = len(found.constant)
+            gram, projection = np.zeros((count, width, width)), np.zeros((count, width))
+            gram[:, at[:, None], at], projection[:, at] = found.gram, found.projection
+            self._torque = Reduced(gram, projection, found.constant)
         self._scores: dict[tuple[tuple[int, ...], tuple[int, ...]], Score] = {}
         self._additions: dict[tuple[tuple[int, ...], ...], list[tuple[float, int]]] = {}
         self._last: tuple[tuple[int, ...], Reduced, Reduced] | None = None
@@ -137,14 +134,8 @@ class Evidence:
 
         To within the step between the variances tried; `score` is exact.
         """
-        key = (members, sizes, tuple(candidates))
-        if key not in self._additions:
-            self._additions[key] = self._additions_to(members, sizes, candidates)
-        return self._additions[key]
-
-    def _additions_to(
-        self, members: tuple[int, ...], sizes: tuple[int, ...], candidates: list[int]
-    ) -> list[tuple[float, int]]:
+        if (key := (members, sizes, tuple(candidates))) in self._additions:
+            return self._additions[key]
         g0, h0 = self.score(members, sizes).nearest
         columns, scale = self._of(members, sizes)
         at_g0, at_h0, every = slice(g0, g0 + 1), slice(h0, h0 + 1), slice(None)
@@ -152,7 +143,10 @@ class Evidence:
         showing = [k for k in candidates if self._shows_in_torque[k]]
         torques = self._given(columns, scale, at_g0, every, showing) if showing else None
         gains = np.empty((len(SIZES), len(candidates)))
-        for own, at in self._by_width(candidates):
+        widths = np.array([len(self._columns[k]) for k in candidates], dtype=np.intp)
+        for width in np.unique(widths):
+            at = np.flatnonzero(widths == width)
+            own = np.stack([self._columns[candidates[k]] for k in at])
             inner = (slice(None), own[:, :, None], own[:, None, :])
             of_pose, of_torque = self._pose.gram[inner], self._torque.gram[inner]
             gains[:, at] = poses.gains(own, of_pose + of_torque[at_h0])
@@ -160,15 +154,10 @@ class Evidence:
             if torques and shows.any():  # their shared error is then chosen anew as well
                 again = torques.gains(own[shows], of_pose[at_g0, shows] + of_torque[:, shows])
                 gains[:, at[shows]] = np.maximum(gains[:, at[shows]], again)
-        best = np.argmax(gains, axis=0)
-        cost = float(np.log(len(SIZES)))
-        return [(float(gains[size, k]) - cost, int(size)) for k, size in enumerate(best)]
-
-    def _by_width(self, candidates: list[int]) -> list[tuple[Index, Index]]:
-        """Return columns (c, k) of the candidates of as many each, and where those are listed."""
-        width = np.array([len(self._columns[k]) for k in candidates], dtype=np.intp)
-        places = [np.flatnonzero(width == k) for k in np.unique(width)]
-        return [(np.stack([self._columns[candidates[k]] for k in at]), at) for at in places]
+        best, cost = np.argmax(gains, axis=0), float(np.log(len(SIZES)))
+        found = [(float(gains[size, k]) - cost, int(size)) for k, size in enumerate(best)]
+        self._additions[key] = found
+        return found
 
     def _given(
         self, columns: Index, scale: Array, g: slice, h: slice, candidates: list[int]
@@ -209,13 +198,21 @@ class Evidence:
         torque = torque.scaled(scale) if shows else torque
         by_pose = None if shows else _minus_twice_log(pose.gram, pose.projection, pose.constant)
 
+        def together(channel: Reduced, other: Reduced, k: int) -> Array:
+            """Return minus twice the log evidence at all variances of one, and one of another."""
+            gram, projection = (
+                channel.gram + other.gram[k],
+                channel.projection + other.projection[k],
+            )
+            return _minus_twice_log(gram, projection, channel.constant + other.constant[k])
+
         @cache
         def over_pose(h: int) -> Array:
-            return _together(pose, torque, h) if by_pose is None else by_pose + torque.constant[h]
+            return together(pose, torque, h) if by_pose is None else by_pose + torque.constant[h]
 
         @cache
         def over_torque(g: int) -> Array:
-            return _together(torque, pose, g) if by_pose is None else by_pose[g] + torque.constant
+            return together(torque, pose, g) if by_pose is None else by_pose[g] + torque.constant
 
         g, last = 0, np.inf
         while True:  # one variance after the other: they hardly depend on each other
@@ -244,21 +241,6 @@ class Evidence:
             np.concatenate([np.zeros(0, dtype=np.intp), *columns]),
             np.concatenate([np.zeros(0), *scale]),
         )
-
-
-def _together(channel: Reduced, other: Reduced, k: int) -> Array:
-    """Return minus twice the log evidence at all variances of a channel, and one of the other."""
-    return _minus_twice_log(
-        channel.gram + other.gram[k],
-        channel.projection + other.projection[k],
-        channel.constant + other.constant[k],
-    )
-
-
-def _side_by_side(data: Array, blocks: tuple[Block, ...], rows: Literal["pose", "torque"]) -> Array:
-    """Return the rows of all blocks at their expected sizes, (R, p)."""
-    parts = [getattr(block, rows) @ block.factor for block in blocks]
-    return np.concatenate([np.zeros((len(data), 0)), *parts], axis=1)
 
 
 def _minus_twice_log(gram: Array, projection: Array, constant: Array) -> Array:
@@ -362,17 +344,3 @@ def _integrated_out(products: Array, first: int) -> tuple[Array, float]:
     taken = dtrsm(1.0, factor.T, products[first:, :first], side=1)
     left = products[first:, first:] - taken @ taken.T
     return left, 2.0 * float(np.log(np.diag(factor)).sum())
-
-
-def spread(reduced: Reduced, places: Index, width: int) -> Reduced:
-    """Return the same with columns at other places among more, which are zero."""
-    count = len(reduced.constant)
-    gram, projection = np.zeros((count, width, width)), np.zeros((count, width))
-    gram[:, places[:, None], places] = reduced.gram
-    projection[:, places] = reduced.projection
-    return Reduced(gram, projection, reduced.constant)
-
-
-def nothing(columns: int) -> Reduced:
-    """Return a channel that says nothing."""
-    return Reduced(np.zeros((1, columns, columns)), np.zeros((1, columns)), np.zeros(1))

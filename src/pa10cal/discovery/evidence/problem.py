@@ -31,7 +31,7 @@ from pa10cal.terms.model import Kept
 # Readings gathered into cells: one pose, one load, one direction of arrival, one stretch of time.
 #
 # A cell averages what does not differ; what may distinguish effects stays apart. The pose remains
-# the unit of evidence: cells of a pose share whatever is wrong there, and `SharedError` is the
+# the unit of evidence: cells of a pose share whatever is wrong there, and `SharedByCells` is the
 # covariance of an error of unknown cause that they share.
 
 #: Readings a cell at most: a drift shows between the cells of a longer row of repeats.
@@ -41,19 +41,17 @@ READINGS_A_CELL = 4
 def gather(
     readings: Observations, cov: Array, most: int = READINGS_A_CELL
 ) -> tuple[Observations, Array]:
-    """Average readings into cells, ordered by pose, load, direction and time.
+    """Average readings into C cells, ordered by pose, load, direction and time.
 
-    Returns:
-        The C cells, and the covariances (C, b, b) of their means, from those (P, b, b) of readings.
+    With the covariances (C, b, b) of their means, from those (P, b, b) of readings.
     """
     circumstances = same_circumstances(readings)
     order = np.lexsort((readings.states.time_s, circumstances))
+    sizes = np.bincount(circumstances)
     stretch = np.empty(len(order), dtype=np.intp)
-    start = 0
-    for size in np.bincount(circumstances):
-        blocks = -(-size // most)
-        stretch[order[start : start + size]] = np.arange(size) * blocks // size
-        start += size
+    for rows in np.split(order, np.cumsum(sizes)[:-1]):
+        blocks = -(-len(rows) // most)
+        stretch[rows] = np.arange(len(rows)) * blocks // len(rows)
     code = circumstances * (stretch.max() + 1) + stretch
     code = np.unique(code, return_inverse=True)[1]
     seen = readings.measured.components_seen
@@ -61,7 +59,7 @@ def gather(
 
 
 @dataclass(frozen=True)
-class SharedError:
+class SharedByCells:
     """Errors that the cells of a pose share, in whitened rows.
 
     A pose may be off, and differently with load, with direction, and in the course of time. In
@@ -74,45 +72,34 @@ class SharedError:
     size: Array
 
 
-def shared_error(cells: Observations) -> SharedError:
+def shared_error(cells: Observations) -> SharedByCells:
     """Lay out the errors that C cells share, their rows whitened by each one's own noise."""
-    count = len(cells)
+    count, states = len(cells), cells.states
     turn, size = np.zeros((count, count)), np.zeros(count)
     for pose in np.unique(cells.pose):
         rows = np.flatnonzero(cells.pose == pose)
-        shapes = _shapes(cells.take(rows))
+        # An error of the pose may go with load, time and direction, each of unit size. One number a
+        # cell separates directions of arrival: along the main contrast.
+        arrival = states.arrival[rows] - states.arrival[rows].mean(axis=0)
+        direction = arrival @ np.linalg.svd(arrival, full_matrices=False)[2][0]
+        columns = [np.ones(len(rows))]
+        for values in (states.load_N[rows], states.time_s[rows], direction):
+            centred = values - values.mean()
+            largest = float(np.abs(centred).max())
+            if largest > 0:
+                columns.append(centred / largest)
         # Whitening by the covariance of a mean of k readings makes a shared error sqrt(k) larger.
-        shapes *= np.sqrt(cells.readings[rows])[:, None]
+        shapes = np.column_stack(columns) * np.sqrt(cells.readings[rows])[:, None]
         values, vectors = np.linalg.eigh(shapes @ shapes.T)
         turn[np.ix_(rows, rows)] = vectors.T
         size[rows] = np.maximum(values, 0.0)
-    return SharedError(turn, size)
-
-
-def _shapes(cells: Observations) -> Array:
-    """Return how an error of one pose may go with its cells, (c, s), each of unit size."""
-    states = cells.states
-    columns = [np.ones(len(cells))]
-    for values in (states.load_N, states.time_s, _direction(states.arrival)):
-        centred = values - values.mean()
-        largest = float(np.abs(centred).max())
-        if largest > 0:
-            columns.append(centred / largest)
-    return np.column_stack(columns)
-
-
-def _direction(arrival: Array) -> Array:
-    """Return one number a cell that separates directions of arrival: along the main contrast."""
-    centred = arrival - arrival.mean(axis=0)
-    _, _, right = np.linalg.svd(centred, full_matrices=False)
-    along: Array = centred @ right[0]
-    return along
+    return SharedByCells(turn, size)
 
 
 # One kind of measured rows, poses or torques, and the covariance by which they are weighed.
 #
 # Three kinds of error add up: the noise of readings, independent from cell to cell; an error of
-# unknown cause that the cells of a pose share (`cells.SharedError`), of a variance found from the
+# unknown cause that the cells of a pose share (`SharedByCells`), of a variance found from the
 # data; and errors common to all poses (places of balls on the apparatus, masses, loads), whose
 # standard uncertainties are known.
 
@@ -122,12 +109,12 @@ class NoiseModel:
     """Rows of C cells with b components each."""
 
     whitener: Array  # (C, b, b) makes the noise of each cell's mean independent and of unit size
-    shared: SharedError  # errors that the cells of a pose share
+    shared: SharedByCells  # errors that the cells of a pose share
     common: Array  # (C b, c) whitened rows of errors common to all poses, each of unit size
     _whitenings: dict[float, Whitening] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
-    def of(cls, whitener: Array, shared: SharedError, common: Array) -> NoiseModel:
+    def of(cls, whitener: Array, shared: SharedByCells, common: Array) -> NoiseModel:
         """Lay out a channel: whitener (C, b, b), common errors (C, b, c) at their uncertainty."""
         bare = cls(whitener, shared, np.zeros((whitener.shape[0] * whitener.shape[1], 0)))
         return cls(whitener, shared, bare.rows(common))
@@ -213,18 +200,12 @@ def prepare(
     in_time: InTime = STILL,
     moved: Array | None = None,
 ) -> Problem:
-    """Make a campaign ready.
+    """Make a campaign ready, by single readings with the instrument's covariance.
 
-    Args:
-        readings: single readings, with the instrument's covariance.
-        baseline: the calibrated model.
-        setup: what is known besides the poses.
-        about: a better model, about which noise and weights are computed; its effects may need
-            what the readings carry. None for the baseline.
-        torques_logged: whether the torques are those of a log, and not of described masses.
-        in_time: how base or instrument move in the course of time, which is no noise.
-        moved: (P, b) by how much components moved besides, predicted less measured, which is
-            no noise either; None for nothing.
+    Noise and weights are computed about the baseline, or a better model, whose effects may need
+    what the readings carry. Motion of base or instrument in time is no noise, nor is by how much
+    components moved besides (P, b), predicted less measured. Torques may be those of a log, and not
+    of described masses.
 
     Raises:
         DiscoveryError: when too little is repeated.
@@ -245,28 +226,25 @@ def prepare(
     # A log that never scatters was calculated, and tells nothing of the joints.
     scatters = bool(np.any(noise.torque_Nm > 0.0))
     logged = torques_logged and scatters and bool(np.all(np.isfinite(cells.states.tau_Nm)))
+    torque_u_Nm, load_N = noise.torque_Nm if logged else None, cells.states.load_N
     pose, torque, of_weights_Nm = noise_models(
-        cells,
-        cell_cov,
-        about,
-        setup,
-        noise.torque_Nm if logged else None,
-        cells.states.load_N,
-        in_time,
+        cells, cell_cov, about, setup, torque_u_Nm, load_N, in_time
     )
     return Problem(
-        baseline,
-        setup,
-        readings,
-        cells,
-        cell_cov,
-        noise,
-        pose,
-        torque,
-        np.zeros_like(of_weights_Nm) if torque is None else cells.states.tau_Nm - of_weights_Nm,
-        context_of(cells, baseline, setup),
-        logged,
-        in_time,
+        baseline=baseline,
+        setup=setup,
+        readings=readings,
+        cells=cells,
+        cell_cov=cell_cov,
+        noise=noise,
+        pose=pose,
+        torque=torque,
+        torque_left_Nm=np.zeros_like(of_weights_Nm)
+        if torque is None
+        else cells.states.tau_Nm - of_weights_Nm,
+        context=context_of(cells, baseline, setup),
+        torques_logged=logged,
+        in_time=in_time,
     )
 
 
@@ -281,17 +259,9 @@ def noise_models(
 ) -> tuple[NoiseModel, NoiseModel | None, Array]:
     """Return how rows of poses and of torques are weighed, and the torques of all weights (C, n).
 
-    Args:
-        cells: C cells, with what they carry.
-        cell_cov: (C, b, b) covariance of their means by the noise of readings.
-        about: a model of the arm.
-        setup: what is known besides the poses.
-        torque_u_Nm: (n,) noise of one reading's torques; None where they are not weighed.
-        load_N: loads of the campaign, each of which has an error of its own.
-        in_time: how base or instrument move in the course of time.
-
-    Returns:
-        The two, that of torques None where these or the masses are not known.
+    Torques are None where these or the masses are not known. Cells are complete; the covariance of
+    their means (C, b, b) is by the noise of readings. The noise of one reading's torques (n,) is
+    None where they are not weighed. Each load of the campaign has an error of its own.
     """
     shared = shared_error(cells)
     common = setup.apparatus_m * cells.measured.by_stated_targets
@@ -328,9 +298,24 @@ def _common_torques(
         axis=1,
     ).ravel()
     load_N = cells.states.load_N[:, None] * (cells.states.load_N[:, None] == loads_N)
+    # Load, apparatus and gravity are off by their standard uncertainties.
+    x, y, z = np.eye(3)
+    g, point_m, com_m = payload.gravity_m_s2, payload.load_point_m, payload.com_m
+    level = MM * options.level_uncertainty_mrad * np.linalg.norm(g)
+    misplaced = [
+        *(
+            replace(payload, load_point_m=point_m + MM * options.load_point_uncertainty_mm * axis)
+            for axis in (x, y, z)
+        ),
+        *(
+            replace(payload, com_m=com_m + MM * options.tool_com_uncertainty_mm * axis)
+            for axis in (x, y, z)
+        ),
+        *(replace(payload, gravity_m_s2=g + level * axis) for axis in (x, y)),
+    ]
     by_payload = [
         statics_of(baseline.model, baseline.x, cells.states, moved).torque_Nm - weights.torque_Nm
-        for moved in _misplaced(payload, options)
+        for moved in misplaced
     ]
     of_tool = np.zeros((*weights.torque_Nm.shape, 0))
     if not payload.known:
@@ -348,23 +333,3 @@ def _common_torques(
         ],
         axis=2,
     )
-
-
-def _misplaced(payload: Payload, options: DiscoveryOptions) -> list[Payload]:
-    """Return the payload with load, apparatus and gravity off by their standard uncertainties."""
-    g = payload.gravity_m_s2
-    level = MM * options.level_uncertainty_mrad * np.linalg.norm(g)
-    return [
-        *(
-            replace(
-                payload,
-                load_point_m=payload.load_point_m + MM * options.load_point_uncertainty_mm * axis,
-            )
-            for axis in np.eye(3)
-        ),
-        *(
-            replace(payload, com_m=payload.com_m + MM * options.tool_com_uncertainty_mm * axis)
-            for axis in np.eye(3)
-        ),
-        *(replace(payload, gravity_m_s2=g + level * axis) for axis in np.eye(3)[:2]),
-    ]

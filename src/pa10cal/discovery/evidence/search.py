@@ -15,7 +15,7 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.evidence.fit import Fit, fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import SIZES, Block, Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.discovery.finding import NotTestable
+from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import by_end, of_weights, possible_sizes
 from pa10cal.discovery.preparation import computable, effects_in, why_hidden
 from pa10cal.terms.effects.effect import Effect
@@ -51,13 +51,15 @@ def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> L
         torque = problem.torque.rows(torque_rows(problem, found.at))
         torque_data, torque_by_x = -torque[:, 0], torque[:, 1:]
     blocks: dict[Effect, Block] = {}
-    for effect, (first, last) in zip(found.effects, found.effect_columns(), strict=True):
-        linear = slice(first, first + effect.linear)
+    for effect in found.effects:
+        at = found.columns_of(effect)
+        linear = slice(at.start, at.start + effect.linear)
         pose_data = pose_data + by_x[:, linear] @ found.x[linear]
         torque_data = torque_data + torque_by_x[:, linear] @ found.x[linear]
-        blocks[effect] = Block(
-            by_x[:, first:last], torque_by_x[:, first:last], _factor(effect, found.of(effect))
-        )
+        # Its shape may be anything near.
+        factor = np.diag(np.abs(found.of(effect)))
+        factor[: effect.linear, : effect.linear] = effect.prior_factor
+        blocks[effect] = Block(by_x[:, at], torque_by_x[:, at], factor)
     # Weights are expected about what is described, not about the fit.
     weights = np.flatnonzero(of_weights(found.model))
     pose_data = pose_data + by_x[:, weights] @ found.x[weights]
@@ -74,70 +76,61 @@ def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> L
 
 def _blocks(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> list[Block]:
     """Return the rows of effects that the fit has not, at each of their shapes."""
-    states = problem.cells.states
-    asked = [(effect, start) for effect in effects for start in effect.starts]
-    terms = [effect for effect, _ in asked]
-    at = found.at
-    in_base = at.model.by_terms(states, at.x, terms, [start for _, start in asked])
-    widths = np.cumsum([0, *(effect.linear for effect in terms)])
+    states, at = problem.cells.states, found.at
+    terms = [effect for effect in effects for _ in effect.starts]
+    starts = [start for effect in effects for start in effect.starts]
+    in_base = at.model.by_terms(states, at.x, terms, starts)
+    linear = [values[:, :, : term.linear] for values, term in zip(in_base, terms, strict=True)]
     turn = by_end(at, problem.cells, at.model.predict(states, at.x))
-    together = np.concatenate(
-        [values[:, :, : effect.linear] for values, effect in zip(in_base, terms, strict=True)],
-        axis=2,
-    )
-    pose = problem.pose.rows(turn @ together)
-    torque = np.zeros((0, widths[-1]))
+    pose = problem.pose.rows(turn @ np.concatenate(linear, axis=2))
+    torque = np.zeros((0, pose.shape[1]))
     if problem.torque is not None:
-        by_x = np.zeros((*states.tau_Nm.shape, widths[-1]))
-        for (effect, start), first, last in zip(asked, widths[:-1], widths[1:], strict=True):
-            if shows_torque(effect):
-                by_x[:, :, first:last] = effect.torque_derivative(states, start)
+        by_x, first = np.zeros((*states.tau_Nm.shape, pose.shape[1])), 0
+        for term, start in zip(terms, starts, strict=True):
+            columns = slice(first, first + term.linear)
+            if shows_torque(term):
+                by_x[:, :, columns] = term.torque_derivative(states, start)
+            first = columns.stop
         torque = problem.torque.rows(by_x)
-    blocks, k = [], 0
+    blocks, first = [], 0
     for effect in effects:
         shapes = len(effect.starts)
-        columns = slice(widths[k], widths[k + shapes])
+        columns = slice(first, first + shapes * effect.linear)
         factor = np.asarray(np.kron(np.eye(shapes), effect.prior_factor), dtype=float)
         blocks.append(Block(pose[:, columns], torque[:, columns], factor))
-        k += shapes
+        first = columns.stop
     return blocks
-
-
-def _factor(effect: Effect, x: Array) -> Array:
-    """Return the factor of an effect in a fit: its shape may be anything near."""
-    k, linear = len(x), effect.linear
-    factor = np.zeros((k, k))
-    factor[:linear, :linear] = effect.prior_factor
-    factor[range(linear, k), range(linear, k)] = np.abs(x[linear:])
-    return factor
 
 
 def testable(
     problem: Problem, found: Fit, effects: tuple[Effect, ...]
-) -> tuple[tuple[Effect, ...], tuple[NotTestable, ...]]:
+) -> tuple[tuple[Effect, ...], tuple[Untestable, ...]]:
     """Divide effects into those that these data can show and those that they cannot."""
+    states = problem.cells.states
     known, refused = computable(
-        effects,
-        problem.cells.states,
-        logged=problem.torques_logged,
-        weights=problem.torque is not None,
+        effects, states, logged=problem.torques_logged, weights=problem.torque is not None
     )
     uncertain = of_weights(found.model).any()
+    silent = "the poses do not exercise it"
+    if not np.any(states.arrival):
+        silent += ", or the direction of arrival was not logged"
     shown = []
     every = _beside_own(problem, found, tuple(known))
     for effect, (rows, left, bare, seen) in zip(known, every, strict=True):
         if uncertain:  # what weights take up of it is limited by their own uncertainty
-            left = _root(rows.T @ left)
+            square = rows.T @ left
+            values, vectors = np.linalg.eigh(0.5 * (square + square.T))
+            left = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
         share = float(np.linalg.norm(left) / max(float(np.linalg.norm(rows)), 1e-300))
         signal = float(np.linalg.norm(left, 2)) if left.size else 0.0
         if np.any(bare):
             share = max(share, float(np.linalg.norm(seen) / np.linalg.norm(bare)))
             signal = float(np.hypot(signal, np.linalg.norm(seen, 2)))
-        why = _why_silent(problem) if signal == 0.0 else why_hidden(share, signal)
+        why = silent if signal == 0.0 else why_hidden(share, signal)
         if why is None:
             shown.append(effect)
         else:
-            refused.append(NotTestable(effect, why))
+            refused.append(Untestable(effect, why))
     return tuple(shown), tuple(refused)
 
 
@@ -156,20 +149,6 @@ def _beside_own(
     for block in lin.blocks:
         rows, bare = pose(block.pose @ block.factor), block.torque @ block.factor
         yield rows, rows - own @ (own.T @ rows), bare, bare if torque is None else torque(bare)
-
-
-def _root(square: Array) -> Array:
-    """Return rows whose products are those given."""
-    values, vectors = np.linalg.eigh(0.5 * (square + square.T))
-    root: Array = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-    return root
-
-
-def _why_silent(problem: Problem) -> str:
-    """Return why an effect moves nothing at all in these poses."""
-    if not np.any(problem.cells.states.arrival):
-        return "the poses do not exercise it, or the direction of arrival was not logged"
-    return "the poses do not exercise it"
 
 
 def indistinguishable(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> Mask:
@@ -211,12 +190,21 @@ class EndOfSearch:
 
     problem: Problem  # the campaign, noise and weights computed about that fit
     fit: Fit  # the model with the effects found
-    score: Score  # its evidence about that fit
-    without: tuple[Score, ...]  # evidence of the set less each of its effects
     evidence: Evidence  # about that fit, over the whole family
     family: tuple[Effect, ...]  # the candidates, in the order of the evidence's blocks
     same: Mask  # (m, m) which of them look the same in these poses
-    nothing: Score  # evidence of the empty set about that fit
+    score: Score  # evidence of the set found
+    without: tuple[Score, ...]  # evidence of the set less each of its effects
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        """Return the places of the effects found in the family."""
+        return tuple(map(self.family.index, self.fit.effects))
+
+    @property
+    def nothing(self) -> Score:
+        """Return the evidence of the empty set."""
+        return self.evidence.score((), ())
 
 
 def threshold(family: int, error_rate: float) -> float:
@@ -226,10 +214,8 @@ def threshold(family: int, error_rate: float) -> float:
 
 def evidence_about(problem: Problem, found: Fit, family: tuple[Effect, ...]) -> Evidence:
     """Return the evidence of sets of a family, linear about a fit."""
-    lin: Linearised = linearise(problem, found, family)
-    return Evidence(
-        problem.pose, problem.torque, lin.pose_data, lin.torque_data, lin.own, lin.blocks
-    )
+    lin, pose, torque = linearise(problem, found, family), problem.pose, problem.torque
+    return Evidence(pose, torque, lin.pose_data, lin.torque_data, lin.own, lin.blocks)
 
 
 def search(
@@ -245,41 +231,22 @@ def search(
     for _ in range(_MOST_ROUNDS):
         evidence = evidence_about(problem, current, family)
         members, sizes = _improve(evidence, same, members, sizes, needed)
-        score = evidence.score(members, sizes)
+        variances = evidence.score(members, sizes).variances
         if frozenset(members) in seen:
             break
         seen.add(frozenset(members))
-        problem, current = refit(
-            problem,
-            tuple(family[k] for k in members),
-            sizes,
-            score.variances,
-            current,
-        )
+        effects = tuple(family[k] for k in members)
+        problem, current = refit(problem, effects, sizes, variances, current)
     return ended_at(problem, current, family, same)
 
 
-def ended_at(
-    problem: Problem,
-    current: Fit,
-    family: tuple[Effect, ...],
-    same: Mask,
-) -> EndOfSearch:
+def ended_at(problem: Problem, current: Fit, family: tuple[Effect, ...], same: Mask) -> EndOfSearch:
     """Return what the search has found where it ends at a fit, with the evidence about it."""
-    evidence = evidence_about(problem, current, family)
-    members = tuple(family.index(effect) for effect in current.effects)
-    return EndOfSearch(
-        problem=problem,
-        fit=current,
-        score=evidence.score(members, current.sizes),
-        without=tuple(
-            evidence.score(less(members, k), less(current.sizes, k)) for k in range(len(members))
-        ),
-        evidence=evidence,
-        family=family,
-        same=same,
-        nothing=evidence.score((), ()),
-    )
+    evidence, sizes = evidence_about(problem, current, family), current.sizes
+    members = tuple(map(family.index, current.effects))
+    score, places = evidence.score(members, sizes), range(len(members))
+    without = tuple(evidence.score(less(members, k), less(sizes, k)) for k in places)
+    return EndOfSearch(problem, current, evidence, family, same, score, without)
 
 
 def refit(
@@ -307,11 +274,7 @@ def refit(
 
 
 def _improve(
-    evidence: Evidence,
-    same: Mask,
-    members: tuple[int, ...],
-    sizes: tuple[int, ...],
-    needed: float,
+    evidence: Evidence, same: Mask, members: tuple[int, ...], sizes: tuple[int, ...], needed: float
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Add, exchange and drop effects until nothing helps; each that stays must be needed."""
     forbidden: set[int] = set()
@@ -335,18 +298,13 @@ def _forward(
     """Add what makes the data likeliest; when nothing does, exchange one member for better."""
     while True:
         here = evidence.score(members, sizes).log_evidence
-        tried = (
-            [_best_addition(evidence, members, sizes, _open(same, members, forbidden))]
-            if (len(members) < _MOST_EFFECTS)
-            else []
-        )
+        tried = []
+        if len(members) < _MOST_EFFECTS:
+            tried = [_best_addition(evidence, same, members, sizes, forbidden)]
         if not tried or tried[0][0] < here + _FORWARD_GAIN:
             tried = [
                 _best_addition(
-                    evidence,
-                    less(members, k),
-                    less(sizes, k),
-                    _open(same, less(members, k), forbidden | {members[k]}),
+                    evidence, same, less(members, k), less(sizes, k), forbidden | {members[k]}
                 )
                 for k in range(len(members))
             ]
@@ -356,18 +314,20 @@ def _forward(
         _, members, sizes = best
 
 
-def _open(same: Mask, members: tuple[int, ...], forbidden: set[int]) -> list[int]:
-    """Return what may join: nothing forbidden, nothing that looks the same as a member."""
-    return [k for k in range(len(same)) if k not in forbidden and not same[k, list(members)].any()]
-
-
 def _best_addition(
-    evidence: Evidence, members: tuple[int, ...], sizes: tuple[int, ...], open_to: list[int]
+    evidence: Evidence,
+    same: Mask,
+    members: tuple[int, ...],
+    sizes: tuple[int, ...],
+    forbidden: set[int],
 ) -> tuple[float, tuple[int, ...], tuple[int, ...]]:
     """Return the evidence of the best set with one more member, and that set.
 
-    Where nothing may join, the set as it is, and no evidence for it.
+    Nothing forbidden may join, nor what looks the same as a member. Where nothing may, the set as
+    it is, and no evidence for it.
     """
+    looks_new = ~same[:, list(members)].any(axis=1)
+    open_to = [k for k in np.flatnonzero(looks_new).tolist() if k not in forbidden]
     if not open_to:
         return -np.inf, members, sizes
     gains = evidence.additions(members, sizes, open_to)

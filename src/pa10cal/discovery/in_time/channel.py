@@ -9,7 +9,7 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Mask
-from pa10cal.discovery.finding import Fault
+from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.in_time.wander import (
     STILL,
     InTime,
@@ -19,7 +19,7 @@ from pa10cal.discovery.in_time.wander import (
     motions_along,
     sizes_of_six,
 )
-from pa10cal.discovery.linear import by_effects, by_joints, by_own_terms, by_targets, error_mm
+from pa10cal.discovery.linear import by_effects, by_joints, by_own_terms, by_targets, error_mm, rms
 from pa10cal.discovery.preparation import why_unknown
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -57,7 +57,7 @@ def in_time_of(
     logged: bool,
     weights: bool,
 ) -> InTime:
-    """Find how the base moves in time, beside what effects and loads can explain.
+    """Find how the base moves in time, beside what candidate effects and loads can explain.
 
     Nothing is found where times were not recorded, where the order goes with a joint or a load, and
     where poses are read once and follow each other like those of a scan: what goes with time and
@@ -65,13 +65,8 @@ def in_time_of(
     side to the other is held against errors that go with it, and so is a walk where a joint moves
     slowly: only what these do not take is told of time.
 
-    Args:
-        at: the model, with a term of its own for the base.
-        poses: P single readings, complete.
-        whitener: (P, b, b) makes the noise of a reading independent and of unit size.
-        effects: the candidates.
-        logged: whether torques were logged.
-        weights: whether the torques of the weights are known.
+    The model has a term of its own for the base; the P single readings are complete, and their
+    noise whitened by (P, b, b). Torques may have been logged, those of the weights be known.
     """
     once = len(np.unique(poses.pose)) == len(poses)
     slow = slow_joints(poses.states)
@@ -91,25 +86,22 @@ def in_time_of(
     load_N = poses.states.load_N
     by_load = motions_along(by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
     held = [*by_own_terms(at, poses, own), by_targets(at, poses) * _TARGET_M, _BY_LOAD * by_load]
-    static: list[Array] = []
-    in_time: list[Array] = []
-    asked = [(effect, start) for effect in known for start in effect.starts]
-    effects = [effect for effect, _ in asked]
-    found = by_effects(at, poses, effects, [start for _, start in asked])
-    for effect, columns in zip(effects, found, strict=True):
+    shapes = [effect for effect in known for _ in effect.starts]
+    starts = [start for effect in known for start in effect.starts]
+    static = [np.zeros((*whitener.shape[:2], 0))]
+    in_time = [static[0]]
+    for effect, columns in zip(shapes, by_effects(at, poses, shapes, starts), strict=True):
         if effect.goes_with_time:
             in_time.append(_SIZES * columns)
         else:
             static.append(columns)
     if once:
         static.append(_waves(at, poses, slow))
-    none = np.zeros((*whitener.shape[:2], 0))
-    static_columns = np.concatenate([none, *static], axis=2)
-    of_time = np.concatenate([none, *in_time], axis=2)
+    static_columns, of_time = np.concatenate(static, axis=2), np.concatenate(in_time, axis=2)
 
     def find(rivals: Rivals) -> InTime:
         own = np.concatenate([*held, _motions_by(rivals, at, poses)], axis=2)
-        walks = not any(isinstance(each, Driver) for each in rivals)
+        walks = not any(isinstance(rival, Driver) for rival in rivals)
         return find_in_time(at, poses, whitener, own, static_columns, of_time, walks=walks)
 
     shows = find(())
@@ -125,19 +117,19 @@ def in_time_of(
         if set(more) <= set(rivals):  # what is left beside them still goes with the order
             shows = STILL
             break
-        rivals = _each_once(*rivals, *more)
+        rivals = _in_order((*rivals, *more))
         shows = find(rivals)
     else:
         shows = STILL
     if not rivals:
         return shows
-    said = tuple(dict.fromkeys(str(_driver(each)) for each in rivals))
+    said = tuple(dict.fromkeys(str(_driver(rival)) for rival in rivals))
     return replace(shows, rivals=said, rivals_mm=first_mm)
 
 
 def steps_in_time(
     wander: Wander | None, at: FittedModel, readings: Observations
-) -> tuple[Fault, ...]:
+) -> tuple[DiagnosedFault, ...]:
     """Return the jumps as faults of the log."""
     if wander is None:
         return ()
@@ -147,12 +139,11 @@ def steps_in_time(
     for k, jump in enumerate(wander.jumps):
         last = int(np.searchsorted(time_s, jump.before_s, side="right")) - 1
         next_ = int(np.searchsorted(time_s, jump.after_s))
-        motion = wander.of_jump(k)
-        moved = by_base(at, readings) @ motion
-        size_mm = float(np.sqrt(np.mean(error_mm(readings.measured, moved) ** 2)))
+        motion = wander.unit_motions[k]
+        size_mm = rms(error_mm(readings.measured, by_base(at, readings) @ motion))
         turn_mrad = 1e3 * float(np.linalg.norm(motion[3:]))
         found.append(
-            Fault(
+            DiagnosedFault(
                 kind="step_in_time",
                 where=f"between {pose[last]} at {time_s[last]:.10g} s and {pose[next_]} at "
                 f"{time_s[next_]:.10g} s",
@@ -176,16 +167,17 @@ def rivals_of(found: InTime, states: PoseStates, prismatic: Mask) -> Rivals:
     """Return the errors by joints and the load that explain as well what was found of time."""
     if found.wander is None:
         return ()
-    parted = [
-        each for jump in found.wander.jumps for each in partings(states, jump.time_s, prismatic)
-    ]
-    slow = slow_joints(states)
-    walks = [each for each in drivers(states, prismatic) if each.joint and slow[each.joint - 1]]
-    return _each_once(*parted, *(walks if found.wander.walk_m else ()))
+    rivals: list[Parting | Driver] = []
+    for jump in found.wander.jumps:
+        rivals += partings(states, jump.time_s, prismatic)
+    if found.wander.walk_m:
+        slow = slow_joints(states)
+        rivals += [one for one in drivers(states, prismatic) if one.joint and slow[one.joint - 1]]
+    return _in_order(rivals)
 
 
-def _each_once(*rivals: Parting | Driver) -> Rivals:
-    return tuple(sorted(dict.fromkeys(rivals), key=lambda each: isinstance(each, Driver)))
+def _in_order(rivals: Iterable[Parting | Driver]) -> Rivals:
+    return tuple(sorted(dict.fromkeys(rivals), key=lambda rival: isinstance(rival, Driver)))
 
 
 def _driver(rival: Parting | Driver) -> Driver:
@@ -199,9 +191,9 @@ def _motions_by(rivals: Rivals, at: FittedModel, poses: Observations) -> Array:
     states = poses.states
     courses = [np.zeros((len(poses), 0))]
     courses += [
-        (each.driver.of(states) > each.at).astype(np.float64)[:, None]
-        for each in rivals
-        if isinstance(each, Parting)
+        (rival.driver.of(states) > rival.at).astype(np.float64)[:, None]
+        for rival in rivals
+        if isinstance(rival, Parting)
     ]
     waves = np.arange(1, _RIVAL_WAVES + 1)
     for driver in dict.fromkeys(map(_driver, rivals)):

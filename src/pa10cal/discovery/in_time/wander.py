@@ -7,13 +7,14 @@ first waves (Karhunen and Loève), of a size chosen. Gaussian sizes are expected
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.linear import by_terms, error_mm, position_noise, residual
+from pa10cal.discovery.linear import by_terms, error_mm, position_noise, residual, rms
 from pa10cal.discovery.noise import MEDIAN_TO_SIGMA, same_circumstances
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -72,15 +73,13 @@ class Wander:
 
     def motions(self, time_s: Array) -> Array:
         """Return the most likely motions of the base at times (P,), (P, 6) [m, rad]."""
-        assert self.amounts is not None
-        found: Array = self.courses(time_s) @ (self.amounts * self.sizes).reshape(-1, 6)
-        return found
+        return self.courses(time_s) @ self.unit_motions
 
-    def of_jump(self, number: int) -> Array:
-        """Return the six motions (6,) of a jump [m, rad]."""
+    @property
+    def unit_motions(self) -> Array:
+        """Return the most likely six motions for each course, of jumps first, (c, 6) [m, rad]."""
         assert self.amounts is not None
-        here = slice(6 * number, 6 * number + 6)
-        return np.asarray((self.amounts * self.sizes)[here])
+        return (self.amounts * self.sizes).reshape(-1, 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +156,9 @@ def moved_between_repeats(readings: Observations, left: Array, group: Index) -> 
     several = np.bincount(group)[group] > 1
     if np.count_nonzero(several) <= _WINDOW:
         return found
-    apart = _less_medians(left, group)
+    apart = np.empty_like(left)  # less the median of the group
+    for own in np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1]):
+        apart[own] = left[own] - np.median(left[own], axis=0)
     rows = np.flatnonzero(several)
     rows = rows[np.argsort(readings.states.time_s[rows], kind="stable")]
     running = median_filter(apart[rows], size=(_WINDOW, 1), mode="nearest")
@@ -170,16 +171,6 @@ def moved_between_repeats(readings: Observations, left: Array, group: Index) -> 
         if float(np.sqrt(np.mean(moved[seen] ** 2))) > scatter:
             found[rows, at] = np.where(seen, moved, 0.0)
     return found
-
-
-def _less_medians(left: Array, group: Index) -> Array:
-    """Return (P, b) values less the median of their group."""
-    order = np.argsort(group, kind="stable")
-    parts = np.split(order, np.cumsum(np.bincount(group))[:-1])
-    apart = np.empty_like(left)
-    for rows in parts:
-        apart[rows] = left[rows] - np.median(left[rows], axis=0)
-    return apart
 
 
 # How the base moves is found by evidence.
@@ -237,27 +228,23 @@ def find_in_time(
         in_time: (P, b, t) columns of effects of time, at their possible size.
         walks: whether a walk is sought; else jumps alone.
     """
-    left = -residual(at, poses)
-    rows = _Rows(at, poses, whitener, (own, static, in_time), left)
-    rows.choose_scale()
-    times_s = rows.times_s
-    found = Wander(times_s, ())
+    rows = _Rows(at, poses, whitener, (own, static, in_time))
+    found = Wander(rows.times_s, ())
     best = rows.evidence(found)
-    needed_jump = float(np.log(len(times_s) * len(_JUMPS_M) * len(_TURNS) / _FALSE_RATE))
+    needed_jump = float(np.log(len(poses) * len(_JUMPS_M) * len(_TURNS) / _FALSE_RATE))
     needed_walk = float(np.log(len(_WALKS_M) * len(_TURNS) / _FALSE_RATE))
     while len(found.jumps) < _MOST_JUMPS:
-        tried: list[tuple[float, Wander, float]] = []
-        if walks and not found.walk_m:
-            value, more = rows.best_walk(found)
-            tried.append((value, more, value - best - needed_walk))
         value, more = rows.best_jump(found)
-        tried.append((value, more, value - best - needed_jump))
-        value, more, beyond = max(tried, key=lambda each: each[2])
+        beyond = value - best - needed_jump
+        if walks and not found.walk_m:
+            of_walk, with_walk = rows.best_walk(found)
+            if of_walk - best - needed_walk >= beyond:
+                value, more, beyond = of_walk, with_walk, of_walk - best - needed_walk
         if beyond <= 0.0:
             break
         best, found = value, more
     for jump in found.jumps if walks else ():  # a first jump may have stood for a walk
-        less = replace(found, jumps=tuple(each for each in found.jumps if each != jump))
+        less = replace(found, jumps=tuple(other for other in found.jumps if other != jump))
         value, less = rows.best_walk(less)
         if best - value < needed_jump - needed_walk:
             best, found = value, less
@@ -267,17 +254,14 @@ def find_in_time(
     amounts = rows.amounts(found, drifts=drifts)
     along = motions_along(rows.motions, found.courses(poses.states.time_s))
     shift = along * (found.sizes * amounts)
-    of_walk = shift[:, :, 6 * len(found.jumps) :].sum(axis=2)
-    rms = [
-        float(np.sqrt(np.mean(error_mm(poses.measured, part) ** 2)))
-        for part in (shift.sum(axis=2), of_walk)
-    ]
+    of_all, of_walk = shift.sum(axis=2), shift[:, :, 6 * len(found.jumps) :].sum(axis=2)
+    rms_mm = rms(error_mm(poses.measured, of_all)), rms(error_mm(poses.measured, of_walk))
     cov = np.asarray(np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener), dtype=np.float64)
     position = np.trace(position_noise(poses.measured, cov), axis1=1, axis2=2)
-    noise_mm = 1e3 * float(np.sqrt(np.median(position))) * rows.scale(found)
-    if rms[0] < _LEAST_PART * noise_mm:
+    noise_mm = 1e3 * float(np.sqrt(np.median(position))) * rows.about(found)[2]
+    if rms_mm[0] < _LEAST_PART * noise_mm:
         return InTime(None, drifts)
-    return InTime(replace(found, amounts=amounts, rms_mm=(rms[0], rms[1])), drifts)
+    return InTime(replace(found, amounts=amounts, rms_mm=rms_mm), drifts)
 
 
 class _Rows:
@@ -289,7 +273,6 @@ class _Rows:
         poses: Observations,
         whitener: Array,
         held: tuple[Array, Array, Array],
-        left: Array,
     ) -> None:
         self.time_s = poses.states.time_s
         self.times_s = np.sort(self.time_s)
@@ -297,20 +280,18 @@ class _Rows:
         self._white = whitener @ self.motions
         seen = poses.measured.components_seen
         self._seen = int(seen.sum())
-        group = same_circumstances(poses)
-        count = np.bincount(group)
-        self._group, self._count = group, count
-        self._shared = _SHARED if count.max() > 1 else (0.0,)
+        self._group = same_circumstances(poses)
+        self._count = np.bincount(self._group)
+        self._shared = _SHARED if self._count.max() > 1 else (0.0,)
         self._components = self._seen / len(seen)
         self._held = whitener @ np.concatenate(held, axis=2)
         self._widths = tuple(columns.shape[2] for columns in held)
-        self._data = whitener @ left[:, :, None]
-        self._scale, self._with_time = 1.0, True
-        self._walk = self._at(courses_at(self.times_s, self.time_s, [], walk=True))
+        self._data = whitener @ -residual(at, poses)[:, :, None]
+        walk = courses_at(self.times_s, self.time_s, [], walk=True)
+        self._walk = motions_along(self._white, walk)
         self._products: dict[tuple[float, ...], list[tuple[Array, float]]] = {}
-
-    def choose_scale(self) -> None:
-        """Choose the size of effects, in their plausible one, by the evidence."""
+        # The size of effects, in their plausible one, is chosen by the evidence.
+        self._scale, self._with_time = 1.0, True
         found, still = [], Wander(self.times_s, ())
         for scale in _SCALES:
             self._scale = scale
@@ -319,17 +300,14 @@ class _Rows:
 
     def evidence(self, wander: Wander) -> float:
         """Return the log evidence of jumps and a walk, the shared error chosen."""
-        return self._evidence(wander, self._reduced(wander.jumps))[0]
+        return self.about(wander)[0]
 
     def best_walk(self, wander: Wander) -> tuple[float, Wander]:
         """Return the greatest log evidence with another walk, and jumps and walk."""
+        walks = [(float(size), turn) for size in _WALKS_M for turn in _TURNS]
+        tried = [replace(wander, walk_m=size, walk_turn=turn) for size, turn in walks]
         reduced = self._reduced(wander.jumps)
-        tried = [
-            replace(wander, walk_m=float(size), walk_turn=turn)
-            for size in _WALKS_M
-            for turn in _TURNS
-        ]
-        values = [self._evidence(each, reduced)[0] for each in tried]
+        values = [self.about(walk, reduced)[0] for walk in tried]
         return max(values), tried[int(np.argmax(values))]
 
     def best_jump(self, wander: Wander) -> tuple[float, Wander]:
@@ -342,31 +320,20 @@ class _Rows:
         places = np.unique(np.linspace(0, len(apart) - 1, _COARSE).round().astype(int))
         for _ in range(2):
             gaps = [times_s[apart[k] : apart[k] + 2].tolist() for k in places if len(apart)]
-            tried = [
-                Jump(0.5 * (before_s + after_s), before_s, after_s) for before_s, after_s in gaps
-            ]
+            tried = [Jump(0.5 * (first + last), first, last) for first, last in gaps]
             tried = [jump for jump in tried if jump.time_s not in taken]
             if not tried:
                 break
             values, sizes = self._scan(tried, wander)
             k = int(np.argmax(values))
-            close = [tried[each] for each in np.flatnonzero(values >= values[k] - _AS_GOOD)]
-            more = replace(
-                tried[k],
-                before_s=close[0].before_s,
-                after_s=close[-1].after_s,
-                size_m=sizes[k][0],
-                turn=sizes[k][1],
-            )
+            close = [tried[other] for other in np.flatnonzero(values >= values[k] - _AS_GOOD)]
+            between_s = close[0].before_s, close[-1].after_s
+            more = Jump(tried[k].time_s, *between_s, *sizes[k])
             best = float(values[k]), replace(wander, jumps=(*wander.jumps, more))
             middle = int(np.searchsorted(times_s[apart], tried[k].before_s))
             wide = -(-len(apart) // _COARSE)
             places = np.arange(max(middle - wide, 0), min(middle + wide + 1, len(apart)))
         return best
-
-    def scale(self, wander: Wander) -> float:
-        """Return the noise that is left, in the noise by which rows are whitened."""
-        return self._evidence(wander, self._reduced(wander.jumps))[2]
 
     def loses(self, wander: Wander) -> float:
         """Return the log evidence that is lost without the effects of time."""
@@ -382,7 +349,7 @@ class _Rows:
         Where no effect of time shows, what goes with time is theirs.
         """
         self._with_time = drifts
-        _, products, _ = self._evidence(wander, self._reduced(wander.jumps))
+        _, products, _ = self.about(wander)
         self._with_time = True
         sizes, at = wander.sizes, self._places(wander)
         gram = products[np.ix_(at, at)] * np.outer(sizes, sizes)
@@ -397,28 +364,29 @@ class _Rows:
         chosen = [(0.0, 0.0)] * len(tried)
         for products, constant in reduced:
             taken, determinant = _without(products, at, wander.sizes)
-            for k in range(len(tried)):
+            for k, size, turn in product(range(len(tried)), _JUMPS_M, _TURNS):
                 own = np.arange(first + 6 * k, first + 6 * k + 6)
-                inner, across = taken[np.ix_(own, own)], taken[own, -1]
-                for size in _JUMPS_M:
-                    for turn in _TURNS:
-                        six = sizes_of_six(size, turn)
-                        factor = np.linalg.cholesky(np.eye(6) + inner * np.outer(six, six))
-                        explained = np.linalg.solve(factor, across * six)
-                        squares = taken[-1, -1] - explained @ explained
-                        more = determinant + 2.0 * float(np.log(np.diag(factor)).sum())
-                        value = self._log(squares, more + constant)
-                        if value > values[k]:
-                            values[k], chosen[k] = value, (size, turn)
+                six = sizes_of_six(size, turn)
+                inner = taken[np.ix_(own, own)] * np.outer(six, six)
+                factor = np.linalg.cholesky(np.eye(6) + inner)
+                explained = np.linalg.solve(factor, taken[own, -1] * six)
+                squares = taken[-1, -1] - explained @ explained
+                more = determinant + 2.0 * float(np.log(np.diag(factor)).sum())
+                value = self._log(squares, more + constant)
+                if value > values[k]:
+                    values[k], chosen[k] = value, (size, turn)
         return values, chosen
 
-    def _evidence(
-        self, wander: Wander, reduced: list[tuple[Array, float]]
+    def about(
+        self, wander: Wander, reduced: list[tuple[Array, float]] | None = None
     ) -> tuple[float, Array, float]:
-        """Return the log evidence at the best shared error, its products and scale of noise."""
+        """Return the log evidence at the best shared error, its products and scale of noise.
+
+        That scale is in the noise by which rows are whitened.
+        """
         at = self._places(wander)
         best: tuple[float, Array, float] = (-np.inf, np.zeros((0, 0)), 1.0)
-        for products, constant in reduced:
+        for products, constant in reduced or self._reduced(wander.jumps):
             taken, determinant = _without(products, at, wander.sizes)
             value = self._log(taken[-1, -1], determinant + constant)
             if value > best[0]:
@@ -461,37 +429,29 @@ class _Rows:
 
         With each, the logarithm of the determinant of the noise.
         """
-        steps = self._at(
-            courses_at(self.times_s, self.time_s, [jump.time_s for jump in jumps], walk=False)
-        )
+        at_s = [jump.time_s for jump in jumps]
+        courses = courses_at(self.times_s, self.time_s, at_s, walk=False)
+        steps = motions_along(self._white, courses)
         rows = np.concatenate([self._held, steps, self._walk, self._data], axis=2)
         flat = rows.reshape(-1, rows.shape[2])
         total = flat.T @ flat
         sums = np.zeros((len(self._count), *rows.shape[1:]))
         np.add.at(sums, self._group, rows)
-        means: dict[int, Array] = {}
-        for m in np.unique(self._count):
-            if m > 1:
-                part = sums[self._count == m].reshape(-1, rows.shape[2]) / np.sqrt(m)
-                means[int(m)] = part.T @ part
-        alone = self._count[self._group] == 1
-        own = rows[alone].reshape(-1, rows.shape[2])
-        once = own.T @ own
+        # Of what groups of m readings share; last come poses read once.
+        between: dict[int, Array] = {}
+        for m in sorted(set(self._count.tolist()), key=lambda m: (m == 1, m)):
+            own = sums[self._count == m] if m > 1 else rows[self._count[self._group] == 1]
+            part = own.reshape(-1, rows.shape[2]) / np.sqrt(m)
+            between[m] = part.T @ part
         found = []
         for variance in self._shared:
             products, determinant = total, 0.0
-            for m, between in means.items():
-                products = products - (1.0 - 1.0 / (1.0 + m * variance)) * between
+            for m, shared in between.items() if variance else ():
+                products = products - (1.0 - 1.0 / (1.0 + m * variance)) * shared
                 many = int(np.sum(self._count == m))
                 determinant += self._components * many * float(np.log1p(m * variance))
-            if variance:  # of poses read once
-                products = products - (1.0 - 1.0 / (1.0 + variance)) * once
-                determinant += self._components * int(alone.sum()) * float(np.log1p(variance))
             found.append((products, determinant))
         return found
-
-    def _at(self, courses: Array) -> Array:
-        return motions_along(self._white, courses)
 
 
 def _integrated_out(products: Array, held: int) -> tuple[Array, float]:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.explained import Joining, explained, explained_by
+from pa10cal.discovery.records import Joining, explained, explained_by
 from pa10cal.results.explained import percent
 from pa10cal.results.record import EffectName
 
@@ -126,8 +126,7 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
             ),
             naming=(
                 SimpleNamespace(
-                    effects=("of 3",), on_holdout=last,
-                    without=(SimpleNamespace(on_holdout=without, on_train=None),),
+                    effects=("of 3",), judging=last, without=(SimpleNamespace(judging=without),),
                 ),
             ),
         )
