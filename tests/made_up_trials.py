@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from made_up_records import accuracy, effect, made_up_gap, set_gap, verdict_keys
 from pa10cal.lab.blind_trial import BlindTrial
+from pa10cal.lab.scores import scores_record
 from pa10cal.results.discovery import AllUnexplained, Fault, Unexplained
 from pa10cal.results.explained import ProposedFormula
 from pa10cal.results.record import EffectName
@@ -158,3 +159,20 @@ def trial(
     )
     failure = FailedTrialRecord(campaign=campaign, failed=failed, refused=refused)
     return BlindTrial(truth, said or failure)
+
+
+def scored(trials):
+    """The scores of trials, each under a name of its own."""
+    named = []
+    for number, each in enumerate(trials):
+        name = {"campaign": f"trial-{number}"}
+        truth, said = (record.model_copy(update=name) for record in (each.truth, each.said))
+        named.append(BlindTrial(truth, said))
+    return scores_record(named)
+
+
+def figures(trials):
+    """The figures of trials by what they are, with the group behind a bar where there is one."""
+    scores = scored(trials)
+    rows = (*scores.bars, *scores.rates)
+    return {f"{row.what}{' | ' if row.by else ''}{row.by}": row for row in rows}

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from pa10cal.evaluation.options import BlindTrialsOptions
-from pa10cal.lab.cell.wild_trials import trial_counts
+from pa10cal.lab.cell.trials import trial_counts
 from workflow_stand_ins import stand_ins
 
 ROOT = Path(__file__).parents[1]
@@ -269,7 +269,7 @@ def test_targets_of_trials_run_those_of_the_settings_and_the_default_target_none
         code, text = plan(target)
         assert code == 0, text
         assert planned(text)["judge_trials"] == jobs(trial_counts(counts))
-        assert planned(text)["score_trials"] == planned(text)["wild_pictures"] == 1
+        assert planned(text)["score_trials"] == planned(text)["trial_pictures"] == 1
     assert full["null"] >= 200
     assert tracked["null"] >= 150
     assert all(few <= full[kind] for kind, few in reduced.items())

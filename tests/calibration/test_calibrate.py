@@ -5,17 +5,11 @@ import pytest
 from scipy.optimize import least_squares
 
 from made_up_poses import measured_poses
-from pa10cal.calibration.calibrate import (
-    calibrate,
-    fitted_model,
-    random_starts,
-    solve,
-    tolerance_rows,
-)
+from pa10cal.calibration.calibrate import calibrate, random_starts, solve, tolerance_rows
 from pa10cal.calibration.levels import TwoLevel, rows_of
 from pa10cal.calibration.load_case import load_cases, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.uncertainty import ErrorSources, summarise
+from pa10cal.calibration.uncertainty import summarise
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.identifiability import identify, observability, unidentified_directions
 from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
@@ -24,13 +18,12 @@ from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 
-AS_MEASURED = ErrorSources()
-QUICK = CalibrationOptions(starts=2)
+QUICK, ONE_START = (CalibrationOptions(starts=count) for count in (2, 1))
 
 
 @pytest.fixture(scope="module")
 def calibrated(model, observe):
-    return calibrate(model, observe(noise=1.0), CalibrationOptions(), AS_MEASURED)
+    return calibrate(model, observe(noise=1.0), CalibrationOptions())
 
 
 def known(calibration):
@@ -38,8 +31,14 @@ def known(calibration):
     return np.array([name not in calibration.not_identifiable for name in names])
 
 
+def scores_of(found, truth):
+    """How far identified parameters are from the truth, in standard uncertainties."""
+    std = np.sqrt(np.diag(found.covariance[:-6, :-6]))
+    return ((found.solution.x - truth) / std)[known(found)]
+
+
 def test_recovers_the_truth_of_exact_poses(model, truth, observe):
-    found = calibrate(model, observe(noise=0.0), QUICK, AS_MEASURED)
+    found = calibrate(model, observe(noise=0.0), QUICK)
     assert found.converged
     error = (found.solution.x - truth) / model.scale
     assert np.abs(error[known(found)]).max() < 1e-7
@@ -84,7 +83,7 @@ def test_one_attitude_leaves_two_more_directions_open(model, observe, states, T_
 
 def test_one_level_agrees_with_two_levels_over_all_poses(model, observe, T_instr_base):
     options = QUICK.model_copy(update={"inner_poses": "all"})
-    two = calibrate(model, observe(noise=1.0), options, AS_MEASURED)
+    two = calibrate(model, observe(noise=1.0), options)
     whole = two.level.one_level(T_instr_base)
     start = np.append(two.solution.x, np.zeros(6)) / whole.scale
     start += np.random.default_rng(0).normal(size=len(start))
@@ -125,14 +124,8 @@ def test_inner_subset_moves_the_answer_by_less_than_its_uncertainty(calibrated):
 def test_intervals_hold_what_they_promise(model, truth, observe):
     scores = []
     for seed in range(40):
-        found = calibrate(
-            model,
-            observe(noise=1.0, seed=seed),
-            QUICK.model_copy(update={"starts": 1}),
-            AS_MEASURED,
-        )
-        std = np.sqrt(np.diag(found.covariance[:-6, :-6]))
-        scores.append(((found.solution.x - truth) / std)[known(found)])
+        found = calibrate(model, observe(noise=1.0, seed=seed), ONE_START)
+        scores.append(scores_of(found, truth))
     inside = np.mean(np.abs(scores) < 1.96)
     assert 0.92 < inside < 0.98  # 40 x 28 correlated scores about 0.95
     assert 0.9 < np.std(scores) < 1.1
@@ -158,12 +151,10 @@ def test_an_error_of_the_apparatus_is_in_the_intervals(model, truth, observe):
             T_instr_target=T_fitted,
             by_apparatus=pose_by_source(T_fitted, centres, covariances),
         )
-        quick = QUICK.model_copy(update={"starts": 1})
-        found = calibrate(model, measured, quick, ErrorSources(u_apparatus_m=u_m))
-        std = np.sqrt(np.diag(found.covariance[:-6, :-6]))
-        scores.append(((found.solution.x - truth) / std)[known(found)])
+        found = calibrate(model, measured, ONE_START, u_apparatus_m=u_m)
+        scores.append(scores_of(found, truth))
     assert 0.8 < np.std(scores) < 1.2
-    without = calibrate(model, measured, quick, ErrorSources()).covariance[:-6, :-6]
+    without = calibrate(model, measured, ONE_START).covariance[:-6, :-6]
     assert (np.diag(found.covariance[:-6, :-6] - without)[known(found)] > 0).all()
 
 
@@ -182,14 +173,8 @@ def test_noise_of_the_torques_is_in_the_intervals(model, truth, states, T_instr_
             T_instr_ee=T_instr_base @ model.predict(states.take(each), truth),
             cov=np.zeros((324, 6, 6)),
         )
-        found = calibrate(
-            model,
-            average_repeats(readings),
-            QUICK.model_copy(update={"starts": 1}),
-            ErrorSources(readings),
-        )
-        std = np.sqrt(np.diag(found.covariance[:-6, :-6]))
-        scores.append(((found.solution.x - truth) / std)[known(found)])
+        found = calibrate(model, average_repeats(readings), ONE_START, readings)
+        scores.append(scores_of(found, truth))
     assert 0.8 < np.std(scores) < 1.2
 
 
@@ -198,8 +183,8 @@ def test_epsilon_as_printed_pulls_towards_nominal(model, truth, observe, acts_on
     """The two readings of epsilon = 1.6e-4 differ, and both bend what the data tell."""
     observations = observe(noise=0.0)
     options = QUICK.model_copy(update={"tolerance_terms": "all", "epsilon_acts_on": acts_on})
-    found = calibrate(model, observations, options, AS_MEASURED)
-    mean_mm = summarise(fitted_model(found, None).deviations(observations)).mean_mm
+    found = calibrate(model, observations, options)
+    mean_mm = summarise(found.model(None).deviations(observations)).mean_mm
     links = slice(0, 24)
     departure = np.linalg.norm((found.solution.x / model.scale)[links])
     true_departure = np.linalg.norm((truth / model.scale)[links])
@@ -214,8 +199,8 @@ def test_epsilon_as_printed_pulls_towards_nominal(model, truth, observe, acts_on
 def test_tolerance_terms_leave_identified_parameters_alone(model, observe):
     """A thousand times the weight changes nothing but what the data leave open."""
     observations = observe(noise=1.0)
-    light = calibrate(model, observations, QUICK, AS_MEASURED)
-    heavy = calibrate(model, observations, QUICK.model_copy(update={"epsilon": 0.16}), AS_MEASURED)
+    light = calibrate(model, observations, QUICK)
+    heavy = calibrate(model, observations, QUICK.model_copy(update={"epsilon": 0.16}))
     assert np.abs((light.solution.x - heavy.solution.x) / model.scale).max() < 1e-6
     names = [parameter.name for parameter in model.parameters]
     for name in light.not_identifiable:
@@ -224,7 +209,7 @@ def test_tolerance_terms_leave_identified_parameters_alone(model, observe):
 
 def test_linear_springs_fit_worse_and_have_no_cubic_part(pa10, observe):
     linear = baseline(pa10, (2, 3, 5), Tolerances(), cubic=False)
-    found = calibrate(linear, observe(noise=0.0), QUICK, AS_MEASURED)
+    found = calibrate(linear, observe(noise=0.0), QUICK)
     assert found.solution.cost > 1e-9  # the cubic spring leaves 1e-20 there
     reported = linear.report(found.solution.x)
     names = [parameter.name for parameter in reported.parameters]
@@ -242,7 +227,7 @@ def test_negative_stiffness_ends_at_the_bound(model, truth, observe, states, T_i
     observations = observe().with_measured(
         T_instr_target=T_instr_base @ model.predict(moved, linear)
     )
-    found = calibrate(model, observations, QUICK, AS_MEASURED)
+    found = calibrate(model, observations, QUICK)
     held = [n for n, at_end in zip(names, found.solution.at_bound, strict=True) if at_end]
     assert "cubic_share_3" in held
     assert found.solution.x[names.index("cubic_share_3")] == 0.0
@@ -252,7 +237,7 @@ def test_reference_torque_does_not_change_the_answer(pa10, model, observe, calib
     other = baseline(
         pa10, (2, 3, 5), Tolerances(), tau_ref_Nm=np.array([1.0, 90.0, 60.0, 1.0, 8.0, 1.0])
     )
-    found = calibrate(other, observe(noise=1.0), QUICK, AS_MEASURED)
+    found = calibrate(other, observe(noise=1.0), QUICK)
     here, there = model.report(calibrated.solution.x), other.report(found.solution.x)
     free = [p.name not in calibrated.not_identifiable for p in here.parameters]
     np.testing.assert_allclose(there.values[free], here.values[free], rtol=1e-6)
@@ -262,7 +247,7 @@ def test_nested_finite_differences_give_the_same_answer(model, observe):
     """The paper's way: both levels by finite differences, no derivative of ours."""
     observations = observe(noise=1.0)
     options = QUICK.model_copy(update={"inner_poses": "all"})
-    exact = calibrate(model, observations, options, AS_MEASURED)
+    exact = calibrate(model, observations, options)
     terms = tolerance_rows(exact.level, exact.solution.x, options)
 
     def rows(z):
@@ -285,7 +270,7 @@ def test_solver_reports_that_it_did_not_arrive(model, observe):
 
 def test_too_few_poses_are_refused(model, observe):
     with pytest.raises(CalibrationError, match=r"5 poses with .*, 36 unknowns.*at least 6 poses"):
-        calibrate(model, observe().take(slice(0, 5)), QUICK, AS_MEASURED)
+        calibrate(model, observe().take(slice(0, 5)), QUICK)
 
 
 def test_springs_without_torques_are_refused(model, observe, states):
@@ -293,13 +278,13 @@ def test_springs_without_torques_are_refused(model, observe, states):
     unlogged[3:5, 2] = np.nan
     observations = replace(observe(), states=replace(states, tau_Nm=unlogged))
     with pytest.raises(CalibrationError, match=r"tau3_Nm: joint 3 has a spring, .* 2 of 81 poses"):
-        calibrate(model, observations, QUICK, AS_MEASURED)
+        calibrate(model, observations, QUICK)
 
 
 def test_a_rigid_arm_needs_no_torques(pa10, observe, states):
     rigid = baseline(pa10, (), Tolerances())
     unlogged = replace(states, tau_Nm=np.full_like(states.tau_Nm, np.nan))
-    found = calibrate(rigid, replace(observe(), states=unlogged), QUICK, AS_MEASURED)
+    found = calibrate(rigid, replace(observe(), states=unlogged), QUICK)
     assert found.converged
     assert len(found.level.model.parameters) == 24
 

@@ -74,28 +74,42 @@ def score(tmp_path, verdicts, truths):
         return code, json.loads(out[0].read_text("utf-8")), list(csv.DictReader(table))
 
 
+def figures(scores):
+    """Figures by what they are; of groups that of the last."""
+    return {row["what"]: row for row in (*scores["bars"], *scores["rates"])}
+
+
+FOUND = "one effect, anything found: among the effect or its alternatives"
+LARGE = "one effect, separable, residual 3 times the floor or more: right id and place"
+
+
 @pytest.mark.slow
 def test_a_reduced_set_is_named_right(reduced, tmp_path):
     code, scores, rows = score(tmp_path, *reduced)
     assert code == 0
     assert scores["schema"] == TrialScoresRecord.SCHEMA
     assert scores["provenance"].startswith("synthetic")
-    assert (scores["trials"], scores["failed"]) == (6, [])
-    assert scores["nothing_hidden"]["null"]["named"]["of"] == 2
-    assert scores["nothing_hidden"]["null"]["named"]["count"] == 0
-    assert scores["nothing_hidden"]["null"]["unexplained"]["count"] == 0
-    single = scores["single"]
-    assert single["large_alone"]["of"] >= 2
-    assert single["large_alone"]["share"] == 1.0
-    assert (single["found"]["count"], single["found"]["of"]) == (3, 3)
-    assert single["wrong"]["count"] == 0
-    assert scores["several"]["pair"]["all_listed"]["share"] == 1.0
-    assert scores["several"]["pair"]["nothing_extra"]["share"] == 1.0
-    assert scores["gap"]["mean"] < 1.3
-    assert scores["intervals"]["inside"]["of"] >= 5
-    assert 0.2 < scores["intervals"]["rms"] < 2.5
-    hidden = [name for name, row in scores["confusion"]["single"].items() if row == {name: 1}]
-    assert len(hidden) == 3
+    assert scores["trials"] == 6
+    found = figures(scores)
+    for what, count, of in (
+        ("nothing hidden: a name", 0, 2),
+        ("nothing hidden: something without a name", 0, 2),
+        (FOUND, 3, 3),
+        ("one effect: a finding that matches no hidden effect", 0, 3),
+        ("several effects: all named or in the alternatives", 1, 1),
+        ("several effects: nothing extra", 1, 1),
+    ):
+        assert (found[what]["count"], found[what]["trials"]) == (count, of), what
+    alone = found["one effect, separable and large: named alone"]
+    assert alone["trials"] >= 2
+    assert alone["reached"] == 1.0
+    gap = "held-out mean after naming, over that of campaigns without missing effect"
+    assert found[gap]["reached"] < 1.3
+    assert found["parameters of named effects: inside the 95 % interval"]["trials"] >= 5
+    rms = found["parameters of named effects: score, root mean square"]["reached"]
+    assert 0.2 < rms < 2.5
+    single = [each for each in scores["subjects"] if each["kind"] == "single"]
+    assert sum(each["counts"] == {each["id"]: 1} for each in single) == 3
     assert len({row["campaign"] for row in rows}) == 6
     assert [row["verdict"] for row in rows][:2] == ["none", "none"]
 
@@ -104,13 +118,13 @@ def test_a_reduced_set_is_named_right(reduced, tmp_path):
 @pytest.mark.parametrize(
     ("change", "figure"),
     [
-        (lambda said: {**said, "verdict": "none", "effects": []}, ("single", "found")),
+        (lambda said: {**said, "verdict": "none", "effects": []}, FOUND),
         (
             lambda said: {
                 **said,
                 "effects": [{**effect, "of": "joint 9"} for effect in said["effects"]],
             },
-            ("single", "large"),
+            LARGE,
         ),
         (
             lambda said: {
@@ -129,14 +143,14 @@ def test_empty_wrong_and_failed_verdicts_are_scored_as_such(reduced, tmp_path, c
     records = [change(said) for path in verdicts for said in lines(path)]
     changed.write_text("".join(json.dumps(record) + "\n" for record in records), "utf-8")
     _, scores, rows = score(tmp_path, [changed], truths)
+    found = figures(scores)
     if figure is None:
-        assert len(scores["failed"]) == 6
-        assert scores["nothing_hidden"]["null"]["named"]["count"] == 2
+        assert [row["said"] for row in rows] == ["crashed: x"] * 6
+        assert found["nothing hidden: a name"]["count"] == 2
         assert {row["verdict"] for row in rows} == {"failed"}
-        assert scores["single"]["large"]["count"] == 0 < scores["single"]["large"]["of"]
+        assert found[LARGE]["count"] == 0 < found[LARGE]["trials"]
     else:
-        kind, name = figure
-        assert scores[kind][name]["count"] == 0
+        assert found[figure]["count"] == 0
     assert not all(bar["met"] for bar in scores["bars"] if bar["trials"] and bar["share"])
 
 
@@ -239,11 +253,13 @@ def tracked(run):
 def test_trackers_without_repeats_are_judged_by_blocks_and_scored_alike(tracked, tmp_path):
     code, scores, _ = score(tmp_path, *tracked)
     assert code == 0
-    assert scores["failed"] == []
-    assert scores["nothing_hidden"]["null"]["named"]["count"] == 0
-    assert scores["single"]["testable"] == scores["single"]["found"]
-    assert (scores["single"]["testable"]["count"], scores["single"]["testable"]["of"]) == (1, 1)
-    assert scores["single"]["confidently_wrong"]["count"] == 0
+    assert not any(trial["verdict"] == "failed" for trial in scores["per_trial"])
+    found = figures(scores)
+    assert found["nothing hidden: a name"]["count"] == 0
+    testable = "one effect of plausible size, testable: among the effect or its alternatives"
+    for what in (testable, FOUND):
+        assert (found[what]["count"], found[what]["trials"]) == (1, 1)
+    assert found["one effect: a confident wrong name"]["count"] == 0
     words = [bar["what"] for bar in scores["bars"]]
     assert any("plausible size" in word for word in words)
     (said,), (hidden,) = lines(tracked[0][1]), lines(tracked[1][1])

@@ -9,14 +9,14 @@ import pa10cal
 from pa10cal.discovery.records import verdict_keys
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.wild_trials import draw_wild_trials
+from pa10cal.lab.cell.trials import draw_trials
 from pa10cal.lab.cell.write import write_campaign
 
 SEED = 20261123
 
 
 def judged(tmp_path_factory, subject):
-    (trial,) = draw_wild_trials("unstated_masses", 1, SEED, ("ur10-pose",), subject)
+    (trial,) = draw_trials("unstated_masses", 1, SEED, "wild", ("ur10-pose",), only=subject)
     folder = tmp_path_factory.mktemp(subject) / trial.name
     write_campaign(
         simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings), folder

@@ -7,7 +7,7 @@ import pytest
 
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.calibrate import ErrorSources, calibrate
+from pa10cal.calibration.calibrate import calibrate
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.evidence import search as repeats
@@ -99,7 +99,7 @@ def calibrated(readings):
     tau_Nm = np.abs(averaged.states.tau_Nm).max(axis=0)
     model = baseline(ARM, FLEXIBLE, Tolerances(), tau_ref_Nm=tau_Nm)
     options = CalibrationOptions(starts=1, inner_poses="all")
-    found = calibrate(model, averaged, options, ErrorSources(readings, 5e-6))
+    found = calibrate(model, averaged, options, readings, 5e-6)
     bending = Model(Chain.of(ARM, bends=long_links(ARM)), model.terms)
     return FittedModel(bending, found.solution.x, found.T_instr_base)
 

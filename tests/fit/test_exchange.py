@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pa10cal.numerics.exchange import (
@@ -61,6 +61,7 @@ def test_updates_give_what_a_direct_computation_gives(seed, rows, unknowns, spre
 
 @settings(max_examples=25, deadline=None)
 @given(share=st.floats(0.0, 1.0), poses=st.integers(1, 12), **CASES)
+@example(share=0.5, poses=2, seed=0, rows=1, unknowns=5, spread=10000.0)
 def test_an_exchange_never_lowers_the_criterion(share, poses, seed, rows, unknowns, spread):
     white = rows_of(seed, rows, unknowns + 2, spread)
     shares = [(1.0 - share, unknowns), (share, unknowns + 2)]

@@ -173,12 +173,7 @@ def test_the_jacobian_is_that_of_small_moves(terms):
 def test_what_is_read_falsely_moves_no_robot():
     model = fitted("pa10_6ce", 12)
     false = {"cmm_scale", "cmm_squareness", "friction_torque", "torque_gain", "place_map"}
-    physical = replace(
-        model,
-        model=Model(model.model.chain, tuple(t for t in model.model.terms if t.id not in false)),
-        x=np.concatenate([model.values_of(t) for t in model.model.terms if t.id not in false]),
-        covariance=None,
-    )
+    physical = model.only(*(term for term in model.model.terms if term.id not in false))
     q = postures(model.arm, 13)
     np.testing.assert_array_equal(model.predict(q).T, physical.predict(q).T)
 

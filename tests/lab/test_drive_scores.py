@@ -3,8 +3,7 @@
 import pytest
 
 import made_up_trials
-from made_up_trials import named, verdict
-from pa10cal.lab.drive_scores import false_names, outcome, scores_record
+from made_up_trials import named, scored, verdict
 from pa10cal.results.record import Name
 
 
@@ -48,13 +47,20 @@ S, G, M = "sensor_error", "gear_error", "joint_error_map"
     ],
 )
 def test_what_became_of_a_joint(hidden, found, became):
-    assert outcome(trial("sensor", hidden, found), "joint 2")[0] == became
+    assert trial("sensor", hidden, found).drive_outcome("joint 2") == became
 
 
-def test_false_names_are_those_of_nothing_hidden():
-    quiet = trial("neither", ["motor_ripple"], [[S], [M], ["backlash@joint 3", "arrival_error"]])
-    assert false_names(quiet) == ("sensor_error of joint 2", "backlash of joint 3")
-    assert false_names(trial("sensor", [S], [[S, G]])) == ()
+@pytest.mark.parametrize(
+    ("kind", "hidden", "found", "share"),
+    [
+        ("neither", ["motor_ripple"], [["backlash@joint 3", "arrival_error"]], 1.0),
+        ("neither", ["motor_ripple"], [[M]], 0.0),  # a map is no name
+        ("neither", ["motor_ripple"], [["motor_ripple", S]], 0.0),
+        ("sensor", [S], [[S, G]], None),
+    ],
+)
+def test_false_names_are_those_of_nothing_hidden(kind, hidden, found, share):
+    assert scored([trial(kind, hidden, found)]).bars[-1].reached == share
 
 
 def test_bars_count_joints_and_quiet_trials():
@@ -67,17 +73,16 @@ def test_bars_count_joints_and_quiet_trials():
         trial("neither", ["motor_ripple"], [], 5),
         trial("neither", ["motor_ripple"], [[S]], 6),
     ]
-    found = scores_record(trials)
+    found = scored(trials)
     whole, sensor, gear, both, wrong, quiet = found.bars
     assert (whole.reached, whole.trials) == (pytest.approx(3 / 5), 5)
     assert (sensor.reached, gear.reached, both.reached) == (pytest.approx(1 / 3), 1.0, 1.0)
     assert wrong.reached == pytest.approx(1 / 5)
     assert (quiet.reached, quiet.met) == (0.5, False)
-    assert [joint.outcome for joint in found.joints] == [
-        "right",
-        "wrong",
-        "right",
-        "right",
-        "failed",
-    ]
-    assert found.per_trial[4].verdict == "failed: no poses"
+    counts = {each.kind: each.counts for each in found.subjects}
+    assert counts == {
+        "sensor": {"right": 1, "wrong": 1, "failed": 1},
+        "gear": {"right": 1},
+        "both": {"right": 1},
+    }
+    assert found.per_trial[4].said == "crashed: no poses"

@@ -6,10 +6,9 @@ from dataclasses import replace
 import pytest
 
 import made_up_trials
-from made_up_trials import hidden, named, verdict
+from made_up_trials import hidden, named, scored, verdict
 from pa10cal.commands.command_line import run_command
 from pa10cal.lab.blind_trial import SORTED, UNSTATED, WILD
-from pa10cal.lab.wild_scores import bars, failings, scores_record
 from pa10cal.results.codec import lines, write
 from pa10cal.results.record import Name
 from pa10cal.results.trials import FailedTrialRecord, HiddenEffect, TrialTruthRecord
@@ -126,15 +125,17 @@ CASES = {
 }
 
 
+TRIALS = [case for case, _ in CASES.values()]
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_a_trial_counts_against_the_bars_that_it_misses(name):
     case, expected = CASES[name]
-    assert set(failings(case)) == set(expected)
+    assert set(scored([case]).per_trial[0].failings) == set(expected)
 
 
 def test_bars_count_springs_and_trials():
-    trials = [case for case, _ in CASES.values()]
-    found = {bar.what: bar for bar in bars(trials)}
+    found = {bar.what: bar for bar in scored(TRIALS).bars}
     springs = found["springs that leave 1.5 times the noise: named or listed"]
     assert springs.trials == 14
     assert springs.trials - round(springs.reached * springs.trials) == 3
@@ -150,18 +151,18 @@ def test_bars_count_springs_and_trials():
     assert not any(bar.met for bar in found.values() if bar.share)
     fine = [CASES[name][0] for name in ("named", "another effect", "nothing hidden", "sorted")]
     fine[1] = replace(fine[1], said=said(names=[TWO, RATIO]))
-    assert all(bar.met for bar in bars(fine) if bar.trials)
+    assert all(bar.met for bar in scored(fine).bars if bar.trials)
 
 
 def test_scores_are_drawn_and_listed(tmp_path):
-    scores = scores_record([case for case, _ in CASES.values()])
+    scores = scored(TRIALS)
     by_id = {(each.kind, each.id): each for each in scores.subjects}
     springs = by_id[UNSTATED, "joint_compliance"]
-    assert (springs.above_noise, springs.told) == (14, 11)
+    assert (springs.counts["above_noise"], springs.counts["told"]) == (14, 11)
     assert (UNSTATED, "encoder_eccentricity") not in by_id  # named, never hidden
     write(scores, tmp_path / "scores.json")
     assert run_command("figures", ["--results", str(tmp_path)]) == 0
-    assert "another cause" in (tmp_path / "tables/wild_summary.md").read_text("utf-8")
+    assert "another cause" in (tmp_path / "tables/trials_summary.md").read_text("utf-8")
 
 
 def test_truths_of_these_kinds_are_scored_as_such(tmp_path):
@@ -190,7 +191,8 @@ def test_truths_of_these_kinds_are_scored_as_such(tmp_path):
     words = [word for name, path in paths.items() for word in (f"--{name}", str(path))]
     assert run_command("score_trials", words) == 0
     scores = json.loads(paths["scores"].read_text("utf-8"))
-    assert scores["schema"] == "pa10cal-wild-trials/1"
-    assert scores["bars"][0]["trials"] == 1
-    assert scores["bars"][0]["reached"] == 0.0
+    assert scores["schema"] == "pa10cal-trials/2"
+    without, springs = scores["bars"][:2]
+    assert (without["trials"], without["reached"]) == (1, 1.0)
+    assert (springs["trials"], springs["reached"]) == (1, 0.0)
     assert scores["per_trial"][0]["failings"] == ["no verdict", "spring not found"]

@@ -6,11 +6,10 @@ import json
 import pytest
 
 import made_up_trials
-from made_up_trials import hidden, named, put_in, verdict
+from made_up_trials import hidden, named, put_in, scored, verdict
 from pa10cal.commands.command_line import run_command
 from pa10cal.figures.registry import entries
 from pa10cal.lab.blind_trial import WILD
-from pa10cal.lab.wild_scores import bars, failings, scores_record
 from pa10cal.results.codec import lines, write
 from pa10cal.results.record import Name
 from pa10cal.results.trials import FailedTrialRecord, PutIn, TrialTruthRecord
@@ -118,45 +117,42 @@ CASES = {
 }
 
 
+TRIALS = [case for case, _ in CASES.values()]
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_a_trial_counts_against_the_bars_that_it_misses(name):
     case, expected = CASES[name]
-    assert failings(case) == expected
+    assert scored([case]).per_trial[0].failings == expected
 
 
 def test_bars_count_the_failings_of_the_trials():
-    trials = [case for case, _ in CASES.values()]
-    found = [bar for bar in bars(trials) if bar.share]
+    found = [bar for bar in scored(TRIALS).bars if bar.share and "formula" not in bar.what]
     names = (
         *("crash", "false name", "confident false name", "confident false name", "not told"),
         *("false comfort", "worse held out", "not found", "accused"),
     )
-    counts = [
-        bar.trials - round(bar.reached * bar.trials)
-        if bar.at_least
-        else round(bar.reached * bar.trials)
-        for bar in found
-    ]
+    counts = [bar.trials - bar.count if bar.at_least else bar.count for bar in found]
     both, accused = counts[2] + counts[3], counts[9] + counts[10]
-    expected = [sum(name in failings(each) for each in trials) for name in names]
+    expected = [sum(name in missed for _, missed in CASES.values()) for name in names]
     assert [*counts[:2], both, *counts[4:8], accused] == [*expected[:3], *expected[4:]]
     assert all(bar.met is not None for bar in found)
     assert not any(bar.met for bar in found)
     fine = [
         CASES[name][0] for name in ("right data", "an effect", "a label told", "no name for it")
     ]
-    assert all(bar.met for bar in bars(fine))
+    assert all(bar.met for bar in scored(fine).bars if "formula" not in bar.what)
 
 
 def test_scores_are_drawn_and_listed(tmp_path):
-    scores = scores_record([case for case, _ in CASES.values()])
+    scores = scored(TRIALS)
     assert scores.trials == len(CASES)
     assert sum(subject.trials for subject in scores.subjects) == len(CASES)
     write(scores, tmp_path / "scores.json")
     assert run_command("figures", ["--results", str(tmp_path)]) == 0
-    for name in ("wild_summary", "wild_subjects"):
+    for name in ("trials_summary", "trials_subjects"):
+        assert "ynthetic" in entries("trials")[name].caption
         assert "Synthetic data" in (tmp_path / f"tables/{name}.md").read_text("utf-8")
-    assert all("ynthetic" in entry.caption for entry in entries("wild").values())
 
 
 def test_wild_truths_are_scored_as_such(tmp_path):
@@ -189,7 +185,7 @@ def test_wild_truths_are_scored_as_such(tmp_path):
     words = [word for name, path in paths.items() for word in (f"--{name}", str(path))]
     assert run_command("score_trials", words) == 0
     scores = json.loads(paths["scores"].read_text("utf-8"))
-    assert scores["schema"] == "pa10cal-wild-trials/1"
+    assert scores["schema"] == "pa10cal-trials/2"
     with paths["trials"].open(encoding="utf-8", newline="") as table:
         (row,) = csv.DictReader(table)
     assert row["said"] == "refused: too few rows"

@@ -5,8 +5,8 @@ import pytest
 from pa10cal.evaluation.options import ChainOptions
 from pa10cal.lab.blind_trial import BlindTrial
 from pa10cal.lab.blind_trials import try_trial
-from pa10cal.lab.cell.wild_trials import draw_wild_trials
-from pa10cal.lab.wild_scores import failings
+from pa10cal.lab.cell.trials import draw_trials
+from pa10cal.lab.scores import scores_record
 
 #: Kind, what is put in, bench and seed of campaigns that are quick to judge.
 CAMPAIGNS = [
@@ -31,6 +31,7 @@ CAMPAIGNS = [
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "put_in", "bench", "seed"), CAMPAIGNS)
 def test_a_campaign_gets_the_verdict_that_it_should(kind, put_in, bench, seed):
-    (trial,) = draw_wild_trials(kind, 1, seed, (bench,), put_in if kind != "right" else "")
+    (trial,) = draw_trials(kind, 1, seed, "wild", (bench,), only=put_in)
     verdict, truth = try_trial(trial, ChainOptions())
-    assert failings(BlindTrial(truth, verdict)) == (), verdict.word
+    scores = scores_record([BlindTrial(truth, verdict)])
+    assert scores.per_trial[0].failings == (), verdict.word

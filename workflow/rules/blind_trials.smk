@@ -37,7 +37,7 @@ rule wild_trials:
 rule drive_trials:
     """Sensors and gears that err in one campaign or two: is the right one named?"""
     input:
-        expand(trial_result("scores.json"), study="drive_trials"),
+        expand(trial_result("pictures.json"), study="drive_trials"),
 
 
 rule blind_trials_unstated:
@@ -95,29 +95,22 @@ rule score_trials:
         " --scores {output.scores:q} --trials {output.trials:q} 2>&1 | tee {log:q} >&2"
 
 
-for pictures_of, studies in {
-    "trials": [study for study in TRIAL_STUDIES if study not in (*WILD_STUDIES, "drive_trials")],
-    "wild": WILD_STUDIES,
-}.items():
-
-    # The figures and the tables of a study that have something to show.
-    rule:
-        name:
-            {"trials": "trial_pictures", "wild": "wild_pictures"}[pictures_of]
-        input:
-            scores=trial_result("scores.json"),
-        output:
-            index=trial_result("pictures.json"),
-            figures=directory(trial_result("figures")),
-            tables=directory(trial_result("tables")),
-        log:
-            trial_result("logs/pictures.log"),
-        wildcard_constraints:
-            study="|".join(studies),
-        params:
-            code=code_of("commands.figures", "figures.registry"),
-            folder=lambda wildcards, input: os.path.dirname(input.scores),
-            settings=sections_of("figures"),
-        shell:
-            "python -m pa10cal figures --results {params.folder:q} --settings {params.settings:q}"
-            " 2>&1 | tee {log:q} >&2"
+rule trial_pictures:
+    """The figures and the tables of a study that have something to show."""
+    input:
+        scores=trial_result("scores.json"),
+    output:
+        index=trial_result("pictures.json"),
+        figures=directory(trial_result("figures")),
+        tables=directory(trial_result("tables")),
+    log:
+        trial_result("logs/pictures.log"),
+    wildcard_constraints:
+        study="|".join(TRIAL_STUDIES),
+    params:
+        code=code_of("commands.figures", "figures.registry"),
+        folder=lambda wildcards, input: os.path.dirname(input.scores),
+        settings=sections_of("figures"),
+    shell:
+        "python -m pa10cal figures --results {params.folder:q} --settings {params.settings:q}"
+        " 2>&1 | tee {log:q} >&2"

@@ -126,8 +126,6 @@ OUTSIDE_STUDIES = {
     )
 }
 TRIAL_STUDIES |= OUTSIDE_STUDIES
-# Those whose pictures are those of wild trials.
-WILD_STUDIES = [study for study, (measured, _) in TRIAL_STUDIES.items() if measured == "wild"]
 
 
 def one_of(names):
@@ -285,7 +283,7 @@ def trial_chunks(kind_of_file):
     """The files of all jobs of a study: so many trials each, numbered from the first of a kind."""
 
     def files(wildcards):
-        from pa10cal.lab.cell.wild_trials import trial_counts  # late: half a second of every start
+        from pa10cal.lab.cell.trials import trial_counts  # late: half a second of every start
 
         size = SETTINGS.blind_trials.trials_a_job
         return [

@@ -15,12 +15,12 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.general.problem import check_enough
 from pa10cal.calibration.levels import TwoLevel, rows_of, spread_poses
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.uncertainty import ErrorSources, propagate, with_own_scatter
+from pa10cal.calibration.uncertainty import propagate, with_own_scatter
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import Identifiability, identify, not_identifiable
-from pa10cal.fit.problem import Rows
+from pa10cal.fit.problem import Problem, Rows
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
@@ -32,8 +32,10 @@ _SAME_COST = 1e-6
 #: Relative changes at which linear springs are near enough, and the cubic share they start with.
 _GOOD_ENOUGH = 1e-6
 _LITTLE_SHARE = 0.01
-#: The null space hardly moves with the parameters; it is found again at the solution this often.
+#: The null space hardly moves with the parameters; it is found again at the solution this often,
+#: unless its rows are the same within this part.
 _NULL_SPACE_PASSES = 3
+_SAME_SPAN = 1e-9
 
 
 @dataclass(frozen=True)
@@ -45,12 +47,18 @@ class Calibration:
     starts: tuple[Solution, ...]  # where every start ended, in order
     terms: Array  # (r, k) tolerance rows
     inner_poses: tuple[str, ...]  # labels of the poses of the inner level
-    T_instr_base: Array  # (4, 4) base frame
-    identifiability: Identifiability  # of all unknowns, base frame included
+    problem: Problem  # the same on one level, about the base frame found
+    jacobian: Array  # (N, 6, k + 6) of its rows by all unknowns, base frame included
+    identifiability: Identifiability  # of these
     # names of the parameters that take part in directions that the data do not identify
     not_identifiable: frozenset[str]
     # (k + 6, k + 6) of parameters and of six small motions of the base, along its own axes
     covariance: Array
+
+    @property
+    def T_instr_base(self) -> Array:
+        """Return the base frame, (4, 4)."""
+        return self.problem.T_instr_base
 
     @property
     def converged(self) -> bool:
@@ -63,20 +71,32 @@ class Calibration:
         best = self.solution.cost
         return sum(start.cost <= best * (1.0 + _SAME_COST) for start in self.starts)
 
+    def model(self, payload: Payload | None) -> FittedModel:
+        """Return the fitted model; no payload where none is known."""
+        return FittedModel(
+            model=self.level.model,
+            x=self.solution.x,
+            T_instr_base=self.T_instr_base,
+            covariance=self.covariance,
+            payload=payload,
+            seen=angles_seen(self.level.observations.states.q_rad),
+        )
+
 
 def calibrate(
     model: Model,
     observations: Observations[Pose],
     options: CalibrationOptions,
-    errors: ErrorSources,
+    readings: Observations[Pose] | None = None,
+    u_apparatus_m: float = 0.0,
 ) -> Calibration:
     """Calibrate a model on two levels, from several starts (paper, Section II.C).
 
     Args:
         model: chain and terms, the base frame not among them.
-        observations: N measured poses.
-        options: how to calibrate.
-        errors: what is known of the errors of the measured poses.
+        readings: single readings behind the averaged poses; their scatter about the model is the
+            noise. None leaves the covariances that the poses came with.
+        u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
 
     Raises:
         CalibrationError: when there are fewer equations than unknowns.
@@ -92,13 +112,38 @@ def calibrate(
     solutions = [solve(level, start, terms, options.max_iterations) for start in starts]
     best = min(solutions, key=lambda solution: (not solution.converged, solution.cost))
     for _ in range(_NULL_SPACE_PASSES):
-        refreshed = tolerance_rows(level, best.x, options)
-        if _same_span(terms, refreshed):
-            break
-        terms = refreshed
+        before, terms = terms, tolerance_rows(level, best.x, options)
+        if before.shape == terms.shape:  # do they weigh the same directions equally?
+            squares = before.T @ before
+            apart = np.abs(squares - terms.T @ terms).max(initial=0.0)
+            if apart <= _SAME_SPAN * np.abs(squares).max(initial=1.0):
+                terms = before
+                break
         again = solve(level, best.x, terms, options.max_iterations)
         best = replace(again, iterations=best.iterations + again.iterations)
-    return describe(level, best, tuple(solutions), terms, poses, errors)
+    at_solution = level.rows(best.x)
+    whole = level.one_level(at_solution.T_instr_base)
+    jacobian = whole.rows(np.concatenate([best.x, np.zeros(6)])).jacobian
+    in_rows = (level.weights[:, None] * jacobian).reshape(-1, len(whole.scale))
+    identifiability = identify(in_rows, whole.scale)
+    noise = observations
+    if readings is not None:
+        noise = with_own_scatter(observations, readings, model, best.x)
+    return Calibration(
+        level=level,
+        solution=best,
+        starts=tuple(solutions),
+        terms=terms,
+        inner_poses=poses,
+        problem=whole,
+        jacobian=jacobian,
+        identifiability=identifiability,
+        not_identifiable=not_identifiable(identifiability, whole.parameters)
+        & {parameter.name for parameter in model.parameters},
+        covariance=propagate(
+            at_solution, noise, level.inner_rows, terms, level.r_max_m, u_apparatus_m
+        ),
+    )
 
 
 def _from_linear_springs(level: TwoLevel, start: Array, options: CalibrationOptions) -> Array:
@@ -107,60 +152,19 @@ def _from_linear_springs(level: TwoLevel, start: Array, options: CalibrationOpti
     Straight from nominal geometry a stiff, nearly linear spring can end as an all but cubic one,
     a minimum too, but not the lowest.
     """
-    springs = [term for term in level.model.terms if isinstance(term, JointSpring) and term.cubic]
-    if not springs:
+    model = level.model
+    if not any(isinstance(term, JointSpring) and term.cubic for term in model.terms):
         return start
     terms = tuple(
         replace(term, cubic=False) if isinstance(term, JointSpring) else term
-        for term in level.model.terms
+        for term in model.terms
     )
-    shares = np.array(
-        [parameter.name.startswith("cubic_share") for parameter in level.model.parameters]
-    )
-    linear = replace(level, model=Model(level.model.chain, terms))
+    shares = np.array([each.name.startswith("cubic_share") for each in model.parameters])
+    linear = replace(level, model=Model(model.chain, terms))
     rows = tolerance_rows(linear, start[~shares], options)
-    found = solve(linear, start[~shares], rows, options.max_iterations, _GOOD_ENOUGH)
     ahead = np.full(len(start), _LITTLE_SHARE)
-    ahead[~shares] = found.x
+    ahead[~shares] = solve(linear, start[~shares], rows, options.max_iterations, _GOOD_ENOUGH).x
     return ahead
-
-
-def describe(
-    level: TwoLevel,
-    solution: Solution,
-    starts: tuple[Solution, ...],
-    terms: Array,
-    inner_poses: tuple[str, ...],
-    errors: ErrorSources,
-) -> Calibration:
-    """Compute base frame, rank and uncertainties of a solution."""
-    model, observations = level.model, level.observations
-    at_solution = level.rows(solution.x)
-    whole = level.one_level(at_solution.T_instr_base)
-    everything = whole.rows(np.concatenate([solution.x, np.zeros(6)]))
-    jacobian = (level.weights[:, None] * everything.jacobian).reshape(-1, len(whole.scale))
-    identifiability = identify(jacobian, whole.scale)
-    return Calibration(
-        level=level,
-        solution=solution,
-        starts=starts,
-        terms=terms,
-        inner_poses=inner_poses,
-        T_instr_base=at_solution.T_instr_base,
-        identifiability=identifiability,
-        not_identifiable=not_identifiable(identifiability, whole.parameters)
-        & {parameter.name for parameter in model.parameters},
-        covariance=propagate(
-            at_solution,
-            observations
-            if errors.readings is None
-            else with_own_scatter(observations, errors.readings, model, solution.x),
-            level.inner_rows,
-            terms,
-            level.r_max_m,
-            errors.u_apparatus_m,
-        ),
-    )
 
 
 def pull_beyond_bounds(calibration: Calibration) -> Array:
@@ -198,16 +202,6 @@ def tolerance_rows(level: TwoLevel, x: Array, options: CalibrationOptions) -> Ar
     return null
 
 
-def _same_span(first: Array, second: Array) -> bool:
-    """Return whether two sets of rows weigh the same directions equally."""
-    if first.shape != second.shape:
-        return False
-    difference = first.T @ first - second.T @ second
-    return bool(
-        np.abs(difference).max(initial=0.0) <= 1e-9 * np.abs(first.T @ first).max(initial=1.0)
-    )
-
-
 def check_torques(model: Model, observations: Observations) -> None:
     """Refuse springs whose torques were not logged.
 
@@ -227,19 +221,6 @@ def check_torques(model: Model, observations: Observations) -> None:
                 remedy="log the torques, or remove the joint from calibration.flexible_joints "
                 "(an empty list calibrates a rigid arm)",
             )
-
-
-def fitted_model(calibration: Calibration, payload: Payload | None) -> FittedModel:
-    """Return the fitted model of a calibration on two levels; no payload where none is known."""
-    observations = calibration.level.observations
-    return FittedModel(
-        model=calibration.level.model,
-        x=calibration.solution.x,
-        T_instr_base=calibration.T_instr_base,
-        covariance=calibration.covariance,
-        payload=payload,
-        seen=angles_seen(observations.states.q_rad),
-    )
 
 
 # Levenberg-Marquardt on a calibration problem, from one start and from several.
@@ -288,10 +269,8 @@ def solve(
     from Gauss-Newton steps.
 
     Args:
-        level: the problem.
         x_start: (k,) start, inside the physical range.
         terms: (r, k) tolerance rows; `terms @ x` are residuals.
-        max_iterations: bound on the steps tried.
         precision: relative changes at which it has arrived.
     """
     scale, bounds = level.model.scale, Bounds.of(level.parameters)

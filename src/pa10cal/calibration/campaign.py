@@ -31,13 +31,6 @@ def calibrated_record(
     """Locate base and targets of a campaign, and calibrate a load case, as the stages do.
 
     Args:
-        campaign: description of the campaign.
-        arm: the nominal arm.
-        every: single readings of all kinds.
-        load: `combined`, or a load such as `44N`.
-        options: how to calibrate; None for the defaults.
-        findings: what checks of the input found.
-        prior: fitted model of the arm to start from; None for none.
         base_frame: what straight moves must satisfy; None for the defaults.
 
     Raises:
@@ -59,8 +52,6 @@ def calibration_record(
     """Calibrate a load case, and return its record.
 
     Args:
-        case: the load case.
-        seed: about where base, tool and targets are.
         general: whether with all that can be identified, or with the paper's unknowns.
 
     Raises:

@@ -155,21 +155,6 @@ class Evidence:
         return tuple(sorted(self.ended.not_identifiable - self.ended.hidden))
 
     @property
-    def far_off(self) -> list[tuple[float, str]]:
-        """Return departures that no arm was built with, over their tolerance, the largest first."""
-        ended, over = self.ended, max(self.over_noise or 1.0, 1.0)
-        std = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
-        apart = ended.not_identifiable | ended.of_mounting
-        far = [
-            (abs(float(value)) / each.tolerance, each.name)
-            for each, value, sigma in zip(ended.parameters, ended.x, std, strict=True)
-            if each.tolerance
-            and each.name not in apart
-            and abs(value) - BY_CHANCE * over * sigma > FAR_OFF * each.tolerance
-        ]
-        return sorted(far, key=lambda each: -each[0])
-
-    @property
     def soft(self) -> bool:
         """Return whether springs explain the larger part of what rigid joints leave."""
         rigid_mm = self.without_springs_mm
@@ -212,26 +197,20 @@ class Evidence:
         return limit * float(np.hypot(reading_mm, of_targets_mm)) / own_mm
 
     @property
-    def expected_held_out_mm(self) -> float:
-        """Return the error that the fit promises of held-out poses.
+    def over_expected(self) -> float | None:
+        """Return the held-out error over the one that the fit promises; None where by chance.
 
         Noise grows where fewer readings were averaged; what the model lacks does not.
         """
+        away = self.held_out
+        if away is None:
+            return None
         noise_mm = min(self.reading_noise_mm or self.error_mm, self.error_mm)
         lacking = self.error_mm**2 - noise_mm**2
-        away = self.held_out
-        u_mm = self.u_model_mm if away is None or away.u_mm is None else away.u_mm
-        repeats = 1.0 if away is None else away.repeats
-        return float(np.sqrt(lacking + noise_mm**2 / repeats + u_mm**2))
-
-    @property
-    def over_expected(self) -> float | None:
-        """Return the held-out error over the one promised, where chance does not explain it."""
-        if self.held_out is None:
-            return None
-        found = self.held_out.accuracy
-        ratio = found.rms_mm / self.expected_held_out_mm
-        count = max(found.configurations, 1)
+        u_mm = self.u_model_mm if away.u_mm is None else away.u_mm
+        expected_mm = float(np.sqrt(lacking + noise_mm**2 / away.repeats + u_mm**2))
+        ratio = away.accuracy.rms_mm / expected_mm
+        count = max(away.accuracy.configurations, 1)
         at_most = max(OVER_EXPECTED, 1.0 + BY_CHANCE / np.sqrt(2.0 * count))
         return ratio if ratio > at_most else None
 
@@ -329,7 +308,18 @@ def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
             kind="other_arm",
         )
     yield from _stated(evidence)
-    for size, name in evidence.far_off:
+    # Departures that no arm was built with, the largest first.
+    ended, over = evidence.ended, max(evidence.over_noise or 1.0, 1.0)
+    std = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
+    apart = ended.not_identifiable | ended.of_mounting
+    far = [
+        (abs(float(value)) / each.tolerance, each.name)
+        for each, value, sigma in zip(ended.parameters, ended.x, std, strict=True)
+        if each.tolerance
+        and each.name not in apart
+        and abs(value) - BY_CHANCE * over * sigma > FAR_OFF * each.tolerance
+    ]
+    for size, name in sorted(far, key=lambda each: -each[0]):
         yield InputFinding(
             what=f"{size:.0f} tolerances from nominal",
             where=name,
@@ -364,21 +354,17 @@ def _stated(evidence: Evidence) -> Iterator[InputFinding]:
         return
     ratio = evidence.error_mm / evidence.noise_mm
     if EXACT < ratio < 1.0 / STATED_OFF or ratio > UNIT_OFF:
-        unit = _other_unit(ratio)
+        # The unit in which it seems stated, by the error that remains over it.
+        units = {"metres, multiply it by 1000": 1e3, "micrometres, divide it by 1000": 1e-3}
+        near = {name: abs(np.log(ratio / factor)) for name, factor in units.items()}
+        unit = min(near, key=lambda name: near[name])
+        looks = f": it looks like {unit}" if near[unit] < np.log(_OF_UNIT) else ""
         yield InputFinding(
             what=f"{evidence.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
             where="stated uncertainty of the position (instrument.uncertainty_mm)",
-            remedy="check its unit and value" + (f": it looks like {unit}" if unit else ""),
+            remedy=f"check its unit and value{looks}",
             kind="stated_uncertainty",
         )
-
-
-def _other_unit(ratio: float) -> str:
-    """Return the unit in which an uncertainty seems stated, by the error that remains over it."""
-    units = {"metres, multiply it by 1000": 1e3, "micrometres, divide it by 1000": 1e-3}
-    near = {name: abs(np.log(ratio / factor)) for name, factor in units.items()}
-    best = min(near, key=lambda name: near[name])
-    return best if near[best] < np.log(_OF_UNIT) else ""
 
 
 def _lacking(evidence: Evidence) -> str:
@@ -520,7 +506,6 @@ def poses_needed(
     """Order the poses of a fit by their information, and tell how many an uncertainty takes.
 
     Args:
-        ended: how the fit ended.
         u_needed_mm: standard uncertainty of a predicted position to reach, root mean square over
             all poses.
         wanted_mm: the same, where somebody asked for it.
@@ -529,15 +514,20 @@ def poses_needed(
     count, scales = len(white), np.outer(scale, scale)
     pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
     information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
+
+    def gram(rows: Array) -> Array:
+        flat = rows.reshape(-1, len(scale))
+        return np.asarray(flat.T @ flat) * scales
+
     candidates = Information(white[pool] * scale * _POSSIBLE_SCALES)
     order = pool[one_by_one(candidates, min(len(pool), _MOST))]
-    spread = _gram(ended.position) * scales / count
+    spread = gram(ended.position) / count
     enough = -(-ended.identifiability.rank // white.shape[1])
 
     def u_mm(of_poses: Array) -> float | None:
         if len(of_poses) < enough:
             return None
-        covariance = np.linalg.inv(information + _gram(of_poses) * scales)
+        covariance = np.linalg.inv(information + gram(of_poses))
         u_m = float(np.sqrt(np.sum(covariance * spread)))
         return 1e3 * u_m if np.isfinite(u_m) else None
 
@@ -562,10 +552,3 @@ def poses_needed(
 def names_of(parameters: Sequence[Parameter], rows: NDArray[np.bool_]) -> tuple[str, ...]:
     """Return the names of some parameters."""
     return tuple(p.name for p, of_them in zip(parameters, rows, strict=True) if of_them)
-
-
-def _gram(rows: Array) -> Array:
-    """Return the products (k, k) of the rows (P, b, k) of all poses."""
-    flat = rows.reshape(-1, rows.shape[2])
-    found: Array = flat.T @ flat
-    return found

@@ -6,8 +6,10 @@ found here leaves the campaign running, marked: `docs/raw-data.md` lists all of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -22,7 +24,6 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.labels import exchange_text, stated_order, stated_shape
-from pa10cal.campaign.own_columns import RotationColumns
 from pa10cal.campaign.own_words import OwnWords
 from pa10cal.campaign.raw_file import words_of
 from pa10cal.errors import CalibrationError, Pa10calError
@@ -71,17 +72,22 @@ def check_input(
     checked = _Checked(
         campaign, arm, options, words, grid.take(_spread(len(grid))), _scatter_of_repeats_mm(single)
     )
-    found = (
+    # One wrong column explains what others seem to show: the first hypothesis that holds is told.
+    hypotheses = (
+        _attitudes,
+        _signs_and_order,
+        _joint_zeros,
+        _gravity_by_torques,
+        _small_signs,
+        _gravity,
+    )
+    others = (finding for hypothesis in hypotheses if (finding := hypothesis(checked)))
+    return (
         *_temperature(campaign, every, words),
         *weights_finding(arm),
         *_shape(campaign, arm, grid, options),
+        *itertools.islice(others, 1),
     )
-    others = _attitudes(checked) or _signs_and_order(checked) or _joint_zeros(checked)
-    if not others:
-        others = _gravity_by_torques(checked)
-    if not others and _above_noise(checked):
-        others = _small_signs(checked) or _gravity(checked)
-    return (*found, *others)
 
 
 def explained(error: Refusal, findings: Sequence[InputFinding]) -> Refusal:
@@ -112,7 +118,7 @@ def _scatter_of_repeats_mm(single: Observations) -> float:
     return 1e3 * float(np.nanmedian(size_m)) if np.isfinite(size_m).any() else 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Checked:
     """A campaign whose input is checked, and how its user calls it."""
 
@@ -134,13 +140,6 @@ class _Checked:
         return bool(np.isfinite(self.grid.states.tau_Nm).all())
 
     @property
-    def rotation(self) -> RotationColumns | None:
-        """Return what campaign.yaml states of the columns of orientations."""
-        columns = self.campaign.columns
-        each = () if columns is None else (columns.poses, columns.readings)
-        return next((one.rotation for one in each if one is not None and one.rotation), None)
-
-    @property
     def signs(self) -> list[int]:
         """Return the signs of the joints that campaign.yaml states."""
         return list(self.campaign.joint_signs or [1] * self.arm.n)
@@ -149,6 +148,15 @@ class _Checked:
     def offsets_deg(self) -> list[float]:
         """Return the offsets of the joints that campaign.yaml states."""
         return list(self.campaign.joint_offsets_deg or [0.0] * self.arm.n)
+
+    @cached_property
+    def above_noise(self) -> bool:
+        """Return whether the rigid arm, calibrated, is off by much more than the stated noise."""
+        found = self.calibration(None)
+        if found is None:
+            return False  # too few poses: the calibration says how many it needs
+        residual, variances, seen = _positions(found)
+        return bool(np.median((residual**2 / variances)[seen]) > ABOVE_NOISE**2 * _MEDIAN_SQUARE)
 
     def nominal_misfit_m(self, q: Array) -> float:
         """Return the rms misfit of the nominal arm, base and targets fitted; inf if none fits."""
@@ -210,67 +218,62 @@ def _positions(found: GeneralCalibration) -> tuple[Array, Array, Mask]:
     return found.fit.residual[:, columns], variances, problem.components_seen[:, columns]
 
 
-def _above_noise(checked: _Checked) -> bool:
-    """Return whether the rigid arm, calibrated, is off by much more than the stated noise."""
-    found = checked.calibration(None)
-    if found is None:
-        return False  # too few poses: the calibration says how many it needs
-    residual, variances, seen = _positions(found)
-    return bool(np.median((residual**2 / variances)[seen]) > ABOVE_NOISE**2 * _MEDIAN_SQUARE)
-
-
-def _attitudes(checked: _Checked) -> tuple[InputFinding, ...]:
+def _attitudes(checked: _Checked) -> InputFinding | None:
     """Find the convention of the orientations, where another than the one stated is right."""
     grid, measured, words = checked.grid, checked.grid.measured, checked.words
     if measured.attitudes is None or measured.from_touches:
-        return ()
+        return None
+    columns = checked.campaign.columns
+    files = () if columns is None else (columns.poses, columns.readings)
+    stated = next((each.rotation for each in files if each is not None and each.rotation), None)
     T_instr_target = np.tile(np.eye(4), (len(grid), 1, 1))
     T_instr_target[:, :3, :3] = measured.attitudes
     T_instr_target[:, :3, 3] = measured.places_m[:, 0]
     T_base_ee = Chain.of(checked.arm).forward(grid.states.q_rad)
-    better = better_convention(T_base_ee, T_instr_target, checked.rotation, words.key("qw"))
+    better = better_convention(T_base_ee, T_instr_target, stated, words.key("qw"))
     if better is None:
-        return ()
-    return (
-        InputFinding(
-            kind="attitude_convention",
-            where=words.column("qw") if "qw" in words else "qw, qx, qy, qz",
-            what=f"the orientations are {np.degrees(better.scatter_rad):.0f} deg off the nominal "
-            "arm, "
-            f"and {np.degrees(better.would_leave_rad):.2g} deg if they are {better.name}",
-            remedy=better.remedy,
-        ),
+        return None
+    return InputFinding(
+        kind="attitude_convention",
+        where=words.column("qw") if "qw" in words else "qw, qx, qy, qz",
+        what=f"the orientations are {np.degrees(better.scatter_rad):.0f} deg off the nominal arm, "
+        f"and {np.degrees(better.would_leave_rad):.2g} deg if they are {better.name}",
+        remedy=better.remedy,
     )
 
 
-def _gravity(checked: _Checked) -> tuple[InputFinding, ...]:
+def _gravity(checked: _Checked) -> InputFinding | None:
     """Try gravity along the other axes of the base, under springs that give to the masses.
 
     An arm that hangs or stands on a wall says so by `gravity_m_s2` in the frame of its base.
     """
     # Under weights that nobody stated, an error of joint 1 is as well one of an arm on a wall.
-    if checked.logs_torques or weights_known(checked.arm).assumed:
-        return ()
+    if checked.logs_torques or weights_known(checked.arm).assumed or not checked.above_noise:
+        return None
     others = _other_directions(checked.payload)
     if not others:
-        return ()
+        return None
     now_mm, _ = checked.calibrated_mm(checked.payload)
-    left = {name: checked.calibrated_mm(other) for name, other in others.items()}
-    best = min(left, key=lambda name: left[name][0])
-    left_mm, noise_mm = left[best]
+    tried = {name: checked.calibrated_mm(other) for name, other in others.items()}
+    best = min(tried, key=lambda name: tried[name][0])
+    left_mm, noise_mm = tried[best]
     if not left_mm < GRAVITY_LEFT * now_mm < np.inf:
-        return ()
-    now, then = f"{now_mm:.3g} mm", f"{left_mm:.3g} mm"
-    right = puts_right(left_mm, 1e3 * EXPECTED_M, noise_mm)
-    return (_other_gravity(best, others[best], now, then, left_mm, right=right),)
+        return None
+    return _other_gravity(
+        best,
+        others[best],
+        f"{now_mm:.3g} mm as stated, {left_mm:.3g} mm then",
+        left_mm,
+        right=puts_right(left_mm, 1e3 * EXPECTED_M, noise_mm),
+    )
 
 
-def _gravity_by_torques(checked: _Checked) -> tuple[InputFinding, ...]:
+def _gravity_by_torques(checked: _Checked) -> InputFinding | None:
     """Compare logged torques with those of the masses, under gravity along each axis."""
     payload, states = checked.payload, checked.grid.states
     others = _other_directions(payload) if checked.logs_torques else {}
     if payload is None or not others:
-        return ()
+        return None
     nominal, logged = Model(Chain.of(checked.arm), ()), states.tau_Nm
 
     def follows(carried: Payload) -> float:
@@ -281,9 +284,9 @@ def _gravity_by_torques(checked: _Checked) -> tuple[InputFinding, ...]:
     now, follow = follows(payload), {name: follows(other) for name, other in others.items()}
     best = max(follow, key=lambda name: follow[name])
     if follow[best] < FOLLOWS or now > DOES_NOT_FOLLOW:
-        return ()
-    found, then = f"a correlation of {now:.2f}", f"{follow[best]:.2f}"
-    return (_other_gravity(best, others[best], found, then),)
+        return None
+    shown = f"a correlation of {now:.2f} as stated, {follow[best]:.2f} then"
+    return _other_gravity(best, others[best], shown)
 
 
 def _other_directions(payload: Payload | None) -> dict[str, Payload]:
@@ -291,34 +294,27 @@ def _other_directions(payload: Payload | None) -> dict[str, Payload]:
     size = 0.0 if payload is None else float(np.linalg.norm(payload.gravity_m_s2))
     if payload is None or size == 0.0:
         return {}
-    stated = payload.gravity_m_s2 / size
     return {
         name: replace(payload, gravity_m_s2=size * np.array(axis))
         for name, axis in _AXES.items()
-        if np.array(axis) @ stated < 0.9
+        if np.array(axis) @ payload.gravity_m_s2 < 0.9 * size
     }
 
 
 def _other_gravity(
-    name: str,
-    other: Payload,
-    now: str,
-    then: str,
-    would_leave_mm: float | None = None,
-    *,
-    right: bool = True,
+    name: str, other: Payload, shown: str, left_mm: float | None = None, *, right: bool = True
 ) -> InputFinding:
     vector = ", ".join(f"{part + 0.0:.6g}" for part in other.gravity_m_s2)
+    also = "" if left_mm is not None else ", or check the signs of the logged torques"
     return InputFinding(
         kind="gravity",
         where="campaign.yaml: gravity_m_s2",
-        what=f"gravity seems to act {name} of the base: {now} as stated, {then} then"
+        what=f"gravity seems to act {name} of the base: {shown}"
         + ("" if right else f", {STILL_WRONG}"),
-        remedy=f"set gravity_m_s2: [{vector}]"
-        + ("" if would_leave_mm is not None else ", or check the signs of the logged torques")
+        remedy=f"set gravity_m_s2: [{vector}]{also}"
         if right
         else "check gravity_m_s2, and the masses in the arm's description",
-        would_leave_mm=would_leave_mm,
+        would_leave_mm=left_mm,
     )
 
 
@@ -341,12 +337,12 @@ def _shape(
         some = _spread(len(grid))
         nominal = Chain.of(arm).forward(grid.states.q_rad[some])
         order = stated_order(nominal, places_m[some], stated_mm)
-        if order is not None:
-            shown = "the nominal arm carries each of them where the other is stated to be"
-            yield _exchanged(exchange_text(order, names), shown)
+        shown = "the nominal arm carries each of them where the other is stated to be"
+        if order is None:
+            return
     elif off.order is not None:
+        order = off.order
         shown = f"distances between targets are up to {off.largest_mm:.3g} mm off as stated"
-        yield _exchanged(exchange_text(off.order, names), shown)
     else:
         yield InputFinding(
             kind="target_places",
@@ -355,10 +351,9 @@ def _shape(
             f"another is {off.largest_mm:.3g} mm off, known to {off.u_mm:.2g} mm",
             remedy="check its stated place",
         )
-
-
-def _exchanged(swapped: str, shown: str) -> InputFinding:
-    return InputFinding(
+        return
+    swapped = exchange_text(order, names)
+    yield InputFinding(
         kind="target_label",
         where=f"tool.balls_mm: {swapped}",
         what=f"the names of {swapped} seem exchanged: {shown}",
@@ -381,10 +376,9 @@ def _temperature(
         fahrenheit_C = (temperature_C - 32.0) / 1.8
         remedy = "state temperatures in degrees Celsius"
         if LABORATORY_C[0] <= fahrenheit_C <= LABORATORY_C[1]:
-            key = words.key("temperature_C")
             if where.startswith("campaign.yaml"):
                 remedy = f"set reference_temperature_C: {fahrenheit_C:.3g}"
-            elif key:
+            elif words.key("temperature_C"):
                 remedy = words.set_unit("temperature_C", "F", "")
         yield InputFinding(
             kind="temperature",
@@ -445,34 +439,29 @@ class _Change:
 
 def _remedies(made: Sequence[_Change], checked: _Checked) -> str:
     """Say what to state, so that the changes are made."""
-    signs, offsets, words = checked.signs, checked.offsets_deg, checked.words
-    order, moved = list(range(checked.arm.n)), ""
+    words, n = checked.words, checked.arm.n
+    stated = np.array([checked.signs, checked.offsets_deg, range(1, n + 1)], dtype=float)
+    changed = stated
     for change in made:
-        at = [joint - 1 for joint in change.joints]
-        if change.kind == "joint_sign":
-            for k in at:
-                signs[k], offsets[k] = -signs[k], -offsets[k]
-        else:
-            one, two = at
-            order[one], order[two] = order[two], order[one]
-            signs[one], signs[two] = signs[two], signs[one]
-            offsets[one], offsets[two] = offsets[two], offsets[one]
-            moved = moved or change.where(words)
+        changed = change.of(changed)
+    order = np.abs(changed[2]).astype(int)
     remedies = []
-    if order != sorted(order):
+    exchanged = bool((order != stated[2]).any())
+    if exchanged:
         units = np.where(checked.arm.prismatic, "mm", "deg")
-        names = [f"q{k + 1}_{units[k]}" for k in order]
-        own = words.key(names[0])
-        remedies.append(words.set_names(names) if own else f"exchange the columns {moved}")
-    if signs != checked.signs:
-        remedies.append(f"set joint_signs: [{', '.join(map(str, signs))}]")
-    if offsets != checked.offsets_deg:
-        remedies.append(_set_offsets(offsets))
-    also = "" if order != sorted(order) else ", or reverse the axis in the arm's description"
+        names = [f"q{k}_{units[k - 1]}" for k in order]
+        moved = next(change.where(words) for change in made if change.kind == "joint_order")
+        by_hand = f"exchange the columns {moved}"
+        remedies.append(words.set_names(names) if words.key(names[0]) else by_hand)
+    if (changed[0] != stated[0]).any():
+        remedies.append(f"set joint_signs: [{', '.join(str(int(sign)) for sign in changed[0])}]")
+    if (changed[1] != stated[1]).any():
+        remedies.append(_set_offsets(changed[1]))
+    also = "" if exchanged else ", or reverse the axis in the arm's description"
     return " and ".join(remedies) + also
 
 
-def _set_offsets(offsets_deg: Sequence[float]) -> str:
+def _set_offsets(offsets_deg: Iterable[float]) -> str:
     return f"set joint_offsets_deg: [{', '.join(f'{each + 0.0:.6g}' for each in offsets_deg)}]"
 
 
@@ -485,12 +474,12 @@ def _changes(arm: Arm) -> Iterator[_Change]:
             yield _Change("joint_order", (joint, joint + 1))
 
 
-def _signs_and_order(checked: _Checked) -> tuple[InputFinding, ...]:
+def _signs_and_order(checked: _Checked) -> InputFinding | None:
     """Change signs and order of joints one after the other, as long as much less is left."""
     q = checked.grid.states.q_rad
     first_m = left_m = checked.nominal_misfit_m(q)
     if first_m < NOT_DEPARTURES_M:
-        return ()
+        return None
     made: list[_Change] = []
     for _ in range(MOST_CHANGES):
         tried = [(checked.nominal_misfit_m(each.of(q)), each) for each in _changes(checked.arm)]
@@ -500,9 +489,29 @@ def _signs_and_order(checked: _Checked) -> tuple[InputFinding, ...]:
         q, left_m = best.of(q), least_m
         made.append(best)
     if left_m > NOMINAL_LEFT * first_m or left_m > max(NOT_DEPARTURES_M, 0.1 * first_m):
-        return ()
+        return None
     right = checked.puts_right(q, left_m)
-    return (_changed(made, checked, 1e3 * first_m, 1e3 * left_m, "the nominal arm fits to", right),)
+    return _changed(made, checked, 1e3 * first_m, 1e3 * left_m, "the nominal arm fits to", right)
+
+
+def _small_signs(checked: _Checked) -> InputFinding | None:
+    """Try signs and order whose error departures partly take up, as of a wrist, by calibrating."""
+    if not checked.above_noise:
+        return None
+    q = checked.grid.states.q_rad
+    most_m, tried = WORTH_TRYING * checked.nominal_misfit_m(q), []
+    for change in _changes(checked.arm):
+        nominal_m = checked.nominal_misfit_m(change.of(q))
+        if nominal_m < most_m:
+            tried.append((checked.calibrated_mm(None, change.of(q))[0], nominal_m, change))
+    if not tried:
+        return None
+    now_mm, _ = checked.calibrated_mm(None)
+    left_mm, nominal_m, best = min(tried, key=lambda each: each[0])
+    if not left_mm < CALIBRATED_LEFT * now_mm < np.inf:
+        return None
+    right = checked.puts_right(best.of(q), nominal_m)
+    return _changed([best], checked, now_mm, left_mm, "the arm calibrates to", right)
 
 
 def _changed(
@@ -524,58 +533,35 @@ def _changed(
     )
 
 
-def _joint_zeros(checked: _Checked) -> tuple[InputFinding, ...]:
+def _joint_zeros(checked: _Checked) -> InputFinding | None:
     """Find the zero of a joint that is off by more than any mastering, by calibrating."""
     arm, q = checked.arm, checked.grid.states.q_rad
     first_m = checked.nominal_misfit_m(q)
     found = None if first_m < NOT_DEPARTURES_M else checked.calibration(checked.payload)
     if found is None:
-        return ()
-    names = [parameter.name for parameter in found.problem.model.parameters]
-    zeros = {
-        joint: float(found.fit.x[names.index(name)])
-        for joint in range(1, arm.n + 1)
-        if (name := f"delta_theta_{joint}") in names and not arm.prismatic[joint - 1]
-    }
-    joint = max(zeros, key=lambda each: abs(zeros[each]), default=0)
-    if not joint or abs(zeros[joint]) < NO_MASTERING_RAD:
-        return ()
+        return None
+    values = {p.name: x for p, x in zip(found.problem.parameters, found.fit.x, strict=True)}
+    zeros_rad = np.array([values.get(f"delta_theta_{k}", 0.0) for k in range(1, arm.n + 1)])
+    zeros_rad[arm.prismatic] = 0.0
+    k = int(np.argmax(np.abs(zeros_rad)))
+    if abs(zeros_rad[k]) < NO_MASTERING_RAD:
+        return None
     moved = q.copy()
-    moved[:, joint - 1] += zeros[joint]
+    moved[:, k] += zeros_rad[k]
     left_m = checked.nominal_misfit_m(moved)
     if left_m > NOMINAL_LEFT * first_m:
-        return ()
+        return None
     right = checked.puts_right(moved, left_m)
-    off_deg, offsets = float(np.degrees(zeros[joint])), checked.offsets_deg
-    offsets[joint - 1] = round(offsets[joint - 1] + off_deg, 3)
+    off_deg, offsets = float(np.degrees(zeros_rad[k])), checked.offsets_deg
+    offsets[k] = round(offsets[k] + off_deg, 3)
     then = "" if right else f", {STILL_WRONG}"
-    return (
-        InputFinding(
-            kind="joint_zero",
-            where=checked.words.joint(joint),
-            what=f"the zero of joint {joint} is {abs(off_deg):.3g} deg off: the nominal arm fits "
-            f"to {1e3 * first_m:.3g} mm as logged, {1e3 * left_m:.3g} mm without that{then}",
-            remedy=f"check the zero of this joint in the log, or {_set_offsets(offsets)}"
-            if right
-            else _CHECK_ALL,
-            would_leave_mm=1e3 * left_m,
-        ),
+    return InputFinding(
+        kind="joint_zero",
+        where=checked.words.joint(k + 1),
+        what=f"the zero of joint {k + 1} is {abs(off_deg):.3g} deg off: the nominal arm fits "
+        f"to {1e3 * first_m:.3g} mm as logged, {1e3 * left_m:.3g} mm without that{then}",
+        remedy=f"check the zero of this joint in the log, or {_set_offsets(offsets)}"
+        if right
+        else _CHECK_ALL,
+        would_leave_mm=1e3 * left_m,
     )
-
-
-def _small_signs(checked: _Checked) -> tuple[InputFinding, ...]:
-    """Try signs and order whose error departures partly take up, as of a wrist, by calibrating."""
-    q = checked.grid.states.q_rad
-    most_m, tried = WORTH_TRYING * checked.nominal_misfit_m(q), []
-    for change in _changes(checked.arm):
-        nominal_m = checked.nominal_misfit_m(change.of(q))
-        if nominal_m < most_m:
-            tried.append((checked.calibrated_mm(None, change.of(q))[0], nominal_m, change))
-    if not tried:
-        return ()
-    now_mm, _ = checked.calibrated_mm(None)
-    left_mm, nominal_m, best = min(tried, key=lambda each: each[0])
-    if not left_mm < CALIBRATED_LEFT * now_mm < np.inf:
-        return ()
-    right = checked.puts_right(best.of(q), nominal_m)
-    return (_changed([best], checked, now_mm, left_mm, "the arm calibrates to", right),)

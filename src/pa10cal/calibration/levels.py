@@ -32,10 +32,6 @@ def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) 
 
     The paper does not specify which 8 of its 27 it took; on a 3 x 3 x 3 pattern this gives corners.
 
-    Args:
-        observations: measured poses.
-        count: M, or `all`.
-
     Raises:
         CalibrationError: when there are fewer poses than requested.
     """

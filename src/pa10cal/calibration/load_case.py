@@ -136,10 +136,8 @@ def base_parameters(
     """Return the six parameters of the base frame, see `report_base`.
 
     Args:
-        T_instr_base: (4, 4) the base frame.
         covariance: (6, 6) of its six small motions.
         axes: (3, 3) axes along which the base shifts by these, in the instrument's frame.
-        held: names of those that the data do not identify.
     """
     along = np.eye(6)
     along[:3, :3] = axes

@@ -8,20 +8,12 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.calibrate import (
-    Calibration,
-    calibrate,
-    fitted_model,
-    pull_beyond_bounds,
-)
+from pa10cal.calibration.calibrate import Calibration, calibrate, pull_beyond_bounds
 from pa10cal.calibration.health import Evidence, FitSummary, health, names_of
-from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
-    ErrorSources,
     align_nominal,
     calibrated_parameters,
-    gross_errors_of_repeats,
     held_out_errors,
     scatter_of_repeats,
     summarise,
@@ -42,7 +34,7 @@ from pa10cal.results.calibration import (
     PaperErrors,
     SeedDifference,
 )
-from pa10cal.results.health import Health
+from pa10cal.results.health import Health, InputFinding
 from pa10cal.terms.joint_spring import baseline, nominal
 from pa10cal.terms.term import Report
 
@@ -56,6 +48,8 @@ _FAR_FROM_SEED_DEG = 3.0
 _PULL_OF_NOISE = 2.0
 #: Root mean square error over that of the noise above which the model lacks something.
 _INCOMPLETE = 3.0
+#: Mean square over median scatter, both as of a normal deviate, that a few gross errors make.
+_GROSS = 3.0
 
 
 def paper_case(
@@ -82,31 +76,31 @@ def paper_case(
     rows = case.rows(readings.states.load_N)
     chosen = readings.take(rows)
     grid, used = average_repeats(readings), average_repeats(chosen)
-    errors = ErrorSources(chosen, 1e-3 * options.apparatus_uncertainty_mm)
+    u_apparatus_m = 1e-3 * options.apparatus_uncertainty_mm
     joints, tau_ref_Nm = options.flexible_joints, np.abs(used.states.tau_Nm).max(axis=0)
 
     def calibrated(*, cubic: bool) -> Calibration:
         model = baseline(arm, joints, options.tolerances, cubic=cubic, tau_ref_Nm=tau_ref_Nm)
-        return calibrate(model, used, options, errors)
+        return calibrate(model, used, options, chosen, u_apparatus_m)
 
     cubic = calibrated(cubic=True)
     linear = calibrated(cubic=False) if joints else cubic
     load_N, payload, rigid = grid.states.load_N, case.payload, nominal(arm)
-    model, linear_model = fitted_model(cubic, payload), fitted_model(linear, payload)
+    model, linear_model = cubic.model(payload), linear.model(payload)
     before, from_seed = (
         summarise_by_load(FittedModel(rigid, np.zeros(0), T).deviations(grid), load_N)
         for T in (align_nominal(rigid, grid), T_instr_base_seed)
     )
     noise = with_own_scatter(used, chosen, model.model, model.x)
     stated = poses_of(every, "grid", average=False, covariance="instrument").take(rows)
-    ended = _fit_summary(cubic, noise)
-    found = _health(case, cubic, ended, noise, stated)
+    evidence = _evidence(case, cubic, noise, stated)
+    found = health(evidence)
     about = FittedTo.of(used, case.load, found, campaign)
     model, linear_model = (replace(each, fitted_to=about) for each in (model, linear_model))
     away = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base
     seed_angle_deg = float(np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1))))
     record = PaperCalibrationRecord(
-        **case_keys(case, ended, found, model, grid),
+        **case_keys(case, evidence.ended, found, model, grid),
         **_paper_fit_keys(cubic, model),
         errors={
             load: PaperErrors(before=before[load], before_seed_frame=from_seed[load], after=after)
@@ -129,14 +123,10 @@ def _paper_fit_keys(calibration: Calibration, model: FittedModel) -> dict[str, A
     report = model.model.report(model.x)
     by_solved, of_solved = report.jacobian, calibration.covariance[:-6, :-6]
     names = [parameter.name for parameter in report.parameters]
+    of_reported = by_solved @ of_solved @ by_solved.T
+    parameters = parameter_records(calibration)
     return {
-        **fit_keys(
-            calibration.solution,
-            model,
-            parameter_records(calibration),
-            names,
-            by_solved @ of_solved @ by_solved.T,
-        ),
+        **fit_keys(calibration.solution, model, parameters, names, of_reported),
         "starts": len(calibration.starts),
         "starts_agreeing": calibration.starts_agreeing,
     }
@@ -194,21 +184,26 @@ def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:
     return frozenset(names_of(report.parameters, at_zero if at_zero.any() else touched))
 
 
-def _fit_summary(cubic: Calibration, noise: Observations[Pose]) -> FitSummary:
-    """Return how the fit ended, base frame included."""
-    level, solution = cubic.level, cubic.solution
-    whole, x = level.one_level(cubic.T_instr_base), np.concatenate([solution.x, np.zeros(6)])
-    jacobian = whole.rows(x).jacobian
+def _evidence(
+    case: LoadCase,
+    cubic: Calibration,
+    noise: Observations[Pose],
+    stated: Observations[Pose],
+) -> Evidence:
+    """Return what the grade rests on; `stated` are the readings as the instrument states them."""
+    level, solution, whole = cubic.level, cubic.solution, cubic.problem
+    used, jacobian = level.observations, cubic.jacobian
+    x, model = np.concatenate([solution.x, np.zeros(6)]), cubic.model(None)
     hidden, last = _hidden(whole, x), f"_{level.model.chain.arm.n}"
     # The departures of the last row hold how the apparatus is mounted as well.
     names = (each.name for each in level.parameters)
     of_row = {each for each in names if each.startswith("delta_") and each.endswith(last)}
-    return FitSummary(
+    ended = FitSummary(
         converged=solution.converged,
         reason=solution.reason,
         iterations=solution.iterations,
         at_bound=names_of(level.parameters, solution.at_bound),
-        pose=level.observations.pose,
+        pose=used.pose,
         parameters=whole.parameters,
         covariance=cubic.covariance,
         identifiability=cubic.identifiability,
@@ -219,57 +214,45 @@ def _fit_summary(cubic: Calibration, noise: Observations[Pose]) -> FitSummary:
         hidden=hidden,
         of_mounting=hidden | of_row,
     )
-
-
-def _health(
-    case: LoadCase,
-    cubic: Calibration,
-    ended: FitSummary,
-    noise: Observations[Pose],
-    stated: Observations[Pose],
-) -> Health:
-    """Judge the calibration; `stated` are the readings with the covariance of the instrument."""
-    level, used = cubic.level, cubic.level.observations
-    whole, model = level.one_level(cubic.T_instr_base), fitted_model(cubic, None)
     noise_mm = 1e3 * float(
         np.sqrt(np.trace(noise.measured.cov[:, :3, :3], axis1=1, axis2=2).mean())
     )
     held_out, off = poses_of(case.every, "holdout"), None
     if len(held_out):
-        position = replace(whole, observations=held_out).rows(ended.x).jacobian[:, :3]
-        off = held_out_errors(model, case.every, used, held_out, position, ended.covariance)
+        position = replace(whole, observations=held_out).rows(x).jacobian[:, :3]
+        off = held_out_errors(model, case.every, used, held_out, position, cubic.covariance)
     scatter, findings = scatter_of_repeats(stated, model), case.findings
     if scatter:
         usual_mm = 1e3 * scatter[0].found * np.sqrt(3.0 * np.mean(1.0 / used.readings))
-        findings = (*findings, *gross_errors_of_repeats(noise_mm, float(usual_mm)))
-    jacobian = whole.rows(ended.x).jacobian
-    u_apparatus_m = 1e-3 * case.options.apparatus_uncertainty_mm
-    return health(
-        Evidence(
-            ended=ended,
-            train_rms_mm=summarise(model.deviations(used)).rms_mm,
-            held_out=off,
-            noise_mm=noise_mm,
-            spread_mm=used.measured.spread_mm,
-            noise_is_found=bool(scatter),
-            apparatus_mm=1e3 * _left_by_apparatus_m(level, jacobian, u_apparatus_m),
-            repeats=scatter,
-            from_touches=stated.measured.from_touches,
-            findings=findings,
-            wanted_mm=case.options.wanted_uncertainty_mm,
-        ),
-    )
-
-
-def _left_by_apparatus_m(level: TwoLevel, jacobian: Array, u_m: float) -> float:
-    """Return the position error that targets off their places leave after the fit [m]."""
+        if noise_mm > _GROSS * usual_mm:  # by the mean square, and by the median
+            finding = InputFinding(
+                what=f"the mean square of repeats is {noise_mm:.2g} mm, their median "
+                f"{usual_mm:.2g} mm: a few readings are far from their repeats",
+                where="repeated poses",
+                remedy="look for exchanged labels and gross errors among them",
+                kind="outlier",
+            )
+            findings = (*findings, finding)
+    # The position error that targets off their places leave in all poses after the fit.
     weights = level.weights[:, None]
-    moved = u_m * weights * level.observations.measured.by_apparatus
-    rows = (weights * jacobian).reshape(-1, jacobian.shape[2])
-    columns = moved.reshape(len(rows), -1)
+    off_places = 1e-3 * case.options.apparatus_uncertainty_mm * weights * used.measured.by_apparatus
+    rows = (weights * jacobian).reshape(-1, len(x))
+    columns = off_places.reshape(len(rows), -1)
     taken = rows @ np.linalg.lstsq(rows, columns, rcond=None)[0]
-    left = (columns - taken).reshape(moved.shape)[:, :3] * level.r_max_m
-    return float(np.sqrt(np.sum(left**2) / len(left)))
+    left_m = (columns - taken).reshape(off_places.shape)[:, :3] * level.r_max_m
+    return Evidence(
+        ended=ended,
+        train_rms_mm=summarise(model.deviations(used)).rms_mm,
+        held_out=off,
+        noise_mm=noise_mm,
+        spread_mm=used.measured.spread_mm,
+        noise_is_found=bool(scatter),
+        apparatus_mm=1e3 * float(np.sqrt(np.sum(left_m**2) / len(left_m))),
+        repeats=scatter,
+        from_touches=stated.measured.from_touches,
+        findings=findings,
+        wanted_mm=case.options.wanted_uncertainty_mm,
+    )
 
 
 def _hidden(problem: Problem, x: Array) -> frozenset[str]:

@@ -29,7 +29,7 @@ from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.calibration import CalibratedParameter
 from pa10cal.results.evaluation import Accuracy, BeforeAfter
-from pa10cal.results.health import InputFinding, RepeatScatter
+from pa10cal.results.health import RepeatScatter
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report
 
@@ -91,18 +91,6 @@ def align_nominal(nominal: Model, observations: Observations[Pose]) -> Array:
 # Held-out poses with a reading that is wrong itself: they say nothing of a model.
 
 
-def suspected_held_out(every: Observations, model: FittedModel) -> NDArray[np.bool_]:
-    """Return which averaged held-out poses have a suspected reading, (H,), by single readings.
-
-    The evaluation tells them by the same rule.
-    """
-    single, fitted = every.of_kind("holdout"), every.of_kind("grid")
-    if not len(single):
-        return np.zeros(0, dtype=bool)
-    far, _ = far_from_prediction(model.as_modelled(single), model, model.as_modelled(fitted))
-    return np.bincount(reading_groups(single), far) > 0.0
-
-
 @dataclass(frozen=True)
 class HeldOut:
     """Remaining errors of held-out poses."""
@@ -126,13 +114,14 @@ def held_out_errors(
     Those with a suspected reading do not count, unless all have one.
 
     Args:
-        model: the calibrated model.
-        every: single readings of all kinds.
         fitted, held_out: averaged poses, P of them held out.
         position: (P, c, k) derivative of the predicted positions of those held out [m].
         cov: (k, k) of the parameters.
     """
-    suspected = suspected_held_out(every, model)
+    # The evaluation tells suspected readings by the same rule.
+    single, used = every.of_kind("holdout"), every.of_kind("grid")
+    far, _ = far_from_prediction(model.as_modelled(single), model, model.as_modelled(used))
+    suspected = np.bincount(reading_groups(single), far) > 0.0
     rest = ~suspected | suspected.all()
     position = position[rest]
     variance = np.einsum("pck,kl,pcl->p", position, cov, position, optimize=True)
@@ -144,17 +133,6 @@ def held_out_errors(
     )
 
 
-@dataclass(frozen=True)
-class ErrorSources:
-    """What is known of the errors of measured poses."""
-
-    # single readings behind the averaged poses; their scatter about the model is the noise. None
-    # leaves the covariances that the poses came with.
-    readings: Observations[Pose] | None = None
-    # standard uncertainty of a target's place on the apparatus, per axis
-    u_apparatus_m: float = 0.0
-
-
 def with_own_scatter(
     observations: Observations[Pose], readings: Observations[Pose], model: Model, x: Array
 ) -> Observations[Pose]:
@@ -164,9 +142,7 @@ def with_own_scatter(
     little elsewhere each time is no error, while the noise of torques and resolvers is one.
 
     Args:
-        observations: averaged poses.
         readings: the single readings; where nothing was repeated, `observations` stay as they are.
-        model, x: a calibrated model.
     """
     average = average_repeats(readings)
     expected = model.predict(readings.states, x)
@@ -188,11 +164,8 @@ def propagate(
     """Propagate the errors of the measured poses to the estimate.
 
     Args:
-        at_solution: linearisation at the estimate.
         observations: measured poses with their covariances.
-        inner_rows: rows of the inner level.
         terms: (r, k) tolerance rows of the solve.
-        r_max_m: length that normalises positions.
         u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
 
     Returns:
@@ -261,8 +234,6 @@ def calibrated_parameters(
     Args:
         report: k parameters, and their derivative by the m solved ones.
         covariance: (m, m) of those solved.
-        held: names of those that the data do not identify.
-        at_bound: names of those at the end of their physical range.
     """
     return {
         name: CalibratedParameter(
@@ -278,8 +249,6 @@ def calibrated_parameters(
 
 #: Pairs of readings below which their scatter says too little about a factor of three.
 _LEAST_PAIRS = 20
-#: Mean square over median scatter, both as of a normal deviate, that a few gross errors make.
-_FAR = 3.0
 #: Median of the square of a normal deviate.
 _MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
 
@@ -293,7 +262,6 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
 
     Args:
         readings: single readings of the poses fitted.
-        model: a calibrated model.
 
     Returns:
         One entry a kind of components; none where too little is repeated.
@@ -324,23 +292,3 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
             RepeatScatter(kind=kind, found=float(ratio) * size, stated=size, pairs=len(at))
         )
     return tuple(found)
-
-
-def gross_errors_of_repeats(mean_square_mm: float, usual_mm: float) -> tuple[InputFinding, ...]:
-    """Return the finding that a few repeats are far from the others, if they are.
-
-    Args:
-        mean_square_mm: noise of averaged poses by the mean square of their repeats.
-        usual_mm: the same by the median, which a few do not move.
-    """
-    if mean_square_mm <= _FAR * usual_mm:
-        return ()
-    return (
-        InputFinding(
-            what=f"the mean square of repeats is {mean_square_mm:.2g} mm, their median "
-            f"{usual_mm:.2g} mm: a few readings are far from their repeats",
-            where="repeated poses",
-            remedy="look for exchanged labels and gross errors among them",
-            kind="outlier",
-        ),
-    )

@@ -2,26 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
-
-    from pa10cal.lab.blind_trial import BlindTrial
     from pa10cal.results.record import CampaignRecord
-    from pa10cal.results.trials import (
-        Bar,
-        DriveScoresRecord,
-        JudgedEffect,
-        TrialScoresRecord,
-        WildScoresRecord,
-    )
-
-    Scores = DriveScoresRecord | TrialScoresRecord | WildScoresRecord
+    from pa10cal.results.trials import JudgedEffect, JudgedTrial, ScoreRow
 
 _R = TypeVar("_R", bound="CampaignRecord")
 
@@ -41,34 +28,11 @@ def score_trials(
         pa10cal score_trials --verdicts v.jsonl --truths t.jsonl --scores scores.json \\
           --trials trials.csv
     """
-    from pa10cal.files.output import write_text
-    from pa10cal.lab import drive_scores, trial_scores, wild_scores
-    from pa10cal.lab.blind_trial import DRIVES, WILD
-    from pa10cal.results.codec import write
-
-    known = _read_trials(verdicts, truths)
-    studies = {trial.truth.measured for trial in known}
-    if DRIVES in studies:
-        record: Scores = drive_scores.scores_record(known)
-    elif WILD in studies:
-        record = wild_scores.scores_record(known)
-    else:
-        record = trial_scores.scores_record(known)
-    write_text(trials, _table(record.per_trial))
-    write(record, scores)
-    proposed = getattr(record, "proposed", None)
-    for bar in (*record.bars, *(proposed.bars if proposed else ())):
-        print(_said(bar))
-
-
-def _read_trials(verdicts: Sequence[Path], truths: Sequence[Path]) -> list[BlindTrial]:
-    """Join verdicts and truths by the name of the trial, in the order of the truths.
-
-    Raises:
-        RecordError: when a file cannot be read, or a trial has not one of each.
-    """
     from pa10cal.errors import RecordError
+    from pa10cal.files.output import write_text
     from pa10cal.lab.blind_trial import BlindTrial
+    from pa10cal.lab.scores import scores_record
+    from pa10cal.results.codec import write
     from pa10cal.results.trials import TrialTruthRecord, TrialVerdictRecord
 
     # Reading makes one of its kinds, none of which is abstract.
@@ -82,10 +46,15 @@ def _read_trials(verdicts: Sequence[Path], truths: Sequence[Path]) -> list[Blind
             allowed="verdicts and truths of the same trials",
             remedy="give all files that pa10cal blind_trials wrote",
         )
-    return [BlindTrial(truth, records[name]) for name, truth in hidden.items()]
+    record = scores_record([BlindTrial(truth, records[name]) for name, truth in hidden.items()])
+    write_text(trials, _table(record.per_trial))
+    write(record, scores)
+    for bar in record.bars:
+        print(_line(bar))
 
 
 def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
+    """Return records by the name of the trial; a file that cannot be read is refused."""
     from pa10cal.errors import RecordError
     from pa10cal.results.codec import read_lines
 
@@ -104,19 +73,19 @@ def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
     return records
 
 
-def _table(trials: Sequence[BaseModel]) -> str:
+def _table(trials: Sequence[JudgedTrial]) -> str:
     """Return one line a trial, lists joined."""
+    import pandas as pd
+
     from pa10cal.results.trials import JudgedTrial
 
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(type(trials[0]).model_fields if trials else JudgedTrial.model_fields)
-    for trial in trials:
-        writer.writerow(
-            "; ".join(map(_words, value)) if isinstance(value, tuple) else value
-            for _, value in trial
-        )
-    return text.getvalue()
+    rows = [
+        ["; ".join(map(_words, value)) if isinstance(value, tuple) else value for _, value in trial]
+        for trial in trials
+    ]
+    table = pd.DataFrame(rows, columns=list(JudgedTrial.model_fields), dtype=object)
+    text: str = table.to_csv(index=False, lineterminator="\n")
+    return text
 
 
 def _words(entry: str | JudgedEffect) -> str:
@@ -127,12 +96,11 @@ def _words(entry: str | JudgedEffect) -> str:
     return f"{entry.id} of {entry.of} x{entry.size:.3g}{floors}: {entry.outcome}"
 
 
-def _said(bar: Bar) -> str:
-    """Return a bar in one line."""
-    limit = f"{'at least' if bar.at_least else 'at most'} {bar.written(bar.limit)}"
+def _line(bar: ScoreRow) -> str:
+    """Return a figure to reach, and the one reached, in one line."""
     if bar.reached is None:
-        return f"{bar.what}: no trial counts ({limit})"
+        return f"{bar.what}: no trial counts ({bar.target})"
     interval = f" ({bar.interval})" if bar.interval else ""
     verdict = {"yes": "met", "no": "NOT met"}.get(bar.verdict, bar.verdict)
     reached = f"{bar.written(bar.reached)}{interval}"
-    return f"{bar.what}: {reached} of {bar.trials} trials, {limit}: {verdict}"
+    return f"{bar.what}: {reached} of {bar.trials} trials, {bar.target}: {verdict}"

@@ -68,15 +68,13 @@ def draw_trials(
     Examples:
         pa10cal draw_trials --kind fault --count 3 --random-seed 1 --raw wild --truths truths
     """
-    from typing import cast
-
     from pa10cal.files.arms import load_arm
     from pa10cal.lab.cell.campaign import simulate_campaign
-    from pa10cal.lab.cell.wild_trials import WildKind, draw_wild_trials
+    from pa10cal.lab.cell.trials import draw_trials as draw
     from pa10cal.lab.cell.write import write_campaign
 
     names = tuple(benches.split(",")) if benches else ()
-    drawn = draw_wild_trials(cast(WildKind, kind), first + count, random_seed, names, only)
+    drawn = draw(kind, first + count, random_seed, "wild", names, only=only)
     for trial in drawn[first:]:
         made = simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings)
         truth = truths / f"{trial.name}.json"

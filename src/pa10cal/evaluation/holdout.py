@@ -78,6 +78,10 @@ def judged(
         suspected: (P,) which of them have a suspected reading; None for none.
     """
     found, labels = model.deviations(held_out), np.unique(held_out.pose)
+    twist, attitudes = None, held_out.measured.turned(model.R_ee_target).attitudes
+    if attitudes is not None:
+        R_predicted = model.T_instr_base[:3, :3] @ model.as_read(held_out)[:, :3, :3]
+        twist = constant_tool_twist(R_predicted, attitudes)
 
     def errors(rows: NDArray[np.bool_] | None) -> results.Accuracy | None:
         return summarise(found.take(rows)) if rows is not None and rows.any() else None
@@ -89,7 +93,7 @@ def judged(
             str(label): summarise(found.take(held_out.pose == label))
             for label in (labels if len(labels) <= _MOST_POINTS else ())
         },
-        tool_twist=_twist(model, held_out),
+        tool_twist=twist,
         inside=errors(None if extrapolated is None else ~extrapolated),
         outside=errors(extrapolated),
         trusted=errors(None if suspected is None else ~suspected),
@@ -102,14 +106,6 @@ def judged(
             extrapolated=extrapolated,
         ),
     )
-
-
-def _twist(model: FittedModel, held_out: Observations) -> results.ToolTwist | None:
-    attitudes = held_out.measured.turned(model.R_ee_target).attitudes
-    if attitudes is None:
-        return None
-    R_predicted = model.T_instr_base[:3, :3] @ model.as_read(held_out)[:, :3, :3]
-    return constant_tool_twist(R_predicted, attitudes)
 
 
 # How much of an orientation error a constant twist of the tool would explain.
@@ -237,7 +233,12 @@ def parts_of(
     model, states = found.model, found.poses.states
     before = replace(states, time_s=np.full(len(states), cuts_s[0]))
     ends_m = model.model.predict(before, model.x)[:, :3, 3]
-    bases = [np.eye(4), *(motion_of_base(x) for x in _motions(model))]
+    bases = [np.eye(4)]
+    for term in model.model.terms:
+        if isinstance(term, OfPart):
+            small = np.zeros(6)
+            small[[BASE.index(name) for name in term.coordinates]] = model.values_of(term)
+            bases.append(motion_of_base(small))
     moved: list[tuple[float | None, float | None]] = [(None, None)]
     for last, next_ in pairwise(bases):
         by_m = ends_m @ (next_ - last)[:3, :3].T + (next_ - last)[:3, 3]
@@ -258,17 +259,6 @@ def parts_of(
             )
         )
     return tuple(parts)
-
-
-def _motions(model: FittedModel) -> list[Array]:
-    """Return the six motions (6,) of the base in every part but the first."""
-    found = []
-    for term in model.model.terms:
-        if isinstance(term, OfPart):
-            small = np.zeros(6)
-            small[[BASE.index(name) for name in term.coordinates]] = model.values_of(term)
-            found.append(small)
-    return found
 
 
 def _configurations(every: Observations, kind: str) -> int:

@@ -63,7 +63,11 @@ def iso9283_record(
     readings = {kind: every.of_kind(kind) for kind in judged}
     groups = {kind: reading_groups(single) for kind, single in readings.items()}
     chosen = {kind: _repeated(readings[kind], code) for kind, code in groups.items()}
-    note = _why_not(every, max((len(rows) for rows in chosen.values()), default=0))
+    note = None
+    if not every.measured.directional:
+        note = "a distance alone shows neither the position nor the orientation attained"
+    elif not any(map(len, chosen.values())):
+        note = f"no configuration has {LEAST_REPEATS} repeats"
     if note is not None:
         return results.Iso9283Record(
             campaign=campaign.name,
@@ -96,21 +100,9 @@ def _repeated(single: Observations, code: NDArray[np.intp]) -> NDArray[np.intp]:
     enough = np.flatnonzero(np.bincount(code) >= LEAST_REPEATS)
     if single.measured.measures_pose:
         return enough
-    places_m = single.measured.places_m
-    return np.array([row for row in enough if _in_all(places_m[code == row]).any()], dtype=np.intp)
-
-
-def _in_all(places_m: Array) -> NDArray[np.bool_]:
-    """Return which targets (B,) every reading (P, B, 3) has."""
-    return np.asarray(np.isfinite(places_m).all(axis=(0, 2)))
-
-
-def _why_not(every: Observations, configurations: int) -> str | None:
-    if not every.measured.directional:
-        return "a distance alone shows neither the position nor the orientation attained"
-    if not configurations:
-        return f"no configuration has {LEAST_REPEATS} repeats"
-    return None
+    seen = np.isfinite(single.measured.places_m)
+    in_all = [row for row in enough if seen[code == row].all(axis=(0, 2)).any()]
+    return np.array(in_all, dtype=np.intp)
 
 
 def _repeatability(
@@ -128,7 +120,7 @@ def _repeatability(
         at = code == row
         p_m = positions_m[at]
         RP_mm, RP_deg = repeatability(
-            p_m[:, _in_all(p_m)].mean(axis=1), None if R is None else R[at]
+            p_m[:, np.isfinite(p_m).all(axis=(0, 2))].mean(axis=1), None if R is None else R[at]
         )
         yield {
             "kind": kind,

@@ -53,11 +53,14 @@ def compare_models(
             weights that load them.
     """
     _refuse_other_layout(first.arm, second.arm, names)
-    q = shared_postures(first, second)
-    loads_N = shared_loads(first, second)
+    q = _postures(first, second)
+    # Loads of the postures, in turn: none, and the heaviest that both have seen.
+    heaviest = [max(m.fitted_to.loads_N, default=0.0) for m in (first, second) if m.fitted_to]
+    most_N = min(heaviest) if len(heaviest) == 2 else 0.0
+    loads_N = (0.0, most_N) if most_N > 0.0 else (0.0,)
     load_N = np.resize(loads_N, len(q))
     compared = (FLANGE, TOOL_FRAME) if len(q) else ()
-    frames = {frame: compared_frame(first, second, frame, q, load_N) for frame in compared}
+    frames = {frame: _compared_frame(first, second, frame, q, load_N) for frame in compared}
     agree, line = _judged(frames, (first, second), names)
     return results.ComparisonRecord(
         first=_about(first, second, names[0]),
@@ -74,11 +77,11 @@ def compare_models(
 
 
 def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
-    differs = []
-    if one.n != other.n:
-        differs.append(f"joints: {one.n!r} and {other.n!r}")
-    if one.convention != other.convention:
-        differs.append(f"convention: {one.convention!r} and {other.convention!r}")
+    differs = [
+        f"{word}: {getattr(one, name)!r} and {getattr(other, name)!r}"
+        for word, name in (("joints", "n"), ("convention", "convention"))
+        if getattr(one, name) != getattr(other, name)
+    ]
     if not differs:
         for name in _LAYOUT:
             mine, theirs = (np.asarray(getattr(arm, name), dtype=float) for arm in (one, other))
@@ -86,11 +89,7 @@ def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
                 f"{name} of row {row + 1}: {mine[row]:g} and {theirs[row]:g}"
                 for row in np.flatnonzero(~(np.abs(mine - theirs) <= _SAME))
             ]
-        differs += [
-            name
-            for name in _FRAMES
-            if not np.allclose(getattr(one, name), getattr(other, name), rtol=0, atol=_SAME)
-        ]
+        differs += [name for name in _FRAMES if not _same(getattr(one, name), getattr(other, name))]
     if differs:
         more = f", and {len(differs) - 3} more" if len(differs) > 3 else ""
         raise ModelError(
@@ -103,18 +102,15 @@ def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
 
 
 def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, ...]:
-    pairs: list[tuple[str, object, object]] = [
-        (name, getattr(first.arm, name), getattr(second.arm, name)) for name in _OTHERS
-    ]
-    if first.payload is None or second.payload is None:
-        pairs.append(("payload", first.payload, second.payload))
+    pairs = {name: (getattr(first.arm, name), getattr(second.arm, name)) for name in _OTHERS}
+    payloads = first.payload, second.payload
+    if None in payloads:
+        pairs["payload"] = payloads
     else:
-        pairs += [
-            (f"payload.{f.name}", getattr(first.payload, f.name), getattr(second.payload, f.name))
-            for f in fields(Payload)
-            if f.name != "of_campaigns"  # a group's first stands for it
-        ]
-    return tuple(name for name, mine, theirs in pairs if not _same(mine, theirs))
+        # Of the campaigns of a group the first stands for it.
+        names = [each.name for each in fields(Payload) if each.name != "of_campaigns"]
+        pairs |= {f"payload.{name}": tuple(getattr(p, name) for p in payloads) for name in names}
+    return tuple(name for name, pair in pairs.items() if not _same(*pair))
 
 
 def _same(mine: object, theirs: object) -> bool:
@@ -143,17 +139,21 @@ def _about(model: FittedModel, other: FittedModel, name: str) -> results.Compare
     )
 
 
-#: A parameter as both models have it: value, standard uncertainty, and its typical size.
-_Values = Mapping[tuple[str, str, str, str], tuple[float, float, float]]
-
-
 def _parameters(first: FittedModel, second: FittedModel) -> results.ParameterRows:
     """Return every parameter of two models, in the order of the first."""
-    mine, theirs = _values(first), _values(second)
+    mine, theirs = (
+        {
+            (term.id, term.of, each.name, each.unit): (value, std, abs(each.scale))
+            for term, each, value, std in model.every_reported()
+        }
+        for model in (first, second)
+    )
     keys = [*mine, *(key for key in theirs if key not in mine)]
-    unknown = (np.nan, np.nan, np.nan)
-    one = np.array([mine.get(key, unknown) for key in keys]).reshape(-1, 3)
-    other = np.array([theirs.get(key, unknown) for key in keys]).reshape(-1, 3)
+    # Value, standard uncertainty and typical size of each.
+    one, other = (
+        np.array([known.get(key, (np.nan,) * 3) for key in keys]).reshape(-1, 3)
+        for known in (mine, theirs)
+    )
     difference, u = other[:, 0] - one[:, 0], np.hypot(one[:, 1], other[:, 1])
     if not np.allclose(first.R_ee_target, second.R_ee_target, rtol=0, atol=_SAME):
         # Each counts from the orientation that its own fit began with; the frames show the whole.
@@ -178,13 +178,6 @@ def _parameters(first: FittedModel, second: FittedModel) -> results.ParameterRow
         difference=difference,
         over_u=over_u,
     )
-
-
-def _values(model: FittedModel) -> _Values:
-    return {
-        (term.id, term.of, parameter.name, parameter.unit): (value, std, abs(parameter.scale))
-        for term, parameter, value, std in model.every_reported()
-    }
 
 
 def _judged(
@@ -238,7 +231,7 @@ _STEPS = 3601
 _REFINED = 6
 
 
-def shared_postures(first: FittedModel, second: FittedModel) -> Array:
+def _postures(first: FittedModel, second: FittedModel) -> Array:
     """Return postures (P, n) drawn from the joint angles in which both models hold.
 
     There is none where both have seen no common angle of some joint.
@@ -246,27 +239,17 @@ def shared_postures(first: FittedModel, second: FittedModel) -> Array:
     arm = first.arm
     low, high = np.nan_to_num(arm.limits_rad, posinf=2 * np.pi, neginf=-2 * np.pi).T
     grid = np.linspace(low, high, _STEPS)
-    held = [
-        where
-        for model in (first, second)
-        for where in (model.seen, model.falls_back.within if model.falls_back else None)
-        if where is not None
-    ]
-    common = np.all([np.ones_like(grid, dtype=bool), *(where.each(grid) for where in held)], axis=0)
+    common = np.ones_like(grid, dtype=bool)
+    for model in (first, second):
+        for where in (model.seen, model.falls_back.within if model.falls_back else None):
+            common &= True if where is None else where.each(grid)
     if not common.any(axis=0).all():
         return np.zeros((0, arm.n))
     rng = np.random.default_rng(SEED)
-    q = np.empty((POSTURES, arm.n))
-    for joint in range(arm.n):
-        q[:, joint] = rng.choice(grid[common[:, joint], joint], POSTURES)
-    return q
-
-
-def shared_loads(first: FittedModel, second: FittedModel) -> tuple[float, ...]:
-    """Return the external loads of postures, in turn: none, and the heaviest both have seen."""
-    heaviest = [max(m.fitted_to.loads_N, default=0.0) for m in (first, second) if m.fitted_to]
-    most_N = min(heaviest, default=0.0)
-    return (0.0, most_N) if most_N > 0.0 and len(heaviest) == 2 else (0.0,)
+    drawn = [
+        rng.choice(angles[seen], POSTURES) for angles, seen in zip(grid.T, common.T, strict=True)
+    ]
+    return np.column_stack(drawn)
 
 
 def _predicted(
@@ -288,11 +271,14 @@ def _predicted(
     return end.T @ forward.T_end_frame, noise
 
 
-def compared_frame(
+def _compared_frame(
     first: FittedModel, second: FittedModel, frame: str, q: Array, load_N: Array
 ) -> results.ComparedFrame:
     """Compare one frame in postures (P, n) under loads (P,)."""
-    temperature_C = _temperature(first, second)
+    # The temperature between those of both fits.
+    known_C = [m.fitted_to.temperature_C for m in (first, second) if m.fitted_to]
+    mean_C = float(np.mean(known_C)) if len(known_C) == 2 else np.nan
+    temperature_C = mean_C if np.isfinite(mean_C) else None
     T_one, noise_one = _predicted(first, frame, q, load_N, temperature_C)
     T_other, noise_other = _predicted(second, frame, q, load_N, temperature_C)
     apart_mm, apart_deg = _apart(T_one, T_other)
@@ -319,13 +305,6 @@ def compared_frame(
         expected_deg=expected_deg,
         chance=chance,
     )
-
-
-def _temperature(first: FittedModel, second: FittedModel) -> float | None:
-    """Return the temperature between those of two fits; None where one is not known."""
-    known = [m.fitted_to.temperature_C for m in (first, second) if m.fitted_to]
-    mean = float(np.mean(known)) if len(known) == 2 else np.nan
-    return mean if np.isfinite(mean) else None
 
 
 def _apart(T: Array, T_other: Array) -> tuple[Array, Array]:

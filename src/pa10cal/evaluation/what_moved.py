@@ -67,14 +67,28 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
     precision[np.ix_(kept, kept)] = np.linalg.inv(found.covariance[np.ix_(kept, kept)])
     disagreement = Disagreement(precision @ found.by, precision)
     moved = sought(disagreement, possible)
-    square, dof = _chi_square(found, arm)
     things = tuple(
-        _thing(each, moved, possible, disagreement, found, precision)
+        _thing(each, moved, possible, disagreement, found)
         for each in moved
         if each.what.kind != MODEL_ERROR
     )
     factor = 1.0 + sum(each.size**2 for each in moved if each.what.kind == MODEL_ERROR)
-    verdict = _verdict([each.what.kind for each in moved])
+    of_arm = {each.what.kind for each in moved} - set(_PLACES)
+    verdict = "something_else"
+    if not of_arm:
+        verdict = "base_or_tool_moved" if moved else "unchanged"
+    elif len(of_arm) == 1:
+        verdict = _VERDICTS.get(next(iter(of_arm)), verdict)
+    # Chi-square of the arm's differences along directions that both fits identify.
+    scale = found.scale[:arm]
+    values, vectors = np.linalg.eigh(found.covariance[:arm, :arm] / np.outer(scale, scale))
+    seen = (values > 0.0) & (values < _OPEN**2)
+    along = vectors[:, seen].T @ (found.by[:arm] / scale)
+    square, dof = float(np.sum(along**2 / values[seen])), int(np.count_nonzero(seen))
+    mine, theirs = (
+        {f"{term.id} of {term.of}" for term in model.model.terms if isinstance(term, Effect)}
+        for model in (first, second)
+    )
     return WhatMoved(
         verdict=verdict,
         chi_square=square,
@@ -82,17 +96,9 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
         chance=float(chdtrc(dof, square)) if dof else 1.0,
         factor=factor,
         moved=things,
-        only_in_one=tuple(sorted(_effects(first) ^ _effects(second))),
+        only_in_one=tuple(sorted(mine ^ theirs)),
         line=_line(verdict, things, factor),
     )
-
-
-def _verdict(kinds: Sequence[str]) -> str:
-    own = [kind for kind in kinds if kind not in _PLACES]
-    if not own:
-        return "base_or_tool_moved" if kinds else "unchanged"
-    first = _VERDICTS.get(own[0])
-    return first if first and set(own) == {own[0]} else "something_else"
 
 
 def _line(verdict: str, things: Sequence[MovedThing], factor: float) -> str:
@@ -119,85 +125,52 @@ def _line(verdict: str, things: Sequence[MovedThing], factor: float) -> str:
     return f"{words}: {'; '.join(told)}" if told else words
 
 
-def _effects(model: FittedModel) -> set[str]:
-    return {f"{term.id} of {term.of}" for term in model.model.terms if isinstance(term, Effect)}
-
-
 def _thing(
     each: Found,
     moved: Sequence[Found],
     possible: Sequence[Hypothesis],
     disagreement: Disagreement,
     found: Differences,
-    precision: Array,
 ) -> MovedThing:
     """Return one of the things that moved, by how much, and what else would say as much."""
-    others = [other for other in moved if other is not each]
+    what, others = each.what, [other for other in moved if other is not each]
     without = disagreement
     for other in others:
         without = without.widened(other.directions)
-    gains = {
-        (what.kind, what.of): without.gain(what.directions, what.sizes)[0] for what in possible
-    }
-    key = each.what.kind, each.what.of
-    taken = {(other.what.kind, other.what.of) for other in others}
-    least = gains[key] - np.log(len(possible) / _LISTED)
+    gains = {(h.kind, h.of): without.gain(h.directions, h.sizes)[0] for h in possible}
+    known = {(one.what.kind, one.what.of) for one in moved}
+    least = max(gains[what.kind, what.of] - np.log(len(possible) / _LISTED), 0.0)
+    named = {JOINT_ZERO: "the zero of ", STIFFNESS: "the stiffness of "}
     alternatives = tuple(
-        _named(*other)
-        for other, gain in sorted(gains.items(), key=lambda item: -item[1])
-        if other != key and other not in taken and other[0] != MODEL_ERROR and gain > max(least, 0)
+        f"{named.get(kind, '')}{of}"
+        for (kind, of), gain in sorted(gains.items(), key=lambda item: -item[1])
+        if (kind, of) not in known and kind != MODEL_ERROR and gain > least
     )
-    by = std = None
+    by = std = interval95 = None
     unit = ""
-    if len(each.what.columns) == 1:
-        by, std = _by(each, others, found, precision)
-        (k,) = each.what.columns
-        unit = found.units[k]
-        if each.what.kind == STIFFNESS:
+    if len(what.columns) == 1:
+        (k,) = what.columns
+        directions = np.hstack([what.directions, *(other.directions for other in others)])
+        information = directions.T @ disagreement.known @ directions
+        # What else moved is as likely as its size says; of the thing itself nothing is expected.
+        information += np.diag(np.append(0.0, np.ones(len(information) - 1)))
+        covariance = np.linalg.inv(information)
+        size, unit = float(what.directions[k, 0]), found.units[k]
+        by = float((covariance @ (directions.T @ disagreement.pull))[0] * size)
+        std = float(np.sqrt(covariance[0, 0]) * abs(size))
+        if what.kind == STIFFNESS:
             by, std, unit = by / found.x[k], abs(std / found.x[k]), "1"
+        interval95 = (by - HALF_WIDTH_95 * std, by + HALF_WIDTH_95 * std)
     return MovedThing(
-        kind=each.what.kind,
-        of=each.what.of,
+        kind=what.kind,
+        of=what.of,
         by=by,
         std=std,
         unit=unit,
-        interval95=None
-        if by is None or std is None
-        else (by - HALF_WIDTH_95 * std, by + HALF_WIDTH_95 * std),
+        interval95=interval95,
         gain=each.gain,
         alternatives=alternatives,
     )
-
-
-def _named(kind: str, of: str) -> str:
-    return {JOINT_ZERO: f"the zero of {of}", STIFFNESS: f"the stiffness of {of}"}.get(kind, of)
-
-
-def _by(
-    each: Found, others: Sequence[Found], found: Differences, precision: Array
-) -> tuple[float, float]:
-    """Return by how much a single parameter moved, what else moved being free."""
-    directions = np.concatenate(
-        [each.what.directions, *(other.directions for other in others)], axis=1
-    )
-    information = directions.T @ precision @ directions
-    # What else moved is as likely as its size says; of the thing itself nothing is expected.
-    information[np.diag_indices_from(information)] += np.append(0.0, np.ones(len(information) - 1))
-    covariance = np.linalg.inv(information)
-    amount = covariance @ (directions.T @ precision @ found.by)
-    (k,) = each.what.columns
-    unit = float(each.what.directions[k, 0])
-    return float(amount[0] * unit), float(np.sqrt(covariance[0, 0]) * abs(unit))
-
-
-def _chi_square(found: Differences, arm: int) -> tuple[float, int]:
-    """Return chi-square of the arm's differences along directions that both fits identify."""
-    scale = found.scale[:arm]
-    covariance = found.covariance[:arm, :arm] / np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(covariance)
-    seen = (values > 0.0) & (values < _OPEN**2)
-    along = vectors[:, seen].T @ (found.by[:arm] / scale)
-    return float(np.sum(along**2 / values[seen])), int(np.count_nonzero(seen))
 
 
 def _possible(first: FittedModel, found: Differences) -> tuple[Hypothesis, ...]:
@@ -252,8 +225,7 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
         other = others.get((term.id, term.of))
         if other is None or isinstance(term, Weights) or is_tool(term) or not of_arm(term):
             continue
-        a = np.arange(len(first.x))[first.model.columns_of(term)]
-        b = np.arange(len(second.x))[second.model.columns_of(other)]
+        a, b = first.model.places_of(term), second.model.places_of(other)
         if isinstance(term, Offsets) and isinstance(other, Offsets):
             names = [parameter.name for parameter in other.parameters]
             pairs = [
@@ -267,7 +239,11 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
             continue
         x, change = second.x[b], np.eye(len(b))
         if isinstance(term, JointSpring) and isinstance(other, JointSpring):
-            x, change = _as_solved_by(term, other, x)
+            # Both are solved at a reference torque of their own: the second's in that of the first.
+            report = other.report(x)
+            x = term.solved(float(report.values[0]), float(report.values[1]))
+            of_first = term.report(x).jacobian
+            change[:] = np.linalg.solve(of_first[: len(x)], report.jacobian[: len(x)])
         terms.append(term)
         mine.append(a)
         theirs.append(b)
@@ -282,7 +258,14 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
     arm, frames = len(own), np.arange(len(own), len(C1))
     base = small_motion(np.linalg.inv(first.T_instr_base) @ second.T_instr_base)
     scale = [parameter.scale for term in terms for parameter in term.parameters]
-    places = _targets(first, second) if not len(tool) else np.zeros(0)
+    places = np.zeros(0)
+    if not len(tool):  # targets that both models name, x, y, z of each [m]
+        named_1, named_2 = (
+            dict(zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True))
+            for model in (first, second)
+        )
+        both = [name for name in named_1 if name in named_2]
+        places = np.concatenate([places, *(named_2[name] - named_1[name] for name in both)])
     covariance = C1 + change @ C2 @ change.T
     # Of targets no covariance is kept: they are known better than the base is, which stands far.
     of_base = np.diag(covariance)[-6:-3].max()
@@ -298,29 +281,6 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
     )
 
 
-def _targets(first: FittedModel, second: FittedModel) -> Array:
-    """Return by how much targets are elsewhere that both models name, x, y, z of each [m]."""
-    mine, theirs = (
-        dict(zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True))
-        for model in (first, second)
-    )
-    return np.concatenate(
-        [np.zeros(0), *(theirs[name] - mine[name] for name in mine if name in theirs)]
-    )
-
-
-def _as_solved_by(mine: JointSpring, other: JointSpring, x: Array) -> tuple[Array, Array]:
-    """Return a spring's parameters as another spring of the same joint has them, and how they go.
-
-    Both are solved at a reference torque of their own.
-    """
-    report = other.report(x)
-    same = mine.solved(float(report.values[0]), float(report.values[1]))
-    count = len(same)
-    change = np.linalg.solve(mine.report(same).jacobian[:count], report.jacobian[:count])
-    return same, np.asarray(change, dtype=np.float64)
-
-
 def _gone(model: FittedModel, other: FittedModel) -> NDArray[np.intp]:
     """Return departures that the other model has not: it holds them at zero."""
     theirs = {parameter.name for term in other.model.terms for parameter in term.parameters}
@@ -328,9 +288,7 @@ def _gone(model: FittedModel, other: FittedModel) -> NDArray[np.intp]:
         k
         for term in model.model.terms
         if isinstance(term, Offsets) and not is_tool(term)
-        for k, parameter in zip(
-            np.arange(len(model.x))[model.model.columns_of(term)], term.parameters, strict=True
-        )
+        for k, parameter in zip(model.model.places_of(term), term.parameters, strict=True)
         if parameter.name not in theirs
     ]
     return np.array(gone, dtype=np.intp)
@@ -363,7 +321,7 @@ def _tools(
         term = next((term for term in model.model.terms if is_tool(term)), None)
         if term is None or isinstance(term, OfCampaign):
             return none
-        at = np.arange(len(model.x))[model.model.columns_of(term)]
+        at = model.model.places_of(term)
         values = dict(zip(term.coordinates, model.x[at], strict=True))
         motion = np.array([values.get(name, 0.0) for name in TOOL])
         places.append(motion[:3])

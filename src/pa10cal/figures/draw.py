@@ -15,10 +15,10 @@ from pa10cal.figures.results import Results
 from pa10cal.figures.style import looks, name_in_title, write_figure
 from pa10cal.figures.table import write_table
 from pa10cal.files.output import whole_file
-from pa10cal.results.codec import read, schema_of, write
+from pa10cal.results.codec import read, write
 from pa10cal.results.fleet import Caption, PicturesRecord
 from pa10cal.results.studies import CurveCalibrationRecord
-from pa10cal.results.trials import TrialScoresRecord, WildScoresRecord
+from pa10cal.results.trials import TrialScoresRecord
 
 
 @dataclass(frozen=True)
@@ -74,13 +74,10 @@ def of_campaign(results: Results) -> Source:
 
 
 def _of_scores(path: Path) -> Source:
-    scores: TrialScoresRecord | WildScoresRecord
-    if schema_of(path) == WildScoresRecord.SCHEMA:
-        kind, trials, scores = "wild", "wild trials", read(WildScoresRecord, path)
-    else:
-        kind, trials, scores = "trials", "blind trials", read(TrialScoresRecord, path)
+    scores = read(TrialScoresRecord, path)
+    trials = "wild trials" if scores.measured == "wild" else "blind trials"
     footer = f"{scores.trials} {trials}. Synthetic data. Provenance: {scores.provenance}."
-    return Source(kind, path.parent.name, footer, scores)
+    return Source("trials", path.parent.name, footer, scores)
 
 
 def _of_chain(name: str, study: CurveCalibrationRecord) -> Source:

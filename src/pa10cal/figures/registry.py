@@ -20,7 +20,7 @@ Kind = Literal["figure", "table", "film"]
 F = TypeVar("F", bound=Callable[..., Any])
 
 #: Modules and packages here that hold pictures, by what the pictures are of.
-FOLDERS = ("campaign", "trials", "wild", "curve", "chain")
+FOLDERS = ("campaign", "trials", "curve", "chain")
 _KINDS: dict[str, Kind] = {"draw": "figure", "tabulate": "table", "film": "film"}
 
 

@@ -1,4 +1,4 @@
-"""Blind trials in pictures: what was hidden and named, power, intervals, targets."""
+"""Trials in pictures: what was hidden and named, power, intervals, counts, targets."""
 
 from __future__ import annotations
 
@@ -14,29 +14,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from scipy.special import ndtri
 
+from pa10cal.arrays import Array
 from pa10cal.figures import style
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.table import Table, frame_of
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SEPARATOR, SKY, VERMILLION
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.results.trials import Bar, JudgedEffect, JudgedTrial, TrialScoresRecord
-
-BAR_HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")
-
+from pa10cal.results.trials import JudgedEffect, JudgedTrial, ScoreRow, TrialScoresRecord
 
 _WITH_INTERVAL: dict[str, Any] = {"color": BLUE, "ecolor": SKY, "marker": "o", "capsize": 2.0}
-
-
-def bar_row(bar: Bar) -> tuple[object, ...]:
-    """Return a figure to reach, and the one reached, as a row under `BAR_HEADER`."""
-    return (
-        bar.what,
-        f"{'≥' if bar.at_least else '≤'} {bar.written(bar.limit)}",
-        "" if bar.reached is None else bar.written(bar.reached),
-        bar.interval if bar.trials else "",
-        bar.trials,
-        bar.verdict,
-    )
 
 
 # What was hidden in blind trials, and what was named: the confusion matrix.
@@ -73,7 +59,10 @@ does not have are not tested.
 )
 def draw_trials_confusion(scores: TrialScoresRecord) -> Figure:
     """Draw a row an effect, a column a name that was given, and columns for what is no name."""
-    inside, outside = scores.confusion.single, scores.confusion.outside
+    inside, outside = (
+        {each.id: each.counts for each in scores.subjects if each.kind == kind}
+        for kind in ("single", "outside")
+    )
     rows = [*((name, inside[name]) for name in sorted(inside))]
     rows += [(name, outside[name]) for name in sorted(outside)]
     if not rows:
@@ -130,6 +119,7 @@ def _name_cells(axes: Axes, rows: list[str], columns: list[str]) -> None:
 
 _TITLE_OF_INTERVALS = "Coverage of the intervals of named effects: blind trials"
 _ROW_MM_OF_INTERVALS = 4.6
+_OF_PARAMETERS = "parameter"
 
 
 @picture(
@@ -145,35 +135,45 @@ are those that chance made larger.
 )
 def draw_trials_intervals(scores: TrialScoresRecord) -> Figure:
     """Draw the share inside the 95 % interval by parameter, and by level over all of them."""
-    found = scores.intervals
-    if not found.scores:
+    size = np.abs([score.score for score in scores.parameter_scores])
+    if not len(size):
         raise NothingToShowError("no hidden effect with parameters was named")
-    height = max(50.0, _ROW_MM_OF_INTERVALS * len(found.by_parameter))
+    of_parameters = [row for row in scores.rates if row.what.startswith(_OF_PARAMETERS)]
+    inside = next(row for row in of_parameters if row.share and not row.by)
+    rows = [row for row in of_parameters if row.by]
+    height = max(50.0, _ROW_MM_OF_INTERVALS * len(rows))
     figure = style.new_figure(height + 44.0, _TITLE_OF_INTERVALS)
     inside_by_parameter = style.panel(figure, 50.0, 30.0, 42.0, height)
-    for y, rate in enumerate(found.by_parameter):
-        share = 100.0 * (rate.share or 0.0)
-        off = [[share - 100.0 * rate.low], [100.0 * rate.high - share]]
-        inside_by_parameter.errorbar(share, y, xerr=off, **_WITH_INTERVAL)
-        style.write_beside(inside_by_parameter, y, f"{rate.count} of {rate.of}", color=GREY)
-    names = [f"{rate.id} {rate.parameter}" for rate in found.by_parameter]
+    for y, row in enumerate(rows):
+        _draw_share(inside_by_parameter, y, row, across=True)
+        style.write_beside(inside_by_parameter, y, f"{row.count} of {row.trials}", color=GREY)
+    names = [row.by for row in rows]
     style.name_rows(inside_by_parameter, names)
     inside_by_parameter.axvline(95.0, color=BLACK, linewidth=0.8)
     inside_by_parameter.set(xlim=(0.0, 102.0), xlabel="inside, 95 % interval [%]")
-    _draw_levels(style.panel(figure, 123.0, 30.0 + height - 44.0, 44.0, 44.0), scores)
-    inside = found.inside
+    _draw_levels(style.panel(figure, 123.0, 30.0 + height - 44.0, 44.0, 44.0), size)
     style.note(
         figure,
-        f"{inside.count} of {inside.of} parameters lie inside their 95 % interval "
-        f"({100 * inside.low:.1f} to {100 * inside.high:.1f} %);\nroot mean square of "
-        f"(value − truth) / std: {found.rms:.2f}. Of trials in which the hidden effect is named "
-        "at its place;\nmaps are omitted. Bars: 95 % intervals (Clopper and Pearson).",
+        f"{inside.count} of {inside.trials} parameters lie inside their 95 % interval "
+        f"({inside.interval});\nroot mean square of (value − truth) / std: "
+        f"{np.sqrt(np.mean(size**2)):.2f}. Of trials in which the hidden effect is named at its "
+        "place;\nmaps are omitted. Bars: 95 % intervals (Clopper and Pearson).",
     )
     return figure
 
 
-def _draw_levels(axes: Axes, scores: TrialScoresRecord) -> None:
-    size = np.abs([score.score for score in scores.intervals.scores])
+def _draw_share(axes: Axes, at: float, row: ScoreRow, *, across: bool = False) -> None:
+    """Draw a share with its interval upwards over a place, or in per cent across a row."""
+    scale = 100.0 if across else 1.0
+    share, low, high = (scale * (each or 0.0) for each in (row.reached, row.low, row.high))
+    off = [[share - low], [high - share]]
+    if across:
+        axes.errorbar(share, at, xerr=off, **_WITH_INTERVAL)
+    else:
+        axes.errorbar(at, share, yerr=off, **_WITH_INTERVAL)
+
+
+def _draw_levels(axes: Axes, size: Array) -> None:
     level = np.linspace(0.0, 0.995, 200)
     half_width = ndtri(0.5 + level / 2.0)
     share = (size[:, None] <= half_width).mean(axis=0)
@@ -275,13 +275,10 @@ def _look(hidden: JudgedEffect) -> dict[str, Any]:
 
 def _draw_moved(axes: Axes, scores: TrialScoresRecord) -> None:
     for entry in scores.power.bins:
-        found = entry.listed
-        if found.share is None:
-            continue
-        x = np.sqrt(max(entry.low, _LOWEST) * (entry.high or _HIGHEST))
-        off = [[found.share - found.low], [found.high - found.share]]
-        axes.errorbar(x, found.share, yerr=off, **_WITH_INTERVAL)
-        axes.text(x, -0.06, str(found.of), ha="center", color=GREY)
+        if entry.listed.trials:
+            x = np.sqrt(max(entry.low, _LOWEST) * (entry.high or _HIGHEST))
+            _draw_share(axes, x, entry.listed)
+            axes.text(x, -0.06, str(entry.listed.trials), ha="center", color=GREY)
     curve = scores.power.by_moved
     if curve is not None:
         moved = np.geomspace(_LOWEST, _HIGHEST, 200)
@@ -297,9 +294,64 @@ def _draw_moved(axes: Axes, scores: TrialScoresRecord) -> None:
     axes.set_title("share named or in the alternatives")
 
 
-# The figures that blind trials are to reach, and those reached.
+# What became of what was put in, and the figures to reach.
 
-TOO_FEW = (
+#: Columns of the table of subjects, and the counts that they show.
+_COLUMNS = {
+    "crashed": "crashed",
+    "refused": "refused",
+    "false name": "false_name",
+    "above the noise": "above_noise",
+    "told": "told",
+    "found": "found",
+    "false comfort": "false_comfort",
+    "worse held out": "worse",
+    "unexplained": "unexplained",
+    "suspect": "suspected",
+}
+_FOUND_IN = ("effect", "beyond", "unstated_masses", "sorted_rows")
+
+
+@picture(
+    title="What became of each stressor, fault and effect",
+    needs=(),
+    caption="""
+Wild trials by what was put into their raw files ({name}): how many there are, and how many crashed,
+were refused before calibration, were given a false name (a confident one where a fault or an effect
+outside the vocabulary is in them), were told of the fault or named the effect, got *none* where
+something above three times the noise is wrong, predict held-out poses worse than before, were left
+unexplained, or were called suspect. Of unstated masses and sorted rows, effects count as above the
+noise where they leave half as much again, and as told where they are named or listed. Synthetic
+data.
+""",
+)
+def tabulate_trials_subjects(scores: TrialScoresRecord) -> Table:
+    """Return a row a disturbance or an effect of wild trials."""
+    if scores.measured != "wild":
+        raise NothingToShowError("no trial disturbed its raw files")
+    rows = []
+    for subject in scores.subjects:
+        counts: dict[str, int | str] = dict(subject.counts)
+        if subject.kind not in _FOUND_IN:
+            counts["found"] = ""
+        what = subject.id.replace("_", " ")
+        rows.append([subject.kind, what, subject.trials, *(counts[c] for c in _COLUMNS.values())])
+    notes = tuple(
+        f"{trial.campaign} ({trial.layout}, {'; '.join(_inside(trial)) or 'nothing'}): "
+        f"{', '.join(trial.failings)}: {trial.said}"
+        for trial in scores.per_trial
+        if trial.failings
+    )
+    data = frame_of(("kind", "put in", "trials", *_COLUMNS), rows)
+    return Table("Wild trials: what became of each", data, notes=notes)
+
+
+def _inside(trial: JudgedTrial) -> tuple[str, ...]:
+    """Return what a trial hides and puts in, in words."""
+    return (*(f"{hidden.id} of {hidden.of}" for hidden in trial.hidden), *trial.put_in)
+
+
+_TOO_FEW = (
     "Too few to judge: one trial alone weighs more than the target leaves, and the interval holds "
     "the target."
 )
@@ -311,33 +363,57 @@ _NOTES = (
     "a joint's error can represent any named error of that joint and is no alternative to one.",
     "A trial that failed counts against every target it belongs to.",
 )
+_NOTES_WILD = (
+    "A fault is above the noise where it moves the residual of the calibrated model by more than "
+    "three times what repeatability leaves, against the same campaign without it; faults of single "
+    "rows, signs, zeros and units always are.",
+    "Told: by kind and place in the faults of the verdict, by suspect_input, by a refusal before "
+    "calibration, or, of a single reading, by its quarantine or among the suspected outliers.",
+    "A refusal after calibration counts as a crash.",
+)
+_NOTES_MEASURED = (
+    "What an effect leaves is worked out from the truth: the readings without noise, with the "
+    "effect and without it, less all motions of base, joint frames and tool; with the noise it "
+    "makes the residual of so many times the noise.",
+    "Listed: as the name of an effect of the verdict, or among its alternatives. A name is wrong "
+    "where neither it nor one of its alternatives is hidden.",
+    "A motion is a fact where no joint, rail, load or order of the rows is named as another cause.",
+)
 
 
 @picture(
     title="Targets, and values reached",
     needs=(),
     caption="""
-Targets of discovery in blind trials, and the values reached ({name}). Each trial is a simulated
-campaign with robot, poses, noise and hidden effects drawn at random; the verdict uses its raw
-files only and is compared with the truth afterwards. The interval is that of a share of so many
-trials. A target that is missed is reported like any other. The result says how well discovery
-does on errors that the simulation can produce.
+Targets in simulated trials, and the values reached ({name}); figures without a target follow. Each
+trial is a simulated campaign with robot, poses, noise and hidden effects drawn at random; in wild
+ones stressors of ordinary logs or faults are put into the raw files, or masses are not stated, or
+rows are sorted. The verdict uses the raw files only and is compared with the truth afterwards. The
+interval is that of a share of so many trials. A target that is missed is reported like any other.
+The data are synthetic: rates hold for errors that the simulation can produce.
 """,
 )
 def tabulate_trials_summary(scores: TrialScoresRecord) -> Table:
     """Return a row a figure."""
-    singles, gap = scores.single, scores.gap
-    notes = [TOO_FEW, *_NOTES]
-    if singles.alternatives is not None:
-        notes.append(
-            f"One effect: {singles.alternatives:.2f} alternatives beside the truth on average; "
-            f"{singles.not_testable} trials hid what the verdict had said it could not show."
-        )
-    if gap is not None:
-        notes.append(
-            f"Held-out error after naming over the mean where nothing is missing: median "
-            f"{gap.median:.2f}, 95 of 100 below {gap.high:.2f}; where nothing is missing itself 95 "
-            f"of 100 below {gap.null_high:.2f}."
-        )
-    data = frame_of(BAR_HEADER, map(bar_row, scores.bars))
-    return Table("Blind trials: targets, and values reached", data, notes=tuple(notes))
+    notes = _NOTES
+    if scores.measured == "wild":
+        kinds = {trial.kind for trial in scores.per_trial}
+        notes = _NOTES_MEASURED if kinds <= set(_FOUND_IN[2:]) else _NOTES_WILD
+    signs = {True: "≥ ", False: "≤ ", None: ""}
+    data = frame_of(
+        ("quantity", "of", "to reach", "reached", "95 % interval", "trials", "met"),
+        [
+            (
+                row.what,
+                row.by,
+                signs[row.at_least] + ("" if row.limit is None else row.written(row.limit)),
+                "" if row.reached is None else row.written(row.reached),
+                row.interval if row.trials else "",
+                row.trials,
+                row.verdict,
+            )
+            for row in (*scores.bars, *scores.rates)
+            if not row.what.startswith(_OF_PARAMETERS) or not row.by
+        ],
+    )
+    return Table("Trials: targets, and values reached", data, notes=(_TOO_FEW, *notes))

@@ -7,8 +7,6 @@ branches, a pose starts from the one before, and else from postures drawn within
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -54,18 +52,10 @@ _JUMP_RAD = 0.3
 _TURN = 2.0 * np.pi
 
 
-@dataclass(frozen=True)
-class _Descent:
-    """How a search goes down."""
-
-    exact: bool  # whether the derivative holds how the terms change with the joints
-    steps: int  # at most
-    patience: int  # steps without a gain of a third after which it ends
-
-
-#: By the geometry alone, whose derivative is off by some parts in a hundred, ten digits take six
-#: steps; what is then within so much [m, rad] is gone on with exactly.
-_BY_GEOMETRY, _EXACT, _CLOSE = _Descent(False, 30, 4), _Descent(True, 40, 6), 1e-2
+#: A search goes down at most so many steps, and so many without a gain of a third: by the geometry
+#: alone, whose derivative is off by some parts in a hundred and takes six steps for ten digits, and
+#: exactly, for what is then within so much [m, rad].
+_BY_GEOMETRY, _EXACT, _CLOSE = (30, 4), (40, 6), 1e-2
 
 
 def compensate(
@@ -79,10 +69,7 @@ def compensate(
     """Find the joint positions that bring a frame to poses; see `FittedModel.compensate`.
 
     Args:
-        model: the fitted model.
         T: (N, 4, 4) poses of the frame in the base frame [m].
-        frame: one of the model's.
-        given: conditions of the poses.
         seed: (N, n) or (n,) joint positions, nan where there are none.
         T_flange_tcp: (4, 4) TCP that the controller holds; None for the frame as the model has it.
 
@@ -236,7 +223,14 @@ class _Search:
             Joint positions (N, n), and which are on another branch than the nearest.
         """
         assert self.branches is not None
-        T_base_flange = self._T @ self._T_frame_flange()
+        # The flange in the frame, as it is in the middle of the positions seen.
+        whole = self._forward.whole
+        q, at = _middle(whole)[None], conditions(whole, 1)
+        T_base_frame, T_base_end = (
+            forward.T_base_frame(forward.states(q, at))[0]
+            for forward in (self._forward, Forward.of(whole))
+        )
+        T_base_flange = self._T @ np.linalg.inv(T_base_frame) @ T_base_end
         found = self.branches(T_base_flange)
         ends = Chain.of(self._arm).forward(found.reshape(-1, self._arm.n))[:, :3, 3]
         wanted = np.repeat(T_base_flange[:, :3, 3], found.shape[1], axis=0)
@@ -251,7 +245,9 @@ class _Search:
         good = done & inside
         short = np.flatnonzero(~done & inside & asked & ~other)
         if len(short):
-            good[short] = np.abs(self._off(short, q[short])).max(axis=1) < _KEPT
+            states = self._forward.states(q[short], self._given.take(short))
+            off = pose_difference(self._forward.T_base_frame(states), self._T[short])
+            good[short] = np.abs(off).max(axis=1) < _KEPT
         for rank in range(1, found.shape[1]):
             rows = np.flatnonzero(~good & ~beside[np.arange(len(q)), order[:, rank]])
             if len(rows):
@@ -298,24 +294,28 @@ class _Search:
         Returns:
             Joint positions (R, n), the best on the way, and whether they reach the pose.
         """
-        found, best, done = self._descend(rows, starts, _BY_GEOMETRY)
+        found, best, done = self._descend(rows, starts, exact=False)
         # Near a singularity what the geometry leaves out of the derivative is too much.
         hard = np.flatnonzero((best > _SETTLED) & (best < _CLOSE))
         if len(hard) and self._arm.n >= 6:
-            found[hard], _, done[hard] = self._descend(rows[hard], found[hard], _EXACT)
+            found[hard], _, done[hard] = self._descend(rows[hard], found[hard], exact=True)
         return found, done
 
     def _descend(
-        self, rows: NDArray[np.intp], starts: Array, how: _Descent
+        self, rows: NDArray[np.intp], starts: Array, *, exact: bool
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return the best positions on the way, how far they are off, whether they reach it."""
+        """Return the best positions on the way, how far they are off, whether they reach it.
+
+        Exactly, the derivative holds how the terms change with the joints.
+        """
+        steps, patience = _EXACT if exact else _BY_GEOMETRY
         q, best = starts.copy(), np.full(len(rows), np.inf)
         found, done = starts.copy(), np.zeros(len(rows), dtype=bool)
         slow, open_ = np.zeros(len(rows), dtype=int), np.arange(len(rows))
-        for _ in range(how.steps):
+        for _ in range(steps):
             given = self._given.take(rows[open_])
             states = self._forward.states(q[open_], given)
-            T, J = self._forward.by_joints(states, given, terms=how.exact)
+            T, J = self._forward.by_joints(states, given, terms=exact)
             off = pose_difference(T, self._T[rows[open_]])
             size = np.linalg.norm(off * self._weight, axis=1)
             better = size < best[open_]
@@ -326,17 +326,12 @@ class _Search:
             done[kept] = _reached(self._arm, off_m, off_rad)[better]
             step = self._step(J, off)
             ended = (np.abs(step).max(axis=1) < _DONE) | (size < _DONE)
-            ended |= slow[open_] > np.where(best[open_] < _SETTLED, 1, how.patience)
+            ended |= slow[open_] > np.where(best[open_] < _SETTLED, 1, patience)
             q[open_] += step
             open_ = open_[~ended]
             if not len(open_):
                 break
         return found, best, done
-
-    def _off(self, rows: NDArray[np.intp], q: Array) -> Array:
-        """Return by how much joint positions (R, n) miss the poses of rows, (R, 6) [m, rad]."""
-        states = self._forward.states(q, self._given.take(rows))
-        return pose_difference(self._forward.T_base_frame(states), self._T[rows])
 
     def _step(self, J: Array, off: Array) -> Array:
         """Return damped Newton steps (R, n): the damping fades with the square of what is left."""
@@ -405,13 +400,3 @@ class _Search:
             ((found - reference) ** 2).sum(axis=1) + 1e4 * ~self._inside(found) + 1e6 * ~done
         )
         return np.asarray(found[np.argmin(far)])
-
-    def _T_frame_flange(self) -> Array:
-        """Return the flange in the frame, (4, 4), as it is in the middle of the positions seen."""
-        forward = self._forward
-        q = _middle(forward.whole)[None]
-        at = conditions(forward.whole, 1)
-        flange = Forward.of(forward.whole)
-        T_base_frame = forward.T_base_frame(forward.states(q, at))[0]
-        T_base_flange = flange.T_base_frame(flange.states(q, at))[0]
-        return np.asarray(np.linalg.inv(T_base_frame) @ T_base_flange)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import TOOL, Chain, long_links
+from pa10cal.arm.chain import BASE, TOOL, Chain, long_links
 from pa10cal.arm.description import Arm
 from pa10cal.arm.exports import Angles, controller_columns
 from pa10cal.arm.statics import Payload, PoseStates
@@ -320,8 +320,7 @@ class Fitted:
         zeros, zero = np.zeros((1, self.arm.n)), np.zeros(1)
         unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
         constant = [term for term in self.model.terms if is_constant(term)]
-        x = np.concatenate([np.zeros(0), *(self.values_of(term) for term in constant)])
-        chain = self.model.chain
+        x, chain = self.x[self.model.places_of(*constant)], self.model.chain
         at = Model(chain, tuple(constant)).chain_coordinates(unloaded, x)[0]
         if not tool:
             at[chain.columns(TOOL)] = 0.0
@@ -353,6 +352,15 @@ class Fitted:
         """Return the arm as it was designed, at the same base."""
         rigid = Model(self.model.chain, ())
         return replace(self, model=rigid, x=np.zeros(0), covariance=None, falls_back=None)
+
+    def only(self, *terms: Term) -> Self:
+        """Return the same with some of its terms alone, and what is known of these."""
+        at, covariance = self.model.places_of(*terms), self.covariance
+        if covariance is not None:
+            with_base = np.append(at, len(self.x) + np.arange(len(BASE)))
+            covariance = covariance[np.ix_(with_base, with_base)]
+        model = Model(self.model.chain, terms)
+        return replace(self, model=model, x=self.x[at], covariance=covariance)
 
     def values_of(self, term: Term) -> Array:
         """Return the parameters of one of its terms (ValueError where it has no such term)."""

@@ -16,7 +16,7 @@ from pa10cal.fit.compensation import compensate
 from pa10cal.fit.fitted import FLANGE, Compensation, Fitted, Prediction
 from pa10cal.fit.forward import Forward, T_flange_frame, conditions, predicted
 from pa10cal.fit.model_file import covariance_beside, file_of, model_from_plain, save_model
-from pa10cal.results.calibration import CalibrationRecord, Fit
+from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.yaml_file import read_yaml
 
 
@@ -197,28 +197,24 @@ def models_of(record: CalibrationRecord, where: str) -> dict[str, FittedModel]:
         ModelError: when a model cannot be made of what is written.
         TermError: when it has a term that is not known.
     """
-    return {
-        name: _model_of(fit, f"{where}: fitted_model of {name}")
-        for name, fit in record.fits_by_model.items()
-    }
-
-
-def _model_of(fit: Fit, where: str) -> FittedModel:
-    """Return the model of a fit, with the covariance of the parameters it is solved in."""
-    model = model_from_plain(fit.fitted_model, FittedModel, where=where)
-    names, matrix = fit.covariance.names, fit.covariance.matrix
-    solved = tuple(parameter.name for parameter in model.model.parameters)
-    report = model.model.report(model.x)
-    k = len(solved)
-    covariance = np.zeros((k + 6, k + 6))
-    if names[:k] == solved:
-        base = [name.replace(".", "_") for name in BASE]
-        known = [names.index(name) for name in (*solved, *base) if name in names]
-        at = [*range(k), *(k + base.index(name) for name in names if name in base)]
-        covariance[np.ix_(at, at)] = matrix[np.ix_(known, known)]
-    elif names == tuple(parameter.name for parameter in report.parameters):
-        back = np.linalg.pinv(report.jacobian)
-        covariance[:k, :k] = back @ matrix @ back.T
-    else:
-        return model
-    return replace(model, covariance=covariance)
+    models = {}
+    for name, fit in record.fits_by_model.items():
+        place = f"{where}: fitted_model of {name}"
+        model = model_from_plain(fit.fitted_model, FittedModel, where=place)
+        # The covariance is of the parameters that it is solved in, or of those reported.
+        names, matrix = fit.covariance.names, fit.covariance.matrix
+        solved = tuple(parameter.name for parameter in model.model.parameters)
+        report, k = model.model.report(model.x), len(solved)
+        covariance = np.zeros((k + 6, k + 6))
+        if names[:k] == solved:
+            base = [name.replace(".", "_") for name in BASE]
+            known = [names.index(name) for name in (*solved, *base) if name in names]
+            at = [*range(k), *(k + base.index(name) for name in names if name in base)]
+            covariance[np.ix_(at, at)] = matrix[np.ix_(known, known)]
+            model = replace(model, covariance=covariance)
+        elif names == tuple(parameter.name for parameter in report.parameters):
+            back = np.linalg.pinv(report.jacobian)
+            covariance[:k, :k] = back @ matrix @ back.T
+            model = replace(model, covariance=covariance)
+        models[name] = model
+    return models

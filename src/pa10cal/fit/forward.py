@@ -109,27 +109,6 @@ def _of_every_pose(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array
         ) from None
 
 
-def _with_its_weights(model: Fitted) -> Fitted:
-    """Return a model with its weights unknown, where logged torques have set them.
-
-    Predictions take the torques of the weights, and a fit to the log knows nothing of how
-    uncertain these are.
-    """
-    known, soft = model.arm.weights_known, any(yields(term) for term in model.model.terms)
-    if known is None or known.origin != "logged" or not soft:
-        return model
-    if model.payload is None or model.covariance is None:
-        return model
-    return with_uncertain_weights(model, model.payload)
-
-
-def _under_tool_of(model: Fitted, campaign: str) -> Fitted:
-    """Return a model of a group under what the arm carried in one of its campaigns."""
-    carried = () if model.payload is None else model.payload.of_campaigns
-    of = dict(zip(model.R_first_target_of, carried, strict=False))
-    return replace(model, payload=of[campaign]) if campaign in of else model
-
-
 @dataclass(frozen=True)
 class Forward:
     """Forward kinematics of a frame of a fitted model."""
@@ -158,7 +137,17 @@ class Forward:
                 allowed=", ".join(model.frames),
                 remedy="correct the name",
             )
-        model = _with_its_weights(_under_tool_of(model, frame.partition(OF)[2]))
+        # A frame of a campaign of a group moves under what the arm carried there.
+        carried = () if model.payload is None else model.payload.of_campaigns
+        payload_of = dict(zip(model.R_first_target_of, carried, strict=False))
+        payload = payload_of.get(frame.partition(OF)[2], model.payload)
+        model = replace(model, payload=payload)
+        known, soft = model.arm.weights_known, any(yields(term) for term in model.model.terms)
+        logged = known is not None and known.origin == "logged"
+        if logged and soft and payload is not None and model.covariance is not None:
+            # Predictions take the torques of the weights, and a fit to the log knows nothing of
+            # how uncertain these are.
+            model = with_uncertain_weights(model, payload)
         # Of a group `tool` is that of the first campaign that measured poses.
         tools = model.tools
         own = tools.get(frame) or next(iter(tools.values()), None)
@@ -169,8 +158,7 @@ class Forward:
             and not falsifies_log(term)
             and (term not in tools.values() or term is own)
         ]
-        columns = [np.arange(len(model.x))[model.model.columns_of(term)] for term in moving]
-        chosen = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
+        chosen = model.model.places_of(*moving)
         on_tool = frame in tools or (frame == TOOL_FRAME and bool(tools or not model.target_names))
         T = np.eye(4)
         if on_tool:
@@ -195,7 +183,13 @@ class Forward:
         states = PoseStates(q, np.full_like(q, np.nan), given.arrival, *of_pose)
         states, source = with_torques(whole.model, whole.x, states, payload)
         if source == "none" or payload is None:
-            self._refuse_springs()
+            for term in filter(yields, self.physical.terms):
+                raise ModelError(
+                    "the weights that load the arm are not known",
+                    where=f"{term.id} of {term.of}",
+                    allowed="an arm with mass_kg and com_m, and a payload",
+                    remedy="describe the masses and calibrate again",
+                )
             return replace(states, tau_Nm=np.zeros_like(q))
         if not any(isinstance(term, Effect) for term in self.physical.terms):
             return states
@@ -221,8 +215,6 @@ class Forward:
         """Return where the frame is (N, 4, 4), and its derivative by the joints (N, 6, n).
 
         Args:
-            states: of the poses.
-            given: their conditions.
             terms: whether the derivative holds how the terms themselves change with the joints,
                 through angles and through weights; else only that of the geometry, which is off by
                 some parts in a hundred and takes a tenth of the time.
@@ -230,7 +222,14 @@ class Forward:
         chain = self.physical.chain
         if terms:
             end = self.end(states)
-            moved = end.screws @ self._coordinates_by_joints(states.q_rad, given)
+            columns = []
+            for step in _STEP * np.eye(states.n):
+                ahead, behind = (
+                    self._coordinates(self.states(states.q_rad + sign * step, given))
+                    for sign in (1.0, -1.0)
+                )
+                columns.append((ahead - behind) / (2.0 * _STEP))
+            moved = end.screws @ np.stack(columns, axis=-1)
         else:
             end = end_pose_with_screws(
                 chain, self._coordinates(states), chain.joint_columns.tolist()
@@ -289,15 +288,14 @@ class Forward:
         chain, terms = self.physical.chain, self.physical.terms
         maps = [term for term in terms if isinstance(term, JointErrorMap)]
         others = tuple(term for term in terms if not isinstance(term, JointErrorMap))
-        places = [np.arange(len(self.x))[self.physical.columns_of(term)] for term in others]
-        dense = np.concatenate([np.zeros(0, dtype=np.intp), *places])
+        dense = self.physical.places_of(*others)
         without = Forward(
             self.whole, Model(chain, others), self.x[dense], dense, self.on_tool, self.T_end_frame
         )
         moved = without.by_parameters(states, end)[:, :3]
         turned = [
             MapMotion(
-                np.arange(len(self.x))[self.physical.columns_of(term)],
+                self.physical.places_of(term),
                 states.q_rad[:, term.joint - 1],
                 self.at_frame(end, end.screws[:, :, chain.columns(term.coordinates)])[:, :3, 0],
             )
@@ -330,28 +328,6 @@ class Forward:
         if not self.on_tool:
             at[:, self.physical.chain.columns(TOOL)] = 0.0
         return at
-
-    def _coordinates_by_joints(self, q: Array, given: Conditions) -> Array:
-        """Return how the chain's coordinates change with the joints, (N, m, n)."""
-        columns = []
-        for joint in range(q.shape[1]):
-            step = np.zeros(q.shape[1])
-            step[joint] = _STEP
-            ahead, behind = (
-                self._coordinates(self.states(q + sign * step, given)) for sign in (1.0, -1.0)
-            )
-            columns.append((ahead - behind) / (2.0 * _STEP))
-        return np.stack(columns, axis=-1)
-
-    def _refuse_springs(self) -> None:
-        springs = [term for term in self.physical.terms if yields(term)]
-        if springs:
-            raise ModelError(
-                "the weights that load the arm are not known",
-                where=f"{springs[0].id} of {springs[0].of}",
-                allowed="an arm with mass_kg and com_m, and a payload",
-                remedy="describe the masses and calibrate again",
-            )
 
 
 def predicted(model: Fitted, q: Array, frame: str, given: Conditions) -> Prediction:

@@ -35,7 +35,6 @@ def with_torques(
     Args:
         model, x: chain and terms, with the parameters of these. Effects play no part: they may
             need what is not known yet, and move weights by next to nothing.
-        payload: what the arm carries; None where it is not known.
     """
     if np.all(np.isfinite(states.tau_Nm)):
         return states, "logged"
@@ -46,8 +45,7 @@ def with_torques(
     states = _under_weights(Model(chain, ()), np.zeros(0), states, payload)
     own = tuple(term for term in model.terms if not isinstance(term, Effect))
     if own:
-        x = np.concatenate([x[model.columns_of(term)] for term in own])
-        states = _under_weights(Model(chain, own), x, states, payload)
+        states = _under_weights(Model(chain, own), x[model.places_of(*own)], states, payload)
     return states, "masses"
 
 

@@ -117,7 +117,6 @@ def model_from_plain(
     """Return the model that `model_to_plain` described.
 
     Args:
-        where: file and place, for messages.
         covariance: (k, k) of the parameters, or None.
 
     Raises:
@@ -134,7 +133,14 @@ def model_from_plain(
             remedy="export the model again",
         )
     try:
-        covariance = _checked(covariance, content["terms"], where)
+        size = sum(len(term["x"]) for term in content["terms"]) + 6
+        if covariance is not None and covariance.shape != (size, size):
+            raise ModelError(
+                f"a covariance of shape {covariance.shape}",
+                where=f"{where}: covariance",
+                allowed=f"({size}, {size}): parameters, then the base",
+                remedy="write the model again",
+            )
         pairs = [
             _term_from_plain(entry, f"{where}: terms[{k}]")
             for k, entry in enumerate(content["terms"])
@@ -217,19 +223,6 @@ def _term_to_plain(model: Fitted, term: Term) -> dict[str, Any]:
         },
         "x": model.values_of(term).tolist(),
     }
-
-
-def _checked(covariance: Array | None, terms: Any, where: str) -> Array | None:
-    """Return a covariance of the parameters of terms and of the base's six motions."""
-    size = sum(len(term["x"]) for term in terms) + 6
-    if covariance is not None and covariance.shape != (size, size):
-        raise ModelError(
-            f"a covariance of shape {covariance.shape}",
-            where=f"{where}: covariance",
-            allowed=f"({size}, {size}): parameters, then the base",
-            remedy="write the model again",
-        )
-    return covariance
 
 
 def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Array]:

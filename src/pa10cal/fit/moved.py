@@ -69,13 +69,18 @@ def hypotheses(
     """Return what may have moved in an arm of whose parameters something is known.
 
     Args:
-        terms: what belongs to the arm: departures, springs, effects.
         x: (k,) their parameters.
         covariance: (k, k) how well these are known.
     """
     found: list[Hypothesis] = []
     rigid: list[int] = []
     first, count = 0, len(x)
+
+    def single(kind: str, of: str, column: int, size: float) -> Hypothesis:
+        directions = np.zeros((count, 1))
+        directions[column] = size
+        return Hypothesis(kind, of, np.array([column]), directions, _SIZES)
+
     for term in terms:
         columns = np.arange(first, first + len(term.parameters))
         first += len(columns)
@@ -84,12 +89,14 @@ def hypotheses(
             for column, coordinate, parameter in zip(
                 columns.tolist(), term.coordinates, term.parameters, strict=True
             ):
-                kind, of = _named(arm, coordinate, parameter.name)
-                found.append(_single(kind, of, column, parameter.scale, count))
+                kind, _, row = coordinate.rpartition("_")
+                zero = kind == ("d" if arm.prismatic[int(row) - 1] else "theta")
+                what = (JOINT_ZERO, f"joint {row}") if zero else (LINK, parameter.name)
+                found.append(single(*what, column, parameter.scale))
         elif isinstance(term, JointSpring):
             rigid += columns.tolist()
             softer = _SOFTER * float(x[columns[0]])
-            found.append(_single(STIFFNESS, term.of, int(columns[0]), softer, count))
+            found.append(single(STIFFNESS, term.of, int(columns[0]), softer))
         elif isinstance(term, Effect):
             directions = np.zeros((count, term.linear))
             directions[columns[: term.linear]] = term.prior_factor
@@ -139,18 +146,3 @@ def everything(possible: Sequence[Hypothesis]) -> Hypothesis:
         np.hstack([each.sizes[-1] * each.directions for each in single]),
         (1.0,),
     )
-
-
-def _single(kind: str, of: str, column: int, size: float, count: int) -> Hypothesis:
-    directions = np.zeros((count, 1))
-    directions[column] = size
-    return Hypothesis(kind, of, np.array([column]), directions, _SIZES)
-
-
-def _named(arm: Arm, coordinate: str, parameter: str) -> tuple[str, str]:
-    """Return what a departure is: the zero of a joint, or something else of a link."""
-    kind, _, row = coordinate.rpartition("_")
-    slides = bool(arm.prismatic[int(row) - 1])
-    if kind == ("d" if slides else "theta"):
-        return JOINT_ZERO, f"joint {row}"
-    return LINK, parameter

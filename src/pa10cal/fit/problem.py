@@ -42,11 +42,6 @@ class Problem:
         """Return what was measured."""
         return self.observations.measured
 
-    @property
-    def grouped(self) -> bool:
-        """Return whether poses are of several campaigns, each with components of its own."""
-        return bool(self.measured.campaigns)
-
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Return all k unknowns, those of the model first."""
@@ -67,11 +62,6 @@ class Problem:
     def components_seen(self) -> NDArray[np.bool_]:
         """Return which components were seen, (P, b)."""
         return self.measured.components_seen
-
-    @cached_property
-    def times_seen(self) -> NDArray[np.intp]:
-        """Return how many components were seen in each pose, (P,), at least one."""
-        return np.asarray(np.maximum(self.components_seen.sum(axis=1), 1), dtype=np.intp)
 
     @cached_property
     def readings(self) -> int:
@@ -111,12 +101,9 @@ class Problem:
         by_end = np.concatenate([found.by_end[..., :3] @ R, found.by_end[..., 3:] @ R], axis=2)
         of_model = predicted.jacobian.shape[2]
         jacobian = np.empty((*found.residual.shape, of_model + len(self.places)))
-        if self.grouped:
-            jacobian[..., :of_model] = 0.0
-            for at, columns in self.measured.parts_seen:
-                jacobian[at, columns, :of_model] = by_end[at, columns] @ predicted.jacobian[at]
-        else:
-            np.matmul(by_end, predicted.jacobian, out=jacobian[..., :of_model])
+        jacobian[..., :of_model] = 0.0  # what other campaigns of a group see
+        for at, columns in self.measured.parts_seen:
+            jacobian[at, columns, :of_model] = by_end[at, columns] @ predicted.jacobian[at]
         jacobian[..., of_model:] = found.by_targets[..., self.places]
         return Rows(found.residual, jacobian)
 

@@ -10,7 +10,6 @@ scatter; none is omitted.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,11 +93,7 @@ class WeightedRows:
 
 
 def weighted_rows(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) -> WeightedRows:
-    """Weigh the rows of a problem.
-
-    Args:
-        robust: whether poses far outside the scatter weigh less.
-    """
+    """Weigh the rows of a problem; where it is robust, poses far outside the scatter less."""
     whitener = _whitener(problem, scatter.size)
     white = np.einsum("pij,pj->pi", whitener, rows.residual)
     distance = np.sqrt(np.sum(white**2, axis=1))
@@ -108,27 +103,16 @@ def weighted_rows(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) 
         limit = _limit(problem, distance, scatter.stated_part if enough else 1.0)
         weights = (limit / np.maximum(distance, limit)) ** 2
     root = np.sqrt(weights)
-    weighted, normal = _weighted(problem, root[:, None, None] * whitener, rows.jacobian)
-    return WeightedRows(root[:, None] * white, weighted, normal, weights, distance, whitener)
-
-
-def _weighted(problem: Problem, whitener: Array, jacobian: Array) -> tuple[Array, Array]:
-    """Return whitened derivatives (P, b, k) and their normal equations (k, k).
-
-    In the poses of one campaign of a group those of others are zero, and stay out of the products.
-    """
-    if not problem.grouped:
-        weighted = _times(whitener, jacobian)
-        flat = weighted.reshape(-1, weighted.shape[2])
-        return weighted, flat.T @ flat
-    weighted = np.zeros_like(jacobian)
-    normal = np.zeros((jacobian.shape[2],) * 2)
+    scaled = root[:, None, None] * whitener
+    # In the poses of one campaign of a group those of others are zero, and stay out of products.
+    weighted = np.zeros_like(rows.jacobian)
+    normal = np.zeros((weighted.shape[2],) * 2)
     for at, columns in problem.measured.parts_seen:
-        own = _times(whitener[at, columns, columns], jacobian[at, columns])
+        own = _times(scaled[at, columns, columns], rows.jacobian[at, columns])
         weighted[at, columns] = own
         flat = own.reshape(-1, own.shape[2])
         normal += flat.T @ flat
-    return weighted, normal
+    return WeightedRows(root[:, None] * white, weighted, normal, weights, distance, whitener)
 
 
 def suspect_beyond(seen: NDArray[np.bool_]) -> Array:
@@ -155,17 +139,11 @@ def _limit(problem: Problem, distance: Array, least: float) -> Array:
     It goes by the scatter, or by the typical pose where that lies closer: many wrong ones make the
     scatter too wide to show any of them. It is at least this part of the former.
     """
-    limits, medians = _quantiles(int(problem.times_seen.max()))
-    at = problem.times_seen - 1
+    seen, at = np.unique(problem.components_seen.sum(axis=1), return_inverse=True)
+    numbers = np.maximum(seen, 1)
+    limits, medians = np.sqrt(np.asarray(chdtri(numbers, _TAIL))), np.asarray(chdtri(numbers, 0.5))
     typical = float(np.sqrt(np.median(distance**2 / medians[at])))
     return np.asarray(limits[at] * min(1.0, max(typical, least)))
-
-
-@cache
-def _quantiles(most: int) -> tuple[Array, Array]:
-    """Return the limit of a distance and the median of its square, for 1 to `most` components."""
-    numbers = np.arange(1, most + 1)
-    return np.sqrt(np.asarray(chdtri(numbers, _TAIL))), np.asarray(chdtri(numbers, 0.5))
 
 
 def _whitener(problem: Problem, scatter: dict[str, float]) -> Array:
@@ -294,7 +272,6 @@ def far_from_prediction(
 
     Args:
         poses: P single readings held out, with what the model needs.
-        model: the calibrated model.
         fitted: single readings that it was fitted to, likewise: they show what is usual.
 
     Returns:
@@ -322,7 +299,6 @@ def confirmed(readings: Observations, left: Array, rows: Index) -> Mask:
     It does where it is off by about as much in the same direction.
 
     Args:
-        readings: P single readings.
         left: (P, b) what the model leaves of them.
         rows: those that are far from it.
     """
@@ -340,7 +316,7 @@ def confirmed(readings: Observations, left: Array, rows: Index) -> Mask:
 def by_stated(readings: Observations, values: Array) -> Array:
     """Return values (P, b) in the stated uncertainty of the readings."""
     stated = np.linalg.inv(np.linalg.cholesky(readings.measured.stated_covariance))
-    return np.asarray((stated @ values[:, :, None])[:, :, 0])
+    return np.asarray(np.einsum("pij,pj->pi", stated, values))
 
 
 def components_seen(readings: Observations, at: slice) -> Mask:

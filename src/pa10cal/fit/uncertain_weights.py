@@ -60,11 +60,7 @@ def unknown_tool(arm: Arm, payload: Payload) -> Weights:
 
 
 def unknown_weights(arm: Arm, payload: Payload, states: PoseStates) -> tuple[Weights, ...]:
-    """Return the weights that a calibration fits with the springs: those nobody stated.
-
-    Args:
-        states: poses with calculated torques.
-    """
+    """Return the weights that a calibration fits with the springs: those nobody stated."""
     known = weights_known(arm)
     if known.origin == "stated":
         return () if payload.known else (unknown_tool(arm, payload),)
@@ -92,26 +88,20 @@ def with_uncertain_weights(model: F, payload: Payload) -> F:
     weights = Weights.about(arm, weight_sizes(arm, payload))
     weights = replace(weights, unknown_tool=not payload.known)
     found: dict[int, float] = {}
-    own = np.zeros(0, dtype=np.intp)
     for term in terms:
-        places = np.arange(len(model.x))[model.model.columns_of(term)]
         if isinstance(term, Weights):
-            found |= zip(term.columns, model.x[places], strict=True)
-        else:
-            own = np.append(own, places)
+            found |= zip(term.columns, model.values_of(term), strict=True)
+    own = model.only(*(term for term in terms if not isinstance(term, Weights)))
     values = np.array([found.get(column, 0.0) for column in weights.columns])
-    covariance = None
-    if model.covariance is not None:
-        with_base = np.append(own, len(model.x) + np.arange(6))
-        size = len(with_base) + len(values)
-        at = np.append(np.arange(len(own)), np.arange(size - 6, size))
-        covariance = np.diag(np.concatenate([np.zeros(len(own)), weights.sizes, np.zeros(6)]) ** 2)
-        covariance[np.ix_(at, at)] = model.covariance[np.ix_(with_base, with_base)]
-    kept = tuple(term for term in terms if not isinstance(term, Weights))
+    covariance, at = own.covariance, len(own.x) + np.arange(len(values))
+    if covariance is not None:
+        for axis in (0, 1):
+            covariance = np.insert(covariance, np.full(len(at), len(own.x)), 0.0, axis=axis)
+        covariance[at, at] = np.square(weights.sizes)
     return replace(
-        model,
-        model=Model(model.model.chain, (*kept, weights)),
-        x=np.concatenate([model.x[own], values]),
+        own,
+        model=Model(model.model.chain, (*own.model.terms, weights)),
+        x=np.concatenate([own.x, values]),
         covariance=covariance,
     )
 

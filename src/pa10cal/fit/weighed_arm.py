@@ -58,8 +58,6 @@ def weighed_arm(
     """Return the arm of a campaign with weights, and how well these are known.
 
     Args:
-        arm: the nominal arm, as it is described.
-        every: single readings of all kinds.
         payload_of: what an arm carries; None of one without masses.
         total_kg: the mass of the whole arm, as a catalogue states it; None where it is not stated.
     """
@@ -174,9 +172,8 @@ class _Torques:
     @property
     def of_weights(self) -> bool:
         """Return whether weights of some kind, or their opposite, make such torques."""
-        spread_Nm = np.sqrt(np.mean(self.logged_Nm**2))
-        scatter_Nm = np.sqrt(np.mean(self._noise_Nm**2))
-        return bool(scatter_Nm < _SCATTER * spread_Nm)
+        noise_Nm = np.sqrt(np.mean(self._noise_Nm**2))
+        return bool(noise_Nm < _SCATTER * np.sqrt(np.mean(self.logged_Nm**2)))
 
     @property
     def follow(self) -> bool:

@@ -12,11 +12,13 @@ import time
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Literal
 
 import numpy as np
 import pandas as pd
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.campaign import calibrated_record
@@ -26,15 +28,13 @@ from pa10cal.errors import Pa10calError, SettingsError
 from pa10cal.evaluation.options import ChainOptions, EvaluationOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import models_of
-from pa10cal.lab.blind_trial import DRIVES, WILD
-from pa10cal.lab.cell.campaign import measure_campaign, robot_of, simulate_campaign
+from pa10cal.lab.blind_trial import DRIVES, SORTED, TRACKED, UNSTATED, WILD
+from pa10cal.lab.cell.campaign import Campaign, measure_campaign, robot_of, simulate_campaign
 from pa10cal.lab.cell.disturbances import DISTURBANCES
-from pa10cal.lab.cell.drive_trials import DRIVE_KINDS, DriveKind, campaigns_of, draw_drive_trials
 from pa10cal.lab.cell.effects.vocabulary import make_effects
-from pa10cal.lab.cell.measured_trials import SORTED, UNSTATED, after_geometry
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.trials import Trial, TrialKind, draw_trials
-from pa10cal.lab.cell.wild_trials import WILD_KINDS, WildKind, draw_wild_trials
+from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.lab.cell.scenario import Trial
+from pa10cal.lab.cell.trials import DRIVE_KINDS, WILD_KINDS, campaigns_of, draw_trials
 from pa10cal.lab.cell.write import Places as WrittenPlaces
 from pa10cal.lab.cell.write import write_campaign
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
@@ -63,7 +63,7 @@ def draw(
     layouts: str = "",
     size: float | None = None,
 ) -> tuple[Trial, ...]:
-    """Draw trials: see `draw_trials`, `draw_wild_trials` and `draw_drive_trials`.
+    """Draw trials: see `draw_trials`.
 
     Args:
         layouts: layouts of touched balls, or arms under instruments, with commas between them;
@@ -81,11 +81,7 @@ def draw(
             remedy="request more trials",
         )
     names = layouts.split(",") if layouts else []
-    if measured == DRIVES:
-        return draw_drive_trials(cast(DriveKind, kind), count, random_seed)
-    if measured == WILD:
-        return draw_wild_trials(cast(WildKind, kind), count, random_seed, names)
-    return draw_trials(cast(TrialKind, kind), count, random_seed, measured, names, size)
+    return draw_trials(kind, count, random_seed, measured, names, size=size)
 
 
 def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
@@ -115,11 +111,7 @@ def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, 
             verdict = FailedTrialRecord(campaign=trial.name, failed=str(error), refused=refused)
         except Exception as error:
             verdict = FailedTrialRecord(campaign=trial.name, failed=_crash(error))
-    if trial.kind in (UNSTATED, SORTED):
-        return verdict, _truth_after_geometry(trial)
-    if trial.kind in DRIVE_KINDS:
-        return verdict, _truth(trial, [None] * len(trial.sizes), seconds_twin=0.0)
-    return verdict, _truth_by_twins(trial, places, calibration, options)
+    return verdict, _truth(trial, places, calibration, options)
 
 
 def _options(trial: Trial, options: ChainOptions) -> ChainOptions:
@@ -162,59 +154,27 @@ def _crash(error: Exception) -> str:
 
 def _truth(
     trial: Trial,
-    moved_mm: Sequence[float | None],
-    apart_mm: Sequence[float | None] = (),
-    **more: Any,
-) -> TrialTruthRecord:
-    """Return what a trial hides, how it was measured, and how far that moves the residual.
-
-    Args:
-        moved_mm: how far, one a hidden effect; None where the trial failed.
-        apart_mm: the same with the sizes of the others fitted; none where that is not known.
-    """
-    settings = trial.settings
-    plan = settings.without_touches
-    measured = "touched" if plan is None else "tracked"
-    if trial.kind in WILD_KINDS:
-        measured = WILD
-    elif trial.kind in DRIVE_KINDS:
-        measured = DRIVES
-    apart_mm = apart_mm or [None] * len(moved_mm)
-    return TrialTruthRecord(
-        campaign=trial.name,
-        kind=trial.kind,
-        measured=measured,
-        layout=trial.bench,
-        path=settings.path if plan is None else "",
-        temperature_drift_C=settings.temperature_drift_C,
-        flexible_joints=(settings if plan is None else plan).flexible_joints,
-        hidden_effects=tuple(
-            HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=moved, apart_mm=own)
-            for effect, size, moved, own in zip(
-                settings.hidden_effects, trial.sizes, moved_mm, apart_mm, strict=True
-            )
-        ),
-        stated_uncertainty_mm=settings.stated_uncertainty_mm,
-        mass_factor=settings.mass_factor,
-        **more,
-    )
-
-
-def _truth_by_twins(
-    trial: Trial,
     places: WrittenPlaces,
     calibration: CalibrationRecord | None,
     options: ChainOptions,
 ) -> TrialTruthRecord:
-    """Return the truth, with how far each effect and disturbance moves the residual [mm].
+    """Return what a trial hides, how it was measured, and how far that moves the residual [mm].
 
     Root mean square over the poses fitted of the difference of what the calibrated model leaves to
     the same campaign, noise and all, without it. For the scoring alone: no verdict sees it. None
-    where that does not measure it.
+    where that does not measure it. Of unstated masses and sorted rows the calibrated model may hold
+    springs, which follow whatever a twin without one does: there it is what the effects leave once
+    the geometry is fitted again. Of drives it is not looked for.
     """
-    began = time.process_time()
+    began, settings = time.process_time(), trial.settings
+    arm, plan = load_arm(settings.robot), settings.without_touches
+    twins = _without_each(settings, "hidden_effects")
+    none: list[float | None] = [None] * len(twins)
+    moved_mm: Sequence[float | None] = none
+    apart_mm: Sequence[float | None] = none
+    noise_mm, measured = None, "touched" if plan is None else TRACKED
 
-    def moved_mm(twin: SimulateOptions) -> float | None:
+    def moved_by(twin: SimulateOptions) -> float | None:
         if calibration is None:
             return None
         try:
@@ -226,10 +186,17 @@ def _truth_by_twins(
         off_mm = calibration.residuals.position_mm - left_mm
         return float(np.sqrt(np.mean(np.sum(off_mm**2, axis=1))))
 
-    effects = [moved_mm(twin) for twin in _without_each(trial.settings, "hidden_effects")]
+    if trial.kind in DRIVE_KINDS:
+        measured = DRIVES
+    elif trial.kind in (UNSTATED, SORTED):
+        whole, *others = (simulate_campaign(trial.name, arm, each) for each in (settings, *twins))
+        left = after_geometry(whole, others)
+        moved_mm, apart_mm, noise_mm = left.moved_mm, left.apart_mm, left.noise_mm
+    else:
+        moved_mm = [moved_by(twin) for twin in twins]
     put_in = []
-    twins = _without_each(trial.settings, "disturbances")
-    for entry, where, twin in zip(trial.settings.disturbances, places, twins, strict=True):
+    twins = _without_each(settings, "disturbances")
+    for entry, where, twin in zip(settings.disturbances, places, twins, strict=True):
         each = DISTURBANCES[entry.id]
         put_in.append(
             PutIn(
@@ -238,30 +205,29 @@ def _truth_by_twins(
                 stressor=each.stressor,
                 kinds=each.kinds,
                 measured=each.measured,
-                moved_mm=moved_mm(twin) if each.measured else None,
+                moved_mm=moved_by(twin) if each.measured else None,
             )
         )
-    seconds = time.process_time() - began
-    return _truth(trial, effects, seconds_twin=seconds, put_in=tuple(put_in))
-
-
-def _truth_after_geometry(trial: Trial) -> TrialTruthRecord:
-    """Return the truth of a trial, with what its effects leave once the geometry is fitted again.
-
-    The calibrated model may hold springs, which follow whatever a twin without one does: how far
-    it moves what that model leaves says nothing here.
-    """
-    began = time.process_time()
-    settings, arm = trial.settings, load_arm(trial.settings.robot)
-    left = after_geometry(
-        simulate_campaign(trial.name, arm, settings),
-        [
-            simulate_campaign(trial.name, arm, twin)
-            for twin in _without_each(settings, "hidden_effects")
-        ],
+    return TrialTruthRecord(
+        campaign=trial.name,
+        kind=trial.kind,
+        measured=WILD if trial.kind in WILD_KINDS else measured,
+        layout=trial.bench,
+        path=settings.path if plan is None else "",
+        temperature_drift_C=settings.temperature_drift_C,
+        flexible_joints=(settings if plan is None else plan).flexible_joints,
+        hidden_effects=tuple(
+            HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=moved, apart_mm=own)
+            for effect, size, moved, own in zip(
+                settings.hidden_effects, trial.sizes, moved_mm, apart_mm, strict=True
+            )
+        ),
+        put_in=tuple(put_in),
+        stated_uncertainty_mm=settings.stated_uncertainty_mm,
+        mass_factor=settings.mass_factor,
+        seconds_twin=time.process_time() - began,
+        noise_mm=noise_mm,
     )
-    seconds = time.process_time() - began
-    return _truth(trial, left.moved_mm, left.apart_mm, seconds_twin=seconds, noise_mm=left.noise_mm)
 
 
 def _without_each(settings: SimulateOptions, key: str) -> list[SimulateOptions]:
@@ -398,3 +364,136 @@ def _suspected(calibration: CalibrationRecord) -> Iterator[str]:
     """Return the poses that the general model suspects of a gross error."""
     if isinstance(calibration, GeneralCalibrationRecord):
         yield from (outlier.pose for outlier in calibration.suspected_outliers)
+
+
+# What an effect leaves in the readings once the whole geometry is fitted to them again.
+#
+# Worked out from the truth, for the scoring alone: the readings without noise, with the effect and
+# without it, less all small motions of the base, of every joint's frame and of the tool.
+
+#: Motions that are less than this part of the largest one, once the others are taken out, are those
+#: that the others make already.
+_REDUNDANT = 1e-9
+
+
+@dataclass(frozen=True)
+class AfterGeometry:
+    """What each effect of a campaign leaves, beside the noise."""
+
+    # how far each moves the readings after the geometry is fitted again, root mean square of
+    # positions
+    moved_mm: tuple[float, ...]
+    apart_mm: tuple[float, ...]  # the same once the sizes of the other effects are fitted, too
+    noise_mm: float  # what noise moves positions by, likewise, averaged over repeats
+
+
+def after_geometry(made: Campaign, without: Sequence[Campaign]) -> AfterGeometry:
+    """Return what the effects of a campaign leave.
+
+    Args:
+        made: the campaign of a tracker.
+        without: it without one of its effects each, in their order.
+    """
+    plan = made.settings.without_touches
+    if plan is None:
+        raise ValueError("touched balls are not refitted here")
+    readings = _Readings(made, plan)
+    basis = readings.geometry()
+    moved = [readings.difference(each) for each in without]
+    left = [_less(each, basis) for each in moved]
+    apart = [
+        _less(each, _basis(np.column_stack([basis, *left[:k], *left[k + 1 :]])))
+        for k, each in enumerate(left)
+    ]
+    return AfterGeometry(
+        tuple(map(readings.position_mm, left)),
+        tuple(map(readings.position_mm, apart)),
+        readings.noise_mm(),
+    )
+
+
+class _Readings:
+    """Readings of every calibration pose once, in the base's frame, in units of their noise."""
+
+    def __init__(self, made: Campaign, plan: TrackerOptions) -> None:
+        schedule = made.truth.schedule
+        self._made, self._plan = made, plan
+        self._rows = np.flatnonzero((schedule.kind == "grid") & (schedule.repeat == 1))
+        self._turns = plan.instrument == "pose"
+        self._p_m, self._R = self._read(made)
+
+    def difference(self, other: Campaign) -> Array:
+        """Return by how much readings differ from those of a twin, one long vector."""
+        p_m, R = self._read(other)
+        turned = Rotation.from_matrix(self._R @ R.transpose(0, 2, 1)).as_rotvec()
+        return self._stacked((self._p_m - p_m)[..., None], turned[..., None])[:, 0]
+
+    def geometry(self) -> Array:
+        """Return an orthonormal basis of what small motions of all frames do to the readings."""
+        return _basis(np.hstack([self._stacked(*self._moved_with(T)) for T in self._frames()]))
+
+    def position_mm(self, difference: Array) -> float:
+        """Return the root mean square of the positions of a difference."""
+        p_mm = difference[: self._p_m.size] * self._plan.position_mm
+        return float(np.sqrt(3.0 * np.mean(p_mm**2)))
+
+    def noise_mm(self) -> float:
+        """Return the noise of the instrument, and of links about their motors."""
+        links_mm2 = 0.0
+        slides = self._made.truth.robot.mechanism.slides
+        off_mm = 1e3 * np.hypot(self._plan.unseen_rad, self._plan.resolver_rad)
+        for slide, T in zip(slides, self._frames()[1:], strict=True):
+            along_z = self._moved_with(T)[0][..., 5 if slide else 2]
+            links_mm2 += float(np.mean(np.sum((off_mm * along_z) ** 2, axis=-1)))
+        noise_mm2 = 3.0 * self._plan.position_mm**2 + links_mm2
+        return float(np.sqrt(noise_mm2 / self._plan.repeats))
+
+    def _read(self, made: Campaign) -> tuple[Array, Array]:
+        """Return positions (P, B, 3) [m] and orientations (P, 3, 3), as read without noise."""
+        truth, robot = made.truth, made.truth.robot
+        T = truth.rest.T_base_ee[self._rows]
+        on_tool_m = robot.T_ee_target[None, :3, 3] if self._turns else robot.targets.p_ee_m
+        along_m = on_tool_m + truth.tool_shift_m[self._rows, None]
+        p_m = np.einsum("pij,pbj->pbi", T[:, :3, :3], along_m) + T[:, None, :3, 3]
+        R, t_m = robot.T_instr_base[:3, :3], robot.T_instr_base[:3, 3]
+        return (truth.as_read(p_m @ R.T + t_m) - t_m) @ R, T[:, :3, :3]
+
+    def _frames(self) -> list[Array]:
+        """Return frames that geometry moves, (P, 4, 4): the base and what each joint carries."""
+        truth = self._made.truth
+        joints = truth.robot.mechanism.T_base_joints(truth.rest.q[self._rows])
+        return [np.broadcast_to(np.eye(4), (len(self._rows), 4, 4)), *joints]
+
+    def _moved_with(self, T: Array) -> tuple[Array, Array]:
+        """Return what turns about a frame's axes and shifts along them do.
+
+        Returns:
+            (P, B, 3, 6) motions of the positions, and (P, 3, 6) turns.
+        """
+        axes = T[:, :3, :3]
+        lever_m = self._p_m - T[:, None, :3, 3]
+        turned = np.cross(axes[:, None], lever_m[..., None], axisa=2, axisb=2, axisc=2)
+        shifted = np.broadcast_to(axes[:, None], turned.shape)
+        return np.concatenate([turned, shifted], -1), np.concatenate([axes, 0.0 * axes], -1)
+
+    def _stacked(self, moved_m: Array, turned: Array) -> Array:
+        """Return positions (P, B, 3, k) and turns (P, 3, k) as columns in units of their noise."""
+        count = moved_m.shape[-1]
+        rows = [1e3 / self._plan.position_mm * moved_m.reshape(-1, count)]
+        if self._turns:
+            rows.append(turned.reshape(-1, count) / self._plan.attitude_rad)
+        return np.concatenate(rows)
+
+
+def _basis(columns: Array) -> Array:
+    """Return an orthonormal basis of the span of some columns of any scale."""
+    length = np.linalg.norm(columns, axis=0)
+    kept = columns[:, length > 0.0] / length[length > 0.0]
+    left, size, _ = np.linalg.svd(kept, full_matrices=False)
+    return left[:, size > _REDUNDANT * size.max(initial=0.0)]
+
+
+def _less(difference: Array, basis: Array) -> Array:
+    """Return a difference without its part in the span of a basis."""
+    left: Array = difference - basis @ (basis.T @ difference)
+    return left

@@ -9,22 +9,19 @@ after the estimate is made, and nowhere else.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import calibrate
-from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.problem import Unknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.paper import parameter_records
-from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.evaluation.options import CoverageCase, CoverageOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.lab import simulated
@@ -34,7 +31,8 @@ from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.lab.cell.robot import Robot
 from pa10cal.lab.cell.write import truth_record
 from pa10cal.observe.kinds import instruments
-from pa10cal.observe.observations import average_repeats, poses_of
+from pa10cal.observe.observations import Observations, average_repeats, poses_of
+from pa10cal.observe.quantities import Start
 from pa10cal.results import studies as results
 from pa10cal.terms.joint_spring import baseline
 
@@ -87,27 +85,24 @@ def coverage_study(
 
 def coverage_table(record: results.CoverageRecord) -> str:
     """Return the same in brief, as CSV: one line for each class of parameters of a case."""
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(("case", "of", "inside_percent", "from_percent", "to_percent", "rms_score"))
     shares: list[tuple[str, str, results.Coverage]] = [
         ("pa10_6ce, touched balls, paper's model", "all parameters", record.paper)
     ]
     for case in record.cases:
+        free = case.departing_in_any_way.predictions
         shares += [
             (case.case, "all parameters", case.parameters),
             *((case.case, kind, share) for kind, share in case.parameters.by_class.items()),
             (case.case, "predictions", case.predictions),
-            (
-                case.case,
-                "predictions, arm departing in any way",
-                case.departing_in_any_way.predictions,
-            ),
+            (case.case, "predictions, arm departing in any way", free),
         ]
-    for title, of, share in shares:
-        percent = (f"{100 * x:.1f}" for x in (share.inside, *share.inside_interval95))
-        rows.writerow((title, of, *percent, f"{share.rms:.3f}"))
-    return text.getvalue()
+    rows = [
+        (title, of, *(f"{100 * x:.1f}" for x in (s.inside, *s.inside_interval95)), f"{s.rms:.3f}")
+        for title, of, s in shares
+    ]
+    header = ["case", "of", "inside_percent", "from_percent", "to_percent", "rms_score"]
+    text: str = pd.DataFrame(rows, columns=header).to_csv(index=False, lineterminator="\n")
+    return text
 
 
 def _line(title: str, shares: dict[str, results.Coverage]) -> str:
@@ -139,7 +134,8 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
         baseline(arm, options.flexible_joints, options.tolerances),
         average_repeats(readings),
         options,
-        ErrorSources(readings, 1e-3 * options.apparatus_uncertainty_mm),
+        readings,
+        1e-3 * options.apparatus_uncertainty_mm,
     )
     return simulated.reported_scores(parameter_records(found), truth_record(made).parameters)
 
@@ -194,7 +190,11 @@ def _scores(
     """Simulate and calibrate the campaigns of a case; score parameters and predictions."""
     arm, plan = load_arm(case.robot), _plan(case, options)
     calibration = calibration.with_springs(case.flexible_joints)
-    unknowns = _unknowns(arm, plan, calibration, options.random_seed)
+    # What arm and instrument can identify is the same in every campaign.
+    any_robot = draw_individual(arm, plan, np.random.default_rng(options.random_seed))
+    seen, start = _seen(any_robot, plan, options.random_seed)
+    frames = start.T_instr_base, start.targets_m
+    unknowns = choose_unknowns(arm, calibration.tolerances, seen.measured, *frames)
     by_name: list[dict[str, float]] = []
     predictions, converged = [], []
     for seed in range(options.random_seed, options.random_seed + options.general_campaigns):
@@ -203,7 +203,8 @@ def _scores(
             robot = draw_individual(arm, plan, rng)
         else:
             robot = simulated.draw_by_unknowns(arm, plan, unknowns, rng)
-        found = _calibrated(robot, plan, calibration, seed)
+        payload = simulated.payload_of_individual(robot)
+        found = calibrate_general(arm, *_seen(robot, plan, seed), payload, calibration)
         by_name.append(simulated.parameter_scores(found, robot))
         others = simulated.exact_observations(
             robot, plan, _PREDICTED_POSES, seed + _OTHER_POSES * 10**6
@@ -217,27 +218,10 @@ def _scores(
     )
 
 
-def _unknowns(
-    arm: Arm, plan: TrackerOptions, calibration: CalibrationOptions, seed: int
-) -> Unknowns:
-    """Return what arm and instrument can identify, which is the same in every campaign."""
-    robot = draw_individual(arm, plan, np.random.default_rng(seed))
+def _seen(robot: Robot, plan: TrackerOptions, seed: int) -> tuple[Observations, Start]:
+    """Measure a robot, and return what a calibration starts from."""
     seen = simulated.observations_of(simulated.measured(robot, plan, seed))
-    start = find_start(arm, seen)
-    return choose_unknowns(
-        arm, calibration.tolerances, seen.measured, start.T_instr_base, start.targets_m
-    )
-
-
-def _calibrated(
-    robot: Robot, plan: TrackerOptions, calibration: CalibrationOptions, seed: int
-) -> GeneralCalibration:
-    """Measure a robot and calibrate it."""
-    seen = simulated.observations_of(simulated.measured(robot, plan, seed))
-    start = find_start(robot.arm, seen)
-    return calibrate_general(
-        robot.arm, seen, start, simulated.payload_of_individual(robot), calibration
-    )
+    return seen, find_start(robot.arm, seen)
 
 
 def _plan(case: CoverageCase, options: CoverageOptions) -> TrackerOptions:

@@ -31,13 +31,11 @@ from pa10cal.results.studies import Places as PlacesDrawn
 # which is exact: nothing is linearised. So the displacement is a constant matrix, in which stands
 # all that belongs to the pose, times rows that change with every draw: sin δ and 1 - cos δ of the
 # joints, and their products with the components of u across the axis. u is computed from the tip
-# inwards; it is small, so no digits are lost. Four simplifications, all exact:
+# inwards; it is small, so no digits are lost. Three simplifications, all exact:
 #
 # - the length of a displacement does not depend on the link it is seen from. Seen from a link in
 #   the middle, the tip moves by the joints beyond that link, and the point where the flange should
 #   be moves by the joints before it, turned backwards: two short chains instead of a long one;
-# - consecutive joints with parallel axes act as one that turns by the sum of their errors; each
-#   link between them turns by a partial sum;
 # - a component of u that vanishes in every pose takes no product (axes at right angles);
 # - outermost joints whose axes pass through the point do not move it (their errors are drawn all
 #   the same).
@@ -49,30 +47,22 @@ _LONGEST_SIGMAS = 8.0
 _LEFT_OUT = 1e-12
 #: A joint that moves the flange by less than this per radian does not move it [m].
 _STILL_M = 1e-13
-#: Axes whose sine of the angle between is below this are parallel; a part of a displacement below
-#: this [m for one radian] vanishes.
-_PARALLEL = 1e-14
+#: A part of a displacement below this [m for one radian] vanishes.
+_VANISHES_M = 1e-14
 
 
-def series_is_exact(sigma_rad: float, most_added: int) -> bool:
-    """Return whether `turns` may take the series for angles that are sums of random errors.
-
-    Args:
-        sigma_rad: standard deviation of one joint's error.
-        most_added: how many independent errors at most are added into one angle.
-    """
-    longest = _LONGEST_SIGMAS * np.sqrt(most_added) * sigma_rad
-    return bool(longest**4 / 24.0 <= _LEFT_OUT)
+def series_is_exact(sigma_rad: float) -> bool:
+    """Return whether `turns` may take the series for errors of this standard deviation."""
+    return bool((_LONGEST_SIGMAS * sigma_rad) ** 4 / 24.0 <= _LEFT_OUT)
 
 
 def turns(normals: Array, versine: Array, work: Array, sigma_rad: float, *, series: bool) -> None:
     """Replace normals z by sin σz, and write 1 - cos σz, in few passes over memory.
 
     Args:
-        normals, versine, work: arrays of one shape.
         sigma_rad: standard deviation σ of one joint's error.
-        series: whether by σz - (σz)³/6 and (σz)²/2, which `refine` makes exact for sums of errors;
-            else by numpy's sine, with 1 - cos δ = 2 sin²(δ/2).
+        series: whether by σz - (σz)³/6 and (σz)²/2; else by numpy's sine, with
+            1 - cos δ = 2 sin²(δ/2).
     """
     if series:
         np.square(normals, work)
@@ -87,13 +77,6 @@ def turns(normals: Array, versine: Array, work: Array, sigma_rad: float, *, seri
     np.multiply(versine, 2.0, versine)
     np.multiply(normals, sigma_rad, normals)
     np.sin(normals, normals)
-
-
-def refine(versine: Array, work: Array) -> None:
-    """Add the next term to 1 - cos δ by the series: δ²/2 - δ⁴/24."""
-    np.square(versine, work)
-    np.multiply(work, 1.0 / 6.0, work)
-    np.subtract(versine, work, versine)
 
 
 @dataclass(frozen=True)
@@ -112,16 +95,12 @@ def joint_motion(chain: Chain, q_rad: Array) -> JointMotion:
 
 @dataclass(frozen=True)
 class Product:
-    """One component of a displacement, times sine and versine of the next joint inwards."""
+    """What a displacement is across an axis, times sine and versine of the joint that turns it."""
 
-    # (P, rows) matrix of the component; None where it is one row as it stands
-    component: Array | None
-    rows: slice  # the rows it is made of, or that row
-    joint: int  # the joint whose sine and versine multiply it
-    into: tuple[int, int]  # the rows that hold the two products
-
-
-Groups = tuple[tuple[int, ...], ...]
+    components: Array  # (P, c, rows) matrix of its c components, one or two
+    rows: slice  # the rows they are made of
+    joint: int  # the joint whose sine and versine multiply them
+    into: slice  # the 2 c rows that hold the products, those with the sine first
 
 
 @dataclass(frozen=True)
@@ -135,113 +114,62 @@ class DisplacementPlan:
     sigma_rad: float  # standard deviation of the error of a joint
     joints: int  # n, all of which are drawn
     moving: int  # how many of them, from the base outwards, may move the flange
-    # for the two chains that meet at the link from which the displacement is seen, to the tip and
-    # to the base: groups of joints with parallel axes that follow each other, from that link
-    # outwards. Joints that move nothing are omitted.
-    chains: tuple[Groups, Groups]
     products: tuple[Product, ...]  # in the order they are computed
     matrix: Array  # (P, 3, rows) from rows to displacements [m]
 
-    @property
-    def added(self) -> list[tuple[int, int]]:
-        """Pairs of joints: the error of the first is added to that of the second, in this order."""
-        return [
-            pair for chain in self.chains for group in chain for pair in itertools.pairwise(group)
-        ]
-
-    @property
-    def passes(self) -> int:
-        """How often, roughly, memory is passed over beyond what every plan does."""
-        components = sum(product.component is not None for product in self.products)
-        return 3 * components + 6 * len(self.products) + 4 * len(self.added)
-
 
 def plan_displacement(motion: JointMotion, sigma_rad: float) -> DisplacementPlan:
-    """Lay out the displacement for joint errors of `sigma_rad` at the given positions."""
-    links = range(motion.axes.shape[1] + 1)
-    return min((_seen_from(motion, link, sigma_rad) for link in links), key=lambda p: p.passes)
+    """Lay out the displacement for joint errors of `sigma_rad` at the given positions.
 
-
-def _seen_from(motion: JointMotion, link: int, sigma_rad: float) -> DisplacementPlan:
-    """Lay out the displacement as it is seen from a link, before which so many joints lie."""
+    It is seen from the link from which it takes the fewest rows.
+    """
     n = motion.axes.shape[1]
-    chains = (
-        _groups(motion, list(range(link, n))),
-        _groups(motion, list(range(link))[::-1]),
-    )
-    moving = 1 + max((joint for chain in chains for group in chain for joint in group), default=-1)
-    products: list[Product] = []
-    # Seen from the link, the joints before it turn the other way.
-    tip = _displacement(motion, chains[0], 1.0, moving, products)
-    base = _displacement(motion, chains[1], -1.0, moving, products)
-    used = n + moving + 2 * len(products)
-    matrix = np.ascontiguousarray((tip - base)[:, :, :used])
-    return DisplacementPlan(sigma_rad, n, moving, chains, tuple(products), matrix)
+    moves = np.linalg.norm(motion.jacobian, axis=1).max(axis=0) > _STILL_M
+    plans = []
+    for link in range(n + 1):  # so many joints lie before it
+        chains = []  # of joints from the link outwards, to the tip and to the base
+        for chain in (list(range(link, n)), list(range(link))[::-1]):
+            while chain and not moves[chain[-1]]:
+                chain.pop()
+            chains.append(chain)
+        moving = 1 + max((*chains[0], *chains[1]), default=-1)
+        products: list[Product] = []
+        # Seen from the link, the joints before it turn the other way.
+        tip = _displacement(motion, chains[0], 1.0, moving, products)
+        base = _displacement(motion, chains[1], -1.0, moving, products)
+        used = products[-1].into.stop if products else n + moving
+        matrix = np.ascontiguousarray((tip - base)[:, :, :used])
+        plans.append(DisplacementPlan(sigma_rad, n, moving, tuple(products), matrix))
+    return min(plans, key=lambda plan: plan.matrix.shape[2])
 
 
 def _displacement(
-    motion: JointMotion, chain: Groups, sign: float, moving: int, products: list[Product]
+    motion: JointMotion, chain: list[int], sign: float, moving: int, products: list[Product]
 ) -> Array:
-    """Return (P, 3, rows): the point moved by the groups of a chain, in the base frame.
+    """Return (P, 3, rows): the point moved by the joints of a chain, in the base frame.
 
     Products that this takes are appended to those there are.
     """
     positions, n = motion.axes.shape[:2]
     u = np.zeros((positions, 3, n + moving + 4 * n * n))
-    for group in reversed(chain):
-        axis = sign * motion.axes[:, group[0]]
-        for turned, component, rows in _across(u, axis):
-            first = n + moving + 2 * len(products)
-            u[:, :, first], u[:, :, first + 1] = turned, np.cross(axis, turned)
-            products.append(Product(component, rows, group[-1], (first, first + 1)))
-        velocity = sign * motion.jacobian[:, :, group]
-        links = velocity.copy()
-        links[:, :, :-1] -= velocity[:, :, 1:]
-        u[:, :, group] += links
-        u[:, :, [n + joint for joint in group]] += np.cross(axis[:, :, None], links, axis=1)
+    for joint in reversed(chain):
+        axis = sign * motion.axes[:, joint]
+        turned = np.cross(axis[:, :, None], u, axis=1)
+        made_of = np.flatnonzero(np.abs(turned).max(axis=(0, 1)) > _VANISHES_M)
+        if len(made_of):
+            rows = slice(int(made_of[0]), int(made_of[-1]) + 1)
+            directions, sizes, parts = np.linalg.svd(turned[:, :, rows], full_matrices=False)
+            count = int((sizes > _VANISHES_M).sum(axis=1).max())
+            components = np.ascontiguousarray((sizes[:, :, None] * parts)[:, :count])
+            first = products[-1].into.stop if products else n + moving
+            into = slice(first, first + 2 * count)
+            products.append(Product(components, rows, joint, into))
+            turned = directions[:, :, :count]
+            u[:, :, into] = np.dstack([turned, np.cross(axis[:, :, None], turned, axis=1)])
+        velocity = sign * motion.jacobian[:, :, joint]
+        u[:, :, joint] += velocity
+        u[:, :, n + joint] += np.cross(axis, velocity)
     return u
-
-
-def _across(u: Array, axis: Array) -> list[tuple[Array, Array | None, slice]]:
-    """Return the components of a displacement across an axis (P, 3).
-
-    Returns:
-        Of each: ẑ× its direction (P, 3), its matrix (P, rows) or None for one row, and the rows.
-    """
-    turned = np.cross(axis[:, :, None], u, axis=1)
-    found = np.flatnonzero(np.abs(turned).max(axis=(0, 1)) > _PARALLEL)
-    if not len(found):
-        return []
-    step = int(found[1] - found[0]) if len(found) == 2 else 1
-    rows = slice(int(found[0]), int(found[-1]) + 1, step)
-    directions, sizes, components = np.linalg.svd(turned[:, :, rows], full_matrices=False)
-    count = int((sizes > _PARALLEL).sum(axis=1).max())
-    if len(found) <= count:
-        return [(turned[:, :, row], None, slice(row, row + 1)) for row in found.tolist()]
-    components = sizes[:, :, None] * components
-    return [
-        (directions[:, :, k], np.ascontiguousarray(components[:, k]), rows) for k in range(count)
-    ]
-
-
-def _groups(motion: JointMotion, joints: list[int]) -> Groups:
-    """Split joints, given from a link outwards, where neighbouring axes are not parallel."""
-    moves = np.linalg.norm(motion.jacobian, axis=1).max(axis=0) > _STILL_M
-    while joints and not moves[joints[-1]]:
-        joints = joints[:-1]
-    groups: list[tuple[int, ...]] = []
-    for joint in joints:
-        if groups and _parallel(motion.axes[:, groups[-1][-1]], motion.axes[:, joint]):
-            groups[-1] = (*groups[-1], joint)
-        else:
-            groups.append((joint,))
-    return tuple(groups)
-
-
-def _parallel(one: Array, other: Array) -> bool:
-    """Return whether two axes (P, 3) point the same way at every position."""
-    apart = np.linalg.norm(np.cross(one, other), axis=1)
-    return bool((apart < _PARALLEL).all() and (np.sum(one * other, axis=1) > 0).all())
 
 
 class DisplacementBlock:
@@ -256,36 +184,26 @@ class DisplacementBlock:
     def __init__(self, plan: DisplacementPlan, cycles: int) -> None:
         n, moving, used = plan.joints, plan.moving, plan.matrix.shape[2]
         # A block fills the processor's cache: products and displacement are written over work.
-        rows = np.zeros((max(used + 4, n + 2 * moving), cycles))
+        rows = np.zeros((max(used + 5, n + 2 * moving), cycles))
         self._plan, self._rows = plan, rows
-        self.normals = rows[:n]
-        self._versines, self._work = rows[n : n + moving], rows[-4]
-        self._turned = rows[:moving], self._versines, rows[len(rows) - moving :]
+        self.normals, self._work = rows[:n], rows[-5:-3]
+        self._turned = rows[:moving], rows[n : n + moving], rows[len(rows) - moving :]
         self._used, self._displacement, self.error_m = rows[:used], rows[-3:], rows[-3]
-        most = max((len(group) for chain in plan.chains for group in chain), default=1)
-        self._series = series_is_exact(plan.sigma_rad, most)
+        self._series = series_is_exact(plan.sigma_rad)
 
     def displace(self, position: int) -> None:
         """Turn the drawn normals into displacements at one position of the plan."""
         plan, rows = self._plan, self._rows
-        for inner, outer in plan.added:
-            np.add(rows[outer], rows[inner], rows[outer])
         turns(*self._turned, plan.sigma_rad, series=self._series)
-        if self._series:
-            for _, outer in plan.added:
-                refine(self._versines[outer], self._work)
         for product in plan.products:
-            factor = rows[product.rows.start]
-            if product.component is not None:
-                factor = self._work
-                np.matmul(product.component[position], rows[product.rows], factor)
-            for turn, into in zip(
-                (product.joint, plan.joints + product.joint), product.into, strict=True
-            ):
-                np.multiply(rows[turn], factor, rows[into])
+            components = product.components[position]
+            count = len(components)
+            factors, into = self._work[:count], rows[product.into]
+            np.matmul(components, rows[product.rows], factors)
+            np.multiply(rows[product.joint], factors, into[:count])
+            np.multiply(rows[plan.joints + product.joint], factors, into[count:])
         squares = self._displacement
-        for matrix, out in zip(plan.matrix[position], squares, strict=True):
-            matrix.dot(self._used, out)  # faster than all three at once
+        np.matmul(plan.matrix[position], self._used, squares)
         np.square(squares, squares)
         np.add(squares[0], squares[1], self.error_m)
         np.add(self.error_m, squares[2], self.error_m)
@@ -334,11 +252,8 @@ def sample_errors(
     """Draw the joint errors of every cycle at every position and sum the position errors.
 
     Args:
-        plan: the displacement at P positions.
-        streams: P fresh generators, one a position.
         counts: (C,) increasing counts of cycles at which the sums are kept; the last is the
             number of cycles at each position.
-        progress: called before the first and after every position.
     """
     cycles = int(counts[-1])
     starts = np.arange(0, cycles, BLOCK_CYCLES)
@@ -431,7 +346,6 @@ def expected_error(jacobian: Array, sigma_rad: float) -> ExpectedError:
 
     Args:
         jacobian: (P, 3, n) velocity of the flange by each joint [m/rad].
-        sigma_rad: standard deviation of every joint.
     """
     squares = sigma_rad**2 * (jacobian @ jacobian.transpose(0, 2, 1))
     # Rounding leaves an eigenvalue that should vanish a little below zero.
@@ -460,11 +374,7 @@ def study_plane(
     """Draw resolver errors at places of one plane and set the closed form beside them.
 
     Args:
-        arm: the nominal arm.
         plane_mm: height of the flange above the base.
-        settings: what to draw.
-        campaign, robot: names in the result.
-        progress: called before the first and after every position.
 
     Raises:
         SettingsError: when the plane cannot be reached or the map is too fine.

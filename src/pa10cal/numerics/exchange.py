@@ -21,6 +21,9 @@ from pa10cal.arrays import Array, Index
 
 #: An exchange must gain this much of the criterion, relative to one: less is rounding.
 _LEAST_GAIN = 1e-6
+#: Below this eigenvalue of I - R M^-1 R^T (and above its inverse where a pose is added) an update
+#: would be made of rounding errors: a pose that alone determines a direction leaves 0 there.
+_SAFE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,11 @@ class Information:
         return len(self._white)
 
     @property
+    def poses(self) -> int:
+        """Return how many poses were added."""
+        return len(self._chosen)
+
+    @property
     def value(self) -> float:
         """Return the criterion of the poses added."""
         return self.log_det
@@ -73,9 +81,9 @@ class Information:
 
     def restart(self, chosen: Sequence[int] | Index = ()) -> None:
         """Work everything out anew for some poses: updates gather rounding errors."""
-        rows = self._white[list(chosen)].reshape(-1, self._white.shape[2])
+        self._chosen = list(chosen)
+        rows = self._white[self._chosen].reshape(-1, self._white.shape[2])
         root = covariance_root(np.concatenate([rows, self._known]))
-        self.poses = len(chosen)
         self.covariance: Array = root @ root.T
         self.log_det = -2.0 * float(np.log(np.abs(np.diag(root))).sum())
         self._spread: Array = self._white @ root
@@ -83,19 +91,24 @@ class Information:
 
     def add(self, pose: int) -> None:
         """Add a candidate."""
+        self._chosen.append(pose)
         self._update(pose, 1)
 
     def remove(self, pose: int) -> None:
         """Take a candidate away that was added."""
+        self._chosen.remove(pose)
         self._update(pose, -1)
 
     def _update(self, pose: int, sign: int) -> None:
-        """Add a candidate's information, or take it away."""
+        """Add a candidate's information, or take it away; anew where rounding would decide."""
         innovation = self._unit + sign * self._spread[pose]
+        eigenvalues = np.linalg.eigvalsh(innovation)
+        if eigenvalues[0] < _SAFE or eigenvalues[-1] > 1.0 / _SAFE:
+            self.restart(self._chosen)
+            return
         root = np.linalg.cholesky(innovation)
         learned = np.linalg.solve(root, self._white[pose] @ self.covariance)
         elsewhere = self._white @ learned.T
-        self.poses += sign
         self.covariance = self.covariance - sign * (learned.T @ learned)
         self._spread = self._spread - sign * (elsewhere @ elsewhere.transpose(0, 2, 1))
         self.log_det += 2.0 * float(np.log(np.diag(root)).sum())
@@ -120,7 +133,6 @@ class Separation(Information):
             white: (N, b, k + m) rows of the candidates, of unit variance: of what may be adjusted,
                 in the size expected of it, and of the m contributions of the effect.
             known: (r, k + m) rows of what was measured, and of the sizes expected.
-            contributions: m.
             components: D of what was measured.
         """
         self._of_effect, self._measured = contributions, components

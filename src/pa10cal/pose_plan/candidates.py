@@ -127,8 +127,6 @@ def draw_candidates(arm: Arm, targets_m: Array, options: PlanOptions, least: int
 
     Args:
         targets_m: (B, 3) targets on the end.
-        options: where arm and tool may be, and how many poses are wanted.
-        least: how many are needed.
 
     Raises:
         CalibrationError: when too few are left, saying which constraint removed how many.
@@ -137,13 +135,8 @@ def draw_candidates(arm: Arm, targets_m: Array, options: PlanOptions, least: int
     ranges, constraints = joint_ranges(arm, options), constraints_of(arm, options)
     seed = options.random_seed
     found = draw_within(Chain.of(arm), targets_m, ranges, constraints, wanted, seed)
-    _refuse_too_few(found, least)
-    return found
-
-
-def _refuse_too_few(found: Candidates, least: int) -> None:
     if len(found.q) >= least:
-        return
+        return found
     removed = {name: number for name, number in found.removed.items() if number}
     worst = max(removed, key=lambda name: removed[name])
     each = "; ".join(f"{name}: {number}" for name, number in removed.items())
@@ -244,14 +237,14 @@ def expect(
 
     Args:
         q: (N, n) joint positions [rad, or m of a prismatic joint].
-        options: targets, uncertainties, loads.
     """
     loads = len(options.loads_N)
     observations, start = _foreseen(arm, kind, q, options)
     payload = payload_of(arm, options)
     posed = general_problem(arm, observations, start, payload, calibration)
     problem, x = posed.problem, posed.x_start
-    sizes = _sizes(posed)
+    every, of_model = possible_sizes(problem.model, problem.measured), len(problem.model.parameters)
+    sizes = np.concatenate([every[:of_model], every[of_model + problem.places]])
     rows = problem.rows(x).jacobian * sizes
     columns, effects = [rows], {}
     if options.effects > 0.0:
@@ -302,14 +295,6 @@ def _foreseen(
     tool_m = np.zeros(3) if own or kind.from_touches else targets_m[0]
     start = Start(T_instr_base, tool_m, np.eye(3), targets_m.ravel()[:own])
     return Observations.single(label, states, measured), start
-
-
-def _sizes(posed: GeneralProblem) -> Array:
-    """Return the standard deviation thought possible of every unknown, (k,)."""
-    problem = posed.problem
-    every = possible_sizes(problem.model, problem.measured)
-    of_model = len(problem.model.parameters)
-    return np.concatenate([every[:of_model], every[of_model + problem.places]])
 
 
 def _tool(posed: GeneralProblem) -> Array:

@@ -19,6 +19,7 @@ from pa10cal.files.output import whole_files
 from pa10cal.numerics.exchange import (
     Combined,
     Criterion,
+    Exchanged,
     Information,
     covariance_root,
     exchange,
@@ -83,8 +84,6 @@ def plan_poses(
     """Choose poses to measure.
 
     Args:
-        instrument: what measures, a word of docs/instruments.md.
-        poses: N, how many.
         options: where arm and instrument may be, and what is measured; None for the defaults.
         calibration: how the poses will be calibrated; None for the defaults.
 
@@ -97,28 +96,23 @@ def plan_poses(
     targets_m = np.array(list(targets_of(kind, options).values()))
     candidates = draw_candidates(arm, targets_m, options, least=poses)
     rows = expect(arm, kind, candidates.q, options, calibration)
-    _refuse_too_few(poses, rows)
-    found, values = _choose(rows, poses, options.effects)
-    found = found[short_path(candidates.q[found])]
-    return _planned(arm, kind, options, candidates, rows, found, values)
-
-
-def _refuse_too_few(poses: int, rows: Expected) -> None:
     a_pose = rows.white.shape[1]
     needed = -(-rows.unknowns // a_pose)
-    if poses >= needed:
-        return
-    raise CalibrationError(
-        "fewer equations than unknowns",
-        where="poses",
-        value=f"{poses} poses with {a_pose} equations each, {rows.unknowns} unknowns",
-        allowed=f"at least {needed} poses; twice as many show errors of the measurement too",
-        remedy="plan more poses",
-    )
+    if poses < needed:
+        raise CalibrationError(
+            "fewer equations than unknowns",
+            where="poses",
+            value=f"{poses} poses with {a_pose} equations each, {rows.unknowns} unknowns",
+            allowed=f"at least {needed} poses; twice as many show errors of the measurement too",
+            remedy="plan more poses",
+        )
+    found = _choose(rows, poses, options.effects)
+    order = short_path(candidates.q[found.chosen])
+    return _planned(arm, kind, options, candidates, rows, found.chosen[order], found.values)
 
 
-def _choose(rows: Expected, poses: int, effects: float) -> tuple[Index, tuple[float, ...]]:
-    """Return the poses chosen, and the criterion from the start of their exchange on.
+def _choose(rows: Expected, poses: int, effects: float) -> Exchanged:
+    """Choose poses.
 
     The criterion is the log determinant of the information about the model's parameters, and that
     about the effects once the model is projected out, each a parameter on average.
@@ -133,8 +127,7 @@ def _choose(rows: Expected, poses: int, effects: float) -> tuple[Index, tuple[fl
         of_model = 1.0 - effects - of_effects
         criterion = Combined([criterion, Information(rows.white)], [of_model, of_effects])
     sweeps = int(np.clip(_POSE_SWEEPS // poses, 1, _MOST_SWEEPS))
-    found = exchange(criterion, one_by_one(criterion, poses), most_sweeps=sweeps)
-    return found.chosen, found.values
+    return exchange(criterion, one_by_one(criterion, poses), most_sweeps=sweeps)
 
 
 def _planned(
@@ -157,7 +150,8 @@ def _planned(
     target_m = next(iter(targets_of(kind, options).values()))
     T = Chain.of(arm).forward(q)
     p_m, u_mm = T[:, :3, 3] + T[:, :3, :3] @ target_m, _u_mm(rows.tool[chosen], covariance)
-    rows_of = zip(_positions(arm, q), p_m, u_mm, strict=True)
+    in_files = np.where(arm.prismatic, 1e3 * q, np.degrees(q)).tolist()
+    rows_of = zip(in_files, p_m, u_mm, strict=True)
     expected = records.PlanRecord(
         robot=arm.name,
         instrument=kind.kind,
@@ -319,9 +313,3 @@ def plan_text(plan: PosePlan) -> str:
         words = [f"{value:.3f}" for value in (*pose.q, *pose.target_mm)]
         lines.append(",".join([pose.id, *words, f"{pose.u_tool_mm:.4f}"]))
     return "\n".join(lines) + "\n"
-
-
-def _positions(arm: Arm, q: Array) -> list[list[float]]:
-    """Return joint positions (N, n) as files have them [deg; mm of a sliding joint]."""
-    positions: list[list[float]] = np.where(arm.prismatic, 1e3 * q, np.degrees(q)).tolist()
-    return positions

@@ -11,7 +11,7 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_and_screws, end_pose_with_screws
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.terms.term import (
     Parameter,
     Report,
@@ -91,6 +91,11 @@ class Model:
         for columns, found in zip(slices, by_terms, strict=True):
             jacobian[:, :, columns] = found
         return jacobian
+
+    def places_of(self, *terms: Term) -> Index:
+        """Return where the parameters of some terms are in x, term by term."""
+        every = np.arange(len(self.parameters))
+        return np.concatenate([every[:0], *(every[self.columns_of(term)] for term in terms)])
 
     def columns_of(self, term: Term) -> slice:
         """Return the slice of x of a term (ValueError where it is not of the model)."""

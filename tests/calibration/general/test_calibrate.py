@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from made_up_model import case_of
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted, suspected_outliers
@@ -97,14 +98,8 @@ def test_a_joint_that_never_moved_leaves_directions_open(see):
     still = see("ur10", "pose", size=0.0)
     q_rad[:, 2] = 0.4
     # Exact poses of the nominal arm with joint 3 held.
-    from pa10cal.arm.chain import Chain
-
-    T = Chain.of(arm).forward(q_rad)
-    held = replace(
-        still,
-        states=replace(still.states, q_rad=q_rad),
-        measured=replace(still.measured, T_instr_target=T),
-    )
+    held = still.with_states(replace(still.states, q_rad=q_rad))
+    held = held.with_measured(T_instr_target=Chain.of(arm).forward(q_rad))
     record, _ = case_of(arm, held)
     assert record.rank < 30
     assert "delta_theta_3" in record.health.not_identifiable
@@ -120,7 +115,7 @@ def test_a_wrong_pose_is_listed_and_does_no_harm(see):
     assert isinstance(observations.measured, Points)
     p_instr_m = observations.measured.p_instr_m.copy()
     p_instr_m[17, 0, 1] += 3e-3
-    spoilt = replace(observations, measured=replace(observations.measured, p_instr_m=p_instr_m))
+    spoilt = observations.with_measured(p_instr_m=p_instr_m)
     found = calibrate_general(arm, spoilt, find_start(arm, spoilt))
     (wrong,) = suspected_outliers(found.problem, found.fit)
     assert wrong.pose == "P0017"
@@ -144,7 +139,7 @@ def test_scatter_beyond_the_stated_uncertainty_is_found(see):
     observations = see("ur10", "point", count=300, noise_m=1e-4)
     seen = observations.measured
     assert isinstance(seen, Points)
-    bold = replace(observations, measured=replace(seen, cov_m2=seen.cov_m2 / 100.0))
+    bold = observations.with_measured(cov_m2=seen.cov_m2 / 100.0)
     found = calibrate_general(arm, bold, find_start(arm, bold))
     assert found.fit.scatter["position"] == pytest.approx(1e-4, rel=0.1)
 

@@ -44,10 +44,10 @@ def with_stated(observations, times):
     """State another uncertainty than that of the readings."""
     seen = observations.measured
     if isinstance(seen, Pose):
-        return replace(observations, measured=replace(seen, cov=times**2 * seen.cov))
+        return observations.with_measured(cov=times**2 * seen.cov)
     if isinstance(seen, Distance):
-        return replace(observations, measured=replace(seen, u_m=times * seen.u_m))
-    return replace(observations, measured=replace(seen, cov_m2=times**2 * seen.cov_m2))
+        return observations.with_measured(u_m=times * seen.u_m)
+    return observations.with_measured(cov_m2=times**2 * seen.cov_m2)
 
 
 def spoilt(observations, rows, off_m):
@@ -58,14 +58,14 @@ def spoilt(observations, rows, off_m):
     if isinstance(seen, Pose):
         T = seen.T_instr_target.copy()
         T[rows, :3, 3] += off
-        return replace(observations, measured=replace(seen, T_instr_target=T))
+        return observations.with_measured(T_instr_target=T)
     if isinstance(seen, Distance):
         d_m = seen.d_m.copy()
         d_m[rows] += np.sign(off[:, 0]) * off_m
-        return replace(observations, measured=replace(seen, d_m=d_m))
+        return observations.with_measured(d_m=d_m)
     p_instr_m = seen.p_instr_m.copy()
     p_instr_m[rows, 0] += off
-    return replace(observations, measured=replace(seen, p_instr_m=p_instr_m))
+    return observations.with_measured(p_instr_m=p_instr_m)
 
 
 def noisy(exact, times, seed):
@@ -85,7 +85,7 @@ def noisy(exact, times, seed):
         )
     p_instr_m = seen.p_instr_m + u_m[:, None, None] * rng.standard_normal(seen.p_instr_m.shape)
     cov_m2 = (u_m**2)[:, None, None, None] * seen.cov_m2 / np.nanmax(seen.cov_m2)
-    return replace(exact, measured=replace(seen, p_instr_m=p_instr_m, cov_m2=cov_m2))
+    return exact.with_measured(p_instr_m=p_instr_m, cov_m2=cov_m2)
 
 
 @pytest.mark.parametrize("kind", ["pose", "point", "points", "distance"])
@@ -151,15 +151,10 @@ def test_rough_readings_do_not_spoil_sharp_ones(see, kind):
 def test_what_is_predicted_does_not_depend_on_where_the_instrument_stands(see):
     """Observations turned and moved as a whole calibrate the same arm."""
     observations = see("gx4_351s", "pose", count=60, noise_m=NOISE_M)
-    assert isinstance(observations.measured, Pose)
     T_new_cmm = np.eye(4)
     T_new_cmm[:3] = [[0.0, 1.0, 0.0, 40.0], [0.0, 0.0, 1.0, -3.0], [1.0, 0.0, 0.0, 7.0]]
-    moved = replace(
-        observations,
-        measured=replace(
-            observations.measured, T_instr_target=T_new_cmm @ observations.measured.T_instr_target
-        ),
-    )
+    seen = observations.measured.T_instr_target
+    moved = observations.with_measured(T_instr_target=T_new_cmm @ seen)
     one, other = (calibrated("gx4_351s", each) for each in (observations, moved))
     for name, (value, std) in links(one).items():
         assert links(other)[name][0] == pytest.approx(value, abs=2e-2 * std)

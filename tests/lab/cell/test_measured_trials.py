@@ -9,6 +9,7 @@ import yaml
 
 from pa10cal.errors import SettingsError, SimulationError
 from pa10cal.files.arms import load_arm, read_arm
+from pa10cal.lab.blind_trials import after_geometry
 from pa10cal.lab.cell.campaign import robot_of, simulate_campaign
 from pa10cal.lab.cell.individual import NAME, REACH_M, TOOL_SHARE
 from pa10cal.lab.cell.measured_trials import (
@@ -19,10 +20,9 @@ from pa10cal.lab.cell.measured_trials import (
     SPRING,
     SUBJECTS,
     UNSTATED,
-    after_geometry,
     measured_benches,
 )
-from pa10cal.lab.cell.wild_trials import draw_wild_trials
+from pa10cal.lab.cell.trials import draw_trials
 from pa10cal.lab.cell.write import write_campaign
 
 SEED = 4
@@ -30,12 +30,12 @@ SEED = 4
 
 @pytest.fixture(scope="module")
 def unstated():
-    return draw_wild_trials(UNSTATED, 5 * len(SUBJECTS[UNSTATED]), SEED)
+    return draw_trials(UNSTATED, 5 * len(SUBJECTS[UNSTATED]), SEED, "wild")
 
 
 @pytest.fixture(scope="module")
 def sorted_rows():
-    return draw_wild_trials(SORTED, 4 * len(SUBJECTS[SORTED]), SEED)
+    return draw_trials(SORTED, 4 * len(SUBJECTS[SORTED]), SEED, "wild")
 
 
 def robot(trial):
@@ -189,9 +189,9 @@ def test_what_else_is_hidden_takes_a_part(unstated):
 
 def test_refuses_what_does_nothing_and_weights_of_another_arm():
     with pytest.raises(SettingsError, match="does nothing at any of the benches"):
-        draw_wild_trials(UNSTATED, 1, 1, ["gx4_351s-pose"], "some_springs")
+        draw_trials(UNSTATED, 1, 1, "wild", ["gx4_351s-pose"], only="some_springs")
     with pytest.raises(SettingsError, match="no such thing"):
-        draw_wild_trials(SORTED, 1, 1, ["ur10-distance"])
-    (trial,) = draw_wild_trials(UNSTATED, 1, 1, ["ur10-pose"])
+        draw_trials(SORTED, 1, 1, "wild", ["ur10-distance"])
+    (trial,) = draw_trials(UNSTATED, 1, 1, "wild", ["ur10-pose"])
     with pytest.raises(SimulationError, match="6 entries for 7 rows"):
         simulate_campaign(trial.name, load_arm("iiwa14"), trial.settings)

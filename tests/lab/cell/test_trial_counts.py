@@ -2,7 +2,7 @@
 
 from pa10cal.evaluation.options import BlindTrialsOptions, TrialCounts, WildCounts
 from pa10cal.lab.cell.effects.vocabulary import outside, vocabulary
-from pa10cal.lab.cell.wild_trials import subjects_of, trial_counts
+from pa10cal.lab.cell.trials import subjects_of, trial_counts
 
 
 def test_singles_and_effects_outside_count_their_rounds():

@@ -1,6 +1,7 @@
 """Trials drawn at random: complete, reproducible, and such as the cell can measure."""
 
 import json
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -8,18 +9,37 @@ import pytest
 from made_up_robot import nominal_of
 from pa10cal.commands.command_line import run_command
 from pa10cal.errors import SettingsError
+from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.disturbances import DISTURBANCES, disturb
 from pa10cal.lab.cell.effects.effect import Site
 from pa10cal.lab.cell.effects.vocabulary import (
     all_effects,
     make_effects,
+    nameless,
     outside,
     places_of,
     vocabulary,
 )
-from pa10cal.lab.cell.options import CellPosesOptions, SimulateOptions
+from pa10cal.lab.cell.options import CellPosesOptions, DisturbanceOptions, SimulateOptions
 from pa10cal.lab.cell.poses import place_poses
-from pa10cal.lab.cell.trials import KINDS, TILT_SEEDS, draw_trials
+from pa10cal.lab.cell.raw_log import RawLog
+from pa10cal.lab.cell.scenario import TILT_SEEDS, TRACKED_POSES
+from pa10cal.lab.cell.trials import (
+    DRIVE_BENCHES,
+    DRIVE_KINDS,
+    DRIVE_POSES,
+    KINDS,
+    STUDIES,
+    TOUCHED,
+    WILD_BENCHES,
+    WILD_KINDS,
+    campaigns_of,
+    draw_trials,
+    subjects_of,
+)
+from pa10cal.lab.cell.write import campaign_description
+from pa10cal.terms.effects.effect import CandidateContext, candidates
 
 NOTHING_HIDDEN = ("null", "wrong_noise", "wrong_mass")
 SHORT = {"repeats": 1, "loads_N": (0.0, 44.0), "holdout_points": 1, "holdout_repeats": 1}
@@ -33,15 +53,18 @@ def all_kinds(count, seed=5):
     return [trial for kind in KINDS for trial in draw_trials(kind, count, seed)]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_same_seed_gives_the_same_trials_and_another_does_not(kind):
-    trials = draw_trials(kind, 6, 1)
-    assert draw_trials(kind, 6, 1) == trials
-    assert draw_trials(kind, 4, 1) == trials[:4]
-    others = draw_trials(kind, 6, 2)
-    assert not {trial.settings.random_seed for trial in trials} & {
-        trial.settings.random_seed for trial in others
-    }
+SEEDED = {"touched": KINDS, "tracked": KINDS, "wild": WILD_KINDS, "drives": DRIVE_KINDS}
+
+
+@pytest.mark.parametrize(
+    ("study", "kind"), [(study, kind) for study, kinds in SEEDED.items() for kind in kinds]
+)
+def test_the_same_seed_gives_the_same_trials_and_fewer_are_the_first_of_more(study, kind):
+    trials = draw_trials(kind, 6, 1, study)
+    assert draw_trials(kind, 6, 1, study) == trials
+    assert draw_trials(kind, 4, 1, study) == trials[:4]
+    others = {trial.name for trial in draw_trials(kind, 6, 2, study)}
+    assert not {trial.name for trial in trials} & others
 
 
 def test_names_are_different_and_give_nothing_away():
@@ -197,3 +220,258 @@ def test_refuses_a_kind_that_does_not_exist():
     with pytest.raises(SettingsError, match="unknown kind of trial") as refusal:
         draw_trials("quadruple", 1, 0)
     assert "triple" in str(refusal.value)
+
+
+# Trackers: never twice in a pose, and effects where they do something.
+
+SHORT_PLAN = {"poses": 20}
+BENCHES = STUDIES["tracked"]
+REFLECTORS = ("points_one", "points_three", "distance")
+
+
+def test_no_pose_is_repeated_and_a_share_is_held_out():
+    for trial in draw_trials("null", 6, 3, "tracked"):
+        made = simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings)
+        schedule = made.truth.schedule
+        assert len(set(schedule.pose)) == len(schedule) == TRACKED_POSES
+        assert np.mean(schedule.kind == "holdout") == pytest.approx(0.3)
+        assert trial.settings.hidden_effects == ()
+
+
+def test_benches_take_turns_and_singles_go_through_the_vocabulary():
+    nulls = draw_trials("null", 2 * len(BENCHES), 4, "tracked")
+    assert Counter(trial.bench for trial in nulls) == dict.fromkeys(BENCHES, 2)
+    singles = draw_trials("single", 6 * len(vocabulary()), 4, "tracked")
+    assert Counter(hidden(trial)[0][0] for trial in singles) == dict.fromkeys(vocabulary(), 6)
+    by_bench = Counter(t.bench for t in singles if hidden(t)[0][0] == "backlash")
+    assert by_bench == dict.fromkeys(BENCHES, 1)
+    assert {t.bench.split("-")[0] for t in singles if hidden(t)[0][0] == "link_bending"} == {
+        "ur10",
+        "iiwa14",
+    }
+
+
+def test_torque_effects_are_put_where_torques_are_logged_and_joints_yield():
+    for name in ("friction_torque", "torque_gain"):
+        trials = [
+            trial
+            for trial in draw_trials("single", 4 * len(vocabulary()), 5, "tracked")
+            if hidden(trial)[0][0] == name
+        ]
+        for trial in trials:
+            plan = trial.settings.without_touches
+            assert plan.logs_torques
+            assert int(hidden(trial)[0][1].removeprefix("joint ")) in plan.flexible_joints
+
+
+def test_every_effect_does_something_where_it_is_put():
+    singles = draw_trials("single", len(vocabulary()), 6, "tracked")
+    for trial in (*singles, *draw_trials("outside", len(outside()), 6, "tracked")):
+        settings = trial.settings
+        plan = settings.without_touches.model_copy(update=SHORT_PLAN)
+        short = settings.model_copy(update={"without_touches": plan})
+        arm = load_arm(settings.robot)
+        bare = short.model_copy(update={"hidden_effects": ()})
+        made, plain = (simulate_campaign("x", arm, each).tables["poses"] for each in (short, bare))
+        assert not made.equals(plain), hidden(trial)
+
+
+def test_singles_have_the_size_that_the_vocabulary_holds_for_plausible():
+    """The cell knows nothing of the vocabulary's terms: two statements, held together here."""
+    arm = load_arm("ur10")
+    context = CandidateContext(
+        arm=arm,
+        flexible_joints=(2, 3),
+        reference_temperature_C=21.0,
+        tau_span_Nm=arm.torque_limit_Nm,
+        T_instr_base=np.eye(4),
+        p_instr_middle_m=np.zeros(3),
+        q_span_rad=arm.limits_rad,
+        time_span_s=(0.0, 3600.0),
+    )
+    terms = {term.id: term for term in candidates(context) if term.of not in ("joint 2", "joint 3")}
+    assert {name for name, term in terms.items() if not term.generic} == set(vocabulary())
+    rng = np.random.default_rng(0)
+    for name, effect in vocabulary().items():
+        term = terms[name]
+        joint = int(term.of.removeprefix("joint ")) if term.of.startswith("joint") else 0
+        rated_Nm = float(arm.torque_limit_Nm[joint - 1])
+        site = Site(term.of, rated_Nm=rated_Nm, typical_Nm=1.0, coulomb_Nm=0.1 * rated_Nm)
+        drawn = effect.at_size(site, effect.plausible_size, rng)
+        first = np.abs(next(iter(drawn.values())))
+        x = term.starts[-1].copy()
+        x[0] = term.parameters[0].plausible
+        plausible = abs(term.report(x).values[0])
+        allowed = 0.75 if np.size(first) > 1 else 0.12
+        assert first.max() == pytest.approx(plausible, rel=allowed), name
+
+
+def test_wrong_statements_are_those_of_trackers():
+    noise = draw_trials("wrong_noise", 6, 7, "tracked")
+    for trial in noise:
+        factor = trial.settings.stated_uncertainty_mm / trial.settings.without_touches.position_mm
+        assert 1.5 <= max(factor, 1.0 / factor) <= 4.0
+    for trial in draw_trials("wrong_mass", 6, 7, "tracked"):
+        masses = load_arm(trial.settings.robot).mass_kg
+        assert len(trial.settings.mass_factor) == (0 if masses is None else len(masses))
+
+
+def test_refuses_benches_at_which_an_effect_does_nothing():
+    with pytest.raises(SettingsError, match="does nothing at any of the benches"):
+        draw_trials("single", len(vocabulary()), 1, "tracked", ["irb120-pose"])
+    with pytest.raises(SettingsError, match="no such layout"):
+        draw_trials("null", 1, 1, "tracked", ["ur10-distance"])
+    with pytest.raises(SettingsError, match="unknown kind of trial"):
+        draw_trials("double", 1, 1, "tracked")
+    drawn = {name for name, each in all_effects().items() if each.drawn}
+    assert set(nameless()) | set(vocabulary()) == drawn
+
+
+@pytest.mark.parametrize("study", REFLECTORS)
+def test_studies_without_attitudes_have_their_own_instrument_and_draws(study):
+    trials = draw_trials("single", 6, 7, study)
+    plans = [trial.settings.without_touches for trial in trials]
+    kind, targets = {"points_one": ("points", 1), "points_three": ("points", 3)}.get(
+        study, ("distance", 1)
+    )
+    assert {(plan.instrument, plan.target_count) for plan in plans} == {(kind, targets)}
+    assert {trial.bench for trial in trials} <= set(STUDIES[study])
+    others = [draw_trials("single", 6, 7, other) for other in REFLECTORS]
+    assert len({trial.name for drawn in others for trial in drawn}) == 6 * len(REFLECTORS)
+
+
+# Wild trials: stressors, faults and effects, at benches where they mean something.
+
+
+def put_in(trial):
+    return [entry.id for entry in trial.settings.disturbances]
+
+
+def log_of(trial):
+    made = simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings)
+    return RawLog.of(campaign_description(made), made.tables, made.truth.robot.arm)
+
+
+def test_benches_and_subjects_take_turns():
+    count = 1 + len(WILD_BENCHES)
+    right = Counter(trial.bench for trial in draw_trials("right", count, 3, "wild"))
+    assert right == dict.fromkeys([*(bench.name for bench in WILD_BENCHES), TOUCHED], 1)
+    for kind in ("stressed", "fault"):
+        subjects = subjects_of(kind)
+        trials = draw_trials(kind, len(subjects), 3, "wild")
+        assert [put_in(trial)[0] for trial in trials] == list(subjects)
+    assert set(subjects_of("stressed")) | set(subjects_of("fault")) == set(DISTURBANCES)
+
+
+def test_the_turn_of_subjects_stays_for_it_decides_what_a_seed_draws() -> None:
+    """A published rate belongs to trials of a seed: classes that change places draw others."""
+    assert subjects_of("stressed") == (
+        *("link_masses_off", "heavy_tails", "random_walk", "temperature_ramp", "misstated_noise"),
+        *("one_uncertainty", "gross_errors", "level_off", "unknown_tool"),
+    )
+    assert subjects_of("fault") == (
+        *("joint_zero", "joint_sign", "joints_exchanged", "direction_reversed", "attitudes"),
+        *("jump", "labels_exchanged", "poses_exchanged", "loads_exchanged", "load_misstated"),
+        *("held_out_reading_off", "one_reading_off", "log_cut", "unit", "uncertainty_off"),
+        *("gravity", "payload_off", "payload_centre_off", "length_typo", "places_exchanged"),
+    )
+
+
+def test_an_effect_hides_among_a_stressor():
+    for trial in draw_trials("effect", 12, 3, "wild"):
+        assert len(trial.settings.hidden_effects) == len(put_in(trial)) == 1
+    for trial in draw_trials("beyond", 12, 3, "wild"):
+        assert len(trial.settings.hidden_effects) == 1
+        assert not put_in(trial)
+
+
+@pytest.mark.parametrize("name", DISTURBANCES)
+def test_a_disturbance_changes_the_raw_files_and_says_where(name):
+    kind = "stressed" if DISTURBANCES[name].stressor else "fault"
+    (trial,) = draw_trials(kind, 1, 5, "wild", only=name)
+    clean, log = log_of(trial), log_of(trial)
+    places = disturb(log, trial.settings.disturbances, trial.settings.random_seed)
+    assert len(places) == 1
+    assert places[0]
+    changed = clean.description != log.description
+    for key, table in clean.tables.items():
+        changed = changed or not table.equals(log.tables[key])
+    assert changed
+
+
+def test_repeats_run_in_the_order_of_the_settings():
+    for trial in draw_trials("right", 30, 7, "wild", [bench.name for bench in WILD_BENCHES]):
+        made = simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings)
+        schedule, plan = made.truth.schedule, trial.settings.without_touches
+        grid = schedule.kind == "grid"
+        runs = schedule.pose[grid].reshape(plan.repeats, -1)
+        assert np.array_equal(
+            schedule.repeat[grid].reshape(runs.shape)[:, 0], 1 + np.arange(plan.repeats)
+        )
+        back = [not np.array_equal(run, runs[0]) for run in runs]
+        if plan.order == "there_there_back_back":
+            assert back == [False] * (plan.repeats // 2 + plan.repeats % 2) + [True] * (
+                plan.repeats // 2
+            )
+        if plan.order == "there_and_back":
+            assert back == [number % 2 == 1 for number in range(plan.repeats)]
+        assert all(sorted(run) == sorted(runs[0]) for run in runs)
+
+
+def test_refuses_what_wild_trials_do_not_know():
+    with pytest.raises(SettingsError, match="no such thing"):
+        draw_trials("tame", 1, 1, "wild")
+    with pytest.raises(SettingsError, match="no such thing"):
+        draw_trials("fault", 1, 1, "wild", only="rust")
+    with pytest.raises(SettingsError, match="does nothing at any of the benches"):
+        draw_trials("fault", 1, 1, "wild", ["irb120-distance"], only="attitudes")
+    (trial,) = draw_trials("right", 1, 1, "wild")
+    with pytest.raises(SettingsError, match="unknown disturbance"):
+        disturb(log_of(trial), (DisturbanceOptions(id="rust"),), 1)
+
+
+# Drives: what they hide, and in which campaigns.
+
+IDS = {
+    "sensor": {"sensor_error"},
+    "gear": {"gear_error"},
+    "both": {"sensor_error", "gear_error"},
+    "neither": {"motor_ripple"},
+}
+
+
+@pytest.mark.parametrize("kind", DRIVE_KINDS)
+def test_benches_of_drives_take_turns_and_a_motor_has_one_ripple(kind):
+    trials = draw_trials(kind, 6, 1, "drives")
+    assert [trial.bench for trial in trials[:4]] == [bench.name for bench in DRIVE_BENCHES]
+    assert not {trial.name for trial in trials} & {
+        t.name for t in draw_trials(kind, 6, 2, "drives")
+    }
+    for trial in trials:
+        hidden = trial.settings.hidden_effects
+        assert {each.id for each in hidden} == IDS[kind]
+        assert len({each.parameters["ratio"] for each in hidden}) == 1
+        for of in {each.of for each in hidden}:
+            ripples = [any(each.parameters["ripple"]) for each in hidden if each.of == of]
+            assert sum(ripples) == 1  # a motor has one
+
+
+def test_campaigns_are_of_one_robot_in_poses_and_noise_of_their_own():
+    for trial in draw_trials("sensor", 4, 3, "drives"):
+        each = campaigns_of(trial)
+        assert len(each) == int(trial.bench[-1])
+        plans = [settings.without_touches for settings in each]
+        assert DRIVE_POSES[0] - 4 <= sum(plan.poses for plan in plans) <= DRIVE_POSES[1] + 4
+        assert len({settings.random_seed for settings in each}) == len(each)
+        assert len({plan.commanded[0] for plan in plans}) == len(each)
+        assert all(s.hidden_effects == trial.settings.hidden_effects for s in each)
+        q = np.array(plans[0].commanded)
+        stays = np.mean(np.diff(q, axis=0) == 0.0)
+        assert 0.1 < stays < 0.3
+        if trial.bench == "ur10-1":
+            assert np.ptp(q) > 700.0  # more than one turn
+
+
+def test_refuses_another_kind_of_drives():
+    with pytest.raises(SettingsError, match="sensor, gear, both, neither"):
+        draw_trials("motor", 1, 1, "drives")

@@ -78,13 +78,8 @@ def calibrate_general(
     """Calibrate the general model.
 
     Args:
-        arm: the nominal arm.
-        observations: P poses to fit.
-        start: about where base, tool and targets are.
         payload: what the arm carries; None where it is not known. Springs need torques, logged or
             of the masses that the description of the arm states.
-        options: how to calibrate; None for the defaults.
-        links: whether the geometry of the links is fitted; else frames and targets alone.
 
     Raises:
         CalibrationError: when there are too few poses, or springs are requested whose torques are
@@ -98,18 +93,16 @@ def calibrate_general(
     tau_Nm = problem.observations.states.tau_Nm
     check_enough(problem)
     found = fitted(problem, x_start)
-    if options.general.springs == "auto":
-        # Under weights that nobody stated no spring is sure to be there, and any may stand in for
-        # another: they go one by one, each with what it takes along.
-        assumed = source == "masses" and weights_known(arm).assumed
-        sure = () if assumed else loaded_joints(arm, tau_Nm, _FULL_TORQUE_SHARE)
-        while rigid := _not_shown(problem, found, springs, sure, one_by_one=assumed):
-            springs = tuple(joint for joint in springs if joint not in rigid)
-            problem, kept = _rigid_at(problem, rigid)
-            x_start, found = found.x[kept], found.without_rows()
-            found = fitted(problem, x_start)
-            if not assumed:
-                break
+    # Under weights that nobody stated no spring is sure to be there, and any may stand in for
+    # another: they go one by one, each with what it takes along.
+    assumed = source == "masses" and weights_known(arm).assumed
+    sure = () if assumed else loaded_joints(arm, tau_Nm, _FULL_TORQUE_SHARE)
+    searched = options.general.springs == "auto"
+    while searched and (rigid := _not_shown(problem, found, springs, sure, one_by_one=assumed)):
+        springs = tuple(joint for joint in springs if joint not in rigid)
+        problem, kept = _rigid_at(problem, rigid)
+        x_start, found = found.x[kept], found.without_rows()
+        found, searched = fitted(problem, x_start), assumed
     settled = tilts_not_shown(problem, found)
     by_masses = bool(springs) and source == "masses"
     if settled:
@@ -144,8 +137,6 @@ def at_rest(
 
     Args:
         problem, found: what was solved, and where that ended.
-        unweighed: states without those torques.
-        payload: what the arm carries.
         fitted: fits a problem from a point, with a scatter to set out with; see `fit`.
     """
     for _ in range(_MOST_REFITS):
@@ -179,7 +170,6 @@ def _not_shown(
 
     Args:
         problem, found: what was solved, and where that ended.
-        springs: joints with a spring.
         sure: those of which it is there, whatever readings show.
         one_by_one: whether weights are unknown too, so that springs stand in for each other.
     """
@@ -188,12 +178,11 @@ def _not_shown(
         gains = {joint: _gain_of_spring(problem, found, joint) for joint in springs}
         least = min(springs, key=lambda joint: gains[joint], default=0)
         return {least} if springs and gains[least] < enough else set()
-    at = [parameter.name for parameter in problem.parameters].index
-    windup = {joint: at(f"windup_{joint}") for joint in springs if joint not in sure}
-    variance = np.diag(found.covariance)
+    names, variance = [each.name for each in problem.parameters], np.diag(found.covariance)
     return {
         joint
-        for joint, k in windup.items()
+        for joint in set(springs) - set(sure)
+        for k in [names.index(f"windup_{joint}")]
         if not (variance[k] > 0.0 and found.x[k] ** 2 > enough * variance[k])
     }
 

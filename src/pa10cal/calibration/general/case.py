@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from pa10cal.arm.chain import BASE
@@ -51,11 +50,11 @@ from pa10cal.results.calibration import (
     Spring,
     SuspectedOutlier,
 )
-from pa10cal.results.health import Health, InputFinding
+from pa10cal.results.health import InputFinding
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, about_moved_base, motion_of_base
-from pa10cal.terms.term import Parameter, Report
+from pa10cal.terms.term import Report
 from pa10cal.terms.weights import Weights
 
 # Poses that a fit doubts, each with why; they stay in it, with less weight.
@@ -68,38 +67,27 @@ def suspected_outliers(problem: Problem, fit: Fit) -> tuple[SuspectedOutlier, ..
     """List the poses a fit doubts, the worst first."""
     limit = suspect_beyond(problem.components_seen)
     rows = np.flatnonzero((fit.distance > limit) | (fit.weights < _LITTLE_WEIGHT))
-    rows = rows[np.argsort(-fit.distance[rows])]
-    sizes = {
-        kind: np.sqrt(
-            fit.scatter[kind] ** 2
-            + np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns].mean(axis=1)
-        )
-        for kind, columns in problem.measured.component_kinds
-    }
-    return tuple(
-        SuspectedOutlier(
-            row=int(row),
-            pose=str(problem.observations.pose[row]),
-            load_N=float(problem.observations.states.load_N[row]),
-            distance=float(fit.distance[row]),
-            weight=float(fit.weights[row]),
-            why=_why(problem, fit, sizes, int(row)),
-        )
-        for row in rows
-    )
-
-
-def _why(problem: Problem, fit: Fit, sizes: dict[str, Array], row: int) -> str:
-    """Describe the kind of component that deviates most."""
+    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
     found = []
-    for kind, columns in problem.measured.component_kinds:
-        off = float(np.linalg.norm(fit.residual[row, columns]))
-        text = (
-            f"{np.degrees(off):.3f} deg" if kind.startswith("attitude") else f"{1e3 * off:.3f} mm"
+    for row in rows[np.argsort(-fit.distance[rows])].tolist():
+        why = []  # the kind of component that deviates most is said
+        for kind, columns in problem.measured.component_kinds:
+            off = float(np.linalg.norm(fit.residual[row, columns]))
+            turns = kind.startswith("attitude")
+            text = f"{np.degrees(off):.3f} deg" if turns else f"{1e3 * off:.3f} mm"
+            times = off / np.sqrt(fit.scatter[kind] ** 2 + variances[row, columns].mean())
+            why.append((times, f"{kind} off by {text}, {times:.0f} times the scatter of one axis"))
+        found.append(
+            SuspectedOutlier(
+                row=row,
+                pose=str(problem.observations.pose[row]),
+                load_N=float(problem.observations.states.load_N[row]),
+                distance=float(fit.distance[row]),
+                weight=float(fit.weights[row]),
+                why=max(why)[1],
+            )
         )
-        times = off / float(sizes[kind][row])
-        found.append((times, f"{kind} off by {text}, {times:.0f} times the scatter of one axis"))
-    return max(found)[1]
+    return tuple(found)
 
 
 #: Standard uncertainty of a windup, in its size, below which poses show it.
@@ -177,6 +165,13 @@ def general_case(
     before = summarise_by_load(of_nominal, load_N)
     less = summarise_trusted(of_nominal, found, load_N, flagged)
     of_geometry = summarise_by_load(rigid_left, load_N)
+    warnings = []
+    if not full.fit.converged:
+        warnings.append(f"not converged: {full.fit.reason}")
+    if judged.grade != "good":
+        warnings.append(judged.line)
+    if full.torques_from == "masses" and full.springs:
+        warnings.append("torques were not logged: those of the described masses are used")
     record = GeneralCalibrationRecord(
         **case_keys(case, evidence.ended, judged, replace(calibrated, fitted_to=about), grid),
         **_general_fit_keys(full, about),
@@ -197,20 +192,9 @@ def general_case(
         suspected_outliers=doubts,
         group=group,
         prior=full.prior,
-        warnings=_warnings(full, judged),
+        warnings=tuple(warnings),
     )
     return record, full
-
-
-def _warnings(full: GeneralCalibration, judged: Health) -> tuple[str, ...]:
-    found = []
-    if not full.fit.converged:
-        found.append(f"not converged: {full.fit.reason}")
-    if judged.grade != "good":
-        found.append(judged.line)
-    if full.torques_from == "masses" and full.springs:
-        found.append("torques were not logged: those of the described masses are used")
-    return tuple(found)
 
 
 def as_load(record: GeneralCalibrationRecord, load: str) -> GeneralCalibrationRecord:
@@ -324,40 +308,33 @@ def fitted(general: GeneralCalibration) -> FittedModel:
 
 
 def _fit_summary(general: GeneralCalibration) -> FitSummary:
-    fit, parameters = general.fit, general.problem.parameters
-    sags, weights = _of_assumed_weights(general)
+    fit, problem = general.fit, general.problem
+    parameters = problem.parameters
+    openly = not_identifiable(fit.identifiability, parameters)
+    hidden: frozenset[str] = frozenset()
+    if weights_known(general.arm).assumed:
+        # What poses leave open of weights that nobody stated is no lack of poses. It goes with the
+        # springs by a little, and these with it: not those whose sag poses show all the same.
+        std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+        shown = names_of(parameters, np.less(std, _SHOWN * fit.x))
+        openly -= {name for name in shown if name.startswith("windup")}
+        weights = (term for term in problem.model.terms if isinstance(term, Weights))
+        hidden = frozenset(parameter.name for term in weights for parameter in term.parameters)
     root = np.sqrt(fit.weights)[:, None, None]
     return FitSummary(
         converged=fit.converged,
         reason=fit.reason,
         iterations=fit.iterations,
         at_bound=names_of(parameters, fit.at_bound),
-        pose=general.problem.observations.pose,
+        pose=problem.observations.pose,
         parameters=parameters,
         covariance=fit.covariance,
         identifiability=fit.identifiability,
         white=(root * fit.whitener) @ fit.jacobian,
-        position=_position(general.problem, fit.jacobian),
-        not_identifiable=not_identifiable(fit.identifiability, parameters) - sags,
+        position=_position(problem, fit.jacobian),
+        not_identifiable=openly,
         x=fit.x,
-        hidden=weights,
-    )
-
-
-def _of_assumed_weights(general: GeneralCalibration) -> tuple[frozenset[str], frozenset[str]]:
-    """Return springs and weights, under weights that nobody stated; else none.
-
-    What poses leave open of those weights is no lack of poses. It goes with the springs by a
-    little, and these with it: those are meant whose sag poses show all the same.
-    """
-    if not weights_known(general.arm).assumed:
-        return frozenset(), frozenset()
-    std = np.sqrt(np.maximum(np.diag(general.fit.covariance), 0.0))
-    shown = names_of(general.problem.parameters, np.less(std, _SHOWN * general.fit.x))
-    weights = (term for term in general.problem.model.terms if isinstance(term, Weights))
-    return (
-        frozenset(name for name in shown if name.startswith("windup")),
-        frozenset(parameter.name for term in weights for parameter in term.parameters),
+        hidden=hidden,
     )
 
 
@@ -428,26 +405,6 @@ def contradictions(group: GroupOfCampaigns) -> tuple[InputFinding, ...]:
     )
 
 
-@dataclass(frozen=True)
-class _Part:
-    """Normal equations of some poses, free unknowns in reaches, with what is expected of them."""
-
-    normal: Array
-    gradient: Array
-
-    @property
-    def inverse(self) -> Array:
-        return np.asarray(np.linalg.inv(self.normal + np.eye(len(self.normal))), dtype=float)
-
-    def step(self) -> Array:
-        return -self.inverse @ self.gradient
-
-    def sampling(self) -> Array:
-        """Return the covariance of `step`, by the noise of the rows alone."""
-        inverse = self.inverse
-        return np.asarray(inverse @ self.normal @ inverse)
-
-
 def apart(problem: Problem, fit: Fit) -> GroupOfCampaigns | None:
     """Compare the campaigns of a group; None for a single campaign, or where nothing is shared."""
     campaign = problem.observations.states.campaign
@@ -457,31 +414,45 @@ def apart(problem: Problem, fit: Fit) -> GroupOfCampaigns | None:
     shared = [j for j, k in enumerate(free) if OF not in names[k] and names[k] not in last]
     if campaign is None or not shared:
         return None
+    here, parameters = np.ix_(shared, shared), [problem.parameters[k] for k in free[shared]]
     reach = reach_of(problem)[free]
+    size = reach[shared]
     root = np.sqrt(fit.weights)[:, None, None] * fit.whitener
-    each = []
-    for number in range(len(problem.measured.campaigns)):
-        at = np.flatnonzero(campaign == number)
+    rows_of = [np.flatnonzero(campaign == k) for k in range(len(problem.measured.campaigns))]
+    normals, gradients = [], []  # of each campaign, free unknowns in reaches
+    for at in rows_of:
         white = (root[at] @ fit.jacobian[at][:, :, free] * reach).reshape(-1, len(free))
         left = np.einsum("pij,pj->pi", root[at], fit.residual[at]).ravel()
-        each.append(_Part(white.T @ white, white.T @ left))
+        normals.append(white.T @ white)
+        gradients.append(white.T @ left)
     positions = problem.measured.position_columns
-    parameters = [problem.parameters[k] for k in free[shared]]
-    campaigns, alone = {}, {}
+
+    def of_parts(parts: Sequence[int]) -> tuple[Array, Array, Array]:
+        """Return the step of these campaigns, and its covariance with the reach and by noise."""
+        normal = np.sum([normals[k] for k in parts], axis=0)
+        inverse = np.linalg.inv(normal + np.eye(len(normal)))
+        gradient = np.sum([gradients[k] for k in parts], axis=0)
+        return -inverse @ gradient, inverse, inverse @ normal @ inverse
+
+    campaigns, std_alone = {}, {}
     for number, (name, _) in enumerate(problem.measured.campaigns):
-        own, at = each[number], np.flatnonzero(campaign == number)
-        rest = [part for part in each if part is not own]
-        others = _Part(
-            np.sum([part.normal for part in rest], axis=0),
-            np.sum([part.gradient for part in rest], axis=0),
-        )
-        after = fit.residual[at] + fit.jacobian[at][:, :, free] @ (reach * own.step())
+        at = rows_of[number]
+        step, inverse, sampled = of_parts([number])
+        others = of_parts([k for k in range(len(rows_of)) if k != number])
+        after = fit.residual[at] + fit.jacobian[at][:, :, free] @ (reach * step)
         rms_mm, alone_rms_mm = (
             1e3 * float(np.sqrt(np.average(squares, weights=fit.weights[at])))
             for left in (fit.residual[at], after)
             for squares in (np.sum(left[:, positions] ** 2, axis=1),)
         )
-        chi_square, dof, worst = _difference(own, others, np.array(shared), reach, parameters)
+        # Chi-square of the shared parameters, and the one that explains most of it.
+        off = (step - others[0])[shared]
+        precision = np.linalg.inv((inverse + others[1])[here])
+        pull = precision @ off
+        chi_square = float(off @ pull)
+        dof = float(np.trace(precision @ (sampled + others[2])[here]))
+        by_one = pull**2 / np.diag(precision)
+        k = int(np.argmax(by_one))
         p_value = float(chdtrc(dof, chi_square)) if dof > 0.0 else 1.0
         gain = 1.0 - (alone_rms_mm / rms_mm) ** 2 if rms_mm > 0.0 else 0.0
         campaigns[name] = CampaignAlone(
@@ -492,9 +463,15 @@ def apart(problem: Problem, fit: Fit) -> GroupOfCampaigns | None:
             dof=dof,
             p_value=p_value,
             contradicts=p_value < _BY_CHANCE and gain > _MATTERS,
-            worst=worst,
+            worst=Difference(
+                name=parameters[k].name,
+                unit=parameters[k].unit,
+                value=float(size[k] * pull[k] / precision[k, k]),
+                std=float(size[k] / np.sqrt(precision[k, k])),
+                chi_square=float(by_one[k]),
+            ),
         )
-        alone[name] = np.sqrt(np.diag(own.inverse)[shared])
+        std_alone[name] = np.sqrt(np.diag(inverse)[shared])
     std = np.sqrt(np.diag(fit.covariance)[free[shared]])
     return GroupOfCampaigns(
         campaigns=campaigns,
@@ -502,42 +479,9 @@ def apart(problem: Problem, fit: Fit) -> GroupOfCampaigns | None:
             parameter.name: SharedParameter(
                 unit=parameter.unit,
                 std=float(std[k]),
-                std_alone={name: float(reach[at] * own[k]) for name, own in alone.items()},
-                determined_by=tuple(name for name, own in alone.items() if own[k] < _DETERMINED),
+                std_alone={name: float(size[k] * own[k]) for name, own in std_alone.items()},
+                determined_by=tuple(n for n, own in std_alone.items() if own[k] < _DETERMINED),
             )
-            for k, (at, parameter) in enumerate(zip(shared, parameters, strict=True))
+            for k, parameter in enumerate(parameters)
         },
-    )
-
-
-def _difference(
-    own: _Part,
-    others: _Part,
-    shared: NDArray[np.intp],
-    reach: Array,
-    parameters: Sequence[Parameter],
-) -> tuple[float, float, Difference]:
-    """Compare the shared parameters of one campaign with those of all others.
-
-    Returns:
-        Chi-square, its degrees of freedom, and the parameter that explains most of it.
-    """
-    here = np.ix_(shared, shared)
-    off = (own.step() - others.step())[shared]
-    sampled = (own.sampling() + others.sampling())[here]
-    precision = np.linalg.inv((own.inverse + others.inverse)[here])
-    pull = precision @ off
-    each = pull**2 / np.diag(precision)
-    worst = int(np.argmax(each))
-    size, exact = reach[shared[worst]], precision[worst, worst]
-    return (
-        float(off @ pull),
-        float(np.trace(precision @ sampled)),
-        Difference(
-            name=parameters[worst].name,
-            unit=parameters[worst].unit,
-            value=float(size * pull[worst] / exact),
-            std=float(size / np.sqrt(exact)),
-            chi_square=float(each[worst]),
-        ),
     )

@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dtrtri
 
 from pa10cal.arrays import Array
@@ -34,8 +33,6 @@ _ALONG_A_VALLEY = 200.0
 _NO_WORSE = 1e-9
 #: Reach of an unknown in its scale, where it has no physical range that bounds it.
 _REACH = 30.0
-#: Eigenvalues of normal equations of unit diagonal below this part of the largest are rounding.
-_ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -84,17 +81,15 @@ def fit(
     """Fit the general model.
 
     Args:
-        problem: the model and what was seen.
         x_start: (k,) where to set out.
-        robust: whether poses far outside the scatter weigh less.
-        max_iterations: bound on the steps.
         scatter_start: scatter of each kind to set out with [m, rad]; None for that at the start.
         expected: what is known of the first unknowns before any reading; None for nothing.
     """
     span = _Span.about(problem, x_start, expected)
-    weighting = _WeightedProblem(problem, span, robust, scatter_start)
+    start = span.bounds.clip(x_start)
+    weighting = _WeightedProblem(problem, span, robust, start, scatter_start)
     found = minimise(
-        span.start,
+        start,
         weighting.equations,
         lambda x, step: span.bounds.clip(x + step),
         weighting.arrived,
@@ -107,18 +102,17 @@ def fit(
     x, rows, scatter = found.at, weighting.rows(found.at), weighting.scatter
     weighted = weighting.weighted
     held = span.bounds.held(x, found.equations.gradient)
-    if span.expected is None:
-        triangle = np.asarray(np.linalg.qr(weighted.rows.reshape(-1, len(x)), mode="r"))
-        directions = _directions(triangle, span.reach)
-        identifiability = _identified(triangle, directions, problem.scale, span.reach)
-        if held.any():
-            directions = _directions(triangle[:, ~held], span.reach[~held])
-        covariance = _covariance(directions, span.reach, ~held)
-    else:
-        identifiability = _identified_beside(span.expected, weighted.normal, problem, span.reach)
-        root = _inverse_factor((weighted.normal + span.precision)[np.ix_(~held, ~held)])
-        covariance = np.zeros((len(x), len(x)))
-        covariance[np.ix_(~held, ~held)] = root @ root.T
+    free = ~held
+    triangle = np.asarray(np.linalg.qr(weighted.rows.reshape(-1, len(x)), mode="r"))
+    with_known = np.concatenate([triangle, span.rows[: span.known]])
+    identifiability = _identified(with_known, problem.scale, span.reach, span.known)
+    root = np.linalg.inv(np.linalg.qr(np.concatenate([triangle, span.rows])[:, free], mode="r"))
+    covariance = np.zeros((len(x), len(x)))
+    covariance[np.ix_(free, free)] = root @ root.T
+    gradient = found.equations.gradient[free]
+    step = solve_normal(found.equations.normal[np.ix_(free, free)], gradient)
+    # The length of the next step, in standard uncertainties.
+    length = np.sqrt(max(0.0, float(gradient @ step)) / max(1, len(gradient)))
     return Fit(
         x=x,
         at_bound=held,
@@ -133,7 +127,7 @@ def fit(
         cost=float(np.sum(weighted.residual**2)),
         dof=problem.readings + span.known - identifiability.rank,
         iterations=found.iterations,
-        converged=found.converged and _length(found.equations, held) < _NEARLY * weighting.patience,
+        converged=found.converged and bool(length < _NEARLY * weighting.patience),
         reason=found.reason,
         widening=scatter.widening,
     )
@@ -150,54 +144,52 @@ def reach_of(problem: Problem) -> Array:
 
 @dataclass(frozen=True)
 class _Span:
-    """Where the k unknowns may lie."""
+    """Where the k unknowns may lie, and what is expected of them before any reading."""
 
-    start: Array  # where they are thought to be
     bounds: Bounds  # ends of their physical range
-    reach: Array  # how far from the start they may well be
-    # what is known of the first of them, in place of start and reach; or None
-    expected: Expected | None
+    reach: Array  # (k,) how far from the start they may well be
+    known: int  # of how many, the first, something is known in place of start and reach
+    centre: Array  # (k,) where they are expected
+    rows: Array  # (k, k) rows of unit variance that say so, those of the known first
 
     @classmethod
     def about(cls, problem: Problem, x_start: Array, expected: Expected | None) -> _Span:
-        bounds = Bounds.of(problem.parameters)
-        return cls(bounds.clip(x_start), bounds, reach_of(problem), expected)
-
-    @property
-    def known(self) -> int:
-        """Return of how many unknowns something is known before any reading."""
-        return 0 if self.expected is None else len(self.expected.mean)
+        bounds, reach = Bounds.of(problem.parameters), reach_of(problem)
+        centre, rows, known = bounds.clip(x_start), np.diag(1.0 / reach), 0
+        if expected is not None:
+            known = len(expected.mean)
+            centre[:known] = expected.mean
+            rows[:known, :known] = np.linalg.cholesky(expected.precision, upper=True)
+        return cls(bounds, reach, known, centre, rows)
 
     @cached_property
     def precision(self) -> Array:
         """Return how precisely the unknowns are known before any reading, (k, k)."""
-        precision = np.diag(self.reach**-2.0)
-        if self.expected is not None:
-            precision[: self.known, : self.known] = self.expected.precision
-        return precision
+        return np.asarray(self.rows.T @ self.rows)
 
     def pull(self, x: Array) -> tuple[float, Array]:
         """Return the squares of what takes unknowns back, and half their gradient (k,)."""
-        off = (x - self.start) / self.reach
-        if self.expected is None:
-            return float(np.sum(off**2)), off / self.reach
-        k, away = self.known, x[: self.known] - self.expected.mean
-        back = self.expected.precision @ away
-        own = off[k:]
-        return float(away @ back + own @ own), np.concatenate([back, own / self.reach[k:]])
+        off = self.rows @ (x - self.centre)
+        return float(off @ off), self.rows.T @ off
 
 
 class _WeightedProblem:
     """The weighted problem: weights stay while a step is tried, and are renewed at its end."""
 
     def __init__(
-        self, problem: Problem, span: _Span, robust: bool, scatter: dict[str, float] | None
+        self,
+        problem: Problem,
+        span: _Span,
+        robust: bool,
+        start: Array,
+        scatter: dict[str, float] | None,
     ) -> None:
         self._problem, self._span, self._robust = problem, span, robust
         self._last: tuple[Array, Rows] | None = None
-        first = first_scatter(problem, self.rows(span.start))
+        rows = self.rows(start)
+        first = first_scatter(problem, rows)
         self.scatter = first if scatter is None else replace(first, size=scatter)
-        self.weighted = weighted_rows(problem, self.rows(span.start), self.scatter, robust)
+        self.weighted = weighted_rows(problem, rows, self.scatter, robust)
         self._before = self.scatter
         self._length = np.inf
         self._settled = self._turns = False
@@ -234,10 +226,10 @@ class _WeightedProblem:
         """Renew scatter and weights about a point."""
         problem, span, rows = self._problem, self._span, self.rows(x)
         weighted = self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
-        if span.expected is None:
-            parts = span.reach[:, None] * _inverse_root(weighted.normal, span.reach)
-        else:
-            parts = _inverse_factor(weighted.normal + span.precision)
+        information = weighted.normal + span.precision
+        size = np.sqrt(np.diag(information))
+        upper = np.linalg.cholesky(information / np.outer(size, size), upper=True)
+        parts = dtrtri(upper)[0] / size[:, None]
         found = refreshed(problem, rows, weighted, parts, self.scatter)
         self._settled = found.is_about(self.scatter)
         # A scatter that leaves a fit from which the one before is found would go on for ever.
@@ -255,91 +247,28 @@ class _WeightedProblem:
         return bool(self._length < _ARRIVED * self.patience and self._settled)
 
 
-def _length(at: Equations, held: NDArray[np.bool_]) -> float:
-    """Return the length of the Gauss-Newton step of a problem, in standard uncertainties."""
-    gradient = at.gradient[~held]
-    step = solve_normal(at.normal[np.ix_(~held, ~held)], gradient)
-    return float(np.sqrt(max(0.0, float(gradient @ step)) / max(1, len(gradient))))
+def _identified(rows: Array, scale: Array, reach: Array, known: int) -> Identifiability:
+    """Return what rows (r, k) identify, in scales, at worst within a reach.
 
-
-def _inverse_root(normal: Array, reach: Array) -> Array:
-    """Return A with A A^T the covariance of unknowns in reaches, before any reading a reach."""
-    part = normal * np.outer(reach, reach) + np.eye(len(reach))
-    size = np.sqrt(np.diag(part))
-    values, vectors = np.linalg.eigh(part / np.outer(size, size))
-    known = values > _ROUNDING * values[-1]
-    root: Array = vectors[:, known] / np.sqrt(values[known]) / size[:, None]
-    return root
-
-
-def _inverse_factor(information: Array) -> Array:
-    """Return A (k, k) with A A^T the inverse of an information matrix that is definite."""
-    size = np.sqrt(np.diag(information))
-    upper = np.linalg.cholesky(information / np.outer(size, size), upper=True)
-    inverse, _ = dtrtri(upper)
-    root: Array = inverse / size[:, None]
-    return root
-
-
-def _identified_beside(
-    expected: Expected, normal: Array, problem: Problem, reach: Array
-) -> Identifiability:
-    """Return what is identified of all unknowns: the others by what readings say beyond the known.
-
-    Args:
-        expected: what is known of the first unknowns.
-        normal: (k, k) normal equations of the readings alone.
-        problem: gives the scales.
-        reach: (k,) of the unknowns.
+    Of the first unknowns so many are known before; the others are identified by what readings say
+    beyond these. A null direction counts for those unknowns whose uncertainty it mostly causes.
     """
-    known, scale = len(expected.mean), problem.scale
-    whole = normal.copy()
-    whole[:known, :known] += expected.precision
-    across = whole[:known, known:]
-    own = whole[known:, known:] - across.T @ cho_solve(cho_factor(whole[:known, :known]), across)
-    values, vectors = np.linalg.eigh(own * np.outer(reach[known:], reach[known:]))
-    openly = vectors[:, np.sqrt(np.maximum(values, 0.0)) <= 1.0]
-    null_space = np.zeros((len(scale), openly.shape[1]))
-    null_space[known:] = np.linalg.qr(reach[known:, None] * openly / scale[known:, None])[0]
-    sizes = np.linalg.eigvalsh(whole * np.outer(scale, scale))[::-1]
-    singular_values: Array = np.sqrt(np.maximum(sizes, 0.0))
-    rank = len(scale) - openly.shape[1]
-    least = max(float(singular_values[rank - 1]), np.finfo(float).tiny)
-    return Identifiability(singular_values, rank, null_space, float(singular_values[0] / least))
-
-
-def _identified(
-    triangle: Array, directions: tuple[Array, Array], scale: Array, reach: Array
-) -> Identifiability:
-    """Return what rows (given by their triangle) identify, in scales, at worst within a reach.
-
-    A null direction counts for those unknowns whose uncertainty it mostly causes.
-    """
-    found = identify(triangle, scale)
-    size, right = directions
+    triangle: Array = np.asarray(np.linalg.qr(rows, mode="r"))
+    values = identify(triangle, scale).singular_values
+    reach_of_others, others = reach[known:], slice(known, None)
+    beyond: Array = triangle[known:, known:] * reach_of_others
+    _, found, right = np.linalg.svd(beyond)
+    size = np.zeros(len(right))
+    size[: len(found)] = found
     identified = size > max(1.0, NULL_RATIO * size[0])
-    rank, values = int(np.count_nonzero(identified)), found.singular_values
+    rank = known + int(np.count_nonzero(identified))
     part = np.abs(right[~identified])
     mostly = np.linalg.norm(part, axis=0) > np.linalg.norm(
         right[identified].T / size[identified], axis=1
     )
     mostly |= np.any(part > 0.5 * part.max(axis=1, keepdims=True), axis=0)
-    null_space = np.linalg.qr((right[~identified] * mostly * reach / scale).T)[0]
+    null_space = np.zeros((len(scale), len(part)))
+    null_space[others] = np.linalg.qr(
+        (right[~identified] * mostly * reach_of_others / scale[others]).T
+    )[0]
     return Identifiability(values, rank, null_space, float(values[0] / values[rank - 1]))
-
-
-def _directions(triangle: Array, reach: Array) -> tuple[Array, Array]:
-    """Return the singular values (k,) of rows in reaches, and right singular vectors as rows."""
-    _, values, right = np.linalg.svd(triangle * reach)
-    size = np.zeros(len(right))
-    size[: len(values)] = values
-    return size, right
-
-
-def _covariance(directions: tuple[Array, Array], reach: Array, free: NDArray[np.bool_]) -> Array:
-    """Return the covariance (k, k) of the free unknowns by the directions of theirs, and reach."""
-    size, right = directions
-    root = reach[free, None] * right.T / np.hypot(size, 1.0)
-    covariance = np.zeros((len(reach), len(reach)))
-    covariance[np.ix_(free, free)] = root @ root.T
-    return covariance

@@ -96,11 +96,6 @@ def refuse_unsound(model: FittedModel, *, force: bool = False) -> None:
 def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     """Return what a fitted model says of an arm that may carry another tool.
 
-    Args:
-        model: the fitted model.
-        arm: the nominal arm of the further campaign.
-        payload: what the arm carries there; None where that is not known.
-
     Raises:
         CalibrationError: when the model is of another arm, or its covariance is not known.
     """
@@ -111,7 +106,7 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     from_: list[int] = []
     sizes: list[float] = []
     for term in model.model.terms:
-        columns = np.arange(len(model.x))[model.model.columns_of(term)].tolist()
+        columns = model.model.places_of(term).tolist()
         if isinstance(term, ArrivalError):
             term, columns = ArrivalError(term.of), [-1]
         elif not of_arm(term):
@@ -223,14 +218,6 @@ def calibrate_from(
 ) -> GeneralCalibration:
     """Calibrate an arm of which a fitted model is known.
 
-    Args:
-        prior: what is known.
-        arm: the nominal arm.
-        observations: P poses to fit.
-        start: about where base, tool and targets are.
-        payload: what the arm carries; None where it is not known.
-        options: how to calibrate; None for the defaults.
-
     Raises:
         CalibrationError: when there are too few poses to find base and tool.
     """
@@ -308,24 +295,22 @@ def _changed(
 ) -> PriorPart:
     """Return what was found anew, and by how much it differs from the prior."""
     mean, before = prior.expected.mean, np.diag(prior.expected.covariance)
-    after = np.diag(found.covariance)
+    after, off = np.diag(found.covariance), found.x[: len(mean)] - mean
     moved, factor = [], 1.0
     anew = any(each.what.kind == EVERYTHING for each in released)
-    if anew:
-        released = _clearest(possible, found.x - np.pad(mean, (0, len(found.x) - len(mean))), after)
-    for each in released:
-        if each.what.kind == MODEL_ERROR:
+    for each in _clearest(possible, off, after) if anew else released:
+        what = each.what
+        if what.kind == MODEL_ERROR:
             factor += each.size**2
             continue
         by = std = None
         unit = ""
-        if len(each.what.columns) == 1:
-            (k,) = each.what.columns
-            by, unit = float(found.x[k] - mean[k]), problem.parameters[k].unit
-            std = float(np.sqrt(before[k] + after[k]))
-            if each.what.kind == STIFFNESS:
+        if len(what.columns) == 1:
+            (k,) = what.columns
+            by, std = float(off[k]), float(np.sqrt(before[k] + after[k]))
+            unit = problem.parameters[k].unit
+            if what.kind == STIFFNESS:
                 by, std, unit = by / mean[k], std / mean[k], "1"
-        what = each.what
         moved.append(Moved(kind=what.kind, of=what.of, by=by, std=std, unit=unit, gain=each.gain))
     fitted_to = prior.model.fitted_to
     campaign = None if fitted_to is None else fitted_to.campaign
@@ -344,15 +329,16 @@ def _changed(
 
 def _clearest(possible: Sequence[Hypothesis], by: Array, variances: Array) -> list[Found]:
     """Return what moved by most of its standard uncertainties, where everything was found anew."""
-    single = [each for each in possible if each.kind in (JOINT_ZERO, LINK, STIFFNESS)]
     std = np.sqrt(np.maximum(variances, 0.0))
-    sigmas = {
-        each: float(abs(by[k]) / std[k]) if std[k] > 0.0 else 0.0
-        for each in single
+    sigmas = [
+        (float(abs(by[k]) / std[k]), each)
+        for each in possible
+        if each.kind in (JOINT_ZERO, LINK, STIFFNESS)
         for k in each.columns
-    }
-    clear = sorted((each for each in single if sigmas[each] > _CLEAR), key=lambda e: -sigmas[e])
-    return [Found(each, 1.0, 0.5 * float(sigmas[each]) ** 2) for each in clear[:_MOST_NAMED]]
+        if std[k] > 0.0
+    ]
+    clear = sorted((pair for pair in sigmas if pair[0] > _CLEAR), key=lambda pair: -pair[0])
+    return [Found(each, 1.0, 0.5 * sigma**2) for sigma, each in clear[:_MOST_NAMED]]
 
 
 def _words(moved: Moved) -> str:
@@ -390,14 +376,9 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     unknowns = choose_unknowns(
         arm, Tolerances(), observations.measured, start.T_instr_base, start.targets_m
     )
-    arm_terms, known, columns = [], [], []
-    for term in model.model.terms:
-        if not (is_tool(term) or OF in term.of):
-            own = np.arange(len(model.x))[model.model.columns_of(term)]
-            arm_terms.append(term)
-            known.append(fixed(term, model.x[own]))
-            columns.append(own)
-    of_arm = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
+    arm_terms = [term for term in model.model.terms if not (is_tool(term) or OF in term.of)]
+    known = [fixed(term, model.values_of(term)) for term in arm_terms]
+    of_arm = model.model.places_of(*arm_terms)
     chain = model.model.chain
     ends_s = pairwise((*sorted(cuts_s), float("inf")))  # of every part but the first
     parts = (
@@ -460,18 +441,16 @@ def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> 
     torques have all weights in them, as they are.
 
     Args:
-        model: the calibrated model.
-        payload: what the arm carries there; None where it is not known.
         logged: whether torques are logged there.
     """
     away = model.falls_back
     if logged:
-        model = _without_weights(model)
+        model = model.only(*(term for term in model.model.terms if not isinstance(term, Weights)))
     x, covariance = model.x.copy(), model.covariance
     for term in model.model.terms:
         if payload is None or not isinstance(term, Weights):
             continue
-        columns = np.arange(len(x))[model.model.columns_of(term)]
+        columns = model.model.places_of(term)
         before = None if model.payload is None else weight_sizes(model.arm, model.payload)
         kept, left = _of_link(term, before, weight_sizes(model.arm, payload), payload)
         x[columns] *= kept
@@ -491,32 +470,14 @@ def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> 
     )
 
 
-def _without_weights(model: F) -> F:
-    """Return a model whose torques are not calculated from weights."""
-    terms = tuple(term for term in model.model.terms if not isinstance(term, Weights))
-    every, count = np.arange(len(model.x)), len(model.x)
-    own = [every[model.model.columns_of(term)] for term in terms]
-    at = np.concatenate([np.zeros(0, dtype=np.intp), *own])
-    with_base = np.concatenate([at, np.arange(count, count + len(BASE))])
-    covariance = model.covariance
-    return replace(
-        model,
-        model=Model(model.model.chain, terms),
-        x=model.x[at],
-        covariance=None if covariance is None else covariance[np.ix_(with_base, with_base)],
-    )
-
-
 def _of_link(
     term: Weights, before: WeightSizes | None, there: WeightSizes, payload: Payload
 ) -> tuple[Array, Array]:
     """Return which part of each weight goes with the arm, (k,), and the variance of the rest, (k,).
 
     Args:
-        term: the weights.
         before: their uncertainties in the campaign of the model; None where not known.
         there: their uncertainties in the other campaign.
-        payload: what the arm carries there.
     """
     kept, left = np.ones(len(term.columns)), np.zeros(len(term.columns))
     tool_kg_m = 0.0 if before is None else before.payload_kg_m
@@ -541,7 +502,6 @@ def _with_frames(problem: Problem, x: Array, of_arm: Array, base: tuple[str, ...
 
     Args:
         problem: with the terms of the arm, those of the frames and the base's own as unknowns.
-        x: where the fit ended.
         of_arm: (a, a) covariance of the arm's parameters.
         base: coordinates of the base that were unknowns.
     """

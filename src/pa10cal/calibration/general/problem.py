@@ -76,8 +76,6 @@ def choose_unknowns(
     """Choose the parameters that arm and instrument can identify.
 
     Args:
-        arm: the nominal arm.
-        tolerances: of the link parameters.
         measured: by which instrument; its readings play no part.
         T_instr_base: (4, 4) approximate base frame.
         targets_m: (t,) about where the targets sit.
@@ -86,7 +84,13 @@ def choose_unknowns(
     own = _own_frames(measured)
     frames = (base, *own)
     model = Model(Chain.of(arm), (*frames, links))
-    states = _random_states(arm)
+    generator = np.random.default_rng(_RANDOM_SEED)
+    low, high = arm.limits_rad.T
+    low = np.where(arm.prismatic, low, np.maximum(low, -_WIDEST_RAD))
+    high = np.where(arm.prismatic, high, np.minimum(high, _WIDEST_RAD))
+    q_rad = generator.uniform(low, high, (_CONFIGURATIONS, arm.n))
+    zeros, zero = np.zeros_like(q_rad), np.zeros(_CONFIGURATIONS)
+    states = PoseStates(q_rad, zeros, zeros, zero, zero, zero)
     if measured.campaigns:
         # Of a group the same states in every campaign, in its rows, whose readings are idle.
         count, sizes = len(states), np.array([len(part) for _, part in measured.campaigns])
@@ -193,17 +197,6 @@ def _redundant(
     )
 
 
-def _random_states(arm: Arm) -> PoseStates:
-    generator = np.random.default_rng(_RANDOM_SEED)
-    low, high = arm.limits_rad.T
-    turning = ~arm.prismatic
-    low = np.where(turning, np.maximum(low, -_WIDEST_RAD), low)
-    high = np.where(turning, np.minimum(high, _WIDEST_RAD), high)
-    q_rad = generator.uniform(low, high, (_CONFIGURATIONS, arm.n))
-    zeros, zero = np.zeros_like(q_rad), np.zeros(_CONFIGURATIONS)
-    return PoseStates(q_rad, zeros, zeros, zero, zero, zero)
-
-
 #: Part of the largest torque that a joint's torque must vary by for its spring to be looked for.
 _LEAST_TORQUE_SHARE = 0.005
 #: Less than this is none.
@@ -239,14 +232,6 @@ def general_problem(
 ) -> GeneralProblem:
     """Put the general model together for an arm, an instrument and poses.
 
-    Args:
-        arm: the nominal arm.
-        observations: P poses.
-        start: about where base, tool and targets are.
-        payload: what the arm carries; None where it is not known.
-        options: which springs, and tolerances of the links.
-        links: whether the geometry of the links is unknown; else frames and targets alone.
-
     Raises:
         CalibrationError: when springs are requested whose torques are not known.
     """
@@ -256,7 +241,10 @@ def general_problem(
     unknown: tuple[Weights, ...] = ()
     if source == "masses" and payload is not None:
         unknown = unknown_weights(arm, payload, states)
-    torques_Nm = _with_tool(arm, states, unknown)
+    torques_Nm = states.tau_Nm
+    for weights in unknown:  # a tool of unknown mass as heavy as it may well be
+        of_tool = (np.array(weights.columns) == 4 * arm.n) & weights.unknown_tool
+        torques_Nm = torques_Nm - weights.torque_Nm(states, np.where(of_tool, weights.sizes, 0.0))
     springs = _springs(arm, torques_Nm, source, options.general.springs)
     tau_Nm = np.abs(torques_Nm).max(axis=0)
     observations = observations.turned(start.R_ee_target)
@@ -270,21 +258,11 @@ def general_problem(
         JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False, plausible_rad=sag_rad)
         for joint in springs
     )
-    weights = unknown if terms else ()
-    model = Model(chain, (unknowns.links, *terms, *weights, *unknowns.frames, unknowns.base))
+    of_weights = unknown if terms else ()
+    model = Model(chain, (unknowns.links, *terms, *of_weights, *unknowns.frames, unknowns.base))
     problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, observations)
     x_start = problem.start(_model_start(problem.model, start))
     return GeneralProblem(problem, x_start, unknowns, springs, source)
-
-
-def _with_tool(arm: Arm, states: PoseStates, unknown: tuple[Weights, ...]) -> Array:
-    """Return the torques of poses (P, n), a tool of unknown mass as heavy as it may well be."""
-    tau_Nm: Array = states.tau_Nm
-    for weights in unknown:
-        of_tool = np.array(weights.columns) == 4 * arm.n
-        mass = np.where(of_tool & weights.unknown_tool, weights.sizes, 0.0)
-        tau_Nm = tau_Nm - weights.torque_Nm(states, mass)
-    return tau_Nm
 
 
 def _springs(

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array
 from pa10cal.errors import SettingsError
 from pa10cal.lab.cell import instruments
 from pa10cal.lab.cell.classes import classes_in
@@ -82,9 +81,9 @@ def measure_campaign(
     schedule, poses = instrument.schedule(robot, streams)
 
     at_rest_s = schedule.start_s + instrument.at_rest_s
-    temperature_C = REFERENCE_TEMPERATURE_C + _warming(
-        at_rest_s, settings.temperature_drift_C, streams["hall"]
-    )
+    phase = streams["hall"].uniform(0.0, 2.0 * np.pi)  # of the hall's daily swing
+    swing = np.sin(2.0 * np.pi * at_rest_s / _DRIFT_PERIOD_S + phase)
+    temperature_C = REFERENCE_TEMPERATURE_C + settings.temperature_drift_C * swing
     q_motor, drive = instrument.motors(schedule, streams)
     motion = Motion(q_motor, schedule.arrival, robot.arm.gear_ratio)
     rest = rest_poses(
@@ -116,13 +115,6 @@ def _streams(instrument: Instrument, seed: int) -> dict[str, np.random.Generator
     """Return one stream of random numbers a purpose: changing one leaves the others alone."""
     children = np.random.SeedSequence(seed).spawn(len(instrument.streams))
     return dict(zip(instrument.streams, map(np.random.default_rng, children), strict=True))
-
-
-def _warming(time_s: Array, amplitude_C: float, rng: np.random.Generator) -> Array:
-    """Return the hall's temperature above the reference: a daily swing of unknown phase."""
-    phase = rng.uniform(0.0, 2.0 * np.pi)
-    warming: Array = amplitude_C * np.sin(2.0 * np.pi * time_s / _DRIFT_PERIOD_S + phase)
-    return warming
 
 
 def _need_a_drift(effects: Sequence[Effect], settings: SimulateOptions) -> None:

@@ -115,7 +115,11 @@ def draw_individual(
     geometry, stiffness = rng.spawn(2)  # springs or none, the geometry is the same
     own = plan.unstated
     arm = arm if own is None else described(arm, own)
-    springs = _springs_before_tracker(arm, plan, stiffness)
+    springs = Springs.rigid(arm.n)
+    if plan.flexible_joints:
+        need_masses(arm, "an arm description with mass_kg and com_m, or no flexible joints")
+        springs = draw_springs(arm, plan.flexible_joints, stiffness)
+        springs = springs if plan.hardening else replace(springs, k_cub=np.zeros(arm.n))
     departures = draw_departures(arm, geometry) if plan.departs == "rows" else None
     mechanism = Mechanism.of(
         arm,
@@ -133,7 +137,10 @@ def draw_individual(
             placements=mechanism.placements @ axes,
             T_last_ee=mechanism.T_last_ee @ flange,
         )
-    T_instr_base = _anywhere(geometry)
+    T_instr_base = np.eye(4)  # turned anyhow, any way, some way off
+    T_instr_base[:3, :3] = Rotation.random(rng=geometry).as_matrix()
+    direction = geometry.standard_normal(3)
+    T_instr_base[:3, 3] = geometry.uniform(*STAND_OFF_M) * direction / np.linalg.norm(direction)
     T_ee_target = _small_motions(1, plan.target_m, plan.target_rad, geometry)[0]
     designed = ring_of_targets(plan.target_count)
     targets = replace(designed, p_ee_m=geometry.normal(designed.p_ee_m, plan.target_m))
@@ -236,14 +243,6 @@ def _paper_robot(arm: Arm, kcub_reading: KcubReading) -> tuple[Departures, Sprin
     return TABLE_1, Springs(TABLE_1_K_LIN, PAPER_K_CUB[kcub_reading], kcub_reading)
 
 
-def _springs_before_tracker(arm: Arm, plan: TrackerOptions, rng: np.random.Generator) -> Springs:
-    if not plan.flexible_joints:
-        return Springs.rigid(arm.n)
-    need_masses(arm, "an arm description with mass_kg and com_m, or no flexible joints")
-    springs = draw_springs(arm, plan.flexible_joints, rng)
-    return springs if plan.hardening else replace(springs, k_cub=np.zeros(arm.n))
-
-
 def _in_machine(p_base_middle_m: Array, rng: np.random.Generator) -> Array:
     """Return the base in the machine: turned any way about the vertical, and not quite level."""
     roll, pitch = rng.normal(0.0, _TILT_RAD, 2)
@@ -253,15 +252,6 @@ def _in_machine(p_base_middle_m: Array, rng: np.random.Generator) -> Array:
     p_instr_middle_m = _MACHINE_MIDDLE_M + rng.normal(0.0, _MACHINE_MIDDLE_SPREAD_M, 3)
     T_instr_base[:3, 3] = p_instr_middle_m - T_instr_base[:3, :3] @ p_base_middle_m
     return T_instr_base
-
-
-def _anywhere(rng: np.random.Generator) -> Array:
-    """Draw the (4, 4) base in the instrument's frame: turned anyhow, any way, some way off."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.random(rng=rng).as_matrix()
-    direction = rng.standard_normal(3)
-    T[:3, 3] = rng.uniform(*STAND_OFF_M) * direction / np.linalg.norm(direction)
-    return T
 
 
 def _small_motions(
@@ -344,8 +334,7 @@ def weighed(mechanism: Mechanism, own: UnstatedOptions) -> Mechanism:
 
 def nominal(arm: Arm, own: UnstatedOptions, tool_kg: float) -> Mechanism:
     """Return the arm with its true weights and the geometry that is described."""
-    own_arm = described(arm, own)
-    bare = Mechanism.of(own_arm, Departures.none(own_arm.n), tool_payload(tool_kg))
+    bare = Mechanism.of(described(arm, own), Departures.none(arm.n), tool_payload(tool_kg))
     return weighed(bare, own)
 
 

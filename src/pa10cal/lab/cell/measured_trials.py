@@ -1,30 +1,28 @@
 """Trials as measured robots come: weights that nobody stated, rows that are sorted.
 
 Both are of arms described without masses, rated torques, gear ratios and logged torques
-(`unstated`), under instruments of poses or of points. Kinds of `wild_trials` that it draws.
+(`unstated`), under instruments of poses or of points.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.files.arms import arm_names
-from pa10cal.lab.cell.campaign import Campaign
 from pa10cal.lab.cell.effects.effect import LONG_LINKS, Site
 from pa10cal.lab.cell.effects.vocabulary import all_effects, places_of
 from pa10cal.lab.cell.individual import described, draw_unstated, nominal
-from pa10cal.lab.cell.options import TrackerOptions, UnstatedOptions
+from pa10cal.lab.cell.options import UnstatedOptions
 from pa10cal.lab.cell.poses import joint_bounds
 from pa10cal.lab.cell.robot import Departures, Mechanism, Statics, tool_payload
-from pa10cal.lab.cell.trials import (
+from pa10cal.lab.cell.scenario import (
     ATTITUDE_RAD,
     POSITION_MM,
     SECONDS_A_POSE,
@@ -142,24 +140,23 @@ class _OwnArm:
         return (np.flatnonzero(loaded) + 1).tolist()
 
 
-def draw_measured_trial(
-    kind: str, number: int, subject: str, benches: Sequence[str], rng: np.random.Generator
+def draw_measured(
+    kind: str, number: int, subject: str, benches: Mapping[str, Bench], rng: np.random.Generator
 ) -> Trial:
     """Draw a trial of unstated masses or of sorted rows.
 
     Args:
         subject: what it hides, of `SUBJECTS`.
-        benches: of `measured_benches`.
+        benches: by their names.
 
     Raises:
         SettingsError: where the subject does nothing at any of the benches.
     """
-    by_name = measured_benches()
-    fitting = [name for name in benches if _fits(subject, by_name[name].arm)]
+    fitting = [name for name, bench in benches.items() if _fits(subject, bench.arm)]
     if not fitting:
         raise idle(subject, benches, "an arm with a joint that weights load among them")
-    bench = by_name[str(rng.choice(fitting))]
-    scenario = Scenario(kind, number, rng, bench, int(rng.integers(2**31)))
+    bench = benches[str(rng.choice(fitting))]
+    scenario = Scenario(kind, rng, bench, int(rng.integers(2**31)))
     own = _OwnArm.drawn(bench.arm, rng)
     plan: dict[str, Any] = {
         "instrument": bench.instrument,
@@ -206,15 +203,11 @@ def draw_measured_trial(
 
 def _fits(subject: str, arm: Arm) -> bool:
     """Return whether a subject does something: no weight loads the joints of an upright SCARA."""
-    needs_load = subject == SPRING or subject.startswith((SOME_SPRINGS, ALL_SPRINGS))
-    return not (needs_load and _upright(arm))
-
-
-def _upright(arm: Arm) -> bool:
-    """Return whether all joints are upright, so that no weight loads one that turns."""
+    if subject != SPRING and not subject.startswith((SOME_SPRINGS, ALL_SPRINGS)):
+        return True
     mechanism = Mechanism.of(arm, Departures.none(arm.n), tool_payload(0.0))
     frames = mechanism.T_base_joints(np.ones((1, arm.n)))
-    return bool(np.all(np.abs(frames[:, 0, 2, 2]) > 1.0 - 1e-9))
+    return bool(np.any(np.abs(frames[:, 0, 2, 2]) <= 1.0 - 1e-9))  # an axis is not upright
 
 
 def _soft_joints(springs: str, own: _OwnArm, rng: np.random.Generator) -> list[int]:
@@ -285,136 +278,3 @@ def _sorted(
     if rng.random() < 0.5:
         order = order[::-1]
     return tuple(map(tuple, q[order].round(_DECIMALS).tolist()))
-
-
-# What an effect leaves in the readings once the whole geometry is fitted to them again.
-#
-# Worked out from the truth, for the scoring alone: the readings without noise, with the effect and
-# without it, less all small motions of the base, of every joint's frame and of the tool.
-
-#: Motions that are less than this part of the largest one, once the others are taken out, are those
-#: that the others make already.
-_REDUNDANT = 1e-9
-
-
-@dataclass(frozen=True)
-class AfterGeometry:
-    """What each effect of a campaign leaves, beside the noise."""
-
-    # how far each moves the readings after the geometry is fitted again, root mean square of
-    # positions
-    moved_mm: tuple[float, ...]
-    apart_mm: tuple[float, ...]  # the same once the sizes of the other effects are fitted, too
-    noise_mm: float  # what noise moves positions by, likewise, averaged over repeats
-
-
-def after_geometry(made: Campaign, without: Sequence[Campaign]) -> AfterGeometry:
-    """Return what the effects of a campaign leave.
-
-    Args:
-        made: the campaign of a tracker.
-        without: it without one of its effects each, in their order.
-    """
-    plan = made.settings.without_touches
-    if plan is None:
-        raise ValueError("touched balls are not refitted here")
-    readings = _Readings(made, plan)
-    basis = readings.geometry()
-    moved = [readings.difference(each) for each in without]
-    left = [_less(each, basis) for each in moved]
-    apart = [
-        _less(each, _basis(np.column_stack([basis, *left[:k], *left[k + 1 :]])))
-        for k, each in enumerate(left)
-    ]
-    return AfterGeometry(
-        tuple(map(readings.position_mm, left)),
-        tuple(map(readings.position_mm, apart)),
-        readings.noise_mm(),
-    )
-
-
-class _Readings:
-    """Readings of every calibration pose once, in the base's frame, in units of their noise."""
-
-    def __init__(self, made: Campaign, plan: TrackerOptions) -> None:
-        schedule = made.truth.schedule
-        self._made, self._plan = made, plan
-        self._rows = np.flatnonzero((schedule.kind == "grid") & (schedule.repeat == 1))
-        self._turns = plan.instrument == "pose"
-        self._p_m, self._R = self._read(made)
-
-    def difference(self, other: Campaign) -> Array:
-        """Return by how much readings differ from those of a twin, one long vector."""
-        p_m, R = self._read(other)
-        turned = Rotation.from_matrix(self._R @ R.transpose(0, 2, 1)).as_rotvec()
-        return self._stacked((self._p_m - p_m)[..., None], turned[..., None])[:, 0]
-
-    def geometry(self) -> Array:
-        """Return an orthonormal basis of what small motions of all frames do to the readings."""
-        return _basis(np.hstack([self._stacked(*self._moved_with(T)) for T in self._frames()]))
-
-    def position_mm(self, difference: Array) -> float:
-        """Return the root mean square of the positions of a difference."""
-        p_mm = difference[: self._p_m.size] * self._plan.position_mm
-        return float(np.sqrt(3.0 * np.mean(p_mm**2)))
-
-    def noise_mm(self) -> float:
-        """Return the noise of the instrument, and of links about their motors."""
-        links_mm2 = 0.0
-        slides = self._made.truth.robot.mechanism.slides
-        off_mm = 1e3 * np.hypot(self._plan.unseen_rad, self._plan.resolver_rad)
-        for slide, T in zip(slides, self._frames()[1:], strict=True):
-            along_z = self._moved_with(T)[0][..., 5 if slide else 2]
-            links_mm2 += float(np.mean(np.sum((off_mm * along_z) ** 2, axis=-1)))
-        noise_mm2 = 3.0 * self._plan.position_mm**2 + links_mm2
-        return float(np.sqrt(noise_mm2 / self._plan.repeats))
-
-    def _read(self, made: Campaign) -> tuple[Array, Array]:
-        """Return positions (P, B, 3) [m] and orientations (P, 3, 3), as read without noise."""
-        truth, robot = made.truth, made.truth.robot
-        T = truth.rest.T_base_ee[self._rows]
-        on_tool_m = robot.T_ee_target[None, :3, 3] if self._turns else robot.targets.p_ee_m
-        along_m = on_tool_m + truth.tool_shift_m[self._rows, None]
-        p_m = np.einsum("pij,pbj->pbi", T[:, :3, :3], along_m) + T[:, None, :3, 3]
-        R, t_m = robot.T_instr_base[:3, :3], robot.T_instr_base[:3, 3]
-        return (truth.as_read(p_m @ R.T + t_m) - t_m) @ R, T[:, :3, :3]
-
-    def _frames(self) -> list[Array]:
-        """Return frames that geometry moves, (P, 4, 4): the base and what each joint carries."""
-        truth = self._made.truth
-        joints = truth.robot.mechanism.T_base_joints(truth.rest.q[self._rows])
-        return [np.broadcast_to(np.eye(4), (len(self._rows), 4, 4)), *joints]
-
-    def _moved_with(self, T: Array) -> tuple[Array, Array]:
-        """Return what turns about a frame's axes and shifts along them do.
-
-        Returns:
-            (P, B, 3, 6) motions of the positions, and (P, 3, 6) turns.
-        """
-        axes = T[:, :3, :3]
-        lever_m = self._p_m - T[:, None, :3, 3]
-        turned = np.cross(axes[:, None], lever_m[..., None], axisa=2, axisb=2, axisc=2)
-        shifted = np.broadcast_to(axes[:, None], turned.shape)
-        return np.concatenate([turned, shifted], -1), np.concatenate([axes, 0.0 * axes], -1)
-
-    def _stacked(self, moved_m: Array, turned: Array) -> Array:
-        """Return positions (P, B, 3, k) and turns (P, 3, k) as columns in units of their noise."""
-        count = moved_m.shape[-1]
-        rows = [1e3 / self._plan.position_mm * moved_m.reshape(-1, count)]
-        if self._turns:
-            rows.append(turned.reshape(-1, count) / self._plan.attitude_rad)
-        return np.concatenate(rows)
-
-
-def _basis(columns: Array) -> Array:
-    """Return an orthonormal basis of the span of some columns of any scale."""
-    length = np.linalg.norm(columns, axis=0)
-    kept = columns[:, length > 0.0] / length[length > 0.0]
-    left, size, _ = np.linalg.svd(kept, full_matrices=False)
-    return left[:, size > _REDUNDANT * size.max(initial=0.0)]
-
-
-def _less(difference: Array, basis: Array) -> Array:
-    """Return a difference without its part in the span of a basis."""
-    left: Array = difference - basis @ (basis.T @ difference)
-    return left

@@ -1,282 +1,65 @@
 """Trials: campaigns drawn at random, each with what it hides, to put a verdict to the test.
 
-Every kind of trial is a `Scenario` while it is drawn: an arm at a bench, the plan of its poses,
-what is hidden, disturbed or stated wrongly. Here are those of touched balls with repeats, of the
-PA10, and those of arms under trackers that never come back to a pose.
+Every kind of trial is a `Scenario` while it is drawn. Here are those of touched balls with repeats,
+of the PA10, and those of arms under trackers that never come back to a pose; wild ones, with what
+ordinary logs have and with faults (`lab/cell/disturbances.py`); and those of drives that err. Those
+that come as measured robots do are in `measured_trials`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, ClassVar, Literal, get_args
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from typing_extensions import override
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array
 from pa10cal.errors import SettingsError
-from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.campaign import robot_of
+from pa10cal.lab.cell.disturbances import DISTURBANCES, Disturbance, Need
 from pa10cal.lab.cell.effects.effect import Effect, Site, TorqueLogEffect
-from pa10cal.lab.cell.effects.vocabulary import all_effects, outside, places_of, vocabulary
+from pa10cal.lab.cell.effects.reading import drawn_cogs, drawn_ratio
+from pa10cal.lab.cell.effects.vocabulary import all_effects, nameless, outside, vocabulary
 from pa10cal.lab.cell.instruments.touch_trigger_cmm import UNCERTAINTY_MM
+from pa10cal.lab.cell.measured_trials import SUBJECTS, draw_measured, measured_benches
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.poses import joint_bounds
-from pa10cal.lab.cell.robot import Robot
+from pa10cal.lab.cell.scenario import (
+    ATTITUDE_RAD,
+    COULOMB_NM,
+    DISTANCE_POSES,
+    DRIFTING,
+    LAYOUTS,
+    OTHER_SIZES,
+    POSITION_MM,
+    SECONDS_A_POSE,
+    SINGLE_SIZES,
+    TOOL_KG,
+    TRACKED_DRIFT_C,
+    TRACKED_POSES,
+    Bench,
+    Scenario,
+    TouchedBench,
+    Trial,
+    idle,
+    log_uniform,
+)
+from pa10cal.observe.kinds import sees_several
 from pa10cal.settings_reading import parse_section
 
-Layout = Literal["grid", "wide"]
-TrialKind = Literal["null", "single", "pair", "triple", "outside", "wrong_noise", "wrong_mass"]
-KINDS: tuple[TrialKind, ...] = get_args(TrialKind)
-LAYOUTS: tuple[Layout, ...] = get_args(Layout)
-
-#: How many effects a kind hides.
-MEMBERS: Mapping[str, int] = {"single": 1, "outside": 1, "pair": 2, "triple": 3}
-#: Factors of the usual size, drawn evenly in their logarithm.
-SINGLE_SIZES = (0.1, 3.0)
-OTHER_SIZES = (0.7, 3.0)
-#: Part of the trials without an effect of temperature in which it changes nevertheless.
-DRIFTING = 1.0 / 3.0
-#: By what factor, up or down, a wrong statement of the instrument is wrong.
-NOISE_FACTORS = (1.5, 4.0)
-#: By what part, more or less, the mass of one link is wrong. The first link loads no joint.
-MASS_EXCESS = (0.1, 0.3)
-
-#: Of touched balls: repeats, so that the 60 poses of the wide layout take no longer than the 27 of
-#: the grid.
-REPEATS: dict[Layout, int] = {"grid": 10, "wide": 4}
-#: How far the ball centres of a layout mostly lie from the middle of the machine [m].
-HALF_M: dict[Layout, float] = {"grid": 0.2, "wide": 0.8}
-MACHINE_MIDDLE_M = 0.4
-#: Orientations are drawn with seeds from 1 to these. Of the grid's, about one in ten beyond needs a
-#: pose out of reach.
-TILT_SEEDS: dict[Layout, int] = {"grid": 20, "wide": 2**31 - 1}
-#: Swing of the hall's temperature in a trial that has one.
-DRIFT_C = 2.0
-#: Coulomb friction of the PA10's joints, and torques under which joints 2 to 5, those that weights
-#: load, usually stand [N m].
-COULOMB_NM = (13.336, 23.136, 10.885, 2.301, 5.512, 1.547)
-TYPICAL_NM = {2: 75.0, 3: 48.0, 4: 1.5, 5: 6.0}
-
-#: Of trackers: configurations of a trial, and the share held out.
-TRACKED_POSES = 300
-DISTANCE_POSES = 430
-TRACKED_HOLDOUT = 0.3
-#: Coulomb friction of these arms, of the rated torque.
-COULOMB_PER_RATED = 0.1
-#: Bounds between which a tracker's trials are drawn, evenly in the logarithm: noise of a coordinate
-#: [mm], noise of an orientation [rad], time a configuration takes [s], mass of the tool [kg].
-POSITION_MM = (0.015, 0.05)
-ATTITUDE_RAD = (5e-5, 2e-4)
-SECONDS_A_POSE = (20.0, 60.0)
-TOOL_KG = (0.5, 3.0)
-#: Swing of the hall's temperature: over these shorter campaigns it comes to the change of the
-#: others.
-TRACKED_DRIFT_C = 5.0
-#: Part of a tracker's trials with loads, which take turns [N]; and how many targets `points` has.
-LOADED = 0.5
-LOADS_N = (0.0, 30.0)
-TARGETS = (1, 3)
-#: A joint whose torque varies by less than this part of the rated torque is not loaded.
-_LEAST_LOADED = 0.02
-_TYPICAL_POSES = 200
-#: Between the streams of two studies.
-_APART = 100
+#: `null`: nothing hidden; `single`, `pair`, `triple`: so many effects of the vocabulary; `outside`:
+#: one that has no name in it; `wrong_noise`, `wrong_mass`: nothing hidden, but the campaign states
+#: a wrong uncertainty, or a link has another mass than the arm's description says.
+KINDS = ("null", "single", "pair", "triple", "outside", "wrong_noise", "wrong_mass")
+#: `right`: nothing wrong; `stressed`: a stressor, nothing hidden; `effect`: one effect of the
+#: vocabulary at its plausible size, among a stressor or a joint zero that is off; `beyond`: one
+#: that has no name; `fault`: an error in the log, nothing hidden; the others: `measured_trials`.
+WILD_KINDS = ("right", "stressed", "effect", "beyond", "fault", *SUBJECTS)
+#: What errs in a drive; where nothing does, motors ripple all the same.
+DRIVE_KINDS = ("sensor", "gear", "both", "neither")
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One campaign to be judged without its truth."""
-
-    name: str  # of the campaign; gives nothing away
-    # `null`: nothing hidden; `single`, `pair`, `triple`: so many effects of the vocabulary;
-    # `outside`: one that has no name in it; `wrong_noise`, `wrong_mass`: nothing hidden, but the
-    # campaign states a wrong uncertainty, or a link has another mass than the arm's description
-    # says; or a kind of `wild_trials`
-    kind: str
-    bench: str  # layout of the poses, or arm and instrument
-    settings: SimulateOptions  # what the virtual cell is to do, with the hidden effects
-    sizes: tuple[float, ...]  # one a hidden effect: factor of its usual size
-
-
-@dataclass(frozen=True)
-class Bench:
-    """An arm under a tracker, and what may be hidden there."""
-
-    robot: str  # name of an arm description
-    instrument: str  # kind of the tracker
-    flexible_joints: tuple[int, ...] = ()  # joints with a linear spring, of an arm with masses
-    logs_torques: bool = False  # whether some of its trials log torques
-    targets: int | None = None  # how many an instrument of several sees; None draws that
-    poses: int = TRACKED_POSES  # configurations of a trial
-    campaigns: int = 0  # in how many a trial of drives measures it; 0 for other trials
-
-    touched: ClassVar[bool] = False  # whether balls are touched
-    drift_C: ClassVar[float] = TRACKED_DRIFT_C  # swing of the hall's temperature where it drifts
-
-    @property
-    def name(self) -> str:
-        """Return arm and instrument, or number of campaigns; and of targets that is not drawn."""
-        by = self.campaigns or self.instrument
-        return "-".join(map(str, filter(None, (self.robot, by, self.targets))))
-
-    @property
-    def plan(self) -> dict[str, Any]:
-        """Return what `without_touches` holds in every trial."""
-        flexible = self.flexible_joints
-        return {"instrument": self.instrument, "flexible_joints": flexible, "hardening": False}
-
-    @cached_property
-    def arm(self) -> Arm:
-        """The arm as described."""
-        return load_arm(self.robot)
-
-    @cached_property
-    def built(self) -> Robot:
-        """One such robot."""
-        raw = {"robot": self.robot, "without_touches": self.plan}
-        return robot_of(self.arm, parse_section(SimulateOptions, raw, where=self.name))
-
-    @cached_property
-    def typical_Nm(self) -> Array:
-        """(n,) torques of the joints, root mean square about their mean."""
-        q = np.random.default_rng(0).uniform(*joint_bounds(self.arm), (_TYPICAL_POSES, self.arm.n))
-        torque_Nm = self.built.mechanism.statics(q, np.zeros(len(q))).torque_Nm
-        return np.asarray(torque_Nm.std(axis=0))
-
-    @property
-    def coulomb_Nm(self) -> Array:
-        """(n,) Coulomb friction of the joints."""
-        friction_Nm: Array = COULOMB_PER_RATED * np.nan_to_num(self.arm.torque_limit_Nm)
-        return friction_Nm
-
-    @property
-    def half_m(self) -> float:
-        """How far targets mostly lie from the middle of the measured volume."""
-        return 0.5 * self.arm.reach_m
-
-    def middle_m(self, robot: Robot) -> tuple[float, float, float]:
-        """Return the middle of the measured volume in the instrument's frame: the base."""
-        x_m, y_m, z_m = robot.T_instr_base[:3, 3].tolist()
-        return x_m, y_m, z_m
-
-    def drawn_plan(self, rng: np.random.Generator) -> tuple[bool, dict[str, Any]]:
-        """Draw whether the temperature drifts, and the settings of how the arm is measured."""
-        drifts = bool(rng.random() < DRIFTING)
-        plan = self.plan | {
-            "logs_torques": self.logs_torques and bool(rng.random() < 0.5),
-            "loads_N": LOADS_N
-            if self.arm.mass_kg is not None and rng.random() < LOADED
-            else (0.0,),
-            "position_mm": log_uniform(POSITION_MM, rng),
-            "poses": self.poses,
-            "holdout_share": TRACKED_HOLDOUT,
-            "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
-            "tool_mass_kg": round(log_uniform(TOOL_KG, rng), 3),
-            "targets": int(rng.choice(TARGETS)),
-            "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
-        }
-        if self.targets is not None:
-            plan["targets"] = self.targets
-        return drifts, {"without_touches": plan}
-
-    def uncertainty_mm(self, settings: Mapping[str, Any]) -> float:
-        """Return what a reading's coordinates truly scatter by, under settings that were drawn."""
-        return float(settings["without_touches"]["position_mm"])
-
-    def drawn_size(self, effect: type[Effect], kind: str, rng: np.random.Generator) -> float:
-        """Draw the factor of an effect's usual size in a trial of a kind."""
-        return effect.plausible_size if kind == "single" else log_uniform(OTHER_SIZES, rng)
-
-    def site(self, of: str, robot: Robot) -> Site:
-        """Return what the size of an effect at a place of a robot goes by."""
-        of_joint = {}
-        if of.startswith("joint "):
-            joint = int(of.removeprefix("joint ")) - 1
-            of_joint = {
-                "rated_Nm": float(np.nan_to_num(self.arm.torque_limit_Nm[joint])),
-                "typical_Nm": float(self.typical_Nm[joint]),
-                "coulomb_Nm": float(self.coulomb_Nm[joint]),
-            }
-        return Site(of, **of_joint, half_m=self.half_m, middle_m=self.middle_m(robot))
-
-    def places(self, effect: type[Effect]) -> list[str]:
-        """Return where an effect does something at this bench."""
-        if effect.by_weights and self.arm.mass_kg is None:
-            return []
-        if issubclass(effect, TorqueLogEffect) and not self.logs_torques:
-            return []
-        loaded = np.flatnonzero(self.typical_Nm > _LEAST_LOADED * self.arm.torque_limit_Nm) + 1
-        soft = [f"joint {joint}" for joint in self.flexible_joints]
-        places = places_of(trial_places(effect), self.built, loaded.tolist())
-        return [place for place in places if place in soft or not effect.by_spring]
-
-
-@dataclass(frozen=True)
-class TouchedBench(Bench):
-    """The PA10 under touched balls, its poses in one of the layouts."""
-
-    robot: str = "pa10_6ce"
-    instrument: str = "touch_trigger_cmm"
-    layout: Layout = "grid"
-
-    touched: ClassVar[bool] = True
-    drift_C: ClassVar[float] = DRIFT_C
-
-    @property
-    def name(self) -> str:
-        """Return the layout."""
-        return self.layout
-
-    @cached_property
-    def built(self) -> Robot:
-        """One such robot."""
-        return robot_of(self.arm, SimulateOptions(robot=self.robot, built="drawn"))
-
-    @cached_property
-    def typical_Nm(self) -> Array:
-        """(n,) torques under which the joints usually stand."""
-        return np.array([TYPICAL_NM.get(joint, 0.0) for joint in range(1, self.arm.n + 1)])
-
-    @property
-    def coulomb_Nm(self) -> Array:
-        """(n,) Coulomb friction of the joints."""
-        return np.array(COULOMB_NM)
-
-    @property
-    def half_m(self) -> float:
-        """How far ball centres mostly lie from the middle of the machine."""
-        return HALF_M[self.layout]
-
-    @override
-    def middle_m(self, robot: Robot) -> tuple[float, float, float]:
-        return (MACHINE_MIDDLE_M,) * 3
-
-    @override
-    def drawn_plan(self, rng: np.random.Generator) -> tuple[bool, dict[str, Any]]:
-        tilt_seed = int(rng.integers(1, TILT_SEEDS[self.layout], endpoint=True))
-        settings = {
-            "built": "drawn",
-            "path": str(rng.choice(["same", "alternating"])),
-            "repeats": REPEATS[self.layout],
-            "poses": {"layout": self.layout, "tilt_seed": tilt_seed},
-        }
-        return bool(rng.random() < DRIFTING), settings
-
-    @override
-    def uncertainty_mm(self, settings: Mapping[str, Any]) -> float:
-        return UNCERTAINTY_MM
-
-    @override
-    def drawn_size(self, effect: type[Effect], kind: str, rng: np.random.Generator) -> float:
-        return log_uniform(SINGLE_SIZES if kind == "single" else OTHER_SIZES, rng)
-
-    def places(self, effect: type[Effect]) -> list[str]:
-        """Return where an effect does something at this bench."""
-        return places_of(trial_places(effect), self.built, tuple(TYPICAL_NM))
+def _named(benches: Iterable[Bench]) -> dict[str, Bench]:
+    return {bench.name: bench for bench in benches}
 
 
 def _benches(
@@ -290,158 +73,157 @@ def _benches(
     )
 
 
-def _named(benches: Iterable[Bench]) -> dict[str, Bench]:
-    return {bench.name: bench for bench in benches}
-
-
-#: Benches of each study by their names. The last three are what most laboratories have: no
-#: orientation is measured. A distance is one number a pose, which needs more of them.
+#: The PA10 under touched balls; its wide layout is shorter than that of other trials.
+TOUCHED = "pa10-touched"
+#: Arms under instruments that do not touch; every joint gives way where masses are described.
+WILD_BENCHES = tuple(
+    Bench(robot, instrument, tuple(range(1, joints + 1)), logs_torques=joints > 0)
+    for instrument in ("pose", "points", "distance")
+    for robot, joints in (("ur10", 6), ("irb120", 0), ("iiwa14", 7))
+)
+#: An arm whose joints turn more than once is measured in one campaign, others in two: whether an
+#: error is a joint's own shows where two turns or two campaigns meet.
+DRIVE_BENCHES = (
+    Bench("ur10", "pose", (2, 3), campaigns=1),
+    Bench("iiwa14", "pose", (2, 4), campaigns=2),
+    Bench("ur10", "pose", (2, 3), campaigns=2),
+    Bench("irb120", "pose", campaigns=2),
+)
+#: Benches of each study by their names. `points_one` to `distance` are what most laboratories have:
+#: no orientation is measured. A distance is one number a pose, which needs more of them.
 STUDIES: dict[str, dict[str, Bench]] = {
     "touched": _named(TouchedBench(layout=layout) for layout in LAYOUTS),
     "tracked": _named((*_benches("pose"), *_benches("points"))),
     "points_one": _named(_benches("points", targets=1)),
     "points_three": _named(_benches("points", targets=3)),
     "distance": _named(_benches("distance", poses=DISTANCE_POSES)),
+    "drives": _named(DRIVE_BENCHES),
 }
-
-
-@dataclass
-class Scenario:
-    """A trial while it is drawn."""
-
-    kind: str  # as of `Trial`
-    number: int  # of the trial
-    rng: np.random.Generator  # draws it
-    bench: Bench
-    seed: int  # of the campaign
-    settings: dict[str, Any] = field(default_factory=dict)  # what else the cell is to do
-    hidden: list[dict[str, Any]] = field(default_factory=list)  # effects: id, place, parameters
-    sizes: list[float] = field(default_factory=list)  # factor of the usual size of each
-
-    @property
-    def options(self) -> SimulateOptions:
-        """What the virtual cell is to do."""
-        of = {"random_seed": self.seed, "robot": self.bench.robot, "hidden_effects": self.hidden}
-        return parse_section(SimulateOptions, of | self.settings, where=f"trial {self.number}")
-
-    @cached_property
-    def robot(self) -> Robot:
-        """The robot of the campaign, once its plan is drawn."""
-        return robot_of(self.bench.arm, self.options)
-
-    def hide(self, effect: type[Effect], size: float, site: Site | None = None) -> None:
-        """Hide an effect at some times its usual size, none twice at one place.
-
-        Args:
-            size: factor of its usual size.
-            site: where; None draws a place where it does something at the bench.
-        """
-        if site is None:
-            of = str(self.rng.choice(self.bench.places(effect)))
-            site = self.bench.site(of, self.robot)
-        parameters = effect.at_size(site, size, self.rng)
-        if all((effect.id, site.of) != (other["id"], other["of"]) for other in self.hidden):
-            self.put(effect.id, site.of, parameters, size)
-
-    def put(self, id: str, of: str, parameters: dict[str, Any], size: float) -> None:
-        """Hide an effect of known parameters."""
-        self.hidden.append({"id": id, "of": of, "parameters": parameters})
-        self.sizes.append(size)
-
-    @property
-    def effects(self) -> list[type[Effect]]:
-        """The kinds of the hidden effects."""
-        return [all_effects()[entry["id"]] for entry in self.hidden]
-
-    def trial(self, name: str = "blind") -> Trial:
-        """Return the trial, under a name that begins so."""
-        sizes = tuple(self.sizes)
-        return Trial(f"{name}-{self.seed:08x}", self.kind, self.bench.name, self.options, sizes)
+STUDIES["wild"] = {**_named(WILD_BENCHES), TOUCHED: STUDIES["touched"]["wide"]}
+_KINDS_OF = {"wild": WILD_KINDS, "drives": DRIVE_KINDS}
+#: Stream of random numbers of the first kind of each study; its other kinds follow.
+_STREAMS = {
+    **{"touched": 0, "tracked": 7, "points_one": 107, "points_three": 207, "distance": 307},
+    **{"drives": 700, "wild": 900},
+}
+_UNKNOWN = "no such thing in wild trials"
 
 
 def draw_trials(
-    kind: TrialKind,
+    kind: str,
     count: int,
     random_seed: int,
     study: str = "touched",
     benches: Sequence[str] = (),
+    *,
     size: float | None = None,
+    only: str = "",
 ) -> tuple[Trial, ...]:
     """Draw trials of one kind; the same arguments give the same trials.
 
     Every trial has a robot, poses and noise of its own. Singles go through the vocabulary in turn,
     trials outside of it through what it lacks, each effect through the benches where it does
-    something; of other kinds the benches take turns. Singles of trackers have the size that the
-    vocabulary holds for plausible. Trials of a smaller count are the first of a larger one.
+    something; wild trials through what they put in, at a bench that is drawn; of other kinds the
+    benches take turns. Singles of trackers have the size that the vocabulary holds for plausible.
+    Trials of a smaller count are the first of a larger one.
 
     Args:
         study: of `STUDIES`, each drawn apart.
         benches: names of those to use, in this order; none for all of the study.
-        size: factor of the usual size of all effects; None draws it. It changes nothing else.
+        size: factor of the usual size of all effects; None draws it. It changes nothing else. Not
+            of wild trials and drives.
+        only: of wild trials one disturbance or effect, or another subject; empty for all in turn.
 
     Raises:
-        SettingsError: for a kind or a bench that does not exist, or where the benches are none at
-            which an effect does something.
+        SettingsError: for a kind, a bench, a disturbance or an effect that does not exist, or one
+            that means nothing at any of the benches.
     """
-    refuse_unless(kind, KINDS)
-    known = STUDIES[study]
-    for name in sorted(set(benches)):
-        refuse_unless(
-            name, known, "--layouts", "no such layout of poses", remedy="correct the name"
-        )
-    chosen = [known[name] for name in benches or known]
-    place = list(STUDIES).index(study)
-    stream = KINDS.index(kind) + len(KINDS) * (place > 0) + _APART * max(0, place - 1)
+    wild = study == "wild"
+    kinds, known = _KINDS_OF.get(study, KINDS), STUDIES[study]
+    problem = _UNKNOWN if wild else "unknown kind of trial"
+    _refuse_unless(kind, kinds, "kind", problem, "name one of these")
+    if kind in SUBJECTS:
+        known = measured_benches()
+    for name in benches if wild else sorted(set(benches)):
+        where, problem = ("benches", _UNKNOWN) if wild else ("--layouts", "no such layout of poses")
+        remedy = "name one of these" if wild else "correct the name"
+        _refuse_unless(name, known, where, problem, remedy)
+    names = tuple(benches) or tuple(known)
+    chosen = {name: known[name] for name in names}
+    subjects = subjects_of(kind) if wild else ()
+    if only:
+        _refuse_unless(only, subjects, "only", _UNKNOWN, "name one of these")
+        subjects = (only,)
+    stream = _STREAMS[study] + kinds.index(kind)
     trials = []
     for number in range(count):
         rng = np.random.default_rng([random_seed, stream, number])
-        trials.append(_drawn(kind, number, chosen, size, rng))
+        subject = subjects[number % len(subjects)] if subjects else ""
+        if study == "drives":
+            bench = chosen[names[number % len(names)]]
+            trials.append(_draw_drives(kind, number, bench, rng))
+        elif not wild:
+            trials.append(_draw_hidden(kind, number, [known[name] for name in names], size, rng))
+        elif kind in SUBJECTS:
+            trials.append(draw_measured(kind, number, subject, chosen, rng))
+        else:
+            trials.append(_draw_wild(kind, number, subject, names, rng))
     return tuple(trials)
 
 
-def _drawn(
-    kind: TrialKind,
-    number: int,
-    benches: Sequence[Bench],
-    size: float | None,
-    rng: np.random.Generator,
+def _refuse_unless(value: str, known: Iterable[str], where: str, problem: str, remedy: str) -> None:
+    """Refuse a word that is none of those known."""
+    if value not in known:
+        allowed = ", ".join(known)
+        raise SettingsError(problem, where=where, value=value, allowed=allowed, remedy=remedy)
+
+
+# Effects hidden in logs that are otherwise in order.
+
+#: How many effects a kind hides.
+_MEMBERS: Mapping[str, int] = {"single": 1, "outside": 1, "pair": 2, "triple": 3}
+#: By what factor, up or down, a wrong statement of the instrument is wrong.
+_NOISE_FACTORS = (1.5, 4.0)
+#: By what part, more or less, the mass of one link is wrong. The first link loads no joint.
+_MASS_EXCESS = (0.1, 0.3)
+
+
+def _draw_hidden(
+    kind: str, number: int, benches: Sequence[Bench], size: float | None, rng: np.random.Generator
 ) -> Trial:
     bench, known, in_turn = _bench_in_turn(kind, number, benches)
-    scenario = Scenario(kind, number, rng, bench, int(rng.integers(2**31)))
+    scenario = Scenario(kind, rng, bench, int(rng.integers(2**31)))
     drifts, settings = bench.drawn_plan(rng)
     scenario.settings |= settings
-    while len(scenario.hidden) < MEMBERS.get(kind, 0):
+    while len(scenario.hidden) < _MEMBERS.get(kind, 0):
         effect = in_turn or known[str(rng.choice(list(known)))]
-        drawn = bench.drawn_size(effect, kind, rng)
+        drawn = effect.plausible_size
+        if kind != "single" or bench.touched:
+            drawn = log_uniform(SINGLE_SIZES if kind == "single" else OTHER_SIZES, rng)
         scenario.hide(effect, drawn if size is None else size)
+    uncertainty_mm = UNCERTAINTY_MM
     if not bench.touched:
         plan = settings["without_touches"]
         plan["logs_torques"] |= any(issubclass(e, TorqueLogEffect) for e in scenario.effects)
+        uncertainty_mm = plan["position_mm"]
     warms = drifts or any(effect.by_temperature for effect in scenario.effects)
     scenario.settings["temperature_drift_C"] = bench.drift_C if warms else 0.0
-    scenario.settings |= _misstated(scenario, bench.uncertainty_mm(settings))
+    up, arm = float(rng.choice([-1.0, 1.0])), bench.arm
+    if kind == "wrong_noise":
+        factor = float(np.exp(up * rng.uniform(*np.log(_NOISE_FACTORS))))
+        scenario.settings["stated_uncertainty_mm"] = uncertainty_mm * factor
+    elif kind == "wrong_mass" and arm.mass_kg is not None:
+        factors = np.ones(arm.n)
+        factors[rng.integers(1, arm.n)] += up * rng.uniform(*_MASS_EXCESS)
+        scenario.settings["mass_factor"] = factors.tolist()
     return scenario.trial()
 
 
-def _misstated(scenario: Scenario, uncertainty_mm: float) -> dict[str, Any]:
-    """Draw what a campaign states wrongly."""
-    kind, rng, arm = scenario.kind, scenario.rng, scenario.bench.arm
-    up = float(rng.choice([-1.0, 1.0]))
-    if kind == "wrong_noise":
-        factor = float(np.exp(up * rng.uniform(*np.log(NOISE_FACTORS))))
-        return {"stated_uncertainty_mm": uncertainty_mm * factor}
-    if kind == "wrong_mass" and arm.mass_kg is not None:
-        factors = np.ones(arm.n)
-        factors[rng.integers(1, arm.n)] += up * rng.uniform(*MASS_EXCESS)
-        return {"mass_factor": factors.tolist()}
-    return {}
-
-
 def _bench_in_turn(
-    kind: TrialKind, number: int, benches: Sequence[Bench]
+    kind: str, number: int, benches: Sequence[Bench]
 ) -> tuple[Bench, dict[str, type[Effect]], type[Effect] | None]:
     """Return the bench of a trial, the effects that may be hidden there, and whose turn it is."""
-    known = hideable(kind)
+    known = outside() if kind == "outside" else vocabulary()
     if kind in ("single", "outside"):
         turn, place = divmod(number, len(known))
         effect = list(known.values())[place]
@@ -455,44 +237,264 @@ def _bench_in_turn(
     return bench, {name: each for name, each in known.items() if bench.places(each)}, None
 
 
-def hideable(kind: TrialKind) -> dict[str, type[Effect]]:
-    """Return the effects that trials of a kind may hide, by name."""
-    return outside() if kind == "outside" else vocabulary()
+# Wild trials: any arm and instrument, with what ordinary logs have, and with faults.
+
+#: Repeats of every calibration pose, in turn, with the calibration poses of each. One distance a
+#: pose needs more of them.
+_POSES_BY_REPEATS = {1: 240, 4: 48, 8: 36}
+_DISTANCE_POSES_BY_REPEATS = {1: 300, 4: 100, 8: 80}
+#: Held-out poses of a campaign with repeats, and their part of the others in one without.
+_HELD_OUT, _HELD_OUT_SHARE = 16, 0.2
+#: Orders of the poses in the repeats.
+_ORDERS = ("same", "there_and_back", "there_there_back_back", "shuffled")
+#: Links about their motors, from reading to reading [rad].
+_UNSEEN_RAD = 1e-5
+#: Part of the campaigns with loads, of arms with masses, and the loads.
+_LOADED, _LOADS_N = 0.3, (0.0, 44.0)
+#: Among what an effect must be found, besides the stressors of every log.
+_ALSO_AMONG = ("joint_zero",)
+_TOUCHED_POSES = 40
+#: Friction of the joint whose direction is reversed in the log; else nothing shows it [N m].
+_FRICTION_NM = 4.0
+#: What the calibrated model of these arms has already.
+_IN_EVERY_MODEL = ("joint_compliance",)
+_TRIES = 2000
 
 
-def trial_places(effect: type[Effect]) -> tuple[str, ...]:
-    """Return where trials put an effect, in the words of `Effect.places`."""
-    return effect.trial_places or effect.places
+def subjects_of(kind: str) -> tuple[str, ...]:
+    """Return the disturbances or effects that wild trials of a kind go through in turn."""
+    every = DISTURBANCES.items()
+    return {
+        "right": ("nothing",),
+        "stressed": tuple(name for name, each in every if each.stressor),
+        "effect": tuple(name for name in vocabulary() if name not in _IN_EVERY_MODEL),
+        "beyond": tuple(nameless()),
+        "fault": tuple(name for name, each in every if not each.stressor),
+        **SUBJECTS,
+    }[kind]
 
 
-def log_uniform(bounds: tuple[float, float], rng: np.random.Generator) -> float:
-    """Draw a number evenly in its logarithm."""
-    return float(np.exp(rng.uniform(*np.log(bounds))))
+def _draw_wild(
+    kind: str, number: int, subject: str, benches: Sequence[str], rng: np.random.Generator
+) -> Trial:
+    """Draw a trial that puts in a subject, at a bench where that means anything."""
+    every = DISTURBANCES
+    effect = {**vocabulary(), **nameless()}.get(subject)
+    put = [every[subject]] if subject in every else []
+    stressors = [*subjects_of("stressed"), *_ALSO_AMONG]
+    for attempt in range(_TRIES):
+        turn = number + number // len(subjects_of(kind)) + attempt // 100
+        among = [every[stressors[turn % len(stressors)]]] if kind == "effect" else []
+        name = benches[number % len(benches)] if kind == "right" else str(rng.choice(benches))
+        bench = STUDIES["wild"][name]
+        use = _drawn_use(bench, rng)
+        has = _has(bench, use)
+        fits = all(has[need] for each in (*put, *among) for need in each.needs)
+        if fits and (effect is None or _hides(bench, use, effect)):
+            draw = _draw_wild_touched if bench.touched else _draw_wild_tracked
+            return draw(
+                Scenario(kind, rng, bench, int(rng.integers(2**31))), use, effect, (*put, *among)
+            )
+    raise idle(subject, benches, "benches with what it needs among them")
 
 
-def refuse_unless(
-    value: str,
-    known: Collection[str],
-    where: str = "kind",
-    problem: str = "unknown kind of trial",
-    remedy: str = "name one of these",
-) -> None:
-    """Refuse a word that is none of those known.
+def _drawn_use(bench: Bench, rng: np.random.Generator) -> dict[str, Any]:
+    """Draw how a bench is used, as `without_touches` holds it."""
+    repeats = int(rng.choice(list(_POSES_BY_REPEATS)))
+    loads_N = _LOADS_N if rng.random() < _LOADED else _LOADS_N[:1]
+    logs_torques, targets = bool(rng.random() < 0.5), int(rng.choice([1, 2, 3]))
+    if bench.touched:
+        return {"repeats": 4, "loads_N": _LOADS_N, "logs_torques": True, "targets": 3}
+    has_masses = bench.arm.mass_kg is not None
+    return {
+        "repeats": repeats,
+        "loads_N": loads_N if has_masses else _LOADS_N[:1],
+        "logs_torques": logs_torques and has_masses,
+        "targets": targets if sees_several(bench.instrument) else 1,
+    }
 
-    Raises:
-        SettingsError: for such a word.
+
+def _has(bench: Bench, use: Mapping[str, Any]) -> dict[Need, bool]:
+    """Return which needs of disturbances a bench meets that is used so."""
+    return {
+        "loads": len(use["loads_N"]) > 1,
+        "masses": bench.arm.mass_kg is not None,
+        "springs": bench.touched or bool(bench.flexible_joints),
+        "repeats": use["repeats"] > 1,
+        "touches": bench.touched,
+        "tracker": not bench.touched,
+        "attitude": bench.instrument == "pose",
+        "targets": use["targets"] > 1,
+    }
+
+
+def _hides(bench: Bench, use: Mapping[str, Any], effect: type[Effect]) -> bool:
+    """Return whether an effect does something at a bench that is used so."""
+    if bench.touched:
+        return not effect.wild
+    unlogged = issubclass(effect, TorqueLogEffect) and not use["logs_torques"]
+    return not unlogged and bool(bench.places(effect))
+
+
+def _draw_wild_tracked(
+    scenario: Scenario,
+    use: Mapping[str, Any],
+    effect: type[Effect] | None,
+    put: Sequence[Disturbance],
+) -> Trial:
+    """Draw the campaign of a tracker."""
+    kind, rng, bench = scenario.kind, scenario.rng, scenario.bench
+    of_distance = bench.instrument == "distance"
+    repeats = use["repeats"]
+    poses = (_DISTANCE_POSES_BY_REPEATS if of_distance else _POSES_BY_REPEATS)[repeats]
+    held_out = round(poses * _HELD_OUT_SHARE) if repeats == 1 else _HELD_OUT
+    scenario.settings["without_touches"] = {
+        **bench.plan,
+        **use,
+        "poses": poses + held_out,
+        "holdout_share": held_out / (poses + held_out),
+        "order": str(rng.choice(_ORDERS)) if repeats > 1 else "same",
+        "by_first_joint": any(each.id == "temperature_ramp" for each in put),
+        "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
+        "tool_mass_kg": round(log_uniform(TOOL_KG, rng), 3),
+        "unseen_rad": _UNSEEN_RAD,
+        "position_mm": round(log_uniform(POSITION_MM, rng), 4),
+        "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
+    }
+    scenario.settings["disturbances"] = _parameters(put, bench.arm.n, rng)
+    if effect is not None:
+        of = str(rng.choice(bench.places(effect)))
+        size = effect.plausible_size if kind == "effect" else log_uniform(OTHER_SIZES, rng)
+        scenario.hide(effect, size, bench.site(of, scenario.robot))
+    by_temperature = any(each.by_temperature for each in scenario.effects)
+    warms = by_temperature or (kind == "right" and rng.random() < DRIFTING)
+    scenario.settings["temperature_drift_C"] = TRACKED_DRIFT_C if warms else 0.0
+    return scenario.trial("wild")
+
+
+def _draw_wild_touched(
+    scenario: Scenario,
+    _use: Mapping[str, Any],
+    effect: type[Effect] | None,
+    put: Sequence[Disturbance],
+) -> Trial:
+    """Draw the campaign of touched balls: one of the other trials, shorter and disturbed."""
+    seed, bench = scenario.seed, scenario.bench
+    disturbances = _parameters(put, len(COULOMB_NM), scenario.rng)
+    kind, place, size = "null", 0, None
+    if effect is not None:
+        kind, among = ("single", vocabulary()) if effect.named else ("outside", outside())
+        place, size = list(among).index(effect.id), effect.plausible_size if effect.named else None
+    rng = np.random.default_rng([seed, KINDS.index(kind), place])
+    drawn = _draw_hidden(kind, place, [bench], size, rng)
+    hidden = [entry.model_dump() for entry in drawn.settings.hidden_effects]
+    for entry in disturbances:
+        if entry["id"] == "direction_reversed":
+            of, amount = f"joint {entry['parameters']['joint']}", {"tau_c": _FRICTION_NM}
+            hidden.append({"id": "friction_torque", "of": of, "parameters": amount})
+    raw = drawn.settings.model_dump(exclude={"without_touches"}) | {
+        "random_seed": seed,
+        "disturbances": disturbances,
+        "hidden_effects": hidden,
+        "loads_N": (0.0, 22.0, 44.0),
+    }
+    raw["poses"] |= {"wide_poses": _TOUCHED_POSES}
+    settings = parse_section(SimulateOptions, raw, where=drawn.name)
+    sizes = drawn.sizes + (1.0,) * (len(hidden) - len(drawn.sizes))
+    return Trial(f"wild-{seed:08x}", scenario.kind, TOUCHED, settings, sizes)
+
+
+def _parameters(
+    put: Sequence[Disturbance], joints: int, rng: np.random.Generator
+) -> list[dict[str, Any]]:
+    """Draw the parameters of disturbances, for an arm of so many joints."""
+    return [{"id": each.id, "parameters": each.drawn(joints, rng)} for each in put]
+
+
+# Drives: sensors or gears that err in some joints of any arm, and their motors' ripple.
+
+_ERRS: Mapping[str, tuple[str, ...]] = {
+    "sensor": ("sensor_error",),
+    "gear": ("gear_error",),
+    "both": ("sensor_error", "gear_error"),
+    "neither": ("motor_ripple",),
+}
+#: Poses of all campaigns of a trial, joints that err, and what they err by, in the usual size.
+DRIVE_POSES = (1000, 4000)
+_MOST_JOINTS = 2
+_DRIVE_SIZES = (0.7, 1.4)
+_DRIVE_POSITION_MM = (0.015, 0.035)
+#: Part of the moves that leave a joint where it stood.
+_STAYS = 0.2
+
+
+def _draw_drives(kind: str, _number: int, bench: Bench, rng: np.random.Generator) -> Trial:
+    scenario = Scenario(kind, rng, bench, int(rng.integers(2**31 - 8)))
+    scenario.settings["without_touches"] = bench.plan | {
+        "poses": round(log_uniform(DRIVE_POSES, rng) / bench.campaigns),
+        "holdout_share": 0.1,
+        "position_mm": log_uniform(_DRIVE_POSITION_MM, rng),
+        "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
+    }
+    # All gears of an arm are alike; where its description states a ratio, they have that.
+    arm = bench.arm
+    drawn, stated = drawn_ratio(rng), float(arm.gear_ratio[0])
+    ratio = drawn if np.isnan(stated) else stated
+    joints = rng.choice(arm.n - 1, int(rng.integers(1, _MOST_JOINTS, endpoint=True)), False) + 1
+    for of in (f"joint {joint}" for joint in sorted(joints.tolist())):
+        for name in _ERRS[kind]:
+            size = log_uniform(_DRIVE_SIZES, rng)
+            parameters = all_effects()[name].at_size(Site(of), size, rng)
+            parameters["ratio"] = ratio
+            parameters["cogs"] = drawn_cogs(ratio, len(parameters["cogs"]), rng)
+            if any(each["of"] == of for each in scenario.hidden):  # a motor has one ripple
+                parameters["ripple"] = [0.0] * len(parameters["cogs"])
+            scenario.put(name, of, parameters, size)
+    return scenario.trial("drive")
+
+
+def campaigns_of(trial: Trial) -> tuple[SimulateOptions, ...]:
+    """Return the settings of each campaign of a trial of drives, in poses and noise of its own.
+
+    The robot is that of the first. Joints go over all turns that they may make; some stay.
     """
-    if value not in known:
-        allowed = ", ".join(known)
-        raise SettingsError(problem, where=where, value=value, allowed=allowed, remedy=remedy)
+    bench, plan = STUDIES["drives"][trial.bench], trial.settings.without_touches
+    assert plan is not None
+    campaigns = []
+    for number in range(bench.campaigns):
+        seed = trial.settings.random_seed + number
+        commanded = _commanded(bench.arm, plan.poses, np.random.default_rng([seed, number]))
+        own = plan.model_copy(update={"commanded": commanded})
+        changed = {"random_seed": seed, "without_touches": own}
+        campaigns.append(trial.settings.model_copy(update=changed))
+    return tuple(campaigns)
 
 
-def idle(what: str, benches: Iterable[str], allowed: str) -> SettingsError:
-    """Return that an effect or a disturbance does nothing at any of some benches."""
-    return SettingsError(
-        f"{what} does nothing at any of the benches",
-        where="benches",
-        value=", ".join(benches),
-        allowed=allowed,
-        remedy="add one",
-    )
+def _commanded(arm: Arm, poses: int, rng: np.random.Generator) -> tuple[tuple[float, ...], ...]:
+    """Return configurations [deg]."""
+    low, high = np.degrees(arm.limits_rad.T)
+    if np.all(high - low <= 360.0):
+        low, high = np.degrees(joint_bounds(arm))
+    drawn = rng.uniform(low, high, (poses, arm.n)).round(4)
+    stays = rng.random(drawn.shape) < _STAYS
+    stays[0] = False
+    last = np.maximum.accumulate(np.where(stays, 0, np.arange(poses)[:, None]), axis=0)
+    return tuple(map(tuple, np.take_along_axis(drawn, last, axis=0).tolist()))
+
+
+def trial_counts(counts: Iterable[tuple[str, int]]) -> dict[str, int]:
+    """Return the number of trials of each kind, for Snakemake to divide into jobs.
+
+    Args:
+        counts: kinds and their numbers, as in the settings: rounds, of kinds that go through
+            effects or disturbances in turn.
+    """
+    rounds = {
+        "single": len(vocabulary()),
+        "outside": len(outside()),
+        "effect": len(vocabulary()),
+        "stressed": len(subjects_of("stressed")),
+        "beyond": len(subjects_of("beyond")),
+        "fault": len(subjects_of("fault")),
+    }
+    return {kind: number * rounds.get(kind, 1) for kind, number in counts}

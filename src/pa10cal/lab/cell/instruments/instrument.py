@@ -129,6 +129,11 @@ class Truth:
                 shift = shift + own
         return shift
 
+    @property
+    def p_instr_targets_m(self) -> Array:
+        """(C, B, 3) where the targets are, in the instrument's frame."""
+        return self.robot.p_instr_targets_m(self.rest.T_base_ee, self.tool_shift_m)
+
     def as_read(self, p_instr_m: Array) -> Array:
         """Return points (..., 3) as the instrument reads them, without noise."""
         read = p_instr_m.copy()

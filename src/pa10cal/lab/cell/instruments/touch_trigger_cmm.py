@@ -102,8 +102,7 @@ class TouchTriggerCmm(Instrument):
     def _touches(self, truth: Truth, rng: np.random.Generator) -> pd.DataFrame:
         """Probe every ball in every configuration."""
         robot, schedule = truth.robot, truth.schedule
-        centres_m = robot.p_instr_targets_m(truth.rest.T_base_ee, truth.tool_shift_m)
-        points_m = centres_m[:, :, None, :] + 0.5 * BALL_DIAMETER_M * TOUCH_DIRECTIONS
+        points_m = truth.p_instr_targets_m[:, :, None, :] + 0.5 * BALL_DIAMETER_M * TOUCH_DIRECTIONS
         noise_mm = self.settings.noise.touch_mm * rng.standard_normal(points_m.shape)
         read_mm = 1e3 * truth.as_read(points_m) + noise_mm
 

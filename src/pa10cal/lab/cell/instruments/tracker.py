@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
@@ -134,6 +133,12 @@ class Tracker(Instrument):
         stated = points_mm(targets.names, targets.p_ee_stated_m)
         known = 0.0 if self.plan.unstated is not None else 1.0  # a mass of 0 is one not stated
         every = self.plan.holdout_every
+        # What is read of a file that has no time.
+        joints = list(position_columns(robot.arm, np.zeros((0, robot.arm.n))))
+        columns = {
+            "joints": {"names": joints},
+            **self.read_columns(robot),
+        }
         return {
             "instrument": {"kind": self.kind, "uncertainty_mm": self.stated_mm},
             "tool": {
@@ -143,20 +148,12 @@ class Tracker(Instrument):
                 **({"balls_mm": stated} if self.states_targets else {}),
             },
             **({"holdout": {"every": every}} if every else {}),
-            **({"columns": {"poses": self._layout(robot)}} if self.plan.clock == "none" else {}),
+            **({"columns": {"poses": columns}} if self.plan.clock == "none" else {}),
         }
 
     @abstractmethod
     def read_columns(self, robot: Robot) -> dict[str, Any]:
         """Return what the columns of `readings` are, as under `columns` of campaign.yaml."""
-
-    def _layout(self, robot: Robot) -> dict[str, Any]:
-        """Return which columns are read of a file that has no time, as in the raw-data contract."""
-        count = np.zeros((0, robot.arm.n))
-        return {
-            "joints": {"names": list(position_columns(robot.arm, count))},
-            **self.read_columns(robot),
-        }
 
     def _base_readings(
         self, truth: Truth, rng: np.random.Generator
@@ -208,8 +205,7 @@ class Distance(Tracker):
     kind: ClassVar[str] = "distance"
 
     def readings(self, truth: Truth, streams: Streams) -> dict[str, tuple[Array, float]]:
-        p_m = truth.robot.p_instr_targets_m(truth.rest.T_base_ee, truth.tool_shift_m)[:, 0]
-        d_m = np.linalg.norm(truth.as_read(p_m), axis=1)
+        d_m = np.linalg.norm(truth.as_read(truth.p_instr_targets_m[:, 0]), axis=1)
         d_m = d_m + 1e-3 * self.plan.position_mm * streams["position"].standard_normal(d_m.shape)
         return {"d_mm": (1e3 * d_m, self.stated_mm)}
 
@@ -226,10 +222,12 @@ class Points(Tracker):
     kind: ClassVar[str] = "points"
 
     def readings(self, truth: Truth, streams: Streams) -> dict[str, tuple[Array, float]]:
-        p_m = truth.robot.p_instr_targets_m(truth.rest.T_base_ee, truth.tool_shift_m)
-        p_m = truth.as_read(p_m)
+        p_m = truth.as_read(truth.p_instr_targets_m)
         p_m = p_m + 1e-3 * self.plan.position_mm * streams["position"].standard_normal(p_m.shape)
-        p_m[_unseen(p_m.shape[:2], self.plan.unseen_share, streams["visibility"])] = np.nan
+        drawn = streams["visibility"].random(p_m.shape[:2])
+        unseen = drawn < self.plan.unseen_share
+        unseen[np.arange(len(drawn)), drawn.argmax(axis=1)] = False  # one of each pose always is
+        p_m[unseen] = np.nan
         return {
             f"{name}_{axis}_mm": (1e3 * p_m[:, b, k], self.stated_mm)
             for b, name in enumerate(truth.robot.targets.names)
@@ -238,14 +236,6 @@ class Points(Tracker):
 
     def read_columns(self, robot: Robot) -> dict[str, Any]:
         return {"targets": {name: xyz_columns(f"{name}_") for name in robot.targets.names}}
-
-
-def _unseen(shape: tuple[int, ...], share: float, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Draw which targets (P, B) are not seen; one of each pose always is."""
-    drawn = rng.random(shape)
-    unseen: NDArray[np.bool_] = drawn < share
-    unseen[np.arange(len(drawn)), drawn.argmax(axis=1)] = False
-    return unseen
 
 
 # A tracker of poses: position and orientation of one target.
