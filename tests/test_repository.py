@@ -184,14 +184,7 @@ MAY_IMPORT = {
         "results",
         "terms",
     },
-    "planning": {
-        "calibration.options",
-        "lab.cell.options",
-        "evaluation.options",
-        "files",
-        "observe.kinds",
-        "settings",
-    },
+    "planning": {"calibration.options", "files", "observe.kinds"},
 }
 #: Libraries that only some packages or modules may import.
 KEPT_TO = {

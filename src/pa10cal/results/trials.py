@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, JsonValue
+from pydantic import JsonValue
 
 from pa10cal.results.discovery import VerdictKeys
 from pa10cal.results.health import Grade
@@ -28,59 +28,49 @@ from pa10cal.results.record import (
 class HiddenEffect(EffectName):
     """An effect that a trial hides."""
 
-    parameters: Mapping[Annotated[str, Key("parameter")], JsonValue] = Field(
-        description="its parameters, as the virtual cell has them"
-    )
-    size: float = Field(description="factor of its reference size")
-    moved_mm: float | None = Field(
-        description="root mean square by which it moves the residual of the calibrated model [mm]; "
-        "null where the trial failed"
-    )
-    apart_mm: float | None = optional(
-        "the same once the sizes of all else that is hidden are fitted, too; of trials whose "
-        "`moved_mm` is worked out from the truth (`unstated_masses`, `sorted_rows`)"
-    )
+    # its parameters, as the virtual cell has them
+    parameters: Mapping[Annotated[str, Key("parameter")], JsonValue]
+    size: float  # factor of its reference size
+    # root mean square by which it moves the residual of the calibrated model [mm]; null where the
+    # trial failed
+    moved_mm: float | None
+    # the same once the sizes of all else that is hidden are fitted, too; of trials whose `moved_mm`
+    # is worked out from the truth (`unstated_masses`, `sorted_rows`)
+    apart_mm: float | None = optional()
 
 
 class PutIn(Part):
     """A stressor or a fault that a wild trial puts into the raw files."""
 
-    id: str = Field(description="id of the disturbance")
-    where: tuple[str, ...] = Field(description="where: poses, joints, loads or keys")
-    stressor: bool = Field(description="whether ordinary logs have it; else it must be told")
-    kinds: tuple[str, ...] = Field(description="kinds of fault of a verdict that tell it")
-    moved_mm: float | None = Field(
-        description="root mean square by which it moves the residual of the calibrated model [mm]; "
-        "null where that does not measure it, or the trial failed"
-    )
-    measured: bool = Field(description="whether that measures it; else it is far above the noise")
+    id: str  # id of the disturbance
+    where: tuple[str, ...]  # where: poses, joints, loads or keys
+    stressor: bool  # whether ordinary logs have it; else it must be told
+    kinds: tuple[str, ...]  # kinds of fault of a verdict that tell it
+    # root mean square by which it moves the residual of the calibrated model [mm]; null where that
+    # does not measure it, or the trial failed
+    moved_mm: float | None
+    measured: bool  # whether that measures it; else it is far above the noise
 
 
 @filed("pa10cal-trial-truth/1", "trials/<kind>_<first>_<count>.truths.jsonl", by="blind_trials")
 class TrialTruthRecord(CampaignRecord):
     """A line of `trials/<...>.truths.jsonl`: what a trial hides, and how it was measured."""
 
-    kind: str = Field(description="what the trial hides: `null`, `single`, `pair`, ...")
-    measured: str = Field(
-        description="`touched`: balls, poses repeated; `tracked`: none repeated; `wild`: any"
-    )
-    layout: str = Field(description="layout of the poses, or arm and instrument")
-    path: str = Field(description="path between the poses; empty where none is repeated")
-    temperature_drift_C: float = Field(description="change of temperature [K]")
-    flexible_joints: tuple[int, ...] = Field(description="joints with a spring, from 1")
-    hidden_effects: tuple[HiddenEffect, ...] = Field(description="effects that it hides")
-    put_in: tuple[PutIn, ...] = Field(
-        (), description="stressors and faults in its raw files; of wild trials alone"
-    )
-    stated_uncertainty_mm: float | None = Field(
-        description="uncertainty stated in place of the true one [mm]; null where it is true"
-    )
-    mass_factor: tuple[float, ...] = Field(description="factors of the masses that are stated")
-    seconds_twin: float = Field(description="processor time to find `moved_mm` [s]")
-    noise_mm: float | None = optional(
-        "what noise alone leaves of positions [mm], root mean square, averaged over repeats; where "
-        "`moved_mm` is worked out from the truth"
-    )
+    kind: str  # what the trial hides: `null`, `single`, `pair`, ...
+    measured: str  # `touched`: balls, poses repeated; `tracked`: none repeated; `wild`: any
+    layout: str  # layout of the poses, or arm and instrument
+    path: str  # path between the poses; empty where none is repeated
+    temperature_drift_C: float  # change of temperature [K]
+    flexible_joints: tuple[int, ...]  # joints with a spring, from 1
+    hidden_effects: tuple[HiddenEffect, ...]  # effects that it hides
+    put_in: tuple[PutIn, ...] = ()  # stressors and faults in its raw files; of wild trials alone
+    # uncertainty stated in place of the true one [mm]; null where it is true
+    stated_uncertainty_mm: float | None
+    mass_factor: tuple[float, ...]  # factors of the masses that are stated
+    seconds_twin: float  # processor time to find `moved_mm` [s]
+    # what noise alone leaves of positions [mm], root mean square, averaged over repeats; where
+    # `moved_mm` is worked out from the truth
+    noise_mm: float | None = optional()
 
 
 @filed("pa10cal-verdict/1", "trials/<kind>_<first>_<count>.verdicts.jsonl", by="blind_trials")
@@ -108,20 +98,18 @@ class TrialVerdictRecord(CampaignRecord):
 class TrialHealth(Part):
     """What the calibration of a trial says of its input."""
 
-    grade: Grade = Field(description="its grade")
-    findings: tuple[str, ...] = Field(description="what is probably wrong in the input, and where")
-    left_out: tuple[str, ...] = Field(
-        description="poses with quarantined rows, or that are suspected outliers"
-    )
+    grade: Grade  # its grade
+    findings: tuple[str, ...]  # what is probably wrong in the input, and where
+    left_out: tuple[str, ...]  # poses with quarantined rows, or that are suspected outliers
 
 
 class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
     """The verdict on a trial."""
 
-    springs: tuple[int, ...] = Field(description="joints with a spring in the judged model, from 1")
-    health: TrialHealth | None = optional("what the calibration says of its input")
-    seconds: float = Field(description="processor time to judge the campaign [s]")
-    seconds_simulating: float = Field(description="processor time to simulate the campaign [s]")
+    springs: tuple[int, ...]  # joints with a spring in the judged model, from 1
+    health: TrialHealth | None = optional()  # what the calibration says of its input
+    seconds: float  # processor time to judge the campaign [s]
+    seconds_simulating: float  # processor time to simulate the campaign [s]
 
     @property
     def word(self) -> str:
@@ -165,8 +153,8 @@ class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
 class FailedTrialRecord(TrialVerdictRecord):
     """Why a trial has no verdict."""
 
-    failed: str = Field(description="what went wrong")
-    refused: bool = Field(False, description="whether a command refused the campaign, and said why")
+    failed: str  # what went wrong
+    refused: bool = False  # whether a command refused the campaign, and said why
 
     @property
     def word(self) -> str:
@@ -183,19 +171,17 @@ _LEAST_ROOM, _ROUNDING = 0.01, 1e-9
 class ScoreRow(Part):
     """A share of trials or another figure over them, and the one to reach."""
 
-    what: str = Field(description="the quantity")
-    by: str = Field(description="the group of trials or effects; empty of all of them")
-    at_least: bool | None = Field(
-        description="whether it must be at least `limit`, or at most; null without a limit"
-    )
-    limit: float | None = Field(description="the figure to reach; null where there is none")
-    reached: float | None = Field(description="the one reached; null where no trial shows it")
-    count: int | None = Field(description="of a share: how many; null of another figure")
-    low: float | None = Field(description="lower end of its 95 % interval; null if it is no share")
-    high: float | None = Field(description="upper end of it (Clopper-Pearson)")
-    trials: int = Field(description="trials, effects or parameters that show it")
-    share: bool = Field(description="whether it is a share of these")
-    met: bool | None = Field(description="whether it is reached; null where that is not known")
+    what: str  # the quantity
+    by: str  # the group of trials or effects; empty of all of them
+    at_least: bool | None  # whether it must be at least `limit`, or at most; null without a limit
+    limit: float | None  # the figure to reach; null where there is none
+    reached: float | None  # the one reached; null where no trial shows it
+    count: int | None  # of a share: how many; null of another figure
+    low: float | None  # lower end of its 95 % interval; null if it is no share
+    high: float | None  # upper end of it (Clopper-Pearson)
+    trials: int  # trials, effects or parameters that show it
+    share: bool  # whether it is a share of these
+    met: bool | None  # whether it is reached; null where that is not known
 
     @property
     def trials_needed(self) -> int:
@@ -242,34 +228,31 @@ class ScoreRow(Part):
 class OutcomeCounts(Part):
     """What became of trials that hide, or put in, the same."""
 
-    kind: str = Field(description="kind of the trials: `single`, `fault`, `sensor`, ...")
-    id: str = Field(description="effect or disturbance; of drives `joint`")
-    trials: int = Field(description="trials; of drives joints")
-    counts: Mapping[Annotated[str, Key("outcome")], int] = Field(
-        description="of wild trials, those that `crashed` or were `refused`, with a `false_name` "
-        "(a confident one where a fault or an effect without a name is in them), `false_comfort`, "
-        "held-out errors made `worse`, `unexplained` or `suspected`; faults `above_noise` and "
-        "`told`; effects `found`. Of the others, what each hidden effect was called"
-    )
+    kind: str  # kind of the trials: `single`, `fault`, `sensor`, ...
+    id: str  # effect or disturbance; of drives `joint`
+    trials: int  # trials; of drives joints
+    # of wild trials, those that `crashed` or were `refused`, with a `false_name` (a confident one
+    # where a fault or an effect without a name is in them), `false_comfort`, held-out errors made
+    # `worse`, `unexplained` or `suspected`; faults `above_noise` and `told`; effects `found`. Of
+    # the others, what each hidden effect was called
+    counts: Mapping[Annotated[str, Key("outcome")], int]
 
 
 class ParameterScore(Part):
     """One parameter of one finding that is what was hidden, at its place."""
 
-    id: str = Field(description="id of the effect")
-    parameter: str = Field(description="the parameter")
-    score: float = Field(description="value minus truth, in standard uncertainties")
+    id: str  # id of the effect
+    parameter: str  # the parameter
+    score: float  # value minus truth, in standard uncertainties
 
 
 class PowerCurve(Part):
     """How the chance to be found grows with size: log odds = intercept + slope ln(size)."""
 
-    intercept: float = Field(description="intercept")
-    slope: float = Field(description="slope")
-    half: float | None = Field(
-        description="size found in half of the trials; null beyond those tried"
-    )
-    most: float | None = Field(description="size found in 95 %; null likewise")
+    intercept: float  # intercept
+    slope: float  # slope
+    half: float | None  # size found in half of the trials; null beyond those tried
+    most: float | None  # size found in 95 %; null likewise
 
     def at(self, size: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the chance at some sizes."""
@@ -280,77 +263,68 @@ class PowerCurve(Part):
 class MovedBin(Part):
     """Trials whose residual is moved by so much, over the noise floor."""
 
-    low: float = Field(description="from")
-    high: float | None = Field(description="to; null without end")
-    listed: ScoreRow = Field(description="named or among the alternatives")
+    low: float  # from
+    high: float | None  # to; null without end
+    listed: ScoreRow  # named or among the alternatives
 
 
 class PowerStudy(Part):
     """How the chance to be named or listed grows with size, of trials that hide one effect."""
 
-    by_id: Mapping[Annotated[str, Key("id")], PowerCurve | None] = Field(
-        description="by an effect's size; null where it was always or never listed"
-    )
-    by_moved: PowerCurve | None = Field(
-        description="by how far the residual is moved, over the noise floor; null likewise"
-    )
-    bins: tuple[MovedBin, ...] = Field(description="the same in shares")
+    # by an effect's size; null where it was always or never listed
+    by_id: Mapping[Annotated[str, Key("id")], PowerCurve | None]
+    # by how far the residual is moved, over the noise floor; null likewise
+    by_moved: PowerCurve | None
+    bins: tuple[MovedBin, ...]  # the same in shares
 
 
 class JudgedEffect(EffectName):
     """What a trial hides, and what became of it."""
 
-    size: float = Field(description="factor of its reference size")
-    ratio: float | None = Field(
-        description="residual with the effect over that of noise alone; null where not known"
-    )
-    testable: bool = Field(description="whether the verdict does not call it not testable")
-    separable: bool = Field(description="whether the verdict does not call it inseparable")
-    moves_poses: bool = Field(description="whether it shows in poses, not in torques alone")
-    listed: bool = Field(description="whether it is named or among the alternatives")
-    outcome: str = Field(
-        description="what became of it: an id, or in words; of drives `right`: its name alone, or "
-        "both where sensor and gear err; `ambiguous`: it among others; `wrong`: another; "
-        "`no_cause`: a map; `missed`: nothing; `failed`"
-    )
+    size: float  # factor of its reference size
+    ratio: float | None  # residual with the effect over that of noise alone; null where not known
+    testable: bool  # whether the verdict does not call it not testable
+    separable: bool  # whether the verdict does not call it inseparable
+    moves_poses: bool  # whether it shows in poses, not in torques alone
+    listed: bool  # whether it is named or among the alternatives
+    # what became of it: an id, or in words; of drives `right`: its name alone, or both where sensor
+    # and gear err; `ambiguous`: it among others; `wrong`: another; `no_cause`: a map; `missed`:
+    # nothing; `failed`
+    outcome: str
 
 
 class JudgedTrial(Part):
     """A trial, what was said of it, and where that fails."""
 
-    campaign: str = Field(description="name of the trial")
-    kind: str = Field(description="what it hides; of drives what errs")
-    layout: str = Field(description="layout of the poses, or arm and instrument")
-    path: str = Field(description="path between the poses; empty where none is repeated")
-    hidden: tuple[JudgedEffect, ...] = Field(description="effects that it hides")
-    put_in: tuple[str, ...] = Field(description="stressors and faults in it, and where")
-    verdict: str = Field(description="the verdict, or that the trial `failed` or was `refused`")
-    said: str = Field(description="verdict, grade, names and faults; or why there is none")
-    named: tuple[str, ...] = Field(description="effects named, with their alternatives")
-    places: tuple[str, ...] = Field(description="where something without a name sits")
-    extra: int = Field(description="findings that match no hidden effect")
-    failings: tuple[str, ...] = Field(description="figures to reach that it counts against")
-    held_out_after_mm: float | None = Field(
-        description="mean held-out position error with the effects [mm]; null if there is none"
-    )
-    noise_floor_mm: float | None = Field(
-        description="mean position error that repeatability leaves [mm]; null where it failed"
-    )
-    seconds: float | None = Field(description="time to judge it [s]; null where it failed")
+    campaign: str  # name of the trial
+    kind: str  # what it hides; of drives what errs
+    layout: str  # layout of the poses, or arm and instrument
+    path: str  # path between the poses; empty where none is repeated
+    hidden: tuple[JudgedEffect, ...]  # effects that it hides
+    put_in: tuple[str, ...]  # stressors and faults in it, and where
+    verdict: str  # the verdict, or that the trial `failed` or was `refused`
+    said: str  # verdict, grade, names and faults; or why there is none
+    named: tuple[str, ...]  # effects named, with their alternatives
+    places: tuple[str, ...]  # where something without a name sits
+    extra: int  # findings that match no hidden effect
+    failings: tuple[str, ...]  # figures to reach that it counts against
+    # mean held-out position error with the effects [mm]; null if there is none
+    held_out_after_mm: float | None
+    # mean position error that repeatability leaves [mm]; null where it failed
+    noise_floor_mm: float | None
+    seconds: float | None  # time to judge it [s]; null where it failed
 
 
 @filed("pa10cal-trials/2", "blind_trials/scores.json", by="score_trials")
 class TrialScoresRecord(Record):
     """`scores.json` of a study of trials of any kind."""
 
-    provenance: str = Field(description="where the data come from")
-    measured: str = Field(description="`touched`, `tracked`, `wild` or `drives`")
-    trials: int = Field(description="number of trials")
-    bars: tuple[ScoreRow, ...] = Field(description="figures to reach, and those reached")
-    rates: tuple[ScoreRow, ...] = Field(description="further figures, some of them by groups")
-    subjects: tuple[OutcomeCounts, ...] = Field(description="counts by what was put in or hidden")
-    parameter_scores: tuple[ParameterScore, ...] = Field(
-        description="parameters of findings that are what was hidden"
-    )
-    power: PowerStudy = Field(description="how the chance to be found grows with size")
-    per_trial: tuple[JudgedTrial, ...] = Field(description="every trial")
+    provenance: str  # where the data come from
+    measured: str  # `touched`, `tracked`, `wild` or `drives`
+    trials: int  # number of trials
+    bars: tuple[ScoreRow, ...]  # figures to reach, and those reached
+    rates: tuple[ScoreRow, ...]  # further figures, some of them by groups
+    subjects: tuple[OutcomeCounts, ...]  # counts by what was put in or hidden
+    parameter_scores: tuple[ParameterScore, ...]  # parameters of findings that are what was hidden
+    power: PowerStudy  # how the chance to be found grows with size
+    per_trial: tuple[JudgedTrial, ...]  # every trial

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, JsonValue
+from pydantic import JsonValue
 
 from pa10cal.results.record import (
     CampaignRecord,
@@ -27,70 +27,56 @@ _Rows = Annotated[NDArray[np.float64], Shape("rows", "joints")]
 class TrueParameter(Part):
     """A parameter as the simulated arm has it."""
 
-    value: float = Field(description="value, in `unit`")
-    unit: str = Field(description="its unit")
+    value: float  # value, in `unit`
+    unit: str  # its unit
 
 
 class TrueTool(Part):
     """The tool as it is."""
 
-    mass_kg: float = Field(description="mass [kg]")
-    com_m: Vector3 = Field(description="centre of mass in the end-effector frame [m]")
-    load_point_m: Vector3 = Field(description="where loads act, in the end-effector frame [m]")
-    targets_m: Mapping[Annotated[str, Key("target")], Vector3] = Field(
-        description="places of the targets in the end-effector frame [m]"
-    )
+    mass_kg: float  # mass [kg]
+    com_m: Vector3  # centre of mass in the end-effector frame [m]
+    load_point_m: Vector3  # where loads act, in the end-effector frame [m]
+    # places of the targets in the end-effector frame [m]
+    targets_m: Mapping[Annotated[str, Key("target")], Vector3]
 
 
 class TrueEffect(EffectName):
     """An effect that is hidden."""
 
-    parameters: Mapping[Annotated[str, Key("parameter")], JsonValue] = Field(
-        description="its parameters, as the virtual cell has them"
-    )
+    # its parameters, as the virtual cell has them
+    parameters: Mapping[Annotated[str, Key("parameter")], JsonValue]
 
 
 class TrueDisturbance(Part):
     """A change of the raw files: a stressor, or a fault of the log."""
 
-    id: str = Field(description="id of the disturbance")
-    where: tuple[str, ...] = Field(description="where: poses, joints, loads or keys")
+    id: str  # id of the disturbance
+    where: tuple[str, ...]  # where: poses, joints, loads or keys
 
 
 @filed("pa10cal-truth/1", "<campaign>.truth.json", by="simulate")
 class TruthRecord(CampaignRecord):
     """What a simulated campaign hides."""
 
-    robot: str = Field(description="name of the arm")
-    random_seed: int = Field(description="seed of everything drawn")
-    kcub_reading: str = Field(description="where the stiffness of the joints comes from")
-    parameters: Mapping[ParameterKey, TrueParameter] = Field(
-        description="departures of the rows and stiffness; of an arm that departs in any way "
-        "stiffness alone"
-    )
-    T_instr_base_m: PoseMatrix = Field(description="base frame in the instrument's frame [m]")
-    joint_placements_m: Annotated[NDArray[np.float64], Shape("joints", 4, 4)] = Field(
-        description="frame of each joint in that of the joint before it [m]"
-    )
-    T_last_joint_ee_m: PoseMatrix = Field(
-        description="end-effector frame in that of the last joint [m]"
-    )
-    T_ee_target_m: PoseMatrix = Field(description="target in the end-effector frame [m]")
-    mass_kg: Annotated[NDArray[np.float64], Shape("links")] = Field(
-        description="mass of each link [kg]"
-    )
-    com_in_joint_frame_m: Annotated[NDArray[np.float64], Shape("links", 3)] = Field(
-        description="centre of mass of each link in its joint's frame [m]"
-    )
-    tool: TrueTool = Field(description="the tool")
-    hidden_effects: tuple[TrueEffect, ...] = Field(description="effects hidden")
-    disturbances: tuple[TrueDisturbance, ...] = Field(
-        (), description="what was changed in the raw files before they were written"
-    )
-    settings: Mapping[Annotated[str, Key("option")], JsonValue] = Field(
-        description="settings it was simulated with"
-    )
-    poses_rad_or_m: Mapping[Annotated[str, Key("kind")], _Rows] = Field(
-        description="commanded joint positions by purpose; empty where they were given"
-    )
-    q_motor_rad_or_m: _Rows = Field(description="motor positions of every row measured")
+    robot: str  # name of the arm
+    random_seed: int  # seed of everything drawn
+    kcub_reading: str  # where the stiffness of the joints comes from
+    # departures of the rows and stiffness; of an arm that departs in any way stiffness alone
+    parameters: Mapping[ParameterKey, TrueParameter]
+    T_instr_base_m: PoseMatrix  # base frame in the instrument's frame [m]
+    # frame of each joint in that of the joint before it [m]
+    joint_placements_m: Annotated[NDArray[np.float64], Shape("joints", 4, 4)]
+    T_last_joint_ee_m: PoseMatrix  # end-effector frame in that of the last joint [m]
+    T_ee_target_m: PoseMatrix  # target in the end-effector frame [m]
+    mass_kg: Annotated[NDArray[np.float64], Shape("links")]  # mass of each link [kg]
+    # centre of mass of each link in its joint's frame [m]
+    com_in_joint_frame_m: Annotated[NDArray[np.float64], Shape("links", 3)]
+    tool: TrueTool  # the tool
+    hidden_effects: tuple[TrueEffect, ...]  # effects hidden
+    # what was changed in the raw files before they were written
+    disturbances: tuple[TrueDisturbance, ...] = ()
+    settings: Mapping[Annotated[str, Key("option")], JsonValue]  # settings it was simulated with
+    # commanded joint positions by purpose; empty where they were given
+    poses_rad_or_m: Mapping[Annotated[str, Key("kind")], _Rows]
+    q_motor_rad_or_m: _Rows  # motor positions of every row measured
