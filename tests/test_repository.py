@@ -28,7 +28,7 @@ PURE = {
     "discovery",
     "montecarlo",
     "evaluation",
-    "curve",
+    *(f"curve.{name}" for name in ("angles", "curve", "gait", "points", "postures", "roll")),
 }
 FLOOR = {
     "arrays",
@@ -43,7 +43,7 @@ FLOOR = {
 
 #: What a package may import besides itself and `errors`: packages, or single modules.
 MAY_IMPORT = {
-    "settings": {"cell.options", "calibration.options", "curve.options", "evaluation.options"},
+    "settings": {"cell.options", "calibration.options", "evaluation.options"},
     "settings_reading": set(),
     "yaml_file": set(),
     "numerics": set(),
@@ -87,7 +87,19 @@ MAY_IMPORT = {
         "terms",
     },
     "montecarlo": {"arm"},
-    "curve": {"arm.description"},
+    "curve": {
+        "arm.description",
+        "calibration",
+        "campaign",
+        "cell",
+        "discovery",
+        "evaluation",
+        "figures",
+        "files",
+        "fit",
+        "reports",
+        "studies",
+    },
     "evaluation": {
         "arm",
         "calibration",
@@ -106,7 +118,6 @@ MAY_IMPORT = {
         "campaign",
         "cell",
         "stages",
-        "curve",
         "discovery",
         "evaluation",
         "files",
@@ -188,7 +199,7 @@ MAY_IMPORT = {
 KEPT_TO = {
     "jinja2": {"reports"},
     "markupsafe": {"reports"},
-    "matplotlib": {"figures"},
+    "matplotlib": {"curve", "figures"},
     "pinocchio": {"arm.imported"},
     "plotly": {"reports"},
     "snakemake": set(),

@@ -10,12 +10,12 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.cell.options import SimulateOptions
-from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.errors import ALLOWED, fits_a_folder
 from pa10cal.evaluation import options
 from pa10cal.evaluation.options import (
     BlindTrialsOptions,
     CoverageOptions,
+    CurveStudyOptions,
     EvaluationOptions,
     FigureOptions,
 )

@@ -39,6 +39,11 @@ class JointAngles:
     open: NDArray[np.bool_]
     axes: Array  # (n, 3, 3) frames of the links, x, y, z as columns
 
+    @property
+    def turns_rad(self) -> Array:
+        """Turns about z, then about y, (2, n - 1)."""
+        return np.stack([self.a_rad, self.b_rad])
+
 
 def first_axes(directions: Array, roll_rad: float, z_at_zero: Array | None = None) -> Array:
     """Return the frame (3, 3) of the first link at a roll about itself.

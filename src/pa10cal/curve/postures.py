@@ -12,7 +12,7 @@ from pa10cal.arrays import Array
 from pa10cal.curve.angles import arm_posture, first_axes
 from pa10cal.curve.curve import Curve, helix, serpenoid, spline_through
 from pa10cal.curve.points import lay_points
-from pa10cal.curve.roll import JointLimits, RollMap, feasible_rolls
+from pa10cal.curve.roll import RollMap, feasible_rolls, joint_limits
 from pa10cal.errors import CurveError
 
 #: A curve is so much longer than the links laid along it.
@@ -53,7 +53,7 @@ def draw_postures(
     places_m: list[Array] = []
     refused = 0
     names = list(_SHAPES)
-    limits = JointLimits.uniform(links, -limit_rad, limit_rad)
+    limits = joint_limits(*[np.array([-limit_rad, limit_rad])] * 2, links)
     while len(q_rad) < count:
         name = names[len(q_rad) % len(names)]
         points = lay_points(_SHAPES[name](links * link_m, link_m, rng), link_m, links)
@@ -82,7 +82,7 @@ def draw_postures(
     return Postures(np.array(q_rad), np.array(shapes), np.array(places_m), refused)
 
 
-def _any_roll(chain: RollMap, limits: JointLimits, rng: np.random.Generator) -> float | None:
+def _any_roll(chain: RollMap, limits: Array, rng: np.random.Generator) -> float | None:
     """Draw a roll evenly from all that keep the limits; None where none does."""
     free = feasible_rolls(chain, limits)
     if not len(free):

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from pa10cal.errors import RecordError, SettingsError
 from pa10cal.evaluation.options import FigureOptions, PictureOptions
-from pa10cal.figures.curve import read_curve
-from pa10cal.figures.registry import NothingToShowError, Picture, entries
+from pa10cal.figures.registry import ELSEWHERE, NothingToShowError, Picture, entries
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import looks, name_in_title, write_figure
 from pa10cal.figures.table import write_table
 from pa10cal.files.output import whole_file
 from pa10cal.results.codec import read, schema_of, write
 from pa10cal.results.fleet import Caption, PicturesRecord
-from pa10cal.results.studies import CurveCalibrationRecord
 from pa10cal.results.trials import TrialScoresRecord, WildScoresRecord
 
 
@@ -52,13 +51,10 @@ def read_source(
         return of_campaign(Results.of(campaign_dir, folder, settings, force=force))
     if (folder / "scores.json").exists():
         return _of_scores(folder / "scores.json")
-    if (folder / "curve.json").exists():
-        found = read_curve(folder)
-        links = f"{found.record.links} links of {found.record.link_m:.4g} m on a continuous curve"
-        footer = f"{links}: {found.record.shapes[0].ending_is}. Synthetic data."
-        return Source("curve", folder.name, footer, found)
-    if (folder / "calibration.json").exists():
-        return _of_chain(folder.name, read(CurveCalibrationRecord, folder / "calibration.json"))
+    for kind, name in ELSEWHERE.items():
+        module = import_module(name)
+        if (folder / module.FROM).exists():
+            return Source(kind, folder.name, *module.read_content(folder))
     raise SettingsError(
         "results of nothing that pictures are drawn of",
         where="--results",
@@ -81,17 +77,6 @@ def _of_scores(path: Path) -> Source:
         kind, trials, scores = "trials", "blind trials", read(TrialScoresRecord, path)
     footer = f"{scores.trials} {trials}. Synthetic data. Provenance: {scores.provenance}."
     return Source(kind, path.parent.name, footer, scores)
-
-
-def _of_chain(name: str, study: CurveCalibrationRecord) -> Source:
-    asked: Any = study.settings
-    footer = (
-        f"{study.summaries[0].individuals} arms of {asked['links']} links of "
-        f"{asked['link_m']:g} m each way, {asked['postures']} postures each, noise "
-        f"{asked['position_mm']:g} mm and {1e3 * asked['attitude_rad']:g} mrad. Synthetic data. "
-        f"Provenance: {study.provenance}."
-    )
-    return Source("chain", name, footer, study)
 
 
 #: Folder of the files of a picture, by what it is.

@@ -21,6 +21,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 #: Modules and packages here that hold pictures, by what the pictures are of.
 FOLDERS = ("campaign", "trials", "wild", "curve", "chain")
+#: Where those of studies stand that are not among the figures.
+ELSEWHERE = {"curve": "pa10cal.curve.pictures", "chain": "pa10cal.curve.study_pictures"}
 _KINDS: dict[str, Kind] = {"draw": "figure", "tabulate": "table", "film": "film"}
 
 
@@ -72,7 +74,7 @@ def entries(folder: str) -> dict[str, Picture]:
 
 
 def _found(folder: str) -> Iterator[Picture]:
-    package = import_module(f"{pa10cal.figures.__name__}.{folder}")
+    package = import_module(ELSEWHERE.get(folder, f"{pa10cal.figures.__name__}.{folder}"))
     within = [info.name for info in iter_modules(getattr(package, "__path__", ()))]
     for module in [package, *(import_module(f"{package.__name__}.{name}") for name in within)]:
         for function in vars(module).values():

@@ -24,10 +24,10 @@ from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.write import truth_record
 from pa10cal.curve.angles import chain_arm
-from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.curve.postures import Postures, draw_postures
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import UNCALIBRATED, Evaluation
+from pa10cal.evaluation.options import CurveStudyOptions
 from pa10cal.fit.fitted_model import models_of
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results import studies as results
