@@ -38,26 +38,13 @@ def parse_urdf(text: str, *, comments: bool = False) -> UrdfText:
     """
     builder = ElementTree.TreeBuilder(insert_comments=comments)
     before: list[str] = []
-    depth = [0]
+    inside: list[ElementTree.Element] = []  # the elements that are open
     parser = expat.ParserCreate()
     parser.buffer_text = True
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        depth[0] += 1
-        builder.start(tag, attributes)
-
-    def end(tag: str) -> None:
-        depth[0] -= 1
-        builder.end(tag)
-
-    def comment(content: str) -> None:
-        if depth[0]:
-            builder.comment(content)
-        else:
-            before.append(content)
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler, parser.CommentHandler = builder.data, comment
+    parser.StartElementHandler = lambda *element: inside.append(builder.start(*element))
+    parser.EndElementHandler = lambda tag: inside.remove(builder.end(tag))
+    parser.CharacterDataHandler = builder.data
+    parser.CommentHandler = lambda said: builder.comment(said) if inside else before.append(said)
     try:
         parser.Parse(text.encode("utf-8"), True)
     except expat.ExpatError as error:
