@@ -13,7 +13,7 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, joint_of
+from pa10cal.terms.effects.effect import CandidateContext, Effect, joint_of
 from pa10cal.terms.effects.joint import amplitude_and_phase
 from pa10cal.terms.term import JointTorqueOnly, Parameter, Report, report_as_solved
 
@@ -80,12 +80,12 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Form(NamedEffect):
+class Form(Effect):
     """A short form at a place, proportional to its parameters."""
 
     form: str  # which of `shapes`
     numbers: Numbers = ()  # what fixes it: orders, thresholds, other joints
-    id: ClassVar[str] = "short_form"
+    id = "short_form"
     shapes: ClassVar[Mapping[str, Shape]]
 
     @classmethod
@@ -320,15 +320,15 @@ class AngleForm(Form):
     def coordinates(self) -> tuple[str, ...]:
         return (f"theta_{self.joint}",)
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        return self.values(states)[:, None, :]
+    def per_unit(self, states: PoseStates) -> Array:
+        return self.values(states)
 
 
 @dataclass(frozen=True)
 class PullForm(JointTorqueOnly, Form):
     """The joint carries, beyond the weights, a torque of a short form."""
 
-    carried: ClassVar[bool] = True
+    carried = True
     shapes: ClassVar[Mapping[str, Shape]] = {
         "pull": Shape(
             "tau_{j} += k (q_{j} - q0)",
