@@ -2,9 +2,34 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
+from typing import Any, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
+Rows = Index | Mask | slice
+R = TypeVar("R")
+
+
+def taken(record: R, rows: Rows, *of_all: str) -> R:
+    """Return a record of what has one entry a pose, with some of the poses.
+
+    Args:
+        record: a dataclass of arrays, of records of such, or of what can `take` rows itself.
+        of_all: names of fields that belong to all poses together, and stay.
+    """
+    known: Any = record
+    some = {}
+    for field in fields(known):
+        value = getattr(known, field.name)
+        if value is None or field.name in of_all:
+            continue
+        if isinstance(value, np.ndarray):
+            some[field.name] = value[rows]
+        else:
+            some[field.name] = value.take(rows) if hasattr(value, "take") else taken(value, rows)
+    return replace(known, **some)

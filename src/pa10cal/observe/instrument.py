@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.statics import ObservedTargets
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Rows, taken
 from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.observe.quantities import (
     AXES,
@@ -27,7 +27,6 @@ from pa10cal.observe.quantities import (
     Deviations,
     Misfit,
     RawColumns,
-    Rows,
     Start,
     Stated,
     Unusable,
@@ -106,14 +105,7 @@ class Instrument(ABC):
 
     def take(self, rows: Rows) -> Self:
         """Return what was measured in some of the poses; arrays have one entry a pose."""
-        return replace(
-            self,
-            **{
-                field.name: getattr(self, field.name)[rows]
-                for field in fields(self)
-                if field.name not in self._of_all and getattr(self, field.name) is not None
-            },
-        )
+        return taken(self, rows, *self._of_all)
 
     @abstractmethod
     def averaged(self, code: Index) -> Self:
@@ -440,13 +432,7 @@ class BaseTargets:
 
     def take(self, rows: Rows) -> BaseTargets:
         """Return some of the configurations."""
-        return replace(
-            self,
-            p_instr_m=self.p_instr_m[rows],
-            u_m=self.u_m[rows],
-            motion=self.motion[rows],
-            motion_cov=self.motion_cov[rows],
-        )
+        return taken(self, rows, "names", "found")
 
     @property
     def T_moved(self) -> Array:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.arm.statics import ObservedTargets, PoseStates
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Rows
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.rigid_fit import Located
 from pa10cal.observe.instrument import Instrument
@@ -26,7 +26,6 @@ from pa10cal.observe.quantities import (
     Comparison,
     Deviations,
     Misfit,
-    Rows,
     Start,
     Words,
 )

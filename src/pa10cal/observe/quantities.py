@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arrays import Array, Index, Mask
+from pa10cal.arrays import Array, Mask, Rows, taken
 from pa10cal.frame.hand_eye import LEVER_M
 from pa10cal.frame.rigid_fit import cross_matrix
-
-Rows = Index | NDArray[np.bool_] | slice
 
 
 @dataclass(frozen=True)
@@ -93,8 +91,7 @@ class Deviations:
 
     def take(self, rows: Rows) -> Deviations:
         """Return some of the configurations."""
-        turned = None if self.rotation_deg is None else self.rotation_deg[rows]
-        return Deviations(self.distance_mm[rows], self.position_mm[rows], turned)
+        return taken(self, rows)
 
     def with_others(self, rows: NDArray[np.bool_], others: Deviations) -> Deviations:
         """Return these deviations, in some of the configurations (P,) the others'."""
