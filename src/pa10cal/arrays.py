@@ -32,4 +32,5 @@ def taken(record: R, rows: Rows, *of_all: str) -> R:
             some[field.name] = value[rows]
         else:
             some[field.name] = value.take(rows) if hasattr(value, "take") else taken(value, rows)
-    return replace(known, **some)
+    whole: R = replace(known, **some)
+    return whole

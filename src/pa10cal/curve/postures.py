@@ -53,7 +53,8 @@ def draw_postures(
     places_m: list[Array] = []
     refused = 0
     names = list(_SHAPES)
-    limits = joint_limits(*[np.array([-limit_rad, limit_rad])] * 2, links)
+    either_way = np.array([-limit_rad, limit_rad])
+    limits = joint_limits(either_way, either_way, links)
     while len(q_rad) < count:
         name = names[len(q_rad) % len(names)]
         points = lay_points(_SHAPES[name](links * link_m, link_m, rng), link_m, links)

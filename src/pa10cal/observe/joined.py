@@ -118,7 +118,9 @@ class Joined(Instrument):
             for p, array in zip(self._shown, arrays, strict=True):
                 if array is not None:
                     own = zip(names, array.shape[1:], strict=True)
-                    at = (p.at[k] if isinstance(k, str) else slice(length) for k, length in own)
+                    at: list[Any] = [
+                        p.at[k] if isinstance(k, str) else slice(length) for k, length in own
+                    ]
                     whole[-1][p.rows, *at] = array
         return whole
 
@@ -395,7 +397,8 @@ def join(members: Sequence[Member]) -> Observations[Joined]:
         Single readings of all, labels with the name of their campaign.
     """
     first = members[0].start
-    each, end_s = [], 0.0
+    each: list[Observations] = []
+    end_s = 0.0
     for member in members:
         every, own = member.observations, member.start
         if own is not first:

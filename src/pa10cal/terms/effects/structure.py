@@ -45,7 +45,7 @@ class LinkEffect(Effect):
     # large as these are small; None where they are stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     #: Names of the links at which it may sit.
-    places = _LONG_LINKS
+    places: ClassVar[tuple[str, ...]] = _LONG_LINKS
     #: Scale and plausible size of its compliance [rad/(N m)].
     scale_and_size: ClassVar[tuple[float, float]]
 
@@ -110,7 +110,7 @@ class LinkTorsion(LinkEffect):
     scale_and_size = (5e-7, 2e-5)
     words = "the end of link {0.row} turns about its axis by c times the moment about it"
     positive = True
-    places = ("forearm",)
+    places: ClassVar[tuple[str, ...]] = ("forearm",)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
