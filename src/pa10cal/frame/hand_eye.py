@@ -3,6 +3,9 @@
 With the nominal model's T_base_ee of every pose these solve T_instr_target = T_instr_base T_base_ee
 T_ee_target for the two constant frames. What of the target's place the base frame can mimic (its
 height, where all orientations differ by turns about one axis) is held as stated and named.
+
+Throughout, T_base_ee is the modelled end-effector (P, 4, 4) [m], and weights (P,) are those of the
+squared residuals of the poses, None for equal ones.
 """
 
 from __future__ import annotations
@@ -238,12 +241,7 @@ def hand_eye_from_poses(
     the target stays at the end-effector.
 
     Args:
-        T_base_ee: (P, 4, 4) modelled end-effector [m].
-        T_instr_target: (P, 4, 4) measured target [m].
-        weights: (P,) weights of the squared residuals; None for equal ones.
-
-    Returns:
-        One target, B = 1.
+        T_instr_target: (P, 4, 4) the one target as measured [m].
 
     Raises:
         CalibrationError: with fewer than three poses.
@@ -287,11 +285,9 @@ def hand_eye_from_points(
     places. A rigid fit of the stated places is another start; the best is returned.
 
     Args:
-        T_base_ee: (P, 4, 4) modelled end-effector [m].
         p_instr_m: (P, B, 3) measured positions [m], nan where a target was not seen.
         p_ee_stated_m: (B, 3) value where the poses do not identify a position; None for the
             origin of the end-effector.
-        weights: (P,) weights of the squared residuals; None for equal ones.
         names: (B,) names of the targets, for what is held.
 
     Raises:

@@ -4,6 +4,9 @@ Whatever the instrument did, the shape that the targets make stays as it is. Wha
 rigid motion makes is therefore noise: a single reading far out of it is wrong, and a step in it
 shows that a target was knocked. Neither counts where it is smaller than the stated uncertainty:
 what is within that is expected of good readings.
+
+Throughout, p_m are readings (P, K, 3) of K targets in order of time, nan where one was not seen,
+and u_m their stated standard uncertainties.
 """
 
 from __future__ import annotations
@@ -59,10 +62,6 @@ def wrong_by_themselves(p_m: Array, u_m: Array) -> Mask:
     """Return readings (P, K) far from those of the same target around them, where others are not.
 
     Targets that are far off together, in the shape that they always make, were moved together.
-
-    Args:
-        p_m: (P, K, 3) readings in order of time, nan where a target was not seen.
-        u_m: (P, K, 3) stated standard uncertainties.
     """
     off_m = np.full(p_m.shape, np.nan)
     for k in range(p_m.shape[1]):
@@ -142,12 +141,7 @@ def misfits(p_m: Array, u_m: Array, places_m: Array) -> tuple[Array, Index]:
 
 
 def without_knocked(p_m: Array, u_m: Array) -> tuple[tuple[Knock, ...], Array]:
-    """Return knocked targets, and the readings (P, K, 3) without theirs of the shorter stretch.
-
-    Args:
-        p_m: (P, K, 3) readings in order of time, nan where a target was not seen.
-        u_m: (P, K, 3) stated standard uncertainties.
-    """
+    """Return knocked targets, and the readings (P, K, 3) without theirs of the shorter stretch."""
     kept_m, found = p_m.copy(), []
     standing = list(range(p_m.shape[1]))
     for _ in range(2 * p_m.shape[1]):

@@ -46,7 +46,12 @@ MM = 1e-3
 
 @dataclass(frozen=True)
 class Instrument(ABC):
-    """What an instrument measured in P poses."""
+    """What an instrument measured in P poses, b components each.
+
+    In its methods `T_instr_ee` and `T_base_ee` are the end of the chain (P, 4, 4) in the frame of
+    the instrument or of the base [m], and `targets_m` the places (t,) of the targets in the
+    end-effector frame, as `target_parameters`.
+    """
 
     kind: ClassVar[str]  # the word of `instrument.kind` in campaign.yaml
     # how `locate` finds the base, a word of `seed/base_frame.json`
@@ -160,12 +165,7 @@ class Instrument(ABC):
 
     @abstractmethod
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
-        """Compare predicted poses of the end of the chain with what was measured.
-
-        Args:
-            T_instr_ee: (P, 4, 4) end of the chain in the instrument's frame [m].
-            targets_m: (t,) places of the targets, as `target_parameters`.
-        """
+        """Compare predicted poses of the end of the chain with what was measured."""
 
     def end_poses(self, T_instr_ee: Array) -> Array:
         """Return poses of the end of the chain (P, 4, 4): measured where they are, else these."""
@@ -175,10 +175,6 @@ class Instrument(ABC):
         """Return where the targets were, and what a false reading of them makes of the pose.
 
         The pose that follows false readings is the one whose targets are nearest to them.
-
-        Args:
-            T_instr_ee: (P, 4, 4) predicted end of the chain.
-            targets_m: (t,) places of the targets in the end-effector frame.
         """
         p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
         by_end, _ = by_end_and_targets(T_instr_ee, arms)
@@ -261,7 +257,7 @@ class Instrument(ABC):
         """Fit the nominal model to some poses, and return how far every pose is from it.
 
         Args:
-            T_base_ee: (P, 4, 4) nominal end-effector [m].
+            used: numbers of those poses.
             weights: weight of the squared residuals of each.
 
         Raises:
@@ -286,24 +282,12 @@ class Instrument(ABC):
         return None
 
     def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:  # noqa: ARG002
-        """Return predicted poses as read through targets that are off their stated places.
-
-        Args:
-            T_base_ee: (P, 4, 4) predicted poses in the base frame [m].
-            T_instr_base: (4, 4) base frame.
-            targets_off_m: (a,) by how much they are off.
-        """
+        """Return predicted poses as read through targets that are (a,) off their stated places."""
         return T_base_ee
 
     @abstractmethod
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
-        """Compare predictions with measurements, configuration by configuration.
-
-        Args:
-            T_base_ee: (P, 4, 4) predicted end of the chain in the base frame [m].
-            T_instr_base: (4, 4) base frame.
-            targets_m: (t,) places of the targets in the end-effector frame.
-        """
+        """Compare predictions with measurements, configuration by configuration."""
 
     @property
     def spread_mm(self) -> float:

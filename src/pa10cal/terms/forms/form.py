@@ -29,23 +29,11 @@ class At(NamedTuple):
     """Where the columns of a form are taken: poses, a joint, and what fixes the form."""
 
     states: PoseStates
-    joint: int  # from 1; 0 where the form sits at none
     numbers: Numbers
-
-    @property
-    def q(self) -> Array:
-        """Return the joint's angle, (P,) [rad]."""
-        return self.q_of(self.joint)
-
-    @property
-    def tau(self) -> Array:
-        """Return the joint's torque, (P,) [N m]."""
-        return self.tau_of(self.joint)
-
-    @property
-    def arrival(self) -> Array:
-        """Return the direction in which the joint arrived, (P,)."""
-        return self.states.arrival[:, self.joint - 1]
+    # (P,) the joint's angle [rad], its torque [N m] and the direction in which it arrived
+    q: Array
+    tau: Array
+    arrival: Array
 
     @property
     def moments(self) -> tuple[Array, Array]:
@@ -145,7 +133,8 @@ class Form(Effect):
 
     def values(self, states: PoseStates) -> Array:
         """Return what each parameter is multiplied with, (P, k)."""
-        return np.stack(self.shape.columns(At(states, self.joint, self.numbers)), axis=1)
+        own = (of[:, self.joint - 1] for of in (states.q_rad, states.tau_Nm, states.arrival))
+        return np.stack(self.shape.columns(At(states, self.numbers, *own)), axis=1)
 
     def report(self, x: Array) -> Report:
         solved = self.shape.solved
