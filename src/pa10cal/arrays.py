@@ -11,6 +11,22 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
+
+
+def homogeneous(R: Array, p: Array) -> Array:
+    """Return the poses (..., 4, 4) of rotations (..., 3, 3) and places (..., 3)."""
+    T = np.zeros((*np.broadcast_shapes(R.shape[:-2], p.shape[:-1]), 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, p, 1.0
+    return T
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """Return the proper rotations (..., 3, 3) nearest to matrices."""
+    U, _, Vt = np.linalg.svd(matrix)
+    U[..., 2] *= np.linalg.det(U @ Vt)[..., None]
+    return np.asarray(U @ Vt)
+
+
 Rows = Index | Mask | slice
 R = TypeVar("R")
 

@@ -23,7 +23,7 @@ from pa10cal.arm.urdf_reading import (
     parse_urdf,
     read_tree,
 )
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import ArmError
 
 
@@ -242,8 +242,7 @@ def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | Non
     along_m = float((np.linalg.inv(moved[-1]) @ T_base_flange)[2, 3])
     moved[-1, :3, 3] += along_m * moved[-1, :3, 2]
     # The driver counts from the frame that the first joint stands on, turned with its own base.
-    T_base_first = np.eye(4)
-    T_base_first[:3, :3] = T_base_frames[0, :3, :3]
+    T_base_first = homogeneous(T_base_frames[0, :3, :3], np.zeros(3))
     before = np.concatenate([T_base_first[None], moved[:-1]])
     lines = [f"# {line}".rstrip() for line in comments] + ["kinematics:"]
     for name, T in zip(LINKS, np.linalg.inv(before) @ moved, strict=True):
@@ -378,9 +377,7 @@ def controller_pose(values: Sequence[float], angles: Angles) -> Array:
             allowed=" ".join(names),
             remedy=f"give {len(names)} numbers as the controller shows its TCP",
         )
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = read(found[3:]).as_matrix(), 1e-3 * found[:3]
-    return T
+    return homogeneous(read(found[3:]).as_matrix(), 1e-3 * found[:3])
 
 
 def _orientation(

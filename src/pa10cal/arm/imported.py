@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD, Arm, with_hayati_rows
 from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, UrdfTree, read_tree
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import ArmError
 
 #: Random joint positions of the check, and how far forward kinematics may differ there.
@@ -259,9 +259,7 @@ def _first_frame(p_m: Array, axis: Array) -> Array:
     along = np.eye(3)[0 if abs(axis[0]) < 0.9 else 1]
     x = along - axis * (axis @ along)
     x /= np.linalg.norm(x)
-    T = np.eye(4)
-    T[:3] = np.column_stack([x, np.cross(axis, x), axis, origin])
-    return T
+    return homogeneous(np.column_stack([x, np.cross(axis, x), axis]), origin)
 
 
 def _row_to(p_m: Array, axis: Array) -> Array:
@@ -307,7 +305,5 @@ def neat(values: Array) -> Array:
 
 def _motion(theta: float, d: float, a: float, alpha: float, beta: float) -> Array:
     """Return Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_euler("ZXY", [theta, alpha, beta]).as_matrix()
-    T[:3, 3] = a * np.cos(theta), a * np.sin(theta), d
-    return T
+    R = Rotation.from_euler("ZXY", [theta, alpha, beta]).as_matrix()
+    return homogeneous(R, np.array([a * np.cos(theta), a * np.sin(theta), d]))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, homogeneous
 from pa10cal.curve.angles import arm_posture, first_axes
 from pa10cal.curve.curve import Curve, helix, serpenoid, spline_through
 from pa10cal.curve.points import lay_points
@@ -74,9 +74,7 @@ def draw_postures(
                     remedy="let the joints turn farther",
                 )
             continue
-        T_base = np.eye(4)
-        T_base[:3, :3] = first_axes(directions, found)
-        T_base[:3, 3] = points.p_m[0]
+        T_base = homogeneous(first_axes(directions, found), points.p_m[0])
         q_rad.append(arm_posture(points.p_m, T_base, link_m))
         shapes.append(name)
         places_m.append((points.p_m - points.p_m[0]) @ T_base[:3, :3])

@@ -17,9 +17,9 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arrays import Array, Index, taken
+from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation, taken
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import Located, cross_matrix
+from pa10cal.frame.rigid_fit import Located, by_small_motion
 from pa10cal.numerics.least_squares import (
     COST_TOLERANCE,
     OPEN,
@@ -207,8 +207,7 @@ def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = Non
     rows, places, turning = len(off_m), problem.p_ee_stated_m.size, problem.turning
     by_step = np.zeros((3 * (rows + turning), 6 + places + (3 if turning else 0)))
     of_places = by_step[: 3 * rows].reshape(rows, 3, -1)
-    of_places[:, :, :3] = np.eye(3)
-    of_places[:, :, 3:6] = -cross_matrix(p_base_m)
+    of_places[:, :, :6] = by_small_motion(p_base_m)
     of_places[:, :, 6 : 6 + places] = problem.by_places
     of_places *= problem.root_weight[:, None, None]
     residual = [problem.root_weight[:, None] * off_m]
@@ -267,7 +266,7 @@ def target_on_base(T_instr_base: Array, T_base_ee: Array, T_instr_target: Array)
     """Return the mean T_ee_target (4, 4) of poses (P, 4, 4), with a base frame that is known."""
     each = np.linalg.inv(T_instr_base @ T_base_ee) @ T_instr_target
     T_ee_target = each.mean(axis=0)
-    T_ee_target[:3, :3] = _nearest_turn(T_ee_target[:3, :3])
+    T_ee_target[:3, :3] = nearest_rotation(T_ee_target[:3, :3])
     return np.asarray(T_ee_target)
 
 
@@ -333,20 +332,16 @@ def _best(
     guess, at, split = refined(problem, best)
     turning = problem.turning
     residuals_m, residuals_rad = _residuals(problem, guess, problem.in_base(guess.p_ee_m))
-    T_instr_base = np.eye(4)
-    T_instr_base[:3, :3], T_instr_base[:3, 3] = guess.R_instr_base, guess.p_instr_base_m
     spare = max(len(at.residual) - at.by_step.shape[1], 1)
     covariance = np.linalg.pinv(at.by_step.T @ at.by_step)[3:6, 3:6] * at.cost / spare
     across = (np.trace(covariance) - np.diag(covariance)) / 2.0
-    T_ee_target = np.eye(4)
-    T_ee_target[:3, :3], T_ee_target[:3, 3] = guess.R_ee_target, guess.p_ee_m[0]
     return Located(
-        T_instr_base=T_instr_base,
+        T_instr_base=homogeneous(guess.R_instr_base, guess.p_instr_base_m),
         scatter_m=_rms(residuals_m, problem.root_weight**2),
         poses=len(problem.weights),
         axis_u_rad=np.sqrt(across),
         scatter_rad=_rms(residuals_rad, problem.weights) if turning else None,
-        T_ee_target=T_ee_target if turning else None,
+        T_ee_target=homogeneous(guess.R_ee_target, guess.p_ee_m[0]) if turning else None,
         p_ee_targets_m=None if turning else guess.p_ee_m,
         held=tuple(_said(direction, names) for direction in split.unidentified.T),
     )
@@ -362,7 +357,7 @@ def _by_positions(problem: TargetProblem) -> list[Array]:
         return []
     stated = problem.in_base(problem.p_ee_stated_m)
     stated = root * (stated - np.average(stated, axis=0, weights=root[:, 0] ** 2))
-    turns = [_nearest_turn(off.T @ stated)]
+    turns = [nearest_rotation(off.T @ stated)]
     # x = S (p - mean) + s - R_base p_ee, linear in S (nine), s and the places.
     of_S = np.kron(off[:, None, :], np.eye(3)).reshape(-1, 9)
     of_s = np.kron(root, np.eye(3))
@@ -370,7 +365,7 @@ def _by_positions(problem: TargetProblem) -> list[Array]:
     x_base_m = (root * problem.p_base_m[problem.seen[0]]).ravel()
     solved = np.linalg.lstsq(np.hstack([of_S, of_s, of_places]), x_base_m, rcond=1e-9)[0]
     # The nine go by columns of S, the inverse of the base's rotation.
-    turns.append(_nearest_turn(np.asarray(solved[:9].reshape(3, 3), dtype=np.float64)))
+    turns.append(nearest_rotation(np.asarray(solved[:9].reshape(3, 3), dtype=np.float64)))
     return turns
 
 
@@ -384,19 +379,12 @@ def _by_kronecker(problem: TargetProblem, R_cmm: Array) -> Array:
     summed = np.einsum("pij,pkl->ikjl", weighted, R_cmm).reshape(9, 9)
     first = np.asarray(np.linalg.svd(summed)[0][:, 0], dtype=float)
     dominant = first.reshape(3, 3).T  # by columns
-    return _nearest_turn(dominant if np.linalg.det(dominant) > 0.0 else -dominant)
-
-
-def _nearest_turn(matrix: Array) -> Array:
-    """Return the proper rotation nearest to a matrix."""
-    U, _, Vt = np.linalg.svd(matrix)
-    U[:, 2] *= np.linalg.det(U @ Vt)
-    return np.asarray(U @ Vt)
+    return nearest_rotation(dominant if np.linalg.det(dominant) > 0.0 else -dominant)
 
 
 def _mean_turn(weights: Array, turns: Array) -> Array:
     """Return the chordal mean of rotations (P, 3, 3)."""
-    return _nearest_turn(np.tensordot(weights, turns, axes=1))
+    return nearest_rotation(np.tensordot(weights, turns, axes=1))
 
 
 def _transposed(matrices: Array) -> Array:

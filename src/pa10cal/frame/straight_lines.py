@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import CalibrationError
 from pa10cal.options import BaseFrameOptions
 from pa10cal.results.calibration import StraightLine
@@ -115,8 +115,7 @@ def seed_from_lines(
     R_instr_base = axes_from_lines(x, y)
     p_instr_m, p_base_m = origin_poses
     origins = p_instr_m - p_base_m @ R_instr_base.T
-    T_instr_base = np.eye(4)
-    T_instr_base[:3, :3], T_instr_base[:3, 3] = R_instr_base, origins.mean(axis=0)
+    T_instr_base = homogeneous(R_instr_base, origins.mean(axis=0))
     scatter = np.sqrt(((origins - T_instr_base[:3, 3]) ** 2).sum(axis=1).mean())
     return LineSeed(T_instr_base, line_x, line_y, angle, float(scatter), len(origins))
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.statics import ObservedTargets
-from pa10cal.arrays import Array, Index, Rows, taken
+from pa10cal.arrays import Array, Index, Rows, homogeneous, taken
 from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.observe.quantities import (
     AXES,
@@ -76,9 +76,8 @@ class Instrument(ABC):
     #: Fields that belong to all poses together.
     _of_all: ClassVar[tuple[str, ...]] = ()
 
-    @abstractmethod
     def __len__(self) -> int:
-        """Return the number of poses."""
+        return len(self.places_m)
 
     @property
     def campaigns(self) -> tuple[tuple[str, Instrument], ...]:
@@ -421,11 +420,8 @@ class BaseTargets:
     @property
     def T_moved(self) -> Array:
         """Return the motion (P, 4, 4) of all that the instrument read."""
-        T = np.tile(np.eye(4), (len(self.motion), 1, 1))
-        T[:, :3, :3] = Rotation.from_rotvec(self.motion[:, 3:]).as_matrix()
-        about_m = self.about_m
-        T[:, :3, 3] = about_m + self.motion[:, :3] - T[:, :3, :3] @ about_m
-        return T
+        R = Rotation.from_rotvec(self.motion[:, 3:]).as_matrix()
+        return homogeneous(R, self.about_m + self.motion[:, :3] - R @ self.about_m)
 
     @property
     def about_m(self) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Mask, Rows, taken
 from pa10cal.frame.hand_eye import LEVER_M
-from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.frame.rigid_fit import by_small_motion
 
 
 @dataclass(frozen=True)
@@ -174,13 +174,10 @@ def by_end_and_targets(T_instr_ee: Array, arms: Array) -> tuple[Array, Array]:
         (P, B, 3, 6) and (P, B, 3, 3 B).
     """
     count, targets = arms.shape[:2]
-    by_end = np.zeros((count, targets, 3, 6))
-    by_end[..., :3] = np.eye(3)
-    by_end[..., 3:] = -cross_matrix(arms)
     by_targets = np.zeros((count, targets, 3, targets, 3))
     for b in range(targets):
         by_targets[:, b, :, b] = T_instr_ee[:, :3, :3]
-    return by_end, by_targets.reshape(count, targets, 3, 3 * targets)
+    return by_small_motion(arms), by_targets.reshape(count, targets, 3, 3 * targets)
 
 
 def names_of_columns(columns: Mapping[str, Array]) -> tuple[str, ...]:
