@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import homogeneous
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.straight_lines import axes_from_lines, fit_line, seed_from_lines
 from pa10cal.options import BaseFrameOptions
@@ -19,9 +20,7 @@ TRAVEL_M = np.linspace(0.0, 0.2, 11)
 def cell(seed: int, noise_m: float = 0.0):
     """Return (T_instr_base, measured x, base x, measured y, base y) of a made-up cell."""
     rng = np.random.default_rng(seed)
-    T = np.eye(4)
-    T[:3, :3] = Rotation.random(random_state=rng).as_matrix()
-    T[:3, 3] = rng.uniform(-1, 1, 3)
+    T = homogeneous(Rotation.random(random_state=rng).as_matrix(), rng.uniform(-1, 1, 3))
     base_x = np.array([0.5, 0.1, 0.4]) + np.outer(TRAVEL_M, [1, 0, 0])
     base_y = np.array([0.5, 0.1, 0.4]) + np.outer(TRAVEL_M, [0, 1, 0])
     measured = [

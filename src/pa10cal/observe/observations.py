@@ -73,13 +73,11 @@ class Observations(Generic[M_co]):
         campaign = self.states.campaign
         if campaign is None:
             return {}
-        found = {}
+        found: dict[str, Observations] = {}
         for number, (name, part) in enumerate(self.measured.campaigns):
-            rows = campaign == number
-            states = replace(self.states.take(rows), campaign=None)
-            log = None if self.log is None else self.log.take(rows)
-            rest = (self.kind[rows], self.repeat[rows], self.readings[rows], log)
-            found[name] = Observations(self.pose[rows], states, part, *rest)
+            own: Observations = taken(self, campaign == number, "measured")
+            states = replace(own.states, campaign=None)
+            found[name] = replace(own, states=states, measured=part, base=None)
         return found
 
     def of_kind(self, kind: str) -> Observations[M_co]:
