@@ -90,11 +90,7 @@ class TorqueMap(JointTorqueOnly, JointEffect):
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        rated_Nm = self.rated_Nm
-        return tuple(
-            Parameter(f"degree_{k}", "N m", 1e-3 * rated_Nm, plausible=0.02 * rated_Nm / k)
-            for k in range(1, self.degrees + 1)
-        )
+        return _by_degree(self.degrees, "N m", 1e-3 * self.rated_Nm, 0.02 * self.rated_Nm)
 
     def per_unit(self, states: PoseStates) -> Array:
         return _degrees(states.q_rad[:, self.joint - 1], self.span_rad, self.degrees)
@@ -115,10 +111,7 @@ class WindupMap(JointEffect):
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(f"degree_{k}", "rad", 1e-5, plausible=2e-4 / k)
-            for k in range(1, self.degrees + 1)
-        )
+        return _by_degree(self.degrees, "rad", 1e-5, 2e-4)
 
     def per_unit(self, states: PoseStates) -> Array:
         tau_Nm = states.tau_Nm[:, self.joint - 1]
@@ -213,6 +206,14 @@ class DriftMap(Effect):
     def per_unit(self, states: PoseStates) -> Array:
         values = _degrees(time_in(states, self), self.span_s, self.degrees)
         return np.asarray(np.eye(len(BASE))[:, :, None] * values[:, None, None, :])
+
+
+def _by_degree(degrees: int, unit: str, scale: float, plausible: float) -> tuple[Parameter, ...]:
+    """Return a parameter a degree, from 1, the less plausible the higher."""
+    return tuple(
+        Parameter(f"degree_{k}", unit, scale, plausible=plausible / k)
+        for k in range(1, degrees + 1)
+    )
 
 
 def _degrees(value: Array, span: tuple[float, float], degrees: int) -> Array:
