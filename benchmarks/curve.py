@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from pa10cal.curve.angles import JointAngles, chain_points, first_axes, joint_angles
 from pa10cal.curve.curve import Array, Curve, spline_through
 from pa10cal.curve.points import Points, first_crossing, lay_points
-from pa10cal.curve.roll import RollMap, smallest_angle
+from pa10cal.curve.roll import RollMap, smallest_move
 
 COUNTS = tuple(int(n) for n in np.geomspace(10, 100_000, 13).round())
 ROUNDS = 7
@@ -138,7 +138,7 @@ def rows() -> list[tuple[str, float, str, str]]:
 
     def with_roll() -> None:
         laid = lay_points(curve, link_m, n)
-        best = smallest_angle(RollMap.of(laid.directions))
+        best = smallest_move(RollMap.of(laid.directions))
         joint_angles(laid.directions, first_axes(laid.directions, best.roll_rad))
 
     places, seconds = growth()

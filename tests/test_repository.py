@@ -28,7 +28,7 @@ PURE = {
     "discovery",
     "montecarlo",
     "evaluation",
-    "curve",
+    *(f"curve.{name}" for name in ("angles", "curve", "gait", "points", "postures", "roll")),
 }
 FLOOR = {
     "arrays",
@@ -42,7 +42,7 @@ FLOOR = {
 
 #: What a package may import besides itself and `errors`: packages, or single modules.
 MAY_IMPORT = {
-    "settings": {"lab.cell.options", "calibration.options", "curve.options", "evaluation.options"},
+    "settings": {"lab.cell.options", "calibration.options", "evaluation.options"},
     "settings_reading": set(),
     "yaml_file": set(),
     "numerics": set(),
@@ -85,7 +85,19 @@ MAY_IMPORT = {
         "terms",
     },
     "montecarlo": {"arm"},
-    "curve": {"arm.description"},
+    "curve": {
+        "arm.description",
+        "calibration",
+        "campaign",
+        "cell",
+        "discovery",
+        "evaluation",
+        "figures",
+        "files",
+        "fit",
+        "reports",
+        "studies",
+    },
     "evaluation": {
         "arm",
         "calibration",
@@ -102,13 +114,14 @@ MAY_IMPORT = {
         "arm",
         "calibration",
         "campaign",
+        "lab",
+        "stages",
         "discovery",
         "evaluation",
         "files",
         "fit",
         "options",
         "observe",
-        "stages",
         "terms",
     },
     "studies": {
@@ -190,7 +203,7 @@ MAY_IMPORT = {
 KEPT_TO = {
     "jinja2": {"reports"},
     "markupsafe": {"reports"},
-    "matplotlib": {"figures"},
+    "matplotlib": {"curve", "figures"},
     "pinocchio": {"arm.imported"},
     "plotly": {"reports"},
     "snakemake": set(),

@@ -9,12 +9,12 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.errors import ALLOWED, fits_a_folder
 from pa10cal.evaluation import options
 from pa10cal.evaluation.options import (
     BlindTrialsOptions,
     CoverageOptions,
+    CurveStudyOptions,
     EvaluationOptions,
     FigureOptions,
 )

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import homogeneous
 from pa10cal.files.arms import load_arm
 
 
 def anywhere(rng):
     """Return a random pose (4, 4)."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_rotvec(rng.uniform(-2, 2, 3)).as_matrix()
-    T[:3, 3] = rng.uniform(-0.5, 0.5, 3)
-    return T
+    return homogeneous(
+        Rotation.from_rotvec(rng.uniform(-2, 2, 3)).as_matrix(), rng.uniform(-0.5, 0.5, 3)
+    )
 
 
 @pytest.fixture(scope="session")

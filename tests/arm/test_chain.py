@@ -19,6 +19,7 @@ from pa10cal.arm.chain import (
     long_links,
 )
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import homogeneous
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import arm_names, load_arm
 
@@ -129,10 +130,7 @@ def test_motions_of_base_and_tool_lie_outside_the_constant_frames(random_arm, se
     coordinates[:, chain.columns(BASE)], coordinates[:, chain.columns(TOOL)] = outer, inner
 
     def motion(values):
-        T = np.eye(4)
-        T[:3, :3] = Rotation.from_euler("XYZ", values[3:]).as_matrix()
-        T[:3, 3] = values[:3]
-        return T
+        return homogeneous(Rotation.from_euler("XYZ", values[3:]).as_matrix(), values[:3])
 
     wanted = motion(outer) @ still @ motion(inner)
     np.testing.assert_allclose(end_pose(chain, coordinates), wanted, atol=1e-14)
@@ -185,9 +183,7 @@ def test_a_bend_moves_the_frame_in_which_the_next_joint_moves(random_arm, seed, 
     coordinates = bent.coordinates(q)
     coordinates[:, bent.columns(bend_coordinates(row))] = bend
     straight, found = frames(plain, plain.coordinates(q)), frames(bent, coordinates)
-    motion = np.eye(4)
-    motion[:3, :3] = Rotation.from_euler("XYZ", bend[3:]).as_matrix()
-    motion[:3, 3] = bend[:3]
+    motion = homogeneous(Rotation.from_euler("XYZ", bend[3:]).as_matrix(), bend[:3])
     inverse = np.linalg.inv(straight.T_base_joints[row])
     for wanted, moved in [
         (straight.T_base_joints, found.T_base_joints),

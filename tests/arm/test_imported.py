@@ -11,6 +11,7 @@ from pa10cal.arm.description import neighbouring_axes
 from pa10cal.arm.exports import urdf_text
 from pa10cal.arm.imported import arm_from_urdf_text
 from pa10cal.arm.statics import Payload, statics
+from pa10cal.arrays import homogeneous
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import arm_names, load_arm
 
@@ -54,10 +55,7 @@ def imported(text, **options):
 
 
 def fixed(xyz, rpy):
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
-    T[:3, 3] = xyz
-    return T
+    return homogeneous(Rotation.from_euler("xyz", rpy).as_matrix(), np.asarray(xyz))
 
 
 def frames_of_links(joints, q):

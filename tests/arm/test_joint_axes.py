@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.imported import rows_through
+from pa10cal.arrays import homogeneous
 
 angles = st.sampled_from([0.0, np.pi, np.pi / 2, -np.pi / 2, 1e-12, 3e-8, 1e-3, 0.08, 0.09, 0.7])
 lengths = st.sampled_from([0.0, 1e-11, 1e-6, 0.1, -0.4])
@@ -20,10 +21,10 @@ def along(frames):
 
 def screw(turns, shifts):
     """Return a frame turned about z, shifted along z and x, turned about x and y."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_euler("ZXY", turns).as_matrix()
-    T[:3, 3] = Rotation.from_euler("z", turns[0]).apply([shifts[1], 0.0, shifts[0]])
-    return T
+    return homogeneous(
+        Rotation.from_euler("ZXY", turns).as_matrix(),
+        Rotation.from_euler("z", turns[0]).apply([shifts[1], 0.0, shifts[0]]),
+    )
 
 
 @pytest.mark.slow

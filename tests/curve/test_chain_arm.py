@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from made_up_curves import gentle_spline
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import neighbouring_axes
+from pa10cal.arrays import homogeneous
 from pa10cal.curve.angles import arm_posture, chain_arm
 from pa10cal.curve.points import lay_points
 from pa10cal.errors import ArmError, CurveError
@@ -21,9 +22,7 @@ LINKS, LINK_M = 6, 0.15
 def test_the_arms_forward_kinematics_returns_the_points(seed):
     random = np.random.default_rng(seed)
     points = lay_points(gentle_spline(random), LINK_M, LINKS)
-    T_base = np.eye(4)
-    T_base[:3, :3] = Rotation.random(rng=random).as_matrix()
-    T_base[:3, 3] = points.p_m[0]
+    T_base = homogeneous(Rotation.random(rng=random).as_matrix(), points.p_m[0])
     q_rad = arm_posture(points.p_m, T_base, LINK_M)
     chain = Chain.of(chain_arm("chain_6", LINKS, LINK_M, np.pi))
     along = frames(chain, chain.coordinates(q_rad[None]))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.curve.roll import JointLimits, RollMap, feasible_rolls
+from pa10cal.curve.roll import RollMap, feasible_rolls, joint_limits
 from pa10cal.errors import CurveError
 
 ROLLS = np.linspace(0.0, 2.0 * np.pi, 1441)[:-1] + 1e-4
@@ -32,12 +32,10 @@ def test_exactly_the_rolls_that_keep_the_limits(random_directions, seed, order, 
     chain = RollMap.of(random_directions(seed, n, bend), order)
     # Limits about zero, aside of it and beyond half a turn.
     centre = random.uniform(-1.0, 1.0, (2, n - 1)) * random.choice([0.0, 0.3, 2.0])
-    limits = JointLimits(*(np.stack([c - width, c + width], axis=1) for c in centre))
+    limits = joint_limits(*(np.stack([c - width, c + width], axis=1) for c in centre), n - 1)
     a_rad, b_rad = chain.angles(ROLLS)
-    room = np.minimum(
-        np.minimum(a_rad - limits.a_rad[:, 0], limits.a_rad[:, 1] - a_rad).min(axis=1, initial=9),
-        np.minimum(b_rad - limits.b_rad[:, 0], limits.b_rad[:, 1] - b_rad).min(axis=1, initial=9),
-    )
+    turns = np.stack([a_rad, b_rad], axis=1)
+    room = np.minimum(turns - limits[:, 0], limits[:, 1] - turns).min(axis=(1, 2), initial=9)
     intervals = feasible_rolls(chain, limits)
     clear = np.abs(room) > 1e-9
     np.testing.assert_array_equal(within(intervals, ROLLS)[clear], (room > 0)[clear])
@@ -49,7 +47,7 @@ def test_exactly_the_rolls_that_keep_the_limits(random_directions, seed, order, 
 def test_one_bend_in_closed_form():
     """A bend of 1 with the second turn within 0.5: sin(0.5) > sin(1) |sin(roll)|."""
     u = np.array([[1.0, 0, 0], [np.cos(1.0), np.sin(1.0), 0.0]])
-    limits = JointLimits(np.array([[-2.0, 2.0]]), np.array([[-0.5, 0.5]]))
+    limits = joint_limits([-2.0, 2.0], [-0.5, 0.5], 1)
     edge = np.arcsin(np.sin(0.5) / np.sin(1.0))
     found = feasible_rolls(RollMap.of(u), limits)
     expected = [[np.pi - edge, np.pi + edge], [2 * np.pi - edge, 2 * np.pi + edge]]
@@ -58,20 +56,22 @@ def test_one_bend_in_closed_form():
 
 def test_a_straight_chain_may_roll_to_anywhere_within_limits_about_zero():
     chain = RollMap.of(np.tile([0.0, 0.0, 1.0], (5, 1)))
-    assert feasible_rolls(chain, JointLimits.uniform(4, 0.0, 0.0)).tolist() == [[0.0, 2 * np.pi]]
-    assert not len(feasible_rolls(chain, JointLimits.uniform(4, 0.1, 0.2)))
+    assert feasible_rolls(chain, joint_limits([0.0, 0.0], [0.0, 0.0], 4)).tolist() == [
+        [0.0, 2 * np.pi]
+    ]
+    assert not len(feasible_rolls(chain, joint_limits([0.1, 0.2], [0.1, 0.2], 4)))
 
 
 @pytest.mark.parametrize(
     ("limits", "message"),
     [
         (
-            lambda: JointLimits.uniform(2, 0.1, -0.1),
+            lambda: joint_limits([0.1, -0.1], [0.1, -0.1], 2),
             r"joint 1: the limits of a are invalid .*0.1, -0.1",
         ),
-        (lambda: JointLimits(np.zeros((1, 2)), np.array([[0, np.nan]])), "the limits of b"),
+        (lambda: joint_limits([0, 0], [0, np.nan], 1), "the limits of b"),
         (
-            lambda: feasible_rolls(RollMap.of(np.eye(3)), JointLimits.uniform(5, -1.0, 1.0)),
+            lambda: joint_limits(*np.zeros((2, 5, 2)), 2),
             "limits: the limits are of another chain .*5 of a, 5 of b.*; allowed: 2 each",
         ),
     ],

@@ -6,7 +6,8 @@ import pytest
 from pa10cal.curve.angles import first_axes
 from pa10cal.curve.curve import helix, serpenoid, spline_through
 from pa10cal.curve.gait import follow
-from pa10cal.curve.roll import JointLimits, RollMap, smallest_angle
+from pa10cal.curve.options import CurveOptions
+from pa10cal.curve.roll import RollMap, smallest_move
 from pa10cal.errors import CurveError
 
 LINK_M, LINKS, PERIOD_S = 0.1, 10, 2.0
@@ -23,9 +24,21 @@ def phases(time_s):
     return 2.0 * np.pi * time_s / PERIOD_S
 
 
+def options(moves="wave", move_rad=0.0, **chosen):
+    shape = {"shape": "helix", "radius_m": 0.2, "pitch_m": 0.4, "turns": 1.5}
+    gait = {"moves": moves, "period_s": PERIOD_S, "seconds": 1, "move_deg": np.degrees(move_rad)}
+    known = {"link_m": LINK_M, "links": LINKS, "curve": shape, "gait": gait}
+    return CurveOptions(**known, **chosen)
+
+
 def wriggle(frames, **chosen):
     time_s = np.linspace(0.0, PERIOD_S, frames + 1)
-    return follow(list(map(wriggling, phases(time_s))), time_s, LINK_M, LINKS, **chosen)
+    return follow(list(map(wriggling, phases(time_s))), time_s, options(**chosen))
+
+
+def within(limit_rad):
+    most = np.degrees(limit_rad)
+    return {"a_deg": (-most, most), "b_deg": (-most, most)}
 
 
 @pytest.mark.slow
@@ -36,10 +49,7 @@ def test_angles_over_time_are_continuous(move_rad):
     assert fine.move_rad.max() < 0.35 * coarse.move_rad.max()
     np.testing.assert_array_equal(
         fine.move_rad,
-        np.maximum(
-            np.abs(np.diff(fine.a_rad, axis=0)).max(axis=1),
-            np.abs(np.diff(fine.b_rad, axis=0)).max(axis=1),
-        ),
+        np.abs(np.diff(fine.turns_rad, axis=0)).max(axis=(1, 2)),
     )
 
 
@@ -47,41 +57,41 @@ def test_angles_over_time_are_continuous(move_rad):
 def test_the_roll_is_the_best_that_may_be_reached():
     free, still = wriggle(30, move_rad=1.0), wriggle(30)
     for shape, points in enumerate(free.points):
-        best = smallest_angle(RollMap.of(points.directions))
-        reached = max(np.abs(free.a_rad[shape]).max(), np.abs(free.b_rad[shape]).max())
+        best = smallest_move(RollMap.of(points.directions))
+        reached = np.abs(free.turns_rad[shape]).max()
         assert reached == pytest.approx(best.level_rad, abs=1e-7)
     assert still.move_rad.max() < free.move_rad.max()
 
 
 def test_limits_are_kept_all_along_or_refused_with_the_time():
-    limit = 0.9 * max(np.abs(g).max() for g in (wriggle(20).b_rad,))
-    limits = JointLimits.uniform(LINKS - 1, -limit - 0.1, limit + 0.1)
-    kept = wriggle(20, move_rad=0.05, limits=limits)
-    assert max(np.abs(kept.a_rad).max(), np.abs(kept.b_rad).max()) <= limit + 0.1 + 1e-9
-    tight = JointLimits.uniform(LINKS - 1, -0.1, 0.1)
+    limit = 0.9 * np.abs(wriggle(20).turns_rad[:, 1]).max() + 0.1
+    kept = wriggle(20, move_rad=0.05, limits=within(limit))
+    assert np.abs(kept.turns_rad).max() <= limit + 1e-9
     with pytest.raises(CurveError, match=r"^time 0 s, joint \d+: no roll keeps"):
-        wriggle(20, limits=tight)
+        wriggle(20, limits=within(0.1))
 
 
 def test_a_serpenoid_stays_flat_at_the_roll_given():
     time_s = np.linspace(0.0, PERIOD_S, 25)
     curves = [serpenoid(1.3, 1.5, 0.8, phase) for phase in phases(time_s)]
-    gait = follow(curves, time_s, LINK_M, LINKS, rolls_rad=np.zeros(25))
-    np.testing.assert_allclose(gait.b_rad, 0.0, atol=1e-12)
+    gait = follow(curves, time_s, options(roll="given"))
+    a_rad, b_rad = np.swapaxes(gait.turns_rad, 0, 1)
+    np.testing.assert_allclose(b_rad, 0.0, atol=1e-12)
     assert gait.move_rad.max() < 0.3  # z stays where it is when the first bend changes sides
-    np.testing.assert_allclose(gait.a_rad[0], gait.a_rad[-1], atol=1e-9)
-    np.testing.assert_allclose(gait.p_m[:, 0], 0.0, atol=1e-15)
+    np.testing.assert_allclose(a_rad[0], a_rad[-1], atol=1e-9)
+    np.testing.assert_allclose([points.p_m[0] for points in gait.points], 0.0, atol=1e-15)
 
 
 def test_a_rolling_helix_bends_every_joint_to_all_sides_in_turn():
     time_s = np.linspace(0.0, 2.0 * PERIOD_S, 81)
-    gait = follow([helix(0.2, 0.4, 1.5)] * 81, time_s, LINK_M, LINKS, rolls_rad=phases(time_s))
+    gait = follow([helix(0.2, 0.4, 1.5)] * 81, time_s, options("roll"))
+    a_rad, b_rad = np.swapaxes(gait.turns_rad, 0, 1)
     bend = RollMap.of(gait.points[0].directions).bend_rad
     np.testing.assert_allclose(bend, bend[0], atol=1e-9)
-    assert gait.a_rad.max(axis=0) == pytest.approx(bend, rel=0.02)
-    assert gait.b_rad.min(axis=0) == pytest.approx(-bend, rel=0.02)
-    np.testing.assert_allclose(gait.a_rad[40], gait.a_rad[0], atol=1e-9)
-    np.testing.assert_allclose(gait.a_rad[20], -gait.a_rad[0], atol=1e-9)
+    assert a_rad.max(axis=0) == pytest.approx(bend, rel=0.02)
+    assert b_rad.min(axis=0) == pytest.approx(-bend, rel=0.02)
+    np.testing.assert_allclose(a_rad[40], a_rad[0], atol=1e-9)
+    np.testing.assert_allclose(a_rad[20], -a_rad[0], atol=1e-9)
     np.testing.assert_allclose(np.diff(gait.roll_rad), np.pi / 20)
     expected = first_axes(gait.points[0].directions, gait.roll_rad[7])
     np.testing.assert_allclose(gait.joints[7].axes[0], expected, atol=1e-12)
@@ -93,4 +103,4 @@ def test_links_that_do_not_fit_are_refused_with_the_time():
     with pytest.raises(
         CurveError, match=r"time 1 s, links: the links do not fit .*; allowed: 8 at"
     ):
-        follow(curves, time_s, LINK_M, LINKS)
+        follow(curves, time_s, options())

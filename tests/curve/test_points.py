@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from made_up_curves import Counting, chord_error, gentle_spline, scan, tight_spline
 from pa10cal.curve import points as module
 from pa10cal.curve.curve import circle, helix, line, polyline, serpenoid, spline_through
-from pa10cal.curve.points import Ahead, Ending, equal_links, lay_points
+from pa10cal.curve.points import NONE, Ending, equal_links, lay_points
 from pa10cal.errors import CurveError
 
 
@@ -53,7 +53,7 @@ def test_points_found_together_are_those_found_one_by_one(seed, part):
     link_m = part * curve.bounds.length_m[-1] / 20.0
     together = lay_points(curve, link_m)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "points_ahead", lambda *_: Ahead(np.zeros(0), np.zeros((0, 3))))
+        patch.setattr(module, "points_ahead", lambda *_: NONE)
         singly = lay_points(curve, link_m)
     assert together.n == singly.n
     np.testing.assert_allclose(together.p_m, singly.p_m, atol=1e-9)

@@ -7,14 +7,12 @@ from hypothesis import strategies as st
 
 from pa10cal.curve.angles import first_axes, joint_angles
 from pa10cal.curve.roll import (
-    JointLimits,
     RollMap,
     feasible_rolls,
+    joint_limits,
     most_room,
     roll_for_last,
     room_at,
-    smallest_angle,
-    smallest_angle_near,
     smallest_move,
 )
 from pa10cal.errors import CurveError
@@ -32,17 +30,15 @@ def largest(chain, rolls, a0=0.0, b0=0.0):
 
 
 def room(chain, rolls, limits):
-    a_rad, b_rad = chain.angles(np.atleast_1d(rolls))
-    sides = [a_rad - limits.a_rad[:, 0], limits.a_rad[:, 1] - a_rad]
-    sides += [b_rad - limits.b_rad[:, 0], limits.b_rad[:, 1] - b_rad]
-    return np.min(sides, axis=(0, 2))
+    turns = np.stack(chain.angles(np.atleast_1d(rolls)), axis=1)
+    return np.minimum(turns - limits[:, 0], limits[:, 1] - turns).min(axis=(1, 2))
 
 
 @given(seed=SEEDS, order=ORDERS, bend=BENDS, n=st.integers(2, 12))
 @EXAMPLES
 def test_no_roll_has_a_smaller_largest_angle(random_directions, seed, order, bend, n):
     chain = RollMap.of(random_directions(seed, n, bend), order)
-    best = smallest_angle(chain)
+    best = smallest_move(chain)
     assert best.level_rad <= largest(chain, ROLLS).min() + 1e-9
     assert largest(chain, best.roll_rad)[0] == pytest.approx(best.level_rad, abs=1e-7)
 
@@ -50,7 +46,7 @@ def test_no_roll_has_a_smaller_largest_angle(random_directions, seed, order, ben
 def test_on_an_arc_the_smallest_largest_angle_shares_the_bend_between_both_axes():
     """One bend of 0.6: cos a cos b = cos 0.6, and a and b alike in size at their best."""
     u = np.array([[1.0, 0, 0], [np.cos(0.6), np.sin(0.6), 0]])
-    best = smallest_angle(RollMap.of(u))
+    best = smallest_move(RollMap.of(u))
     a_rad, b_rad = RollMap.of(u).angles(np.array([best.roll_rad]))
     assert abs(a_rad[0, 0]) == pytest.approx(abs(b_rad[0, 0]), abs=1e-9)
     assert np.cos(a_rad[0, 0]) * np.cos(b_rad[0, 0]) == pytest.approx(np.cos(0.6))
@@ -60,7 +56,7 @@ def test_on_an_arc_the_smallest_largest_angle_shares_the_bend_between_both_axes(
 @EXAMPLES
 def test_no_roll_leaves_more_room(random_directions, seed, order, bend, n, aside):
     chain = RollMap.of(random_directions(seed, n, bend), order)
-    limits = JointLimits.uniform(n - 1, aside - 3.5, aside + 3.7)
+    limits = joint_limits(*[[aside - 3.5, aside + 3.7]] * 2, n - 1)
     best = most_room(chain, limits)
     assert best.level_rad >= room(chain, ROLLS, limits).max() - 1e-9
     assert room(chain, best.roll_rad, limits)[0] == pytest.approx(best.level_rad, abs=1e-7)
@@ -76,14 +72,13 @@ def test_limits_that_no_roll_keeps_name_the_joint_and_by_how_much(
     random_directions, seed, order, n, limit
 ):
     chain = RollMap.of(random_directions(seed, n, 1.4), order)
-    limits = JointLimits.uniform(n - 1, -limit, limit)
+    limits = joint_limits(*[[-limit, limit]] * 2, n - 1)
     beyond = largest(chain, ROLLS).min() - limit
     assume(beyond > 1e-3)
     with pytest.raises(CurveError, match=r"^joint \d+: no roll keeps .* degrees beyond") as caught:
         most_room(chain, limits)
-    for choose in (smallest_angle, lambda c, k: smallest_move(c, *np.zeros((2, n - 1)), k)):
-        with pytest.raises(CurveError, match="no roll keeps"):
-            choose(chain, limits)
+    with pytest.raises(CurveError, match="no roll keeps"):
+        smallest_move(chain, limits=limits)
     said = float(str(caught.value).split(" is ")[1].split()[0])
     assert said == pytest.approx(np.degrees(beyond), rel=0.1, abs=0.3)
     assert not len(feasible_rolls(chain, limits))
@@ -92,15 +87,15 @@ def test_limits_that_no_roll_keeps_name_the_joint_and_by_how_much(
 def test_limits_kept_at_single_rolls_only_are_kept():
     heading = np.array([0.0, 0.3, 0.1, 0.6])
     u = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
-    limits = JointLimits(np.tile([-1.0, 1.0], (3, 1)), np.zeros((3, 2)))
-    best = smallest_angle(RollMap.of(u), limits)
+    limits = joint_limits([-1.0, 1.0], [0.0, 0.0], 3)
+    best = smallest_move(RollMap.of(u), limits=limits)
     assert np.sin(best.roll_rad) == pytest.approx(0.0, abs=1e-8)
     assert best.level_rad == pytest.approx(0.5, abs=1e-8)
 
 
 def test_a_roll_given_that_does_not_keep_the_limits_is_refused():
     u = np.array([[1.0, 0, 0], [np.cos(0.6), np.sin(0.6), 0]])
-    limits = JointLimits.uniform(1, -0.5, 0.5)
+    limits = joint_limits([-0.5, 0.5], [-0.5, 0.5], 1)
     assert room_at(RollMap.of(u), 0.8, limits).level_rad > 0.0
     with pytest.raises(CurveError, match=r"joint 1: this roll does not keep .*: a is 5.73 degrees"):
         room_at(RollMap.of(u), 0.0, limits)
@@ -115,14 +110,14 @@ def test_no_roll_moves_less_from_the_last_shape(random_directions, seed, order, 
     last = joint_angles(u, first_axes(u, random.uniform(0, 6)), order)
     moved = u + random.normal(scale=0.05, size=u.shape)
     chain = RollMap.of(moved / np.linalg.norm(moved, axis=1)[:, None], order)
-    best = smallest_move(chain, last.a_rad, last.b_rad)
+    best = smallest_move(chain, last.turns_rad)
     moves = largest(chain, ROLLS, last.a_rad, last.b_rad)
     assert best.level_rad <= moves.min() + 1e-9
     far = best.level_rad + 0.2
-    near = smallest_angle_near(chain, last.a_rad, last.b_rad, far)
+    near = smallest_move(chain, last.turns_rad, move_rad=far)
     assert largest(chain, near.roll_rad, last.a_rad, last.b_rad)[0] <= far + 1e-9
     assert near.level_rad <= largest(chain, ROLLS)[moves <= far].min(initial=9.0) + 1e-9
-    stays = smallest_angle_near(chain, last.a_rad, last.b_rad, best.level_rad / 2.0)
+    stays = smallest_move(chain, last.turns_rad, move_rad=best.level_rad / 2.0)
     assert stays == best
 
 

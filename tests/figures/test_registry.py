@@ -2,15 +2,24 @@
 
 import re
 import textwrap
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from pa10cal.figures.draw import draw_all, of_campaign, summary
-from pa10cal.figures.registry import FOLDERS, NEEDS, entries, picture
+from pa10cal.figures.registry import ELSEWHERE, FOLDERS, NEEDS, entries, picture
 from pa10cal.reports.page import SECTIONS
 
 PACKAGE = Path(__file__).parents[2] / "src/pa10cal/figures"
+
+
+def files_of(folder):
+    if folder in ELSEWHERE:
+        return [Path(import_module(ELSEWHERE[folder]).__file__)]
+    return PACKAGE.glob(f"{folder}*/*.py" if folder == "campaign" else f"{folder}.py")
+
+
 EVERY = [(folder, name) for folder in FOLDERS for name in entries(folder)]
 
 
@@ -18,7 +27,7 @@ EVERY = [(folder, name) for folder in FOLDERS for name in entries(folder)]
 def test_every_function_that_draws_is_a_picture(folder):
     drawn = {
         name
-        for path in PACKAGE.glob(f"{folder}*/*.py" if folder == "campaign" else f"{folder}.py")
+        for path in files_of(folder)
         for name in re.findall(
             r"^def (?:draw|tabulate|film)_(\w+)\((?!axes)",
             path.read_text(),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pa10cal.frame.base_motion import base_motion
-from pa10cal.frame.knocked_targets import rigid_modes
+from pa10cal.frame.rigid_fit import by_small_motion
 
 U_M = 5e-6
 
@@ -215,7 +215,7 @@ def test_covariance_never_exceeds_what_leaving_the_motion_out_costs(case):
     # What single configurations show, by the places that the targets have in the mean.
     whole = np.isfinite(p).all(axis=(1, 2))
     places = np.nanmean(p, axis=0)
-    modes = rigid_modes(places - places.mean(axis=0)).reshape(-1, 6)[:, :d]
+    modes = by_small_motion(places - places.mean(axis=0)).reshape(-1, 6)[:, :d]
     off = (p[whole] - places).reshape(int(whole.sum()), -1)
     shown = off @ np.linalg.pinv(modes).T
     spread = np.cov(shown.T)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain, end_pose
+from pa10cal.arrays import homogeneous
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.hand_eye import hand_eye_from_points, hand_eye_from_poses, target_on_base
@@ -18,10 +19,9 @@ counts = st.integers(6, 30)
 
 
 def frame(rng, size_m):
-    T = np.eye(4)
-    T[:3, :3] = Rotation.random(random_state=rng).as_matrix()
-    T[:3, 3] = rng.uniform(-size_m, size_m, 3)
-    return T
+    return homogeneous(
+        Rotation.random(random_state=rng).as_matrix(), rng.uniform(-size_m, size_m, 3)
+    )
 
 
 def poses(rng, count, robot="ur10"):

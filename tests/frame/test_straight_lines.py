@@ -8,10 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import homogeneous
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.straight_lines import axes_from_lines, fit_line, seed_from_lines
 from pa10cal.options import BaseFrameOptions
 
+MEASURED = {"campaign": "a", "provenance": "made up", "origin_from": "both moves"}
 LIMITS = BaseFrameOptions(min_length_mm=50.0, max_bend_mm=5.0, min_angle_deg=60.0)
 TRAVEL_M = np.linspace(0.0, 0.2, 11)
 
@@ -19,9 +21,7 @@ TRAVEL_M = np.linspace(0.0, 0.2, 11)
 def cell(seed: int, noise_m: float = 0.0):
     """Return (T_instr_base, measured x, base x, measured y, base y) of a made-up cell."""
     rng = np.random.default_rng(seed)
-    T = np.eye(4)
-    T[:3, :3] = Rotation.random(random_state=rng).as_matrix()
-    T[:3, 3] = rng.uniform(-1, 1, 3)
+    T = homogeneous(Rotation.random(random_state=rng).as_matrix(), rng.uniform(-1, 1, 3))
     base_x = np.array([0.5, 0.1, 0.4]) + np.outer(TRAVEL_M, [1, 0, 0])
     base_y = np.array([0.5, 0.1, 0.4]) + np.outer(TRAVEL_M, [0, 1, 0])
     measured = [
@@ -33,7 +33,7 @@ def cell(seed: int, noise_m: float = 0.0):
 
 def seed_of(x, base_x, y, base_y, limits=LIMITS):
     both = (np.vstack([x, y]), np.vstack([base_x, base_y]))
-    return seed_from_lines((x, base_x), (y, base_y), both, limits)
+    return seed_from_lines((x, base_x), (y, base_y), both, limits, **MEASURED)
 
 
 @settings(deadline=None, max_examples=40)
@@ -42,9 +42,9 @@ def test_exact_moves_give_the_base_frame_exactly(seed):
     T, *moves = cell(seed)
     found = seed_of(*moves)
     assert found.T_instr_base == pytest.approx(T, abs=1e-12)
-    assert found.angle_rad == pytest.approx(np.pi / 2)
+    assert found.angle_between_lines_deg == pytest.approx(90.0)
     assert found.line_x.length_mm == pytest.approx(200.0)
-    assert found.origin_scatter_m == pytest.approx(0.0, abs=1e-12)
+    assert found.origin_scatter_mm == pytest.approx(0.0, abs=1e-9)
 
 
 @settings(deadline=None, max_examples=40)
@@ -78,9 +78,9 @@ def test_origin_is_the_mean_offset_of_the_given_poses():
     T, x, base_x, y, base_y = cell(5)
     shifted = np.array([0.003, 0.0, 0.0])
     measured = x[:2] + np.outer([0, 1], shifted)
-    found = seed_from_lines((x, base_x), (y, base_y), (measured, base_x[:2]), LIMITS)
+    found = seed_from_lines((x, base_x), (y, base_y), (measured, base_x[:2]), LIMITS, **MEASURED)
     assert found.T_instr_base[:3, 3] == pytest.approx(T[:3, 3] + shifted / 2)
-    assert found.origin_scatter_m == pytest.approx(0.0015)
+    assert found.origin_scatter_mm == pytest.approx(1.5)
     assert found.origin_poses == 2
 
 

@@ -60,7 +60,7 @@ rule draw_curve:
     wildcard_constraints:
         shape="|".join(CURVES),
     params:
-        code=code_of("commands.figures", "figures.registry"),
+        code=code_of("commands.figures", "figures.registry", "curve.pictures"),
         folder=lambda wildcards, input: os.path.dirname(input[0]),
         settings=sections_of("figures"),
     shell:
@@ -94,7 +94,7 @@ rule draw_chain:
     log:
         curve_result("logs/pictures.log"),
     params:
-        code=code_of("commands.figures", "figures.registry"),
+        code=code_of("commands.figures", "figures.registry", "curve.study_pictures"),
         folder=lambda wildcards, input: os.path.dirname(input.record),
         settings=sections_of("figures"),
     shell:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import ArmError
 
 # Orientations as roll, pitch and yaw about fixed axes x, y and z, as URDF and arm files hold them.
@@ -40,10 +40,7 @@ def roll_pitch_yaw(R: Array) -> Array:
 
 def placed(p: Array, rpy: Array) -> Array:
     """Return the pose (4, 4) of a frame at p (3,) with roll, pitch and yaw (3,) [rad]."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
-    T[:3, 3] = p
-    return T
+    return homogeneous(Rotation.from_euler("xyz", rpy).as_matrix(), p)
 
 
 Axis = Literal[0, 1, 2]
@@ -65,12 +62,10 @@ class Motion:
 
     def moved(self, value: float) -> Array:
         """Return the frame (4, 4) so far along or about its axis [m, rad]."""
-        T = np.eye(4)
         if self.turns:
-            T[:3, :3] = Rotation.from_euler("xyz"[self.axis], value).as_matrix()
-        else:
-            T[self.axis, 3] = value
-        return T
+            R = Rotation.from_euler("xyz"[self.axis], value).as_matrix()
+            return homogeneous(R, np.zeros(3))
+        return homogeneous(np.eye(3), value * np.eye(3)[self.axis])
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from itertools import accumulate
 from typing import Literal, get_args
 from xml.etree import ElementTree
 
@@ -22,7 +23,7 @@ from pa10cal.arm.urdf_reading import (
     parse_urdf,
     read_tree,
 )
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import ArmError
 
 
@@ -159,14 +160,30 @@ def patched_urdf(
     file = parse_urdf(source.text, comments=True)
     for element in file.robot.findall("joint"):
         if element.get("name") in origins:
-            _set_origin(element, origins[str(element.get("name"))])
-    # The flange, where the tip is not its link, and further links fixed to it.
+            origin = element.find("origin")
+            if origin is None:
+                origin = ElementTree.Element("origin")
+                origin.tail = element.text
+                element.insert(0, origin)
+            origin.attrib.update(origin_of(origins[str(element.get("name"))]))
     taken = {link.name for link in tree.links} | {joint.name for joint in tree.joints}
+
+    def add_fixed(parent: str, name: str, T: Array) -> str:
+        """Add a link and the fixed joint that carries it; return the link's name."""
+        link, joint = (
+            word if word not in taken else f"{word}_pa10cal" for word in (name, f"to_{name}")
+        )
+        taken.update((link, joint))
+        _joint(file.robot, joint, "fixed", parent, link, T).tail = "\n"
+        file.robot[-2].tail = "\n  "
+        return link
+
+    # The flange, where the tip is not its link, and further links fixed to it.
     T_tip_flange, flange = np.linalg.inv(T) @ T_base_flange, source.tip
     if flange != FLANGE or np.abs(T_tip_flange - np.eye(4)).max() > 0.0:
-        flange = _add_fixed(file.robot, taken, source.tip, FLANGE, T_tip_flange)
+        flange = add_fixed(source.tip, FLANGE, T_tip_flange)
     for name, T_flange_link in frames.items():
-        _add_fixed(file.robot, taken, flange, name, T_flange_link)
+        add_fixed(flange, name, T_flange_link)
     return file.text(*comments)
 
 
@@ -198,28 +215,6 @@ def _refuse_another_arm(
         )
 
 
-def _set_origin(joint: ElementTree.Element, T: Array) -> None:
-    origin = joint.find("origin")
-    if origin is None:
-        origin = ElementTree.Element("origin")
-        origin.tail = joint.text
-        joint.insert(0, origin)
-    origin.attrib.update(origin_of(T))
-
-
-def _add_fixed(
-    robot: ElementTree.Element, taken: set[str], parent: str, name: str, T: Array
-) -> str:
-    """Add a link and the fixed joint that carries it; return the link's name."""
-    link, joint = (
-        each if each not in taken else f"{each}_pa10cal" for each in (name, f"to_{name}")
-    )
-    taken.update((link, joint))
-    _joint(robot, joint, "fixed", parent, link, T).tail = "\n"
-    robot[-2].tail = "\n  "
-    return link
-
-
 # Kinematics of an arm of Universal Robots in the form that their driver for ROS 2 reads.
 #
 # The driver takes the origin of each of six joints, all of which turn about z, in the frame that
@@ -247,8 +242,7 @@ def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | Non
     along_m = float((np.linalg.inv(moved[-1]) @ T_base_flange)[2, 3])
     moved[-1, :3, 3] += along_m * moved[-1, :3, 2]
     # The driver counts from the frame that the first joint stands on, turned with its own base.
-    T_base_first = np.eye(4)
-    T_base_first[:3, :3] = T_base_frames[0, :3, :3]
+    T_base_first = homogeneous(T_base_frames[0, :3, :3], np.zeros(3))
     before = np.concatenate([T_base_first[None], moved[:-1]])
     lines = [f"# {line}".rstrip() for line in comments] + ["kinematics:"]
     for name, T in zip(LINKS, np.linalg.inv(before) @ moved, strict=True):
@@ -289,19 +283,16 @@ def _frames_as_designed(chain: Chain) -> Array | None:
         d5, d6 = d1 - T_flange[2, 3], 0.0
         if np.linalg.norm(np.cross(axes[4], axes[5])) > 0.5:
             d6 = float((T_flange[:3, 3] - points[4]) @ axes[5])
-        origins = (
-            placed(np.array([0.0, 0.0, d1]), np.zeros(3)),
-            placed(np.zeros(3), np.array([_QUARTER, 0.0, 0.0])),
-            placed(np.array([a2, 0.0, 0.0]), np.zeros(3)),
-            placed(np.array([a3, 0.0, d14 - d6]), np.zeros(3)),
-            placed(np.array([0.0, -d5, 0.0]), np.array([_QUARTER, 0.0, 0.0])),
-            placed(np.array([0.0, d6, 0.0]), np.array([-_QUARTER, 0.0, 0.0])),
-        )
-        found, T = [], base
-        for origin in origins:
-            T = T @ origin
-            found.append(T)
-        every = np.array(found)
+        steps = [  # place and roll of each frame in the one before
+            ((0.0, 0.0, d1), 0.0),
+            ((0.0, 0.0, 0.0), _QUARTER),
+            ((a2, 0.0, 0.0), 0.0),
+            ((a3, 0.0, d14 - d6), 0.0),
+            ((0.0, -d5, 0.0), _QUARTER),
+            ((0.0, d6, 0.0), -_QUARTER),
+        ]
+        origins = [placed(np.array(at), np.array([roll, 0.0, 0.0])) for at, roll in steps]
+        every = np.array([*accumulate([base, *origins], np.matmul)][1:])
         along = every[:, :3, 2] - carried[:, :3, 2]
         beside = np.cross(every[:, :3, 3] - carried[:, :3, 3], carried[:, :3, 2])
         if max(np.abs(off).max() for off in (along, beside, every[-1] - T_base_flange)) < _SAME:
@@ -314,11 +305,30 @@ def _frames_as_designed(chain: Chain) -> Array | None:
 #: A, B, C of KUKA turn about z, the new y, the new x; roll, pitch, yaw about fixed x, y, z (W, P, R
 #: of Fanuc); a rotation vector is that of Universal Robots.
 Angles = Literal["ABC", "quaternion", "rpy", "rotation_vector"]
-_ORIENTATION = {
-    "ABC": ("A_deg", "B_deg", "C_deg"),
-    "quaternion": ("qw", "qx", "qy", "qz"),
-    "rpy": ("roll_deg", "pitch_deg", "yaw_deg"),
-    "rotation_vector": ("rx_rad", "ry_rad", "rz_rad"),
+#: Columns of an orientation, and it as numbers (..., 3 or 4) and back, by how it is written.
+_ORIENTATION: dict[
+    str, tuple[tuple[str, ...], Callable[[Rotation], Array], Callable[[Array], Rotation]]
+] = {
+    "ABC": (
+        ("A_deg", "B_deg", "C_deg"),
+        lambda R: R.as_euler("ZYX", degrees=True),
+        lambda turn: Rotation.from_euler("ZYX", turn, degrees=True),
+    ),
+    "quaternion": (
+        ("qw", "qx", "qy", "qz"),
+        lambda R: R.as_quat(canonical=True, scalar_first=True),
+        lambda turn: Rotation.from_quat(turn, scalar_first=True),
+    ),
+    "rpy": (
+        ("roll_deg", "pitch_deg", "yaw_deg"),
+        lambda R: R.as_euler("ZYX", degrees=True)[:, ::-1],
+        lambda turn: Rotation.from_euler("ZYX", turn[::-1], degrees=True),
+    ),
+    "rotation_vector": (
+        ("rx_rad", "ry_rad", "rz_rad"),
+        lambda R: R.as_rotvec(),
+        lambda turn: Rotation.from_rotvec(turn),
+    ),
 }
 #: Quaternions are written with a few digits; further from length one they are something else.
 _UNIT_LENGTH = 1e-2
@@ -338,19 +348,13 @@ def controller_columns(T: Array, angles: Angles) -> dict[str, Array]:
     Raises:
         ArmError: when there are no such angles.
     """
-    names = ("x_mm", "y_mm", "z_mm", *_orientation_columns(angles))
-    R = Rotation.from_matrix(T[:, :3, :3])
-    if angles == "quaternion":
-        turned = R.as_quat(canonical=True, scalar_first=True)
-    elif angles == "rotation_vector":
-        turned = R.as_rotvec()
-    else:
-        with warnings.catch_warnings():
-            # At B = ±90 degrees A and C are not unique; one pair is as good as another.
-            warnings.simplefilter("ignore")
-            turned = R.as_euler("ZYX", degrees=True)
-        turned = turned if angles == "ABC" else turned[:, ::-1]
-    return dict(zip(names, np.column_stack([1e3 * T[:, :3, 3], turned]).T, strict=True))
+    columns, written, _ = _orientation(angles)
+    with warnings.catch_warnings():
+        # At B = ±90 degrees A and C are not unique; one pair is as good as another.
+        warnings.simplefilter("ignore")
+        turned = written(Rotation.from_matrix(T[:, :3, :3]))
+    values = np.column_stack([1e3 * T[:, :3, 3], turned])
+    return dict(zip(("x_mm", "y_mm", "z_mm", *columns), values.T, strict=True))
 
 
 def controller_pose(values: Sequence[float], angles: Angles) -> Array:
@@ -359,12 +363,12 @@ def controller_pose(values: Sequence[float], angles: Angles) -> Array:
     Raises:
         ArmError: when there are no such angles, or not as many numbers as they need.
     """
-    names = ("x_mm", "y_mm", "z_mm", *_orientation_columns(angles))
+    columns, _, read = _orientation(angles)
+    names = ("x_mm", "y_mm", "z_mm", *columns)
     found = np.asarray(values, dtype=float)
-    turn = found[3:]
     wrong = found.shape != (len(names),) or not np.isfinite(found).all()
     if not wrong and angles == "quaternion":
-        wrong = abs(float(np.linalg.norm(turn)) - 1.0) > _UNIT_LENGTH
+        wrong = abs(float(np.linalg.norm(found[3:])) - 1.0) > _UNIT_LENGTH
     if wrong:
         raise ArmError(
             "not the pose of a tool in the flange",
@@ -373,19 +377,12 @@ def controller_pose(values: Sequence[float], angles: Angles) -> Array:
             allowed=" ".join(names),
             remedy=f"give {len(names)} numbers as the controller shows its TCP",
         )
-    T = np.eye(4)
-    T[:3, 3] = 1e-3 * found[:3]
-    if angles == "quaternion":
-        R = Rotation.from_quat(turn, scalar_first=True)
-    elif angles == "rotation_vector":
-        R = Rotation.from_rotvec(turn)
-    else:
-        R = Rotation.from_euler("ZYX", turn if angles == "ABC" else turn[::-1], degrees=True)
-    T[:3, :3] = R.as_matrix()
-    return T
+    return homogeneous(read(found[3:]).as_matrix(), 1e-3 * found[:3])
 
 
-def _orientation_columns(angles: Angles) -> tuple[str, ...]:
+def _orientation(
+    angles: str,
+) -> tuple[tuple[str, ...], Callable[[Rotation], Array], Callable[[Array], Rotation]]:
     if angles not in _ORIENTATION:
         raise ArmError(
             "no angles of a controller that are known",

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -15,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD, Arm, with_hayati_rows
-from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, UrdfTree, read_tree, words
-from pa10cal.arrays import Array
+from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, UrdfTree, read_tree
+from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import ArmError
 
 #: Random joint positions of the check, and how far forward kinematics may differ there.
@@ -60,7 +59,7 @@ def arm_from_urdf_text(
     tree = read_tree(text, where)
     base, tip, path = tree.path(base, tip)
     joints = [joint for joint in path if joint.kind in MOVING]
-    posed = _Posed(tree, [joint.name for joint in joints], base, tip)
+    posed = _Posed(tree, joints, base, tip)
     T_base_joints, axes = posed.at_zero(joints)
     rows = rows_through(T_base_joints[:, :3, 3], axes, posed.T_base_ee(np.zeros(len(joints))))
     limits, notes = _limits(joints, where)
@@ -86,7 +85,14 @@ def arm_from_urdf_text(
         T_row_n_ee=rows.T_row_n_ee,
     )
     arm = with_hayati_rows(arm)
-    off_m, off_rad = _differences(arm, posed)
+    low, high = arm.limits_rad.T
+    q = np.random.default_rng(_SEED).uniform(low, high, (_CHECKS, arm.n))
+    found = Chain.of(arm).forward(q)
+    expected = np.array([posed.T_base_ee(positions) for positions in q])
+    off_m = float(np.linalg.norm(found[:, :3, 3] - expected[:, :3, 3], axis=1).max())
+    # Twice the sine of half the angle between two orientations, over the square root of two.
+    apart = np.linalg.norm(found[:, :3, :3] - expected[:, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
+    off_rad = float(2.0 * np.arcsin(np.clip(apart / 2.0, 0.0, 1.0)).max())
     if max(off_m, off_rad) > _TOLERANCE:
         raise ArmError(
             "the rows do not reproduce forward kinematics of the URDF",
@@ -95,44 +101,50 @@ def arm_from_urdf_text(
             allowed=f"{_TOLERANCE:g} m and rad",
             remedy="report it with the file; describe the arm by hand meanwhile",
         )
-    notes += _left_out(tree, path, arm)
+    notes += _omitted(tree, path, arm)
     return ImportedArm(
         arm, base, tip, tuple(joint.name for joint in joints), off_m, off_rad, tuple(notes)
     )
 
 
 class _Posed:
-    """The serial path as pinocchio has it, all other joints held at zero."""
+    """The serial path in pinocchio, all other joints held at zero."""
 
-    def __init__(self, tree: UrdfTree, joints: list[str], base: str, tip: str) -> None:
-        whole = pin.buildModelFromXML(_kinematics_text(tree))
-        kept = {_joint_name(name) for name in joints}
-        held = [whole.getJointId(name) for name in whole.names[1:] if name not in kept]
-        self._model = pin.buildReducedModel(whole, held, pin.neutral(whole))
+    def __init__(self, tree: UrdfTree, moving: list[UrdfJoint], base: str, tip: str) -> None:
+        self._model = pin.Model()
+        # Which joint of pinocchio carries each link, and where the link is on it.
+        at = {tree.root: (0, pin.SE3.Identity())}
+        for joint in sorted(tree.joints, key=lambda joint: len(tree.above(joint.child))):
+            carrier, T = at[joint.parent]
+            T = T * pin.SE3(pin.rpy.rpyToMatrix(np.array(joint.rpy)), np.array(joint.xyz))
+            if joint in moving:
+                slides = joint.kind == "prismatic"
+                kind = (
+                    pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
+                )
+                carrier = self._model.addJoint(carrier, kind(_direction(joint)), T, joint.name)
+                T = pin.SE3.Identity()
+            at[joint.child] = carrier, T
+        for link in tree.links:
+            body = pin.Inertia(link.mass_kg, np.array(link.com_m), np.eye(3))
+            self._model.appendBodyToJoint(at[link.name][0], body, at[link.name][1])
         self._data = self._model.createData()
-        self._base, self._tip = self._model.getFrameId(base), self._model.getFrameId(tip)
-        self._turns = [self._model.joints[k + 1].nq == 2 for k in range(len(joints))]
+        self._base, self._tip = at[base], at[tip]
 
     def T_base_ee(self, q: Array) -> Array:
         """Return the end-effector in the base (4, 4) at joint positions (n,)."""
-        # Cosine and sine where a joint turns without limit.
-        each = zip(q, self._turns, strict=True)
-        parts = [[np.cos(angle), np.sin(angle)] if turns else [angle] for angle, turns in each]
-        pin.framesForwardKinematics(self._model, self._data, np.concatenate(parts))
-        T_base_ee: Array = self._data.oMf[self._base].actInv(self._data.oMf[self._tip]).homogeneous
+        pin.forwardKinematics(self._model, self._data, q)
+        base, tip = (self._data.oMi[joint] * T for joint, T in (self._base, self._tip))
+        T_base_ee: Array = base.actInv(tip).homogeneous
         return T_base_ee
 
     def at_zero(self, joints: list[UrdfJoint]) -> tuple[Array, Array]:
         """Return the frames of all joints (n, 4, 4) and their axes (n, 3), in the base, at zero."""
         self.T_base_ee(np.zeros(len(joints)))
-        T_base_world = self._data.oMf[self._base].inverse()
-        T_base_joints = np.array(
-            [(T_base_world * T_world_joint).homogeneous for T_world_joint in self._data.oMi[1:]]
-        )
-        own = np.array([joint.axis for joint in joints])
-        own /= np.linalg.norm(own, axis=1, keepdims=True)
-        axes: Array = np.einsum("kij,kj->ki", T_base_joints[:, :3, :3], own)
-        return T_base_joints, axes
+        T_base_world = (self._data.oMi[self._base[0]] * self._base[1]).inverse()
+        T_base_joints = np.array([(T_base_world * T).homogeneous for T in self._data.oMi[1:]])
+        along = np.array([_direction(joint) for joint in joints])
+        return T_base_joints, np.einsum("kij,kj->ki", T_base_joints[:, :3, :3], along)
 
     def masses(self, T_base_joints: Array, rows: Rows) -> tuple[Array | None, Array | None]:
         """Return masses (n,) and centres of mass (n, 3) in the rows; None where none has a mass."""
@@ -146,40 +158,9 @@ class _Posed:
         return mass_kg, np.where(mass_kg[:, None] > 0.0, neat(com_m), 0.0)
 
 
-def _kinematics_text(tree: UrdfTree) -> str:
-    """Return a URDF of placements, axes and masses alone, with nothing for a reader to stumble on.
-
-    Shapes are omitted, and the limits that URDF requires of some joints are placeholders.
-    """
-    robot = ElementTree.Element("robot", name="robot")
-    for link in tree.links:
-        element = ElementTree.SubElement(robot, "link", name=link.name)
-        if link.mass_kg:
-            inertial = ElementTree.SubElement(element, "inertial")
-            ElementTree.SubElement(inertial, "origin", xyz=words(link.com_m))
-            ElementTree.SubElement(inertial, "mass", value=repr(link.mass_kg))
-            moments = {
-                f"i{k}{j}": str(int(k == j)) for k, j in ("xx", "xy", "xz", "yy", "yz", "zz")
-            }
-            ElementTree.SubElement(inertial, "inertia", moments)
-    for joint in tree.joints:
-        name = _joint_name(joint.name)
-        element = ElementTree.SubElement(robot, "joint", name=name, type=joint.kind)
-        ElementTree.SubElement(element, "origin", xyz=words(joint.xyz), rpy=words(joint.rpy))
-        ElementTree.SubElement(element, "parent", link=joint.parent)
-        ElementTree.SubElement(element, "child", link=joint.child)
-        ElementTree.SubElement(element, "axis", xyz=words(joint.axis))
-        form = dict.fromkeys(("effort", "velocity", "upper"), "1") | {"lower": "-1"}
-        ElementTree.SubElement(element, "limit", form)
-    return ElementTree.tostring(robot, encoding="unicode")
-
-
-def _joint_name(name: str) -> str:
-    """Return a joint's name apart from those of links, of which one may be the same.
-
-    Pinocchio looks for both among its frames.
-    """
-    return f"joint {name}"
+def _direction(joint: UrdfJoint) -> Array:
+    """Return the unit vector along which or about which a joint moves, in its own frame."""
+    return np.asarray(np.array(joint.axis) / np.linalg.norm(joint.axis))
 
 
 def _limits(joints: list[UrdfJoint], where: str) -> tuple[Array, list[str]]:
@@ -201,19 +182,7 @@ def _limits(joints: list[UrdfJoint], where: str) -> tuple[Array, list[str]]:
     return limits, notes
 
 
-def _differences(arm: Arm, posed: _Posed) -> tuple[float, float]:
-    """Return the largest distance [m] and angle [rad] from pinocchio's, over random positions."""
-    low, high = arm.limits_rad.T
-    q = np.random.default_rng(_SEED).uniform(low, high, (_CHECKS, arm.n))
-    found = Chain.of(arm).forward(q)
-    expected = np.array([posed.T_base_ee(positions) for positions in q])
-    off_m = np.linalg.norm(found[:, :3, 3] - expected[:, :3, 3], axis=1).max()
-    # Twice the sine of half the angle between two orientations, over the square root of two.
-    apart = np.linalg.norm(found[:, :3, :3] - expected[:, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
-    return float(off_m), float(2.0 * np.arcsin(np.clip(apart / 2.0, 0.0, 1.0)).max())
-
-
-def _left_out(tree: UrdfTree, path: tuple[UrdfJoint, ...], arm: Arm) -> list[str]:
+def _omitted(tree: UrdfTree, path: tuple[UrdfJoint, ...], arm: Arm) -> list[str]:
     """Return what was not taken over, or is not there to take over."""
     notes = []
     held = [joint.name for joint in tree.joints if joint.kind != "fixed" and joint not in path]
@@ -290,29 +259,22 @@ def _first_frame(p_m: Array, axis: Array) -> Array:
     along = np.eye(3)[0 if abs(axis[0]) < 0.9 else 1]
     x = along - axis * (axis @ along)
     x /= np.linalg.norm(x)
-    T = np.eye(4)
-    T[:3] = np.column_stack([x, np.cross(axis, x), axis, origin])
-    return T
+    return homogeneous(np.column_stack([x, np.cross(axis, x), axis]), origin)
 
 
-def _row_to(p_m: Array, axis: Array) -> tuple[float, float, float, float, float]:
-    """Return theta, d, a, alpha, beta from the z axis to an axis through a point."""
+def _row_to(p_m: Array, axis: Array) -> Array:
+    """Return theta, d, a, alpha, beta (5,) from the z axis to an axis through a point."""
     across = float(np.hypot(axis[0], axis[1]))
     if np.arctan2(across, abs(axis[2])) < NEARLY_PARALLEL_RAD:
         meets = p_m - axis * (p_m[2] / axis[2])
         theta, a, _ = _within_a_quarter(meets[0], meets[1])
-        d = 0.0
         cos, sin = np.cos(theta), np.sin(theta)
-        turned = np.array([cos * axis[0] + sin * axis[1], cos * axis[1] - sin * axis[0], axis[2]])
-        alpha = float(np.arctan2(-turned[1], turned[2]))
-        beta = float(np.arctan2(turned[0], np.hypot(turned[1], turned[2])))
-    else:
-        theta, _, sign = _within_a_quarter(-axis[1], axis[0])
-        a = float(p_m[0] * np.cos(theta) + p_m[1] * np.sin(theta))
-        d = float(p_m[2] - axis[2] * (p_m[:2] @ axis[:2]) / across**2)
-        alpha = float(np.arctan2(sign * across, axis[2]))
-        beta = 0.0
-    return _neat_row(theta, d, 0.0 if abs(a) < _MEETING_M else a, alpha, beta)
+        x, y, z = cos * axis[0] + sin * axis[1], cos * axis[1] - sin * axis[0], axis[2]
+        return _neat_row(theta, 0.0, a, np.arctan2(-y, z), np.arctan2(x, np.hypot(y, z)))
+    theta, _, sign = _within_a_quarter(-axis[1], axis[0])
+    a = p_m[0] * np.cos(theta) + p_m[1] * np.sin(theta)
+    d = p_m[2] - axis[2] * (p_m[:2] @ axis[:2]) / across**2
+    return _neat_row(theta, d, a, np.arctan2(sign * across, axis[2]), 0.0)
 
 
 def _within_a_quarter(x: float, y: float) -> tuple[float, float, float]:
@@ -326,12 +288,10 @@ def _within_a_quarter(x: float, y: float) -> tuple[float, float, float]:
     return theta - float(np.copysign(np.pi, theta)), -length, -1.0
 
 
-def _neat_row(
-    theta: float, d: float, a: float, alpha: float, beta: float
-) -> tuple[float, float, float, float, float]:
+def _neat_row(theta: float, d: float, a: float, alpha: float, beta: float) -> Array:
     theta, alpha, beta = np.radians(neat(np.degrees([theta, alpha, beta])))
-    d, a = neat(np.array([d, a]))
-    return float(theta), float(d), float(a), float(alpha), float(beta)
+    d, a = neat(np.array([d, 0.0 if abs(a) < _MEETING_M else a]))
+    return np.array([theta, d, a, alpha, beta])
 
 
 def neat(values: Array) -> Array:
@@ -345,7 +305,5 @@ def neat(values: Array) -> Array:
 
 def _motion(theta: float, d: float, a: float, alpha: float, beta: float) -> Array:
     """Return Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_euler("ZXY", [theta, alpha, beta]).as_matrix()
-    T[:3, 3] = a * np.cos(theta), a * np.sin(theta), d
-    return T
+    R = Rotation.from_euler("ZXY", [theta, alpha, beta]).as_matrix()
+    return homogeneous(R, np.array([a * np.cos(theta), a * np.sin(theta), d]))

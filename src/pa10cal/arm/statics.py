@@ -7,20 +7,17 @@ and first moment of every link, so their derivative by these comes along.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import Chain, Frames, frames
+from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import Arm, WeightsKnown
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Rows, taken
 from pa10cal.errors import ArmError
 
 # The state of the arm in each measured pose: all that a model may depend on.
-
-Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 
 
 @dataclass(frozen=True)
@@ -95,17 +92,7 @@ class PoseStates:
 
     def take(self, rows: Rows) -> PoseStates:
         """Return the states of some poses."""
-        return PoseStates(*(_rows(getattr(self, field.name), rows) for field in fields(self)))
-
-
-def _rows(
-    value: Array | NDArray[np.intp] | NDArray[np.bool_] | StaticLoads | ObservedTargets | None,
-    rows: Rows,
-) -> Any:
-    """Return some rows of an array, or of every array of a group of them."""
-    if isinstance(value, StaticLoads | ObservedTargets):
-        return type(value)(*(getattr(value, field.name)[rows] for field in fields(value)))
-    return None if value is None else value[rows]
+        return taken(self, rows)
 
 
 @dataclass(frozen=True)
@@ -161,12 +148,13 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
             remedy="complete the arm description",
         )
     first_moments_kg_m = mass_kg[:, None] * com_m
-    g = float(np.linalg.norm(payload.gravity_m_s2))
+    gravity = payload.gravity_m_s2
+    g = float(np.linalg.norm(gravity))
     if g == 0.0:
         raise ArmError(
             "gravity has no direction",
             where="gravity_m_s2",
-            value=payload.gravity_m_s2.tolist(),
+            value=gravity.tolist(),
             allowed="three components, not all zero",
             remedy="give gravity along the axes of the robot base",
         )
@@ -175,19 +163,34 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
         found.T_base_ee[:, :3, :3] @ place + found.T_base_ee[:, :3, 3]
         for place in (payload.com_m, payload.load_point_m)
     )
-    lever = _Levers(chain, found, payload.gravity_m_s2)
-    by_mass = lever.by_mass_of_links()
-    by_load = lever.by_mass_at(p_base_load) / g
-    by_apparatus = lever.by_mass_at(p_base_apparatus)
+    # What a kilogram at p costs a joint is pull · p + own: with origin o and axis z it holds
+    # (z × g) · (p - o) where it turns, and -z · g where it slides.
+    joints = np.swapaxes(found.T_base_joints, 0, 1)
+    axes, origins = joints[..., :3, 2], joints[..., :3, 3]
+    turns = ~chain.arm.prismatic
+    pull = np.where(turns[:, None], np.cross(axes, gravity), 0.0)
+    own = np.where(turns, -np.einsum("pjc,pjc->pj", pull, origins), -(axes @ gravity))
+    by_load, by_apparatus = (
+        (pull @ p_base[:, :, None])[..., 0] + own for p_base in (p_base_load, p_base_apparatus)
+    )
+    by_load /= g
+    # By mass and first moment of links: columns of a row's pose as these unknowns come are its
+    # origin, then its axes. A joint holds its own link and those after it.
+    n, count = found.T_base_rows.shape[:2]
+    columns = found.T_base_rows[..., :3, [3, 0, 1, 2]].transpose(1, 2, 0, 3)
+    by_link = (pull @ columns.reshape(count, 3, 4 * n)).reshape(count, n, n, 4)
+    by_link[..., 0] += own[:, :, None]
+    by_link *= np.tri(n).T[..., None]
+    by_mass = by_link.reshape(count, n, 4 * n)
     torque_Nm = (
         by_mass @ np.column_stack([mass_kg, first_moments_kg_m]).ravel()
         + payload.mass_kg * by_apparatus
         + load_N[:, None] * by_load
     )
 
-    # Mass and first moment about the base's origin, each of one link and of what sits on it.
+    # Mass and first moment about the base's origin, each of one link and all that sits beyond.
     hung_kg = load_N / g
-    masses_kg = np.tile(mass_kg[:, None], (1, len(coordinates)))
+    masses_kg = np.tile(mass_kg[:, None], (1, count))
     masses_kg[-1] += payload.mass_kg + hung_kg
     moments_kg_m = (
         mass_kg[:, None, None] * found.T_base_rows[..., :3, 3]
@@ -196,74 +199,28 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     moments_kg_m[-1] += payload.mass_kg * p_base_apparatus + hung_kg[:, None] * p_base_load
     masses_kg = masses_kg[::-1].cumsum(axis=0)[::-1]
     moments_kg_m = moments_kg_m[::-1].cumsum(axis=0)[::-1]
-    link_Nm, base_Nm = _moments(found, masses_kg, moments_kg_m, payload.gravity_m_s2)
-    down_ee = (payload.gravity_m_s2 / g) @ found.T_base_ee[:, :3, :3]
-    # Gravity changes with two small turns about axes across it, masses sit at their centres.
-    across = np.linalg.svd(payload.gravity_m_s2[None])[2][1:]
-    by_level = lever.by_gravity(masses_kg, moments_kg_m) @ (g * across.T)
-    at_centres = by_mass.reshape(*by_mass.shape[:2], -1, 4).copy()
-    at_centres[..., 0] += np.sum(at_centres[..., 1:] * com_m, axis=-1)
-    by_weights = np.concatenate(
-        [at_centres.reshape(by_mass.shape), by_apparatus[..., None], by_level], axis=2
-    )
-    loads = StaticLoads(link_Nm, base_Nm, torque_Nm, down_ee, by_weights, by_load)
-    return Statics(torque_Nm, by_mass, by_load, loads)
-
-
-def _moments(
-    found: Frames, masses_kg: Array, moments_kg_m: Array, gravity_m_s2: Array
-) -> tuple[Array, Array]:
-    """Return the moments in links (P, n, 3) and base (P, 3).
-
-    From masses (n, P) and first moments (n, P, 3) of each link and all that sits beyond.
-    """
     ends = found.T_base_joints[1:]
     about_ends = moments_kg_m[1:] - masses_kg[1:, :, None] * ends[..., :3, 3]
-    along_base_Nm = np.cross(about_ends, gravity_m_s2)
-    link_Nm = np.zeros((*found.T_base_rows.shape[1::-1], 3))
-    link_Nm[:, :-1] = np.einsum("jpba,jpb->pja", ends[..., :3, :3], along_base_Nm)
-    base_Nm = np.cross(moments_kg_m[0], gravity_m_s2)
-    return link_Nm, base_Nm
-
-
-class _Levers:
-    """How weights act on joints: what a kilogram at p costs a joint is pull · p + own.
-
-    A joint with origin o that turns about z holds (z × g) · (p - o); one that slides, -z · g.
-    """
-
-    def __init__(self, chain: Chain, found: Frames, gravity_m_s2: Array) -> None:
-        joints = np.swapaxes(found.T_base_joints, 0, 1)
-        axes, origins = joints[..., :3, 2], joints[..., :3, 3]
-        turns = ~chain.arm.prismatic
-        self._T_base_rows = found.T_base_rows
-        self._turns, self._axes, self._origins = turns, axes, origins
-        self._pull = np.where(turns[:, None], np.cross(axes, gravity_m_s2), 0.0)
-        about_origins = -np.einsum("pjc,pjc->pj", self._pull, origins)
-        self._own = np.where(turns, about_origins, -(axes @ gravity_m_s2))
-
-    def by_mass_at(self, p_base: Array) -> Array:
-        """Return the torques (P, n) a kilogram at (P, 3), beyond the last joint."""
-        torque: Array = (self._pull @ p_base[:, :, None])[..., 0] + self._own
-        return torque
-
-    def by_gravity(self, masses_kg: Array, moments_kg_m: Array) -> Array:
-        """Return the torques by gravity (P, n, 3), from what joints hold, (n, P) and (n, P, 3)."""
-        held_kg, moments = masses_kg.T[:, :, None], np.swapaxes(moments_kg_m, 0, 1)
-        turning = np.cross(moments - held_kg * self._origins, self._axes)
-        by_gravity: Array = np.where(self._turns[:, None], turning, -held_kg * self._axes)
-        return by_gravity
-
-    def by_mass_of_links(self) -> Array:
-        """Return the torques by mass and first moment of the links, (P, n, 4 n)."""
-        n, count = self._T_base_rows.shape[:2]
-        # Columns of a row's pose as the unknowns come: its origin, then its axes.
-        rows = self._T_base_rows[..., :3, [3, 0, 1, 2]].transpose(1, 2, 0, 3)
-        by_mass = (self._pull @ rows.reshape(count, 3, 4 * n)).reshape(count, n, n, 4)
-        by_mass[..., 0] += self._own[:, :, None]
-        beyond = np.tri(n).T  # a joint holds its own link and those after it
-        torques: Array = (by_mass * beyond[..., None]).reshape(count, n, 4 * n)
-        return torques
+    link_Nm = np.zeros((count, n, 3))
+    link_Nm[:, :-1] = np.einsum("jpba,jpb->pja", ends[..., :3, :3], np.cross(about_ends, gravity))
+    # Gravity changes with two small turns about axes across it, masses sit at their centres.
+    held_kg, moments = masses_kg.T[:, :, None], np.swapaxes(moments_kg_m, 0, 1)
+    turning = np.cross(moments - held_kg * origins, axes)
+    by_gravity = np.where(turns[:, None], turning, -held_kg * axes)
+    by_level = by_gravity @ (g * np.linalg.svd(gravity[None])[2][1:].T)
+    at_centres = by_link.copy()
+    at_centres[..., 0] += np.sum(at_centres[..., 1:] * com_m, axis=-1)
+    loads = StaticLoads(
+        link_Nm=link_Nm,
+        base_Nm=np.cross(moments_kg_m[0], gravity),
+        joint_Nm=torque_Nm,
+        down_ee=(gravity / g) @ found.T_base_ee[:, :3, :3],
+        by_weights=np.concatenate(
+            [at_centres.reshape(by_mass.shape), by_apparatus[..., None], by_level], axis=2
+        ),
+        by_load=by_load,
+    )
+    return Statics(torque_Nm, by_mass, by_load, loads)
 
 
 # The torsional spring of a joint, paper equation (1), solved in closed form.

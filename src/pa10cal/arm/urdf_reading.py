@@ -38,26 +38,13 @@ def parse_urdf(text: str, *, comments: bool = False) -> UrdfText:
     """
     builder = ElementTree.TreeBuilder(insert_comments=comments)
     before: list[str] = []
-    depth = [0]
+    inside: list[ElementTree.Element] = []  # the elements that are open
     parser = expat.ParserCreate()
     parser.buffer_text = True
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        depth[0] += 1
-        builder.start(tag, attributes)
-
-    def end(tag: str) -> None:
-        depth[0] -= 1
-        builder.end(tag)
-
-    def comment(content: str) -> None:
-        if depth[0]:
-            builder.comment(content)
-        else:
-            before.append(content)
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler, parser.CommentHandler = builder.data, comment
+    parser.StartElementHandler = lambda *element: inside.append(builder.start(*element))
+    parser.EndElementHandler = lambda tag: inside.remove(builder.end(tag))
+    parser.CharacterDataHandler = builder.data
+    parser.CommentHandler = lambda said: builder.comment(said) if inside else before.append(said)
     try:
         parser.Parse(text.encode("utf-8"), True)
     except expat.ExpatError as error:
@@ -270,20 +257,15 @@ def read_tree(text: str, where: str) -> UrdfTree:
         raise _refusal("xml", where, str(error)) from None
     if robot.tag != "robot":
         raise _refusal("urdf", where, robot.tag)
-    if any(_is_macro(element) for element in robot.iter()):
-        raise _refusal("xacro", where)
+    for element in robot.iter():
+        # Of xacro, or an expression that it would work out. What stands in a comment was worked out
+        # already: the parser has dropped it.
+        words = (element.text or "", *element.attrib.values())
+        if "xacro" in element.tag or any("${" in word or "$(" in word for word in words):
+            raise _refusal("xacro", where)
     links = tuple(_link(element, where) for element in robot.findall("link"))
     joints = tuple(_joint(element, where) for element in robot.findall("joint"))
     return UrdfTree(where, links, joints, _root(links, joints, where))
-
-
-def _is_macro(element: ElementTree.Element) -> bool:
-    """Return whether an element is of xacro, or has an expression that xacro would work out.
-
-    What stands in a comment was worked out already: the parser has dropped it.
-    """
-    written = (element.text or "", *element.attrib.values())
-    return "xacro" in element.tag or any("${" in each or "$(" in each for each in written)
 
 
 def _root(links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...], where: str) -> str:
@@ -334,6 +316,14 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
     if max(map(abs, xyz)) > _FAR_M:
         raise _refusal("far", place, xyz)
     axis = _numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"{place}: axis")
+    (lower,), (upper,) = (
+        _numbers(limit, key, (0.0,), f"{place}: limit") for key in ("lower", "upper")
+    )
+    limits = lower, upper
+    if kind == "continuous" or lower == upper == 0.0:
+        limits = math.nan, math.nan  # a file that states none stands for no limits
+    elif lower >= upper:
+        raise _refusal("limits", place, limits)
     if kind in MOVING and math.hypot(*axis) < 1e-9:
         raise _refusal("axis", place, axis)
     return UrdfJoint(
@@ -345,7 +335,7 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
         xyz=xyz,
         rpy=_numbers(origin, "rpy", _NOWHERE, f"{place}: origin"),
         axis=axis,
-        limits=_limits(limit, kind, place),
+        limits=limits,
         effort=_numbers(limit, "effort", (0.0,), f"{place}: limit")[0] or math.nan,
     )
 
@@ -356,17 +346,6 @@ def _end(element: ElementTree.Element, end: str, where: str) -> str:
     if not link:
         raise _refusal("end", where, None, end)
     return link
-
-
-def _limits(limit: ElementTree.Element | None, kind: str, where: str) -> tuple[float, float]:
-    """Return lower and upper limit, nan where a file that states none stands for no limits."""
-    (lower,) = _numbers(limit, "lower", (0.0,), f"{where}: limit")
-    (upper,) = _numbers(limit, "upper", (0.0,), f"{where}: limit")
-    if kind == "continuous" or lower == upper == 0.0:
-        return math.nan, math.nan
-    if lower >= upper:
-        raise _refusal("limits", where, (lower, upper))
-    return lower, upper
 
 
 def _numbers(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.curve.options import CurveOptions, CurveStudyOptions
-from pa10cal.evaluation.options import CoverageOptions
+from pa10cal.curve.options import CurveOptions
+from pa10cal.evaluation.options import CoverageOptions, CurveStudyOptions
 
 
 def coverage(
@@ -50,31 +50,9 @@ def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) 
         pa10cal curve --out-dir helix --settings '{"curve": {"shape": "helix", "radius_m": 0.2, \\
           "pitch_m": 0.4, "turns": 1.5}, "link_m": 0.1}'
     """
-    import pandas as pd
+    from pa10cal.curve.tables import write_curve
 
-    from pa10cal.curve.gait import curve_through, laid, shape_of
-    from pa10cal.errors import SettingsError
-    from pa10cal.files.curve_points import read_curve_points
-    from pa10cal.files.output import whole_files
-    from pa10cal.results.codec import write
-
-    if points is not None and settings.curve is None:
-        shape = curve_through(read_curve_points(points), settings.through)
-    elif points is None and settings.curve is not None:
-        shape = shape_of(settings.curve)
-    else:
-        raise SettingsError(
-            "the curve is given twice or not at all",
-            where="--points, curve",
-            allowed="points, or a shape by name",
-            remedy="give one of them",
-        )
-    record, tables = laid(shape, settings)
-    paths = [*(out_dir / f"{name}.csv" for name in tables), out_dir / "curve.json"]
-    with whole_files(*paths) as (*besides, record_beside):
-        for beside, columns in zip(besides, tables.values(), strict=True):
-            pd.DataFrame(columns).to_csv(beside, index=False, lineterminator="\n")
-        write(record, record_beside)
+    record = write_curve(settings, points, out_dir)
     print(f"{out_dir}: {record.line}")
 
 
@@ -94,8 +72,8 @@ def curve_calibration(
     Examples:
         pa10cal curve_calibration --out calibration.json
     """
+    from pa10cal.curve.study import chain_study
     from pa10cal.results.codec import write
-    from pa10cal.studies.chain import chain_study
 
     record = chain_study(settings, calibration)
     write(record, out)

@@ -3,7 +3,8 @@
 With the next direction d in the frame before it, `zy` of docs/curve.md has a = atan2(d_y, d_x),
 b = atan2(-d_z, hypot(d_x, d_y)); `yz` has b = atan2(-d_z, d_x), a = atan2(d_y, hypot(d_x, d_z)).
 The axis of the second turn is then square to the directions before and after the first: it is all
-of the frame that has to be carried along the chain.
+of the frame that has to be carried along the chain. Directions are unit vectors (n, 3) along the
+links.
 """
 
 from __future__ import annotations
@@ -39,6 +40,11 @@ class JointAngles:
     open: NDArray[np.bool_]
     axes: Array  # (n, 3, 3) frames of the links, x, y, z as columns
 
+    @property
+    def turns_rad(self) -> Array:
+        """Turns about z, then about y, (2, n - 1)."""
+        return np.stack([self.a_rad, self.b_rad])
+
 
 def first_axes(directions: Array, roll_rad: float, z_at_zero: Array | None = None) -> Array:
     """Return the frame (3, 3) of the first link at a roll about itself.
@@ -46,7 +52,6 @@ def first_axes(directions: Array, roll_rad: float, z_at_zero: Array | None = Non
     At roll zero z is square to the first bend, so that a chain in a plane turns about z alone.
 
     Args:
-        directions: (n, 3) unit vectors along the links.
         roll_rad: turn about the link's own direction.
         z_at_zero: (3,) what z is nearest to at roll zero, instead.
 
@@ -62,12 +67,7 @@ def first_axes(directions: Array, roll_rad: float, z_at_zero: Array | None = Non
 
 
 def joint_angles(directions: Array, axes_first: Array, order: Order = "zy") -> JointAngles:
-    """Compute the joint angles that lay links along directions.
-
-    Args:
-        directions: (n, 3) unit vectors along the links.
-        axes_first: (3, 3) frame of the first link, its x the first direction.
-    """
+    """Compute the joint angles that lay links along directions, the first in a frame (3, 3)."""
     along, turns = _carry(directions, axes_first[:, 1 if order == "zy" else 2])
     cos, sin, length = turns.T
     is_open = length <= _OPEN
@@ -86,11 +86,7 @@ def chain_points(
 ) -> Array:
     """Return where links join (n + 1, 3) by forward kinematics of their joint angles.
 
-    Args:
-        a_rad: (n - 1,) turns about z.
-        b_rad: (n - 1,) turns about y.
-        axes_first: (3, 3) frame of the first link.
-        p_first_m: (3,) where it begins [m].
+    The first link begins at a point (3,) [m] in a frame (3, 3).
     """
     in_order = [a_rad, b_rad] if order == "zy" else [b_rad, a_rad]
     turns = Rotation.from_euler(order.upper(), np.stack(in_order, axis=1)).as_matrix()

@@ -194,7 +194,8 @@ _ORDERS_BEYOND = 30
 
 def line(length_m: float) -> Curve:
     """Return a straight line along x."""
-    return polyline(np.array([[0.0, 0.0, 0.0], [_positive("length_m", length_m), 0.0, 0.0]]))
+    _check({"length_m": length_m})
+    return polyline(np.array([[0.0, 0.0, 0.0], [length_m, 0.0, 0.0]]))
 
 
 def circle(radius_m: float, angle_rad: float = 2.0 * np.pi) -> Curve:
@@ -209,9 +210,8 @@ def helix(radius_m: float, pitch_m: float, turns: float, phase_rad: float = 0.0)
         pitch_m: rise a turn; negative for a left-handed one.
         phase_rad: azimuth at which it begins.
     """
-    radius_m, turns = _positive("radius_m", radius_m), _positive("turns", turns)
-    rise = _finite("pitch_m", pitch_m) / (2.0 * np.pi)
-    phase_rad = _finite("phase_rad", phase_rad)
+    _check({"radius_m": radius_m, "turns": turns}, {"pitch_m": pitch_m, "phase_rad": phase_rad})
+    rise = pitch_m / (2.0 * np.pi)
     speed = float(np.hypot(radius_m, rise))
 
     def place(t: Array) -> Array:
@@ -236,9 +236,8 @@ def serpenoid(length_m: float, waves: float, amplitude_rad: float, phase_rad: fl
         amplitude_rad: largest heading, from the mean one.
         phase_rad: phase of the wave at its beginning; growing with time, the wave travels.
     """
-    length_m, waves = _positive("length_m", length_m), _positive("waves", waves)
-    amplitude_rad = _positive("amplitude_rad", amplitude_rad)
-    phase_rad = _finite("phase_rad", phase_rad)
+    measures = {"length_m": length_m, "waves": waves, "amplitude_rad": amplitude_rad}
+    _check(measures, {"phase_rad": phase_rad})
     rate = 2.0 * np.pi * waves / length_m
     order = np.arange(1, int(amplitude_rad) + _ORDERS_BEYOND)
     # 2 J_k Re i^k goes into the cosine of the heading (even k), 2 J_k Im i^k into its sine.
@@ -258,20 +257,18 @@ def serpenoid(length_m: float, waves: float, amplitude_rad: float, phase_rad: fl
     return Curve(place, velocity, uniform_bounds(0.0, length_m, 1.0, 1.0, amplitude_rad * rate))
 
 
-def _positive(name: str, value: float) -> float:
-    return _finite(name, value, above_zero=True)
-
-
-def _finite(name: str, value: float, *, above_zero: bool = False) -> float:
-    if not np.isfinite(value) or (above_zero and value <= 0.0):
-        raise CurveError(
-            f"a measure of the shape is not {'positive' if above_zero else 'finite'}",
-            where=name,
-            value=value,
-            allowed=f"a finite number{' above 0' if above_zero else ''}",
-            remedy="correct it",
-        )
-    return value
+def _check(positive: dict[str, float], finite: dict[str, float] | None = None) -> None:
+    """Refuse measures that are not finite, and of the first ones those not above zero."""
+    for name, value in {**positive, **(finite or {})}.items():
+        above = name in positive
+        if not np.isfinite(value) or (above and value <= 0.0):
+            raise CurveError(
+                f"a measure of the shape is not {'positive' if above else 'finite'}",
+                where=name,
+                value=value,
+                allowed=f"a finite number{' above 0' if above else ''}",
+                remedy="correct it",
+            )
 
 
 # Curves that are polynomials piece by piece: splines through points, and polylines. A polynomial in
@@ -285,12 +282,6 @@ _TIGHT, _TIMES_CUT = 0.2, 5
 _CROSS = ((1, 2), (2, 0), (0, 1))
 
 
-def _piecewise(coefficients: Array, breaks: Array) -> Curve:
-    """Return the curve of a polynomial in each piece of its parameter; see `PPoly` [m]."""
-    place = PPoly(coefficients, breaks)
-    return Curve(place, place.derivative(), _bounds(place))
-
-
 def spline_through(points_m: Array, closed: bool = False) -> Curve:
     """Return the cubic spline through points, its parameter the sum of the distances between them.
 
@@ -301,12 +292,9 @@ def spline_through(points_m: Array, closed: bool = False) -> Curve:
     Raises:
         CurveError: with fewer than two points, points that are not finite or repeat the one before.
     """
-    points_m = checked_points(points_m)
-    if closed:
-        points_m = np.vstack([points_m, points_m[:1]])
-    t = _along(points_m)
+    points_m, t = _along(points_m, closed)
     spline = CubicSpline(t, points_m, bc_type="periodic" if closed else "not-a-knot")
-    return _piecewise(spline.c, spline.x)
+    return _piecewise(PPoly(spline.c, spline.x))
 
 
 def polyline(points_m: Array) -> Curve:
@@ -318,17 +306,16 @@ def polyline(points_m: Array) -> Curve:
     Raises:
         CurveError: as `spline_through`.
     """
-    points_m = checked_points(points_m)
-    t = _along(points_m)
+    points_m, t = _along(points_m)
     slopes = np.diff(points_m, axis=0) / np.diff(t)[:, None]
-    return _piecewise(np.stack([slopes, points_m[:-1]]), t)
+    return _piecewise(PPoly(np.stack([slopes, points_m[:-1]]), t))
 
 
-def checked_points(points_m: Array) -> Array:
-    """Return points (N, 3) that a curve can go through.
+def _along(points_m: Array, closed: bool = False) -> tuple[Array, Array]:
+    """Return points (N, 3), where closed the first once more, and how far along they are [m].
 
     Raises:
-        CurveError: with fewer than two points, points that are not finite or repeat the one before.
+        CurveError: see `spline_through`.
     """
     if points_m.ndim != 2 or points_m.shape[1] != 3 or len(points_m) < 2:
         raise CurveError(
@@ -356,19 +343,17 @@ def checked_points(points_m: Array) -> Array:
             allowed="neighbouring points that differ",
             remedy=f"remove repeated points ({len(repeated)} in all)",
         )
-    return points_m
-
-
-def _along(points_m: Array) -> Array:
-    """Return how far along the straight lines between them points are, (N,) [m]."""
+    if closed:
+        points_m = np.vstack([points_m, points_m[:1]])
     steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    return points_m, _sum_from_zero(steps)
 
 
-def _bounds(place: PPoly) -> Bounds:
-    """Bound speed, acceleration and turning in every cell by Bernstein coefficients.
+def _piecewise(place: PPoly) -> Curve:
+    """Return the curve of a polynomial in each piece of its parameter [m], with its bounds.
 
-    Where the speed is not bounded well, near cusps, cells are cut again.
+    Speed, acceleration and turning are bounded in every cell by Bernstein coefficients. Where the
+    speed is not bounded well, near cusps, cells are cut again.
     """
     parts = np.arange(_CELLS_A_PIECE) / _CELLS_A_PIECE
     widths = np.diff(place.x)
@@ -377,7 +362,11 @@ def _bounds(place: PPoly) -> Bounds:
         within = starts[loose, None] + widths[loose, None] * parts[1:]
         starts = np.sort(np.concatenate([starts, within.ravel()]))
         edges = np.append(starts, place.x[-1])
-        widths, cut = np.diff(edges), _expanded(place, edges)
+        widths = np.diff(edges)
+        # The same polynomials, each about the beginning of one of more cells.
+        orders = reversed(range(len(place.c)))
+        powers = [place(edges[:-1], nu=order) / math.factorial(order) for order in orders]
+        cut = PPoly(np.stack(powers), edges)
         velocity, change = cut.derivative().c, cut.derivative(2).c
         speed2 = _bernstein(_product(velocity, velocity).trace(axis1=2, axis2=3), edges)
         loose = speed2.min(axis=0) < _TIGHT * speed2.max(axis=0)
@@ -387,22 +376,22 @@ def _bounds(place: PPoly) -> Bounds:
     outer = _product(velocity, change)
     across = np.stack([outer[..., i, j] - outer[..., j, i] for i, j in _CROSS], axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        turning = _longest(_bernstein(across, edges)) / slowest**2
-    return Bounds(
+        turning = _longest(across, edges) / slowest**2
+    # By how much the tangent jumps between cells: from the velocity at the end of each.
+    before = np.zeros_like(velocity[0])
+    for coefficients in velocity:
+        before = before * widths[:, None] + coefficients
+    before, after = before[:-1], velocity[-1, 1:]
+    jump = np.linalg.norm(np.cross(before, after), axis=1)
+    bounds = Bounds(
         edges=edges,
         slowest=slowest,
         fastest=np.sqrt(speed2.max(axis=0)),
-        acceleration=_longest(_bernstein(change, edges)),
+        acceleration=_longest(change, edges),
         turning=np.where(slowest > 0.0, turning, np.inf),
-        kinks_rad=_kinks(velocity, widths),
+        kinks_rad=np.arctan2(jump, (before * after).sum(axis=1)),
     )
-
-
-def _expanded(place: PPoly, edges: Array) -> PPoly:
-    """Return the same polynomials, each about the beginning of one of more cells."""
-    orders = reversed(range(len(place.c)))
-    powers = [place(edges[:-1], nu=order) / math.factorial(order) for order in orders]
-    return PPoly(np.stack(powers), edges)
+    return Curve(place, place.derivative(), bounds)
 
 
 def _product(first: Array, second: Array) -> Array:
@@ -419,16 +408,6 @@ def _bernstein(powers: Array, edges: Array) -> Array:
     return np.asarray(BPoly.from_power_basis(PPoly(powers, edges)).c)
 
 
-def _longest(coefficients: Array) -> Array:
-    """Return the longest of the (k, m, 3) coefficients in every cell (m,)."""
-    return np.asarray(np.linalg.norm(coefficients, axis=2).max(axis=0))
-
-
-def _kinks(velocity: Array, widths: Array) -> Array:
-    """Return by how much the tangent jumps between cells, (m - 1,) [rad]."""
-    before = np.zeros_like(velocity[0])
-    for coefficients in velocity:
-        before = before * widths[:, None] + coefficients
-    before, after = before[:-1], velocity[-1, 1:]
-    across = np.linalg.norm(np.cross(before, after), axis=1)
-    return np.asarray(np.arctan2(across, (before * after).sum(axis=1)))
+def _longest(powers: Array, edges: Array) -> Array:
+    """Return what polynomials of vectors (k, m, 3) are nowhere longer than in every cell (m,)."""
+    return np.asarray(np.linalg.norm(_bernstein(powers, edges), axis=2).max(axis=0))

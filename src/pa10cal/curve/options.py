@@ -1,4 +1,4 @@
-"""Options of a curve laid with links, and of the study that calibrates such a chain."""
+"""Options of a curve laid with links."""
 
 from __future__ import annotations
 
@@ -7,42 +7,6 @@ from typing import Annotated, Literal
 from pydantic import Field, FiniteFloat, model_validator
 
 from pa10cal.options import Positive, Section
-
-
-class CurveStudyOptions(Section):
-    """Calibration of a chain of links on two-axis joints, posed along curves, in the cell."""
-
-    random_seed: Annotated[int, Field(ge=0)] = Field(
-        2008, description="draws postures, individuals and noise"
-    )
-    individuals: Annotated[int, Field(ge=1)] = Field(
-        10, description="arms calibrated that depart by their rows, and as many in any way"
-    )
-    links: Annotated[int, Field(ge=2, le=50)] = Field(
-        6, description="of the chain; twice as many joints"
-    )
-    link_m: Positive = Field(0.15, description="length of a link")
-    limit_deg: Annotated[FiniteFloat, Field(ge=10, le=120)] = Field(
-        75.0, description="how far every joint turns, either way"
-    )
-    postures: Annotated[int, Field(ge=4)] = Field(
-        120, description="shapes along splines, helices and travelling waves in turn, at any roll"
-    )
-    holdout_share: Annotated[FiniteFloat, Field(gt=0, lt=1)] = Field(
-        0.25, description="share of them held out, the last ones"
-    )
-    position_mm: Annotated[FiniteFloat, Field(ge=1e-5)] = Field(
-        0.05, description="noise of a coordinate, stated as it is"
-    )
-    attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
-        2e-4, description="noise of an orientation about each axis, stated as it is"
-    )
-
-    @model_validator(mode="after")
-    def _some_held_out(self) -> CurveStudyOptions:
-        if not round(self.holdout_share * self.postures):
-            raise ValueError("a holdout_share that holds out one posture or more")
-        return self
 
 
 class LineShape(Section):
@@ -135,11 +99,9 @@ class CurveOptions(Section):
             raise ValueError("link_m, links, or both")
         if self.roll == "most_room" and self.limits is None:
             raise ValueError("limits, where the roll is to leave the most room within them")
-        if self.gait is not None:
-            self._check_gait(self.gait)
-        return self
-
-    def _check_gait(self, gait: GaitOptions) -> None:
+        gait = self.gait
+        if gait is None:
+            return self
         if self.link_m is None or self.links is None or self.links < 2:
             raise ValueError("link_m and two links or more, where the shape moves")
         if gait.period_s == 0.0:
@@ -148,3 +110,4 @@ class CurveOptions(Section):
             raise ValueError("a shape with a phase (helix, serpenoid), where a wave is to travel")
         if self.roll not in ("smallest_angle", "given"):
             raise ValueError("roll smallest_angle or given, where the shape moves")
+        return self

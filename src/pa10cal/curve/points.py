@@ -73,7 +73,23 @@ def lay_points(curve: Curve, link_m: float, most: int | None = None) -> Points:
         CurveError: when the length is not positive or longer than the curve, or there would be
             millions of links.
     """
-    _refuse_length(curve, link_m, most)
+    longest_m = float(curve.bounds.length_m[-1])
+    if not (np.isfinite(link_m) and link_m > 0.0):
+        raise CurveError(
+            "the length of a link is not positive",
+            where="link_m",
+            value=link_m,
+            allowed="a finite number above 0 [m]",
+            remedy="correct it",
+        )
+    if most is None and longest_m / link_m > _MOST_LINKS:
+        raise CurveError(
+            "the links are too many",
+            where="link_m",
+            value=link_m,
+            allowed=f"at least a {_MOST_LINKS:g}th of the curve, {longest_m:g} m",
+            remedy="take longer links, or give their number",
+        )
     points = _lay(curve, link_m, _MOST_LINKS if most is None else most)
     if points.ending is Ending.USED_UP and not points.n:
         raise CurveError(
@@ -107,8 +123,11 @@ def equal_links(curve: Curve, n: int) -> Points:
     low = high = 1.0 / _TIMES  # arcs of links are no shorter than links: this leaves too little
     while left_over(high) < 0.0 and high < _MOST_TIMES:
         low, high = high, _TIMES * high
-    found = brentq(left_over, low, high, xtol=_FINEST, rtol=_FINEST)
-    points = _just_reaching(curve, longest_m / found, n)
+    link_m = longest_m / brentq(left_over, low, high, xtol=_FINEST, rtol=_FINEST)
+    for shorter in _SHORTER:
+        points = _lay(curve, link_m * (1.0 - shorter), n)
+        if points.ending is Ending.EXACT:
+            break
     if points.ending is Ending.EXACT and points.n == n:
         return points
     raise CurveError(
@@ -118,15 +137,6 @@ def equal_links(curve: Curve, n: int) -> Points:
         allowed="a number at which links a little longer do not reach past a bend",
         remedy="request another number of links",
     )
-
-
-def _just_reaching(curve: Curve, link_m: float, n: int) -> Points:
-    """Lay n links of about a length at which the last one ends with the curve but for rounding."""
-    for shorter in _SHORTER:
-        points = _lay(curve, link_m * (1.0 - shorter), n)
-        if points.ending is Ending.EXACT:
-            break
-    return points
 
 
 def arc_length_m(curve: Curve, low: float, high: float) -> float:
@@ -142,63 +152,37 @@ def arc_length_m(curve: Curve, low: float, high: float) -> float:
 
 def _lay(curve: Curve, link_m: float, wanted: int) -> Points:
     """Lay points, many at once where they can be proved, else one by one."""
-    begun = np.array([curve.bounds.start])
-    laid, touches = [Ahead(begun, curve.at(begun))], [np.zeros(0, dtype=bool)]
+    bounds, end = curve.bounds, curve.bounds.end
+    begun = np.array([bounds.start])
+    laid, touches = [(begun, curve.at(begun))], [np.zeros(0, dtype=bool)]
     count, block = 0, _FIRST_BLOCK
     while count < wanted:
-        t, p_m = float(laid[-1].t[-1]), laid[-1].p_m[-1]
+        t, p_m = float(laid[-1][0][-1]), laid[-1][1][-1]
         ahead = points_ahead(curve, t, p_m, link_m, min(block, wanted - count))
-        if len(ahead):
-            touches.append(np.zeros(len(ahead), dtype=bool))
-            block = min(_LARGEST_BLOCK, max(_FIRST_BLOCK, _GROWTH * len(ahead)))
+        found = len(ahead[0])
+        if found:
+            touches.append(np.zeros(found, dtype=bool))
+            block = min(_LARGEST_BLOCK, max(_FIRST_BLOCK, _GROWTH * found))
         else:
             block = _FIRST_BLOCK
             crossing = first_crossing(curve, t, p_m, link_m)
             if crossing is None:
                 break
-            ahead = Ahead(np.array([crossing.t]), crossing.p_m[None])
+            ahead = np.array([crossing.t]), crossing.p_m[None]
             touches.append(np.array([crossing.touches]))
         laid.append(ahead)
-        count += len(ahead)
-    t_all = np.concatenate([each.t for each in laid])
-    p_all_m = np.concatenate([each.p_m for each in laid])
-    return _with_ending(curve, link_m, t_all, p_all_m, np.concatenate(touches), wanted)
-
-
-def _with_ending(
-    curve: Curve, link_m: float, t: Array, p_m: Array, touches: NDArray[np.bool_], wanted: int
-) -> Points:
-    last, end = float(t[-1]), curve.bounds.end
-    gap_m = float(np.linalg.norm(curve.at(np.array([end]))[0] - p_m[-1]))
-    left_m = arc_length_m(curve, last, end) if last < end else 0.0
-    same_m = float(curve.bounds.same_length_m(t[-1], p_m[-1], link_m))
-    if max(left_m, gap_m) <= len(t) * same_m:
+        count += len(ahead[0])
+    t_all, p_all_m = (np.concatenate(parts) for parts in zip(*laid, strict=True))
+    gap_m = float(np.linalg.norm(curve.at(np.array([end]))[0] - p_all_m[-1]))
+    left_m = arc_length_m(curve, float(t_all[-1]), end) if t_all[-1] < end else 0.0
+    same_m = float(bounds.same_length_m(t_all[-1], p_all_m[-1], link_m))
+    if max(left_m, gap_m) <= len(t_all) * same_m:
         ending = Ending.EXACT
-    elif len(touches) == wanted:
+    elif count == wanted:
         ending = Ending.COMPLETE
     else:
         ending = Ending.USED_UP if left_m < link_m else Ending.INSIDE
-    return Points(link_m, t, p_m, touches, ending, left_m, gap_m)
-
-
-def _refuse_length(curve: Curve, link_m: float, most: int | None) -> None:
-    longest_m = float(curve.bounds.length_m[-1])
-    if not (np.isfinite(link_m) and link_m > 0.0):
-        raise CurveError(
-            "the length of a link is not positive",
-            where="link_m",
-            value=link_m,
-            allowed="a finite number above 0 [m]",
-            remedy="correct it",
-        )
-    if most is None and longest_m / link_m > _MOST_LINKS:
-        raise CurveError(
-            "the links are too many",
-            where="link_m",
-            value=link_m,
-            allowed=f"at least a {_MOST_LINKS:g}th of the curve, {longest_m:g} m",
-            remedy="take longer links, or give their number",
-        )
+    return Points(link_m, t_all, p_all_m, np.concatenate(touches), ending, left_m, gap_m)
 
 
 # Many points at once, guessed and then proved to be the first at their distance ("Many at once" of
@@ -214,19 +198,13 @@ _STEPS = 10
 _LEAST_SLOPE = 0.05
 
 
-@dataclass(frozen=True)
-class Ahead:
-    """Points that follow one another, each proved to be the first at the link's length."""
-
-    t: Array  # (k,) their parameters
-    p_m: Array  # (k, 3) the points [m]
-
-    def __len__(self) -> int:
-        return len(self.t)
+#: Points that follow one another: their parameters (k,), and the points (k, 3) [m].
+Ahead = tuple[Array, Array]
+NONE: Ahead = np.zeros(0), np.zeros((0, 3))
 
 
 def points_ahead(curve: Curve, t: float, p_m: Array, link_m: float, most: int) -> Ahead:
-    """Find the next points as far as they can be proved.
+    """Find the next points as far as each can be proved to be the first at the link's length.
 
     Args:
         t: parameter of the last point.
@@ -234,23 +212,20 @@ def points_ahead(curve: Curve, t: float, p_m: Array, link_m: float, most: int) -
     """
     bounds = curve.bounds
     first_end = float(bounds.not_beyond(bounds.length_to(np.array(t)) + link_m))
-    none = Ahead(np.zeros(0), np.zeros((0, 3)))
     if not _only_leaves(bounds, np.array([t, first_end])).all():
-        return none
+        return NONE
     guess = _guess(curve, t, link_m, most)
     guess = guess[_leading(_only_leaves(bounds, np.append(t, guess)))]
     if not len(guess):
-        return none
-    found = _solve(curve, t, p_m, link_m, guess)
-    chords = np.linalg.norm(np.diff(found.p_m, axis=0, prepend=p_m[None]), axis=1)
-    along = np.append(t, found.t)
-    same_m = bounds.same_length_m(found.t, found.p_m, link_m)
-    good = (np.abs(chords - link_m) <= same_m) & (np.diff(along) > 0.0)
-    good &= found.t <= bounds.end
-    good = _leading(good)
+        return NONE
+    at, at_m = _solve(curve, t, p_m, link_m, guess)
+    chords = np.linalg.norm(np.diff(at_m, axis=0, prepend=p_m[None]), axis=1)
+    along = np.append(t, at)
+    good = np.abs(chords - link_m) <= bounds.same_length_m(at, at_m, link_m)
+    good = _leading(good & (np.diff(along) > 0.0) & (at <= bounds.end))
     good[good] = _only_leaves(bounds, along[: good.sum() + 1])
     good = _leading(good)
-    return Ahead(found.t[good], found.p_m[good])
+    return at[good], at_m[good]
 
 
 def _guess(curve: Curve, t: float, link_m: float, most: int) -> Array:
@@ -292,7 +267,7 @@ def _solve(curve: Curve, t: float, p_m: Array, link_m: float, guess: Array) -> A
             fine = slope > _LEAST_SLOPE * np.linalg.norm(v, axis=1)
             count = int(_leading(fine & np.isfinite(length)).sum())
             if not count:
-                return Ahead(found[:0], r_m[:0])
+                return NONE
             bands = np.stack([slope[:count], np.append(before[: count - 1], 0.0)])
             step = solve_banded((1, 0), bands, (link_m - length)[:count], check_finite=False)
             move = np.abs(step) * np.linalg.norm(v[:count], axis=1)
@@ -302,7 +277,7 @@ def _solve(curve: Curve, t: float, p_m: Array, link_m: float, guess: Array) -> A
                 break
             found = np.maximum.accumulate((found[:count] + step).clip(t, end))
         kept = int(settled.sum())
-        return Ahead(found[:kept] + step[:kept], r_m[:kept] + step[:kept, None] * v[:kept])
+        return found[:kept] + step[:kept], r_m[:kept] + step[:kept, None] * v[:kept]
 
 
 def _only_leaves(bounds: Bounds, t: Array) -> NDArray[np.bool_]:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, homogeneous
 from pa10cal.curve.angles import arm_posture, first_axes
 from pa10cal.curve.curve import Curve, helix, serpenoid, spline_through
 from pa10cal.curve.points import lay_points
-from pa10cal.curve.roll import JointLimits, RollMap, feasible_rolls
+from pa10cal.curve.roll import RollMap, feasible_rolls, joint_limits
 from pa10cal.errors import CurveError
 
 #: A curve is so much longer than the links laid along it.
@@ -53,7 +53,8 @@ def draw_postures(
     places_m: list[Array] = []
     refused = 0
     names = list(_SHAPES)
-    limits = JointLimits.uniform(links, -limit_rad, limit_rad)
+    either_way = np.array([-limit_rad, limit_rad])
+    limits = joint_limits(either_way, either_way, links)
     while len(q_rad) < count:
         name = names[len(q_rad) % len(names)]
         points = lay_points(_SHAPES[name](links * link_m, link_m, rng), link_m, links)
@@ -73,16 +74,14 @@ def draw_postures(
                     remedy="let the joints turn farther",
                 )
             continue
-        T_base = np.eye(4)
-        T_base[:3, :3] = first_axes(directions, found)
-        T_base[:3, 3] = points.p_m[0]
+        T_base = homogeneous(first_axes(directions, found), points.p_m[0])
         q_rad.append(arm_posture(points.p_m, T_base, link_m))
         shapes.append(name)
         places_m.append((points.p_m - points.p_m[0]) @ T_base[:3, :3])
     return Postures(np.array(q_rad), np.array(shapes), np.array(places_m), refused)
 
 
-def _any_roll(chain: RollMap, limits: JointLimits, rng: np.random.Generator) -> float | None:
+def _any_roll(chain: RollMap, limits: Array, rng: np.random.Generator) -> float | None:
     """Draw a roll evenly from all that keep the limits; None where none does."""
     free = feasible_rolls(chain, limits)
     if not len(free):

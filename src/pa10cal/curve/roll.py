@@ -6,8 +6,10 @@ still keeps. Whether one does is known exactly (`feasible_rolls`), so halving fi
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,10 +70,13 @@ class RollMap:
 
     def angles(self, roll_rad: Array) -> tuple[Array, Array]:
         """Return a and b of every joint at R rolls of the first link, both (R, n - 1) [rad]."""
-        first = self._carried_at_first(roll_rad)
+        cos, sin = np.cos(roll_rad), np.sin(roll_rad)
+        first = np.stack([cos, sin] if self.order == "zy" else [-sin, cos], axis=1)
         axis = np.einsum("kab,rb->rka", self.maps[:-1], first)
         off = np.arctan2(axis[..., 1], axis[..., 0]) - self.heading_rad
-        turned, lifted = turned_and_lifted(self.bend_rad, off)
+        sin = np.sin(self.bend_rad)
+        turned = np.arctan2(sin * np.cos(off), np.cos(self.bend_rad))
+        lifted = np.arcsin((sin * np.sin(off)).clip(-1.0, 1.0))
         return (turned, lifted) if self.order == "zy" else (lifted, -turned)
 
     def roll_of(self, link: NDArray[np.intp], angle_rad: Array) -> Array:
@@ -92,22 +97,6 @@ class RollMap:
         if self.order == "yz":  # the carried axis is z, a quarter turn ahead of y
             w = np.stack([w[:, 1], -w[:, 0]], axis=1)
         return np.asarray(w / np.maximum(np.linalg.norm(w, axis=1), 1e-300)[:, None])
-
-    def _carried_at_first(self, roll_rad: Array) -> Array:
-        cos, sin = np.cos(roll_rad), np.sin(roll_rad)
-        return np.stack([cos, sin] if self.order == "zy" else [-sin, cos], axis=1)
-
-
-def turned_and_lifted(bend_rad: Array, off_rad: Array) -> tuple[Array, Array]:
-    """Return the first and second turn of joints, as `zy` counts them.
-
-    Args:
-        bend_rad: angle between the links.
-        off_rad: angle of the carried axis from where the next link bends to.
-    """
-    sin = np.sin(bend_rad)
-    turned = np.arctan2(sin * np.cos(off_rad), np.cos(bend_rad))
-    return turned, np.arcsin((sin * np.sin(off_rad)).clip(-1.0, 1.0))
 
 
 def _planes(directions: Array) -> Array:
@@ -149,64 +138,46 @@ _BELOW = np.pi / 2.0 - 1e-15
 _SLIVER = 1e-12
 
 
-@dataclass(frozen=True)
-class JointLimits:
-    """Limits of the joints between n links."""
+def joint_limits(a_rad: Array, b_rad: Array, joints: int) -> Array:
+    """Return limits of so many joints (2, 2, joints): of a, then of b, least and most of each.
 
-    a_rad: Array  # (n - 1, 2) least and most of the turns about z
-    b_rad: Array  # (n - 1, 2) of the turns about y
-
-    def __post_init__(self) -> None:
-        for name, limits in (("a", self.a_rad), ("b", self.b_rad)):
-            bad = np.flatnonzero(~(limits[:, 0] <= limits[:, 1]))
-            if len(bad):
-                raise CurveError(
-                    f"the limits of {name} are invalid",
-                    where=f"joint {bad[0] + 1}",
-                    value=limits[bad[0]].tolist(),
-                    allowed="two angles, the least first",
-                    remedy="correct the limits",
-                )
-
-    @classmethod
-    def uniform(cls, joints: int, least_rad: float, most_rad: float) -> JointLimits:
-        """Return the same limits for every joint and turn."""
-        limits = np.tile([least_rad, most_rad], (joints, 1))
-        return cls(limits, limits)
-
-    def widened(self, joints: int, by_rad: float = 0.0) -> Array:
-        """Return the least and the most of a and of b, (2, 2, n - 1), each so much farther out.
-
-        Raises:
-            CurveError: when they are not of so many joints.
-        """
-        if not len(self.a_rad) == len(self.b_rad) == joints:
-            raise CurveError(
-                "the limits are of another chain",
-                where="limits",
-                value=f"{len(self.a_rad)} of a, {len(self.b_rad)} of b",
-                allowed=f"{joints} each, one a joint between two links",
-                remedy="give limits for every joint",
-            )
-        aside = np.array([[-by_rad], [by_rad]])
-        return np.asarray(np.stack([self.a_rad.T, self.b_rad.T]) + aside)
-
-
-def feasible_rolls(chain: RollMap, limits: JointLimits) -> Array:
-    """Return the intervals of roll (k, 2) within the limits, [0, 2 pi] for all of them [rad].
-
-    Each begins between 0 and 2 pi, and may end beyond.
+    Args:
+        a_rad: least and most of the turns about z, (2,), or (joints, 2) joint by joint.
+        b_rad: of the turns about y.
 
     Raises:
-        CurveError: when the limits are of another number of joints.
+        CurveError: when a least limit is above its most, or they are of another number of joints.
     """
-    return _free_rolls(chain, limits.widened(chain.n - 1))
+    both = [np.atleast_2d(np.asarray(limits, dtype=float)) for limits in (a_rad, b_rad)]
+    if any(len(limits) not in (1, joints) for limits in both):
+        raise CurveError(
+            "the limits are of another chain",
+            where="limits",
+            value=f"{len(both[0])} of a, {len(both[1])} of b",
+            allowed=f"{joints} each, one a joint between two links",
+            remedy="give limits for every joint",
+        )
+    for name, limits in zip("ab", both, strict=True):
+        bad = np.flatnonzero(~(limits[:, 0] <= limits[:, 1]))
+        if len(bad):
+            raise CurveError(
+                f"the limits of {name} are invalid",
+                where=f"joint {bad[0] + 1}",
+                value=limits[bad[0]].tolist(),
+                allowed="two angles, the least first",
+                remedy="correct the limits",
+            )
+    return np.stack([np.broadcast_to(limits, (joints, 2)).T for limits in both])
 
 
-def _free_rolls(chain: RollMap, limits: Array) -> Array:
-    """Return the intervals of roll (k, 2) within limits; see `JointLimits.widened` [rad].
+def feasible_rolls(chain: RollMap, limits: Array) -> Array:
+    """Return the intervals of roll (k, 2) within limits, [0, 2 pi] for all of them [rad].
 
-    A lower limit above an upper one is kept at no roll.
+    Each begins between 0 and 2 pi, and may end beyond. A lower limit above an upper one is kept at
+    no roll.
+
+    Args:
+        limits: (2, 2, n - 1), see `joint_limits`.
     """
     a_rad, b_rad = limits
     turned, lifted = (a_rad, b_rad) if chain.order == "zy" else (-b_rad[::-1], a_rad)
@@ -215,8 +186,20 @@ def _free_rolls(chain: RollMap, limits: Array) -> Array:
     if not len(joint):
         return np.array([[0.0, _TURN]])
     middle, half = (centre + chain.heading_rad[:, None])[joint, which], half[joint, which]
-    start, width = _as_rolls(chain, joint, middle, half)
-    return _left_free(start, width)
+    # Where the arcs begin as rolls of the first link, and how wide they are there: each half is
+    # less than half a turn and stays so, its width is the angle between its ends.
+    ends = [chain.roll_of(joint, middle + part * half) for part in (-1.0, 0.0, 1.0)]
+    width = sum(_angle(one, other) for one, other in itertools.pairwise(ends))
+    begin = np.where((chain.side[joint] > 0.0)[:, None], ends[0], ends[2])
+    start = np.arctan2(begin[:, 1], begin[:, 0]) % _TURN
+    order = np.argsort(start)
+    start, reach = start[order], np.maximum.accumulate((start + width)[order])
+    around = reach[-1] - _TURN  # the last arc goes on at the beginning
+    covered = np.maximum(np.append(around, reach[:-1]), around)
+    free = start - covered > _SLIVER
+    intervals = np.stack([covered[free], start[free]], axis=1)
+    intervals[intervals[:, 0] < 0.0] += _TURN
+    return intervals
 
 
 def _broken_arcs(bend_rad: Array, turned: Array, lifted: Array) -> tuple[Array, Array]:
@@ -265,135 +248,80 @@ def _over(part: Array, sin: Array) -> Array:
         return np.asarray(np.nan_to_num(part / sin, nan=1.0).clip(-1.0, 1.0))
 
 
-def _as_rolls(
-    chain: RollMap, link: NDArray[np.intp], centre: Array, half: Array
-) -> tuple[Array, Array]:
-    """Return where arcs about links begin as rolls of the first, and how wide they are there.
-
-    Each half is less than half a turn, and stays so: its width is the angle between its ends.
-    """
-    low, middle, high = (chain.roll_of(link, centre + part * half) for part in (-1.0, 0.0, 1.0))
-    width = sum(_between(first, second) for first, second in ((low, middle), (middle, high)))
-    begin = np.where((chain.side[link] > 0.0)[:, None], low, high)
-    return np.arctan2(begin[:, 1], begin[:, 0]), np.asarray(width)
-
-
-def _between(first: Array, second: Array) -> Array:
+def _angle(first: Array, second: Array) -> Array:
     """Return the angles between unit vectors (k, 2), 0 to pi."""
     across = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     return np.asarray(np.arctan2(np.abs(across), (first * second).sum(axis=1)))
 
 
-def _left_free(start: Array, width: Array) -> Array:
-    """Return the intervals (k, 2) of a circle that no arc covers."""
-    start = start % _TURN
-    order = np.argsort(start)
-    start, reach = start[order], np.maximum.accumulate((start + width)[order])
-    around = reach[-1] - _TURN  # the last arc goes on at the beginning
-    covered = np.maximum(np.append(around, reach[:-1]), around)
-    free = start - covered > _SLIVER
-    intervals = np.stack([covered[free], start[free]], axis=1)
-    intervals[intervals[:, 0] < 0.0] += _TURN
-    return intervals
-
-
-#: Limits (2, 2, n - 1) at a level, as `JointLimits.widened` gives them; wider at a higher one.
-_Family = Callable[[float], Array]
-
 #: Levels are found to so much [rad].
 _LEVEL_RAD = 1e-12
 #: Limits exceeded by less are kept, but for rounding [rad].
 _KEPT_RAD = 1e-9
-_WHOLE = 2.0 * np.pi
 #: Room where nothing limits a joint, or there is none [rad].
-_ALL_ROOM = 2.0 * _WHOLE
+_ALL_ROOM = 2.0 * _TURN
+_OUTWARD = np.array([-1.0, 1.0])[:, None]  # by which least and most of limits move apart
 
 
-@dataclass(frozen=True)
-class Roll:
+class Roll(NamedTuple):
     """A roll of the first link, the best in some sense."""
 
-    roll_rad: float  # the roll, 0 to 2 pi
+    roll_rad: float  # 0 to 2 pi
     # what it reaches: the largest angle, the room left within limits, or the largest move
     level_rad: float
 
 
-def smallest_angle(chain: RollMap, limits: JointLimits | None = None) -> Roll:
-    """Return the roll at which the largest of all joint angles is smallest.
+def smallest_move(
+    chain: RollMap,
+    last: Array | float = 0.0,
+    limits: Array | None = None,
+    move_rad: float | None = None,
+) -> Roll:
+    """Return the roll at which no joint moves far from where it stood.
+
+    Where some roll moves no joint farther than `move_rad`, it is the one of these with the smallest
+    largest angle.
 
     Args:
-        limits: what the angles must keep besides.
+        last: turns (2, n - 1) of the last shape about z and about y; 0 for the smallest angles.
+        limits: what the angles must keep besides, (2, 2, n - 1).
 
     Raises:
         CurveError: when no roll keeps the limits, naming the joint and by how much.
     """
-    zeros = np.zeros(chain.n - 1)
-    return smallest_move(chain, zeros, zeros, limits)
-
-
-def smallest_move(
-    chain: RollMap, a_rad: Array, b_rad: Array, limits: JointLimits | None = None
-) -> Roll:
-    """Return the roll at which no joint moves far from where it stood.
-
-    Args:
-        a_rad: (n - 1,) turns about z of the last shape.
-        b_rad: (n - 1,) turns about y of it.
-        limits: what the angles must keep besides.
-
-    Raises:
-        CurveError: as `smallest_angle`.
-    """
-    kept, middle = _kept(chain, limits), np.stack([a_rad, b_rad])
+    kept = np.tile(_TURN * _OUTWARD, (2, 1, chain.n - 1)) if limits is None else limits
+    if limits is not None and not len(feasible_rolls(chain, limits)):
+        # Limits that are kept at single rolls only are widened by what rounding may exceed them by.
+        kept = limits + (_KEPT_RAD - most_room(chain, limits).level_rad) * _OUTWARD
+    middle = np.broadcast_to(last, (2, chain.n - 1))
+    if move_rad is not None:
+        near = _within(kept, middle, move_rad)
+        if len(feasible_rolls(chain, near)):
+            kept, middle = near, np.zeros_like(middle)
     return _tightest(chain, lambda level: _within(kept, middle, level))
 
 
-def smallest_angle_near(
-    chain: RollMap,
-    a_rad: Array,
-    b_rad: Array,
-    move_rad: float,
-    limits: JointLimits | None = None,
-) -> Roll:
-    """Return the roll with the smallest largest angle of those at which no joint moves too far.
-
-    Where every roll moves some joint farther than `move_rad`, it is the one that moves least.
-
-    Raises:
-        CurveError: as `smallest_angle`.
-    """
-    near = _within(_kept(chain, limits), np.stack([a_rad, b_rad]), move_rad)
-    if not len(_free_rolls(chain, near)):
-        return smallest_move(chain, a_rad, b_rad, limits)
-    zeros = np.zeros((2, chain.n - 1))
-    return _tightest(chain, lambda level: _within(near, zeros, level))
-
-
-def most_room(chain: RollMap, limits: JointLimits) -> Roll:
+def most_room(chain: RollMap, limits: Array) -> Roll:
     """Return the roll at which the joint nearest to a limit is farthest from it.
 
     Raises:
         CurveError: when no roll keeps the limits, naming the joint and by how much.
     """
-    best = _widest(chain, limits)
-    if best.level_rad < -_KEPT_RAD:
-        raise _exceeded("no roll keeps", chain, limits, best)
-    return best
+    least = -float(np.diff(limits, axis=1).min(initial=2.0 * _ALL_ROOM)) / 2.0
+    roll_rad, level = _tightest(chain, lambda level: limits + level * _OUTWARD, least)
+    return _kept("no roll keeps", chain, limits, Roll(roll_rad, -level))
 
 
-def room_at(chain: RollMap, roll_rad: float, limits: JointLimits) -> Roll:
+def room_at(chain: RollMap, roll_rad: float, limits: Array) -> Roll:
     """Return a roll with the room that it leaves within limits.
 
     Raises:
         CurveError: when it does not keep them, naming the joint and by how much.
     """
     at = np.concatenate(chain.angles(np.array([roll_rad])))
-    kept = limits.widened(chain.n - 1)
-    room = np.stack([at - kept[:, 0], kept[:, 1] - at])
-    found = Roll(roll_rad % (2.0 * np.pi), float(room.min(initial=_ALL_ROOM)))
-    if found.level_rad < -_KEPT_RAD:
-        raise _exceeded("this roll does not keep", chain, limits, found)
-    return found
+    room = np.stack([at - limits[:, 0], limits[:, 1] - at])
+    found = Roll(roll_rad % _TURN, float(room.min(initial=_ALL_ROOM)))
+    return _kept("this roll does not keep", chain, limits, found)
 
 
 def roll_for_last(chain: RollMap, z_wanted: Array) -> Roll:
@@ -406,7 +334,8 @@ def roll_for_last(chain: RollMap, z_wanted: Array) -> Roll:
     Raises:
         CurveError: when the direction is none, or along the link.
     """
-    x = np.cross(chain.across[-1, :, 0], chain.across[-1, :, 1])
+    one, other = chain.across[-1].T
+    x = np.cross(one, other)
     off = z_wanted - (z_wanted @ x) * x
     if not np.linalg.norm(off) > _KEPT_RAD * np.linalg.norm(z_wanted):
         raise CurveError(
@@ -417,64 +346,51 @@ def roll_for_last(chain: RollMap, z_wanted: Array) -> Roll:
             remedy="choose another one",
         )
     axis = np.cross(off, x) if chain.order == "zy" else off
-    angle = np.arctan2(axis @ chain.across[-1, :, 1], axis @ chain.across[-1, :, 0])
+    angle = np.arctan2(axis @ other, axis @ one)
     cos, sin = chain.roll_of(np.array([chain.n - 1]), np.array([angle]))[0]
     aside = np.arctan2(abs(z_wanted @ x), np.linalg.norm(off))
-    return Roll(float(np.arctan2(sin, cos) % (2.0 * np.pi)), float(aside))
+    return Roll(float(np.arctan2(sin, cos) % _TURN), float(aside))
 
 
-def _tightest(chain: RollMap, family: _Family, least: float = 0.0) -> Roll:
+def _within(limits: Array, angles: Array, level: float) -> Array:
+    """Return limits (2, 2, n - 1) that keep angles (2, n - 1), of a and b, to a distance too."""
+    least = np.maximum(limits[:, 0], angles - level)
+    return np.stack([least, np.minimum(limits[:, 1], angles + level)], axis=1)
+
+
+def _tightest(chain: RollMap, family: Callable[[float], Array], least: float = 0.0) -> Roll:
     """Return a roll within the tightest limits of a family that some roll keeps, and their level.
 
-    Some roll must keep those at the level of a whole turn.
+    Args:
+        family: gives limits at a level, wider at a higher one; some roll must keep those at the
+            level of a whole turn.
     """
-    low, high = least, 2.0 * np.pi
-    free = _free_rolls(chain, family(high))
+    low, high = least, _TURN
+    free = feasible_rolls(chain, family(high))
     while high - low > _LEVEL_RAD:
         middle = (low + high) / 2.0
-        found = _free_rolls(chain, family(middle))
+        found = feasible_rolls(chain, family(middle))
         if len(found):
             free, high = found, middle
         else:
             low = middle
     begin, end = free[np.argmax(free[:, 1] - free[:, 0])]
-    return Roll(float((begin + end) / 2.0 % (2.0 * np.pi)), high)
+    return Roll(float((begin + end) / 2.0 % _TURN), high)
 
 
-def _widest(chain: RollMap, limits: JointLimits) -> Roll:
-    """Return the roll with the most room within limits; less than none where they are exceeded."""
-    widths = np.diff(limits.widened(chain.n - 1), axis=1)
-    least = -float(widths.min(initial=2.0 * _ALL_ROOM)) / 2.0
-    best = _tightest(chain, lambda level: limits.widened(chain.n - 1, level), least)
-    return Roll(best.roll_rad, -best.level_rad)
-
-
-def _kept(chain: RollMap, limits: JointLimits | None) -> Array:
-    """Return limits (2, 2, n - 1) that some roll keeps: those given, or none.
-
-    Limits that are kept at single rolls only are widened by what rounding may exceed them by.
+def _kept(who: str, chain: RollMap, limits: Array, roll: Roll) -> Roll:
+    """Return a roll that keeps limits but for rounding.
 
     Raises:
-        CurveError: when no roll keeps them.
+        CurveError: when it does not, with the joint that exceeds its limits most.
     """
-    if limits is None:
-        return np.tile([[-_WHOLE], [_WHOLE]], (2, 1, chain.n - 1))
-    if len(feasible_rolls(chain, limits)):
-        return limits.widened(chain.n - 1)
-    best = _widest(chain, limits)
-    if best.level_rad < -_KEPT_RAD:
-        raise _exceeded("no roll keeps", chain, limits, best)
-    return limits.widened(chain.n - 1, _KEPT_RAD - best.level_rad)
-
-
-def _exceeded(who: str, chain: RollMap, limits: JointLimits, roll: Roll) -> CurveError:
-    """Describe which joint exceeds its limits most at a roll, and by how much."""
+    if roll.level_rad >= -_KEPT_RAD:
+        return roll
     at = np.concatenate(chain.angles(np.array([roll.roll_rad])))
-    kept = limits.widened(chain.n - 1)
-    over = np.maximum(at - kept[:, 1], kept[:, 0] - at)
+    over = np.maximum(at - limits[:, 1], limits[:, 0] - at)
     which, joint = np.unravel_index(np.argmax(over), over.shape)
-    least_deg, most_deg = np.degrees(kept[which, :, joint])
-    return CurveError(
+    least_deg, most_deg = np.degrees(limits[which, :, joint])
+    raise CurveError(
         f"{who} the joints within their limits: {'ab'[which]} is "
         f"{np.degrees(-roll.level_rad):.3g} degrees beyond",
         where=f"joint {joint + 1}",
@@ -482,9 +398,3 @@ def _exceeded(who: str, chain: RollMap, limits: JointLimits, roll: Roll) -> Curv
         allowed=f"{least_deg:g} to {most_deg:g} degrees",
         remedy="widen the limits, take shorter links or a curve that bends less",
     )
-
-
-def _within(limits: Array, angles: Array, level: float) -> Array:
-    """Return limits (2, 2, n - 1) that keep angles (2, n - 1), of a and b, to a distance too."""
-    least = np.maximum(limits[:, 0], angles - level)
-    return np.stack([least, np.minimum(limits[:, 1], angles + level)], axis=1)

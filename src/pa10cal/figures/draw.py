@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from pa10cal.campaign.description import read_description
 from pa10cal.errors import RecordError, SettingsError
 from pa10cal.evaluation.options import FigureOptions, PictureOptions
-from pa10cal.figures.curve import read_curve
-from pa10cal.figures.registry import NEEDS, NothingToShowError, Picture, entries
+from pa10cal.figures.registry import ELSEWHERE, NEEDS, NothingToShowError, Picture, entries
 from pa10cal.figures.style import looks, name_in_title, new_figure, panel, write_figure
 from pa10cal.figures.table import write_table
 from pa10cal.files.output import whole_file
@@ -24,7 +24,6 @@ from pa10cal.results.codec import read, write
 from pa10cal.results.comparison import DriftRecord
 from pa10cal.results.fleet import Caption, PicturesRecord
 from pa10cal.results.health import UNRESERVED
-from pa10cal.results.studies import CurveCalibrationRecord
 from pa10cal.results.trials import TrialScoresRecord
 
 #: Folder of the files of a picture, by what it is.
@@ -68,21 +67,10 @@ def read_source(
         trials = "wild trials" if scores.measured == "wild" else "blind trials"
         footer = f"{scores.trials} {trials}. Synthetic data. Provenance: {scores.provenance}."
         return Source("trials", folder.name, footer, scores)
-    if (folder / "curve.json").exists():
-        curve = read_curve(folder)
-        links = f"{curve.record.links} links of {curve.record.link_m:.4g} m on a continuous curve"
-        footer = f"{links}: {curve.record.shapes[0].ending_is}. Synthetic data."
-        return Source("curve", folder.name, footer, curve)
-    if (path := folder / "calibration.json").exists():
-        study = read(CurveCalibrationRecord, path)
-        plan: Any = study.settings
-        footer = (
-            f"{study.summaries[0].individuals} arms of {plan['links']} links of "
-            f"{plan['link_m']:g} m each way, {plan['postures']} postures each, noise "
-            f"{plan['position_mm']:g} mm and {1e3 * plan['attitude_rad']:g} mrad. Synthetic data. "
-            f"Provenance: {study.provenance}."
-        )
-        return Source("chain", folder.name, footer, study)
+    for kind, name in ELSEWHERE.items():
+        module = import_module(name)
+        if (folder / module.FROM).exists():
+            return Source(kind, folder.name, *module.read_content(folder))
     raise SettingsError(
         "results of nothing that pictures are drawn of",
         where="--results",

@@ -21,6 +21,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 #: Modules and packages here that hold pictures, by what the pictures are of.
 FOLDERS = ("campaign", "trials", "curve", "chain")
+#: Where those of studies stand that are not among the figures.
+ELSEWHERE = {"curve": "pa10cal.curve.pictures", "chain": "pa10cal.curve.study_pictures"}
 _KINDS: dict[str, Kind] = {"draw": "figure", "tabulate": "table", "film": "film"}
 
 _COMBINED, _VERDICT = "calibration/combined.json", "discovery/verdict.json"
@@ -83,7 +85,7 @@ def picture(
 @cache
 def entries(folder: str) -> dict[str, Picture]:
     """Return the pictures and tables of one of `FOLDERS` by name, in alphabetical order."""
-    package = import_module(f"{pa10cal.figures.__name__}.{folder}")
+    package = import_module(ELSEWHERE.get(folder, f"{pa10cal.figures.__name__}.{folder}"))
     within = [info.name for info in iter_modules(getattr(package, "__path__", ()))]
     found = {
         function.picture.name: function.picture

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pa10cal.arm.chain import BASE, TOOL, EndPose, end_pose, end_pose_with_screws
-from pa10cal.arm.statics import PoseStates, Rows
-from pa10cal.arrays import Array, Index
+from pa10cal.arm.statics import PoseStates
+from pa10cal.arrays import Array, Index, Rows
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, Prediction
 from pa10cal.fit.loads import statics_of, with_torques

@@ -21,11 +21,11 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.frame.knocked_targets import (
     Knock,
     misfits,
-    rigid_modes,
     without_knocked,
     wrong_by_themselves,
     wrong_in_shape,
 )
+from pa10cal.frame.rigid_fit import by_small_motion
 
 Form = Literal["still", "walk", "each"]
 
@@ -143,7 +143,7 @@ class _Readings:
         about_m = b_m.mean(axis=0)
         seen = np.isfinite(p_m[..., 0])
         turns = _share(seen, lambda pattern: _not_in_line(b_m[pattern])) >= _MOSTLY
-        modes = rigid_modes(b_m - about_m)[..., : 6 if turns else 3]
+        modes = by_small_motion(b_m - about_m)[..., : 6 if turns else 3]
         return cls(np.clip(between / usual, *_STEPS), p_m, u_m, about_m, modes)
 
     @property
@@ -245,7 +245,7 @@ class _Readings:
         square, count = misfits(self.p_m, self.u_m, fit.places_m)
         noise = float(square.sum() / max(count.sum(), 1))
         rows = seen.sum(axis=1) > 1
-        arms = rigid_modes(fit.places_m - self.about_m)[..., 3:]
+        arms = by_small_motion(fit.places_m - self.about_m)[..., 3:]
         by_turn = np.einsum("kxa,pkx,kxb->pab", arms, self.weight[rows], arms, optimize=True)
         left = np.nan_to_num(self.p_m - fit.places_m - _moved(self.modes, fit.motion))[rows]
         inverse = np.linalg.pinv(by_turn, rcond=_IN_LINE**2, hermitian=True)

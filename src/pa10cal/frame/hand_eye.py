@@ -3,6 +3,9 @@
 With the nominal model's T_base_ee of every pose these solve T_instr_target = T_instr_base T_base_ee
 T_ee_target for the two constant frames. What of the target's place the base frame can mimic (its
 height, where all orientations differ by turns about one axis) is held as stated and named.
+
+Throughout, T_base_ee is the modelled end-effector (P, 4, 4) [m], and weights (P,) are those of the
+squared residuals of the poses, None for equal ones.
 """
 
 from __future__ import annotations
@@ -12,12 +15,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation, taken
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import Located, cross_matrix
+from pa10cal.frame.rigid_fit import Located, by_small_motion
 from pa10cal.numerics.least_squares import (
     COST_TOLERANCE,
     OPEN,
@@ -39,17 +41,14 @@ _ROUGHLY = 1e-6
 
 @dataclass(frozen=True)
 class TargetProblem:
-    """What was seen, one row a seen target of a pose."""
+    """What was seen of B targets in P poses; K of these were seen."""
 
-    shape: tuple[int, int]  # P poses and B targets
-    pose: NDArray[np.intp]  # (K,) pose of every row
-    target: NDArray[np.intp]  # (K,) target of every row
-    p_instr_m: Array  # (K, 3) measured positions
     p_base_m: Array  # (P, 3) modelled positions of the end-effector
     R_base: Array  # (P, 3, 3) modelled orientations
-    R_cmm: Array  # (P, 3, 3) measured orientations, or none (0, 3, 3)
-    p_ee_stated_m: Array  # (B, 3) stated places of the targets
+    p_instr_targets_m: Array  # (P, B, 3) measured positions, nan where a target was not seen
+    R_cmm: Array | None  # (P, 3, 3) measured orientations, where there are any
     weights: Array  # (P,) weights of the poses
+    p_ee_stated_m: Array  # (B, 3) stated places of the targets
 
     @classmethod
     def of(
@@ -60,20 +59,12 @@ class TargetProblem:
         weights: Array | None,
         R_cmm: Array | None,
     ) -> TargetProblem:
-        """Gather what was seen of targets (P, B, 3), nan where one was not; see the attributes.
-
-        Args:
-            T_base_ee: (P, 4, 4) modelled end-effector [m].
-            p_instr_m: (P, B, 3) measured positions [m].
-            p_ee_stated_m: (B, 3) stated places.
-            weights: (P,) weights, or None for equal ones.
-            R_cmm: (P, 3, 3) measured orientations, or None.
+        """Gather what was seen; see the attributes. None weighs all poses alike.
 
         Raises:
             CalibrationError: with fewer than three poses.
         """
-        seen = np.isfinite(p_instr_m[..., 0])
-        poses = int(np.count_nonzero(seen.any(axis=1)))
+        poses = int(np.count_nonzero(np.isfinite(p_instr_m[..., 0]).any(axis=1)))
         if poses < LEAST_POSES:
             raise CalibrationError(
                 "too few poses to fit a base frame to",
@@ -82,61 +73,54 @@ class TargetProblem:
                 allowed=f"at least {LEAST_POSES}",
                 remedy="measure more poses",
             )
-        pose, target = np.nonzero(seen)
-        return cls(
-            shape=(seen.shape[0], seen.shape[1]),
-            pose=pose,
-            target=target,
-            p_instr_m=p_instr_m[seen],
-            p_base_m=T_base_ee[:, :3, 3],
-            R_base=T_base_ee[:, :3, :3],
-            R_cmm=np.zeros((0, 3, 3)) if R_cmm is None else R_cmm,
-            p_ee_stated_m=p_ee_stated_m,
-            weights=np.ones(len(T_base_ee)) if weights is None else weights,
-        )
+        weights = np.ones(len(T_base_ee)) if weights is None else weights
+        p_m, R = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
+        return cls(p_m, R, p_instr_m, R_cmm, weights, p_ee_stated_m)
 
-    def thinned(self, most: int) -> TargetProblem:
-        """Return the problem of so many poses at most, drawn at random, always the same."""
-        count = self.shape[0]
-        if count <= most:
-            return self
+    @property
+    def turning(self) -> int:
+        """Return how many orientations were measured."""
+        return 0 if self.R_cmm is None else len(self.R_cmm)
+
+    def thinned(self) -> TargetProblem:
+        """Return the problem of few poses, drawn at random, always the same."""
         # Drawn, not every n-th: what was seen may alternate.
-        chosen = np.sort(np.random.default_rng(0).permutation(count)[:most])
-        place = np.full(count, -1)
-        place[chosen] = np.arange(most)
-        kept = place[self.pose] >= 0
-        return replace(
-            self,
-            shape=(most, self.shape[1]),
-            pose=place[self.pose[kept]],
-            target=self.target[kept],
-            p_instr_m=self.p_instr_m[kept],
-            p_base_m=self.p_base_m[chosen],
-            R_base=self.R_base[chosen],
-            R_cmm=self.R_cmm[chosen] if len(self.R_cmm) else self.R_cmm,
-            weights=self.weights[chosen],
-        )
+        drawn = np.random.default_rng(0).permutation(len(self.weights))[:MOST_POSES]
+        return taken(self, np.sort(drawn), "p_ee_stated_m")
+
+    @cached_property
+    def seen(self) -> tuple[Index, Index]:
+        """Return pose and target of every row, (K,) each."""
+        pose, target = np.nonzero(np.isfinite(self.p_instr_targets_m[..., 0]))
+        return pose, target
+
+    @cached_property
+    def p_instr_m(self) -> Array:
+        """Return the measured positions, (K, 3)."""
+        return np.asarray(self.p_instr_targets_m[self.seen])
 
     @cached_property
     def root_weight(self) -> Array:
         """Square root of the weight of every row, (K,)."""
-        return np.sqrt(self.weights[self.pose])
-
-    def in_base(self, p_ee_m: Array) -> Array:
-        """Return the modelled places (K, 3) of the targets in the base frame."""
-        carried = np.einsum("kij,kj->ki", self._R_rows, p_ee_m[self.target])
-        return np.asarray(self.p_base_m[self.pose] + carried)
+        return np.sqrt(self.weights[self.seen[0]])
 
     @cached_property
     def _R_rows(self) -> Array:
         """Modelled orientation of every row, (K, 3, 3)."""
-        return self.R_base[self.pose]
+        return self.R_base[self.seen[0]]
+
+    def in_base(self, p_ee_m: Array) -> Array:
+        """Return the modelled places (K, 3) of the targets in the base frame."""
+        pose, target = self.seen
+        carried = np.einsum("kij,kj->ki", self._R_rows, p_ee_m[target])
+        return np.asarray(self.p_base_m[pose] + carried)
 
     @cached_property
     def by_places(self) -> Array:
         """Return the derivative (K, 3, 3 B) of those places by the targets' places."""
-        by_places = np.zeros((len(self.pose), 3, 3 * self.shape[1]))
-        rows, columns = np.arange(len(self.pose))[:, None, None], 3 * self.target[:, None, None]
+        target = self.seen[1]
+        by_places = np.zeros((len(target), 3, self.p_ee_stated_m.size))
+        rows, columns = np.arange(len(target))[:, None, None], 3 * target[:, None, None]
         by_places[rows, np.arange(3)[:, None], columns + np.arange(3)] = self._R_rows
         return by_places
 
@@ -154,8 +138,7 @@ class Guess:
 def first_guess(problem: TargetProblem, R_instr_base: Array, R_ee_target: Array) -> Guess:
     """Return a guess from rotations of base and target: targets as stated, origin by the mean."""
     origins_m = problem.p_instr_m - problem.in_base(problem.p_ee_stated_m) @ R_instr_base.T
-    weights = problem.weights[problem.pose]
-    p_instr_base_m = np.average(origins_m, axis=0, weights=weights)
+    p_instr_base_m = np.average(origins_m, axis=0, weights=problem.root_weight**2)
     return Guess(R_instr_base, p_instr_base_m, problem.p_ee_stated_m, R_ee_target)
 
 
@@ -206,8 +189,8 @@ def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[A
     """Return seen less modelled positions (K, 3) and turns (P, 3), along base axes."""
     R = guess.R_instr_base
     off_m = (problem.p_instr_m - guess.p_instr_base_m) @ R - p_base_m
-    if not len(problem.R_cmm):
-        return off_m, np.zeros((problem.shape[0], 3))
+    if problem.R_cmm is None:
+        return off_m, np.zeros((0, 3))
     modelled = problem.R_base @ guess.R_ee_target
     return off_m, Rotation.from_matrix(
         R.T @ problem.R_cmm @ np.swapaxes(modelled, 1, 2)
@@ -221,12 +204,10 @@ def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = Non
     """
     p_base_m = problem.in_base(guess.p_ee_m)
     off_m, off_rad = _residuals(problem, guess, p_base_m)
-    rows, places = len(problem.pose), 3 * problem.shape[1]
-    turning = len(problem.R_cmm)
+    rows, places, turning = len(off_m), problem.p_ee_stated_m.size, problem.turning
     by_step = np.zeros((3 * (rows + turning), 6 + places + (3 if turning else 0)))
     of_places = by_step[: 3 * rows].reshape(rows, 3, -1)
-    of_places[:, :, :3] = np.eye(3)
-    of_places[:, :, 3:6] = -cross_matrix(p_base_m)
+    of_places[:, :, :6] = by_small_motion(p_base_m)
     of_places[:, :, 6 : 6 + places] = problem.by_places
     of_places *= problem.root_weight[:, None, None]
     residual = [problem.root_weight[:, None] * off_m]
@@ -259,27 +240,23 @@ def hand_eye_from_poses(
     the target stays at the end-effector.
 
     Args:
-        T_base_ee: (P, 4, 4) modelled end-effector [m].
-        T_instr_target: (P, 4, 4) measured target [m].
-        weights: (P,) weights of the squared residuals; None for equal ones.
-
-    Returns:
-        One target, B = 1.
+        T_instr_target: (P, 4, 4) the one target as measured [m].
 
     Raises:
         CalibrationError: with fewer than three poses.
     """
     p_instr_m, R_instr = T_instr_target[:, None, :3, 3], T_instr_target[:, :3, :3]
     problem = TargetProblem.of(T_base_ee, p_instr_m, np.zeros((1, 3)), weights, R_instr)
-    few = problem.thinned(MOST_POSES)
+    few = problem.thinned()
+    R_cmm = np.asarray(few.R_cmm)
     turns = [
-        _by_kronecker(few),
-        _mean_turn(few.weights, few.R_cmm @ _transposed(few.R_base)),
+        _by_kronecker(few, R_cmm),
+        _mean_turn(few.weights, R_cmm @ _transposed(few.R_base)),
         *_by_positions(few),
     ]
     starts = []
     for R_instr_base in turns:
-        of_target = _transposed(R_instr_base @ few.R_base) @ few.R_cmm
+        of_target = _transposed(R_instr_base @ few.R_base) @ R_cmm
         starts.append((R_instr_base, _mean_turn(few.weights, of_target)))
     starts.append((starts[1][0], np.eye(3)))
     return _best(problem, starts, ["the target"])
@@ -289,7 +266,7 @@ def target_on_base(T_instr_base: Array, T_base_ee: Array, T_instr_target: Array)
     """Return the mean T_ee_target (4, 4) of poses (P, 4, 4), with a base frame that is known."""
     each = np.linalg.inv(T_instr_base @ T_base_ee) @ T_instr_target
     T_ee_target = each.mean(axis=0)
-    T_ee_target[:3, :3] = _nearest_turn(T_ee_target[:3, :3])
+    T_ee_target[:3, :3] = nearest_rotation(T_ee_target[:3, :3])
     return np.asarray(T_ee_target)
 
 
@@ -307,11 +284,9 @@ def hand_eye_from_points(
     places. A rigid fit of the stated places is another start; the best is returned.
 
     Args:
-        T_base_ee: (P, 4, 4) modelled end-effector [m].
         p_instr_m: (P, B, 3) measured positions [m], nan where a target was not seen.
         p_ee_stated_m: (B, 3) value where the poses do not identify a position; None for the
             origin of the end-effector.
-        weights: (P,) weights of the squared residuals; None for equal ones.
         names: (B,) names of the targets, for what is held.
 
     Raises:
@@ -331,7 +306,7 @@ def hand_eye_from_points(
         )
     p_ee_m = np.zeros((targets, 3)) if p_ee_stated_m is None else p_ee_stated_m
     problem = TargetProblem.of(T_base_ee, p_instr_m, p_ee_m, weights, None)
-    turns = _by_positions(problem.thinned(MOST_POSES))
+    turns = _by_positions(problem.thinned())
     if not turns:
         raise CalibrationError(
             "the positions are collinear or coincide, so the turn of the base about them is free",
@@ -349,28 +324,24 @@ def _best(
 
     Some of the poses decide which is best.
     """
-    few = problem.thinned(MOST_POSES)
+    few = problem.thinned()
     found = [refined(few, first_guess(few, *start), roughly=True) for start in starts]
     best, _, split = min(found, key=lambda each: each[1].cost)
     if split.unidentified.size:
         best = replace(best, p_ee_m=problem.p_ee_stated_m)
     guess, at, split = refined(problem, best)
-    turning = len(problem.R_cmm)
+    turning = problem.turning
     residuals_m, residuals_rad = _residuals(problem, guess, problem.in_base(guess.p_ee_m))
-    T_instr_base = np.eye(4)
-    T_instr_base[:3, :3], T_instr_base[:3, 3] = guess.R_instr_base, guess.p_instr_base_m
     spare = max(len(at.residual) - at.by_step.shape[1], 1)
     covariance = np.linalg.pinv(at.by_step.T @ at.by_step)[3:6, 3:6] * at.cost / spare
     across = (np.trace(covariance) - np.diag(covariance)) / 2.0
-    T_ee_target = np.eye(4)
-    T_ee_target[:3, :3], T_ee_target[:3, 3] = guess.R_ee_target, guess.p_ee_m[0]
     return Located(
-        T_instr_base=T_instr_base,
-        scatter_m=_rms(residuals_m, problem.weights[problem.pose]),
-        poses=problem.shape[0],
+        T_instr_base=homogeneous(guess.R_instr_base, guess.p_instr_base_m),
+        scatter_m=_rms(residuals_m, problem.root_weight**2),
+        poses=len(problem.weights),
         axis_u_rad=np.sqrt(across),
         scatter_rad=_rms(residuals_rad, problem.weights) if turning else None,
-        T_ee_target=T_ee_target if turning else None,
+        T_ee_target=homogeneous(guess.R_ee_target, guess.p_ee_m[0]) if turning else None,
         p_ee_targets_m=None if turning else guess.p_ee_m,
         held=tuple(_said(direction, names) for direction in split.unidentified.T),
     )
@@ -386,41 +357,34 @@ def _by_positions(problem: TargetProblem) -> list[Array]:
         return []
     stated = problem.in_base(problem.p_ee_stated_m)
     stated = root * (stated - np.average(stated, axis=0, weights=root[:, 0] ** 2))
-    turns = [_nearest_turn(off.T @ stated)]
+    turns = [nearest_rotation(off.T @ stated)]
     # x = S (p - mean) + s - R_base p_ee, linear in S (nine), s and the places.
     of_S = np.kron(off[:, None, :], np.eye(3)).reshape(-1, 9)
     of_s = np.kron(root, np.eye(3))
     of_places = (-root[..., None] * problem.by_places).reshape(len(of_s), -1)
-    x_base_m = (root * problem.p_base_m[problem.pose]).ravel()
+    x_base_m = (root * problem.p_base_m[problem.seen[0]]).ravel()
     solved = np.linalg.lstsq(np.hstack([of_S, of_s, of_places]), x_base_m, rcond=1e-9)[0]
     # The nine go by columns of S, the inverse of the base's rotation.
-    turns.append(_nearest_turn(np.asarray(solved[:9].reshape(3, 3), dtype=np.float64)))
+    turns.append(nearest_rotation(np.asarray(solved[:9].reshape(3, 3), dtype=np.float64)))
     return turns
 
 
-def _by_kronecker(problem: TargetProblem) -> Array:
+def _by_kronecker(problem: TargetProblem, R_cmm: Array) -> Array:
     """Return the rotation of the base by orientations alone.
 
     With X the target's rotation R_cmm X' = R_instr_base R_base, so that the sum of R_base (x) R_cmm
     carries X' to as many times R_instr_base as there are poses, and nothing further.
     """
     weighted = problem.weights[:, None, None] * problem.R_base
-    summed = np.einsum("pij,pkl->ikjl", weighted, problem.R_cmm).reshape(9, 9)
+    summed = np.einsum("pij,pkl->ikjl", weighted, R_cmm).reshape(9, 9)
     first = np.asarray(np.linalg.svd(summed)[0][:, 0], dtype=float)
     dominant = first.reshape(3, 3).T  # by columns
-    return _nearest_turn(dominant if np.linalg.det(dominant) > 0.0 else -dominant)
-
-
-def _nearest_turn(matrix: Array) -> Array:
-    """Return the proper rotation nearest to a matrix."""
-    U, _, Vt = np.linalg.svd(matrix)
-    U[:, 2] *= np.linalg.det(U @ Vt)
-    return np.asarray(U @ Vt)
+    return nearest_rotation(dominant if np.linalg.det(dominant) > 0.0 else -dominant)
 
 
 def _mean_turn(weights: Array, turns: Array) -> Array:
     """Return the chordal mean of rotations (P, 3, 3)."""
-    return _nearest_turn(np.tensordot(weights, turns, axes=1))
+    return nearest_rotation(np.tensordot(weights, turns, axes=1))
 
 
 def _transposed(matrices: Array) -> Array:

@@ -4,6 +4,9 @@ Whatever the instrument did, the shape that the targets make stays as it is. Wha
 rigid motion makes is therefore noise: a single reading far out of it is wrong, and a step in it
 shows that a target was knocked. Neither counts where it is smaller than the stated uncertainty:
 what is within that is expected of good readings.
+
+Throughout, p_m are readings (P, K, 3) of K targets in order of time, nan where one was not seen,
+and u_m their stated standard uncertainties.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.frame.rigid_fit import by_small_motion
 
 #: Half the gain in squares that a step needs, in nats, and readings on either side of it.
 _NEEDED = 20.0
@@ -47,22 +50,10 @@ class Knock:
     shift_m: float  # how far it moved, in the directions that show
 
 
-def rigid_modes(offset_m: Array) -> Array:
-    """Return how targets (K, 3) about a point follow a shift and a turn about it, (K, 3, 6)."""
-    modes = np.zeros((len(offset_m), 3, 6))
-    modes[..., :3] = np.eye(3)
-    modes[..., 3:] = -cross_matrix(offset_m)
-    return modes
-
-
 def wrong_by_themselves(p_m: Array, u_m: Array) -> Mask:
     """Return readings (P, K) far from those of the same target around them, where others are not.
 
     Targets that are far off together, in the shape that they always make, were moved together.
-
-    Args:
-        p_m: (P, K, 3) readings in order of time, nan where a target was not seen.
-        u_m: (P, K, 3) stated standard uncertainties.
     """
     off_m = np.full(p_m.shape, np.nan)
     for k in range(p_m.shape[1]):
@@ -130,7 +121,7 @@ def misfits(p_m: Array, u_m: Array, places_m: Array) -> tuple[Array, Index]:
             continue
         rows = np.flatnonzero(of.ravel() == number)
         middle_m = places_m[pattern].mean(axis=0)
-        modes = rigid_modes(places_m[pattern] - middle_m).reshape(-1, 6)
+        modes = by_small_motion(places_m[pattern] - middle_m).reshape(-1, 6)
         rank = np.linalg.matrix_rank(modes, tol=_RANK * np.linalg.norm(modes, 2))
         over = u_m[rows][:, pattern].reshape(len(rows), -1)
         left = np.linalg.svd(modes / over[..., None], full_matrices=False)[0][..., :rank]
@@ -142,12 +133,7 @@ def misfits(p_m: Array, u_m: Array, places_m: Array) -> tuple[Array, Index]:
 
 
 def without_knocked(p_m: Array, u_m: Array) -> tuple[tuple[Knock, ...], Array]:
-    """Return knocked targets, and the readings (P, K, 3) without theirs of the shorter stretch.
-
-    Args:
-        p_m: (P, K, 3) readings in order of time, nan where a target was not seen.
-        u_m: (P, K, 3) stated standard uncertainties.
-    """
+    """Return knocked targets, and the readings (P, K, 3) without theirs of the shorter stretch."""
     kept_m, found = p_m.copy(), []
     standing = list(range(p_m.shape[1]))
     for _ in range(2 * p_m.shape[1]):
@@ -204,7 +190,7 @@ def _shape(p_m: Array, u_m: Array) -> tuple[Array, list[Array], Index]:
         return np.zeros((0, 0)), [], rows
     places_m = np.median(p_m[rows], axis=0)
     targets = len(places_m)
-    modes = rigid_modes(places_m - places_m.mean(axis=0)).reshape(3 * targets, 6)
+    modes = by_small_motion(places_m - places_m.mean(axis=0)).reshape(3 * targets, 6)
     left, sizes, _ = np.linalg.svd(modes)
     others = left[:, int(np.sum(sizes > _RANK * sizes[0])) :]
     whole = (p_m[rows] - places_m).reshape(len(rows), -1) / np.nanmedian(u_m)

@@ -6,12 +6,12 @@ the target, three for the point. The base frame itself does not show.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, taken
 from pa10cal.errors import CalibrationError
 from pa10cal.numerics.least_squares import (
     OPEN,
@@ -109,14 +109,8 @@ class _Problem:
 
     def thinned(self) -> _Problem:
         """Return the problem of few poses, drawn at random, always the same."""
-        drawn = np.sort(np.random.default_rng(0).permutation(len(self.d_m))[:MOST_POSES])
-        return replace(
-            self,
-            p_base_ee_m=self.p_base_ee_m[drawn],
-            R_base=self.R_base[drawn],
-            d_m=self.d_m[drawn],
-            root=self.root[drawn],
-        )
+        drawn = np.random.default_rng(0).permutation(len(self.d_m))[:MOST_POSES]
+        return taken(self, np.sort(drawn), "p_ee_stated_m")
 
     def from_point(self, p_base_m: Array, p_ee_m: Array) -> Array:
         """Return the way (P, 3) from the fixed point to the target, along base axes."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
 
 # The difference of two poses as six numbers, and its derivative.
@@ -44,6 +44,18 @@ def cross_matrix(vector: Array) -> Array:
     matrix[..., 1, 0], matrix[..., 1, 2] = vector[..., 2], -vector[..., 0]
     matrix[..., 2, 0], matrix[..., 2, 1] = -vector[..., 1], vector[..., 0]
     return matrix
+
+
+def by_small_motion(arms: Array) -> Array:
+    """Return how points follow a shift and a small turn of what carries them, (..., 3, 6).
+
+    Args:
+        arms: (..., 3) way to the points from where it turns about.
+    """
+    by_motion = np.zeros((*arms.shape, 6))
+    by_motion[..., :3] = np.eye(3)
+    by_motion[..., 3:] = -cross_matrix(arms)
+    return by_motion
 
 
 #: A set thinner than this part of its length counts as lying on one line.
@@ -96,12 +108,10 @@ def fit_rigid(source: Array, target: Array) -> RigidFit:
     target_off = target - target_mean[..., None, :]
     _refuse_lines(source_off, "source points")
     _refuse_lines(target_off, "target points")
-    U, _, Vt = np.linalg.svd(np.swapaxes(target_off, -1, -2) @ source_off)
-    U[..., :, 2] *= np.linalg.det(U @ Vt)[..., None]
-    R = U @ Vt
+    R = nearest_rotation(np.swapaxes(target_off, -1, -2) @ source_off)
     p = target_mean - (R @ source_mean[..., None])[..., 0]
     square = ((target - _carry(R, p, source)) ** 2).sum(axis=-1)
-    return RigidFit(_homogeneous(R, p), np.sqrt(square.mean(axis=-1)))
+    return RigidFit(homogeneous(R, p), np.sqrt(square.mean(axis=-1)))
 
 
 def fit_rigid_weighted(source: Array, target: Array, covariances: Array) -> WeightedRigidFit:
@@ -123,7 +133,7 @@ def fit_rigid_weighted(source: Array, target: Array, covariances: Array) -> Weig
     R, p = T[:, :3, :3].copy(), T[:, :3, 3].copy()
     information = np.linalg.inv(covariances)
     for _ in range(MAX_ITERATIONS):
-        jacobian = _jacobian(R, source)
+        jacobian = by_small_motion(source @ np.swapaxes(R, -1, -2))
         weighted = np.swapaxes(jacobian, -1, -2) @ information
         residuals = target - _carry(R, p, source)
         normal = (weighted @ jacobian).sum(axis=1)
@@ -133,7 +143,7 @@ def fit_rigid_weighted(source: Array, target: Array, covariances: Array) -> Weig
         scale = np.maximum(1.0, np.abs(target).max(initial=0.0))
         if np.abs(step).max(initial=0.0) <= STEP_TOLERANCE * scale:
             break
-    return WeightedRigidFit(T=_homogeneous(R, p), covariance=np.linalg.inv(normal))
+    return WeightedRigidFit(T=homogeneous(R, p), covariance=np.linalg.inv(normal))
 
 
 def pose_by_source(T: Array, target: Array, covariances: Array) -> Array:
@@ -150,7 +160,7 @@ def pose_by_source(T: Array, target: Array, covariances: Array) -> Array:
     """
     R, p = T[:, :3, :3], T[:, :3, 3]
     source = (target - p[:, None, :]) @ R
-    jacobian = _jacobian(R, source)
+    jacobian = by_small_motion(source @ np.swapaxes(R, -1, -2))
     weighted = np.swapaxes(jacobian, -1, -2) @ np.linalg.inv(covariances)
     normal = (weighted @ jacobian).sum(axis=1)
     pulled = -np.linalg.solve(normal[:, None], weighted @ R[:, None])
@@ -160,23 +170,6 @@ def pose_by_source(T: Array, target: Array, covariances: Array) -> Array:
 
 def _carry(R: Array, p: Array, points: Array) -> Array:
     return points @ np.swapaxes(R, -1, -2) + p[..., None, :]
-
-
-def _jacobian(R: Array, source: Array) -> Array:
-    """Return d(carried point) / d(dp, w), (B, k, 3, 6): dp + w x (R source)."""
-    x, y, z = np.moveaxis(source @ np.swapaxes(R, -1, -2), -1, 0)
-    jacobian = np.zeros((*source.shape, 6))
-    jacobian[..., range(3), range(3)] = 1.0
-    jacobian[..., 0, 4], jacobian[..., 0, 5] = z, -y
-    jacobian[..., 1, 3], jacobian[..., 1, 5] = -z, x
-    jacobian[..., 2, 3], jacobian[..., 2, 4] = y, -x
-    return jacobian
-
-
-def _homogeneous(R: Array, p: Array) -> Array:
-    T = np.zeros((*R.shape[:-2], 4, 4))
-    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, p, 1.0
-    return T
 
 
 def _refuse_lines(offsets: Array, where: str) -> None:
@@ -228,7 +221,7 @@ class Located:
         if self.T_ee_target is not None:
             return self.T_ee_target[None]
         places_m = np.zeros((0, 3)) if self.p_ee_targets_m is None else self.p_ee_targets_m
-        return _homogeneous(np.tile(np.eye(3), (len(places_m), 1, 1)), places_m)
+        return homogeneous(np.eye(3), places_m)
 
     def targets(self, T_base_ee: Array) -> Array:
         """Return where the targets are in the instrument's frame, (P, B, 4, 4) [m]."""

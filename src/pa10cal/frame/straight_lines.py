@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 
 import numpy as np
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import CalibrationError
 from pa10cal.options import BaseFrameOptions
-from pa10cal.results.calibration import StraightLine
+from pa10cal.results.calibration import BaseFrameRecord, StraightLine
 
 #: Positions of the same poses as measured and as the nominal model has them.
 Positions = tuple[Array, Array]
 
 
-@dataclass(frozen=True)
-class LineSeed:
-    """The base frame in the instrument's frame, from straight moves."""
-
-    T_instr_base: Array  # (4, 4) instrument from base [m]
-    line_x: StraightLine  # the move along the robot's x axis
-    line_y: StraightLine  # the move along the robot's y axis, before it is made perpendicular to x
-    angle_rad: float  # angle between the two measured lines
-    # root mean square distance of the single poses' origins from their mean
-    origin_scatter_m: float
-    origin_poses: int  # poses averaged for the origin
+def frame_fields(T_instr_base: Array) -> dict[str, Array]:
+    """Return a base frame (4, 4) as `BaseFrameRecord` has it."""
+    return {
+        "R_instr_base": T_instr_base[:3, :3],
+        "origin_instr_m": T_instr_base[:3, 3],
+        "T_instr_base": T_instr_base,
+    }
 
 
 def fit_line(p_instr_m: Array, travel_m: Array, name: str = "straight move") -> StraightLine:
@@ -82,8 +78,12 @@ def axes_from_lines(x_instr: Array, y_instr: Array) -> Array:
 
 
 def seed_from_lines(
-    x_move: Positions, y_move: Positions, origin_poses: Positions, options: BaseFrameOptions
-) -> LineSeed:
+    x_move: Positions,
+    y_move: Positions,
+    origin_poses: Positions,
+    options: BaseFrameOptions,
+    **measured: str,
+) -> BaseFrameRecord:
     """Find the base frame: axes from the straight moves, origin from the nominal model.
 
     The origin is the mean over the given poses of p_instr_ee - R_instr_base p_base_ee.
@@ -94,6 +94,7 @@ def seed_from_lines(
         y_move: the same for the move along y.
         origin_poses: the same for the poses that fix the origin.
         options: what the moves must satisfy.
+        measured: campaign, provenance and `origin_from` of the record.
 
     Raises:
         CalibrationError: when a move has fewer than three points, is too short or bent, or the
@@ -115,10 +116,20 @@ def seed_from_lines(
     R_instr_base = axes_from_lines(x, y)
     p_instr_m, p_base_m = origin_poses
     origins = p_instr_m - p_base_m @ R_instr_base.T
-    T_instr_base = np.eye(4)
-    T_instr_base[:3, :3], T_instr_base[:3, 3] = R_instr_base, origins.mean(axis=0)
+    T_instr_base = homogeneous(R_instr_base, origins.mean(axis=0))
     scatter = np.sqrt(((origins - T_instr_base[:3, 3]) ** 2).sum(axis=1).mean())
-    return LineSeed(T_instr_base, line_x, line_y, angle, float(scatter), len(origins))
+    return BaseFrameRecord(
+        **measured,
+        method="straight_lines",
+        **frame_fields(T_instr_base),
+        x_direction_u_rad=line_x.direction_u_rad,
+        y_direction_u_rad=line_y.direction_u_rad,
+        line_x=line_x,
+        line_y=line_y,
+        angle_between_lines_deg=math.degrees(angle),
+        origin_scatter_mm=1e3 * float(scatter),
+        origin_poses=len(origins),
+    )
 
 
 def _checked_line(

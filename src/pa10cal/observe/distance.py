@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, homogeneous
 from pa10cal.frame.ranging import range_from_distances
 from pa10cal.frame.rigid_fit import Located, scale_of_distances
 from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
@@ -63,9 +63,6 @@ class Distance(Instrument):
         "Errors are of the measured distance; errors across the line of sight are not measured.",
         "Arrows lie along the line of sight; errors across it are not measured.",
     )
-
-    def __len__(self) -> int:
-        return len(self.d_m)
 
     @override
     def averaged(self, code: Index) -> Self:
@@ -135,10 +132,8 @@ class Distance(Instrument):
         base.
         """
         found = range_from_distances(T_base_ee, self.d_m, self.p_ee_stated_m)
-        T_instr_base = np.eye(4)
-        T_instr_base[:3, 3] = self.p_instr_point_m - found.p_base_point_m
         return Located(
-            T_instr_base=T_instr_base,
+            T_instr_base=homogeneous(np.eye(3), self.p_instr_point_m - found.p_base_point_m),
             scatter_m=found.rms_m,
             poses=len(self),
             p_ee_targets_m=found.p_ee_target_m[None],

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.statics import ObservedTargets
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Rows, homogeneous, taken
 from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.observe.quantities import (
     AXES,
@@ -27,7 +27,6 @@ from pa10cal.observe.quantities import (
     Deviations,
     Misfit,
     RawColumns,
-    Rows,
     Start,
     Stated,
     Unusable,
@@ -47,7 +46,12 @@ MM = 1e-3
 
 @dataclass(frozen=True)
 class Instrument(ABC):
-    """What an instrument measured in P poses."""
+    """What an instrument measured in P poses, b components each.
+
+    In its methods `T_instr_ee` and `T_base_ee` are the end of the chain (P, 4, 4) in the frame of
+    the instrument or of the base [m], and `targets_m` the places (t,) of the targets in the
+    end-effector frame, as `target_parameters`.
+    """
 
     kind: ClassVar[str]  # the word of `instrument.kind` in campaign.yaml
     # how `locate` finds the base, a word of `seed/base_frame.json`
@@ -72,9 +76,8 @@ class Instrument(ABC):
     #: Fields that belong to all poses together.
     _of_all: ClassVar[tuple[str, ...]] = ()
 
-    @abstractmethod
     def __len__(self) -> int:
-        """Return the number of poses."""
+        return len(self.places_m)
 
     @property
     def campaigns(self) -> tuple[tuple[str, Instrument], ...]:
@@ -106,14 +109,7 @@ class Instrument(ABC):
 
     def take(self, rows: Rows) -> Self:
         """Return what was measured in some of the poses; arrays have one entry a pose."""
-        return replace(
-            self,
-            **{
-                field.name: getattr(self, field.name)[rows]
-                for field in fields(self)
-                if field.name not in self._of_all and getattr(self, field.name) is not None
-            },
-        )
+        return taken(self, rows, *self._of_all)
 
     @abstractmethod
     def averaged(self, code: Index) -> Self:
@@ -168,12 +164,7 @@ class Instrument(ABC):
 
     @abstractmethod
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
-        """Compare predicted poses of the end of the chain with what was measured.
-
-        Args:
-            T_instr_ee: (P, 4, 4) end of the chain in the instrument's frame [m].
-            targets_m: (t,) places of the targets, as `target_parameters`.
-        """
+        """Compare predicted poses of the end of the chain with what was measured."""
 
     def end_poses(self, T_instr_ee: Array) -> Array:
         """Return poses of the end of the chain (P, 4, 4): measured where they are, else these."""
@@ -183,10 +174,6 @@ class Instrument(ABC):
         """Return where the targets were, and what a false reading of them makes of the pose.
 
         The pose that follows false readings is the one whose targets are nearest to them.
-
-        Args:
-            T_instr_ee: (P, 4, 4) predicted end of the chain.
-            targets_m: (t,) places of the targets in the end-effector frame.
         """
         p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
         by_end, _ = by_end_and_targets(T_instr_ee, arms)
@@ -269,7 +256,7 @@ class Instrument(ABC):
         """Fit the nominal model to some poses, and return how far every pose is from it.
 
         Args:
-            T_base_ee: (P, 4, 4) nominal end-effector [m].
+            used: numbers of those poses.
             weights: weight of the squared residuals of each.
 
         Raises:
@@ -294,24 +281,12 @@ class Instrument(ABC):
         return None
 
     def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:  # noqa: ARG002
-        """Return predicted poses as read through targets that are off their stated places.
-
-        Args:
-            T_base_ee: (P, 4, 4) predicted poses in the base frame [m].
-            T_instr_base: (4, 4) base frame.
-            targets_off_m: (a,) by how much they are off.
-        """
+        """Return predicted poses as read through targets that are (a,) off their stated places."""
         return T_base_ee
 
     @abstractmethod
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
-        """Compare predictions with measurements, configuration by configuration.
-
-        Args:
-            T_base_ee: (P, 4, 4) predicted end of the chain in the base frame [m].
-            T_instr_base: (4, 4) base frame.
-            targets_m: (t,) places of the targets in the end-effector frame.
-        """
+        """Compare predictions with measurements, configuration by configuration."""
 
     @property
     def spread_mm(self) -> float:
@@ -440,22 +415,13 @@ class BaseTargets:
 
     def take(self, rows: Rows) -> BaseTargets:
         """Return some of the configurations."""
-        return replace(
-            self,
-            p_instr_m=self.p_instr_m[rows],
-            u_m=self.u_m[rows],
-            motion=self.motion[rows],
-            motion_cov=self.motion_cov[rows],
-        )
+        return taken(self, rows, "names", "found")
 
     @property
     def T_moved(self) -> Array:
         """Return the motion (P, 4, 4) of all that the instrument read."""
-        T = np.tile(np.eye(4), (len(self.motion), 1, 1))
-        T[:, :3, :3] = Rotation.from_rotvec(self.motion[:, 3:]).as_matrix()
-        about_m = self.about_m
-        T[:, :3, 3] = about_m + self.motion[:, :3] - T[:, :3, :3] @ about_m
-        return T
+        R = Rotation.from_rotvec(self.motion[:, 3:]).as_matrix()
+        return homogeneous(R, self.about_m + self.motion[:, :3] - R @ self.about_m)
 
     @property
     def about_m(self) -> Array:

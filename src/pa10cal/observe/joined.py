@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.arm.statics import ObservedTargets, PoseStates
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Rows
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.rigid_fit import Located
 from pa10cal.observe.instrument import Instrument
@@ -26,7 +26,6 @@ from pa10cal.observe.quantities import (
     Comparison,
     Deviations,
     Misfit,
-    Rows,
     Start,
     Words,
 )
@@ -71,18 +70,12 @@ class Joined(Instrument):
 
     @cached_property
     def _places(self) -> tuple[_Place, ...]:
-        places, before = [], dict.fromkeys("bta", 0)
+        places, ends = [], dict.fromkeys("bta", 0)
         for number, (name, part) in enumerate(self.campaigns):
-            own = (
-                part.components_seen.shape[1],
-                len(part.target_parameters),
-                part.by_stated_targets.shape[2],
-            )
-            at = {
-                axis: slice(first, first + count)
-                for (axis, first), count in zip(before.items(), own, strict=True)
-            }
-            before = {axis: columns.stop for axis, columns in at.items()}
+            _, components, apparatus = part.by_stated_targets.shape
+            lengths = {"b": components, "t": len(part.target_parameters), "a": apparatus}
+            at = {axis: slice(ends[axis], ends[axis] + length) for axis, length in lengths.items()}
+            ends = {axis: columns.stop for axis, columns in at.items()}
             places.append(_Place(name, part, np.flatnonzero(self.campaign == number), at))
         return tuple(places)
 
@@ -99,39 +92,48 @@ class Joined(Instrument):
         """Return the campaigns that have poses here."""
         return tuple(place for place in self._places if len(place.rows))
 
-    def _with(self, parts: Sequence[Instrument]) -> Self:
-        return replace(self, parts=tuple(parts))
-
     def _scattered(
-        self,
-        of: Callable[[_Place], Iterable[Array]],
-        *axes: tuple[str | int, ...],
-        fill: float = 0.0,
+        self, of: Callable[[_Place], Any], *axes: tuple[str | int, ...], fill: float = 0.0
     ) -> list[Array]:
         """Return arrays with what each campaign has in its own poses and columns, else `fill`.
 
         Args:
-            of: gives what a campaign has, one array (p, ...) for each of those returned.
+            of: gives what a campaign has, an array (p, ...) or a record of one for each of `axes`.
             axes: of each array, after the poses: `b`, `t` or `a` of `_Place`; or how long the axis
                 is at least, where it is as long as the longest of a campaign.
-            fill: what stands elsewhere.
+            fill: what stands elsewhere, and for an array that a campaign has not.
         """
+        of_each = [of(place) for place in self._shown]
+        parts = [[one] if isinstance(one, np.ndarray) else vars(one).values() for one in of_each]
         whole = []
-        for names, *parts in zip(axes, *map(of, self._shown), strict=True):
+        for names, *arrays in zip(axes, *parts, strict=True):
+            there = [array for array in arrays if array is not None]
             lengths = [
                 self._places[-1].at[axis].stop
                 if isinstance(axis, str)
-                else max([axis, *(part.shape[k] for part in parts)])
+                else max([axis, *(array.shape[k] for array in there)])
                 for k, axis in enumerate(names, start=1)
             ]
             whole.append(np.full((len(self), *lengths), fill))
-            for p, part in zip(self._shown, parts, strict=True):
-                own = zip(names, part.shape[1:], strict=True)
-                at: list[Any] = [
-                    p.at[axis] if isinstance(axis, str) else slice(length) for axis, length in own
-                ]
-                whole[-1][p.rows, *at] = part
+            for p, array in zip(self._shown, arrays, strict=True):
+                if array is not None:
+                    own = zip(names, array.shape[1:], strict=True)
+                    at: list[Any] = [
+                        p.at[k] if isinstance(k, str) else slice(length) for k, length in own
+                    ]
+                    whole[-1][p.rows, *at] = array
         return whole
+
+    def _blocks(self, of: Callable[[_Place], Array]) -> Array:
+        """Return matrices (P, b, b) with those of each campaign, unit for those of others."""
+        (blocks,) = self._scattered(of, ("b", "b"))
+        (own,) = self._scattered(lambda p: np.ones((len(p.rows), _size(p.at["b"]))), ("b",))
+        diagonal = np.arange(own.shape[1])
+        blocks[:, diagonal, diagonal] += 1.0 - own
+        return blocks
+
+    def _with(self, parts: Iterable[Instrument]) -> Self:
+        return replace(self, parts=tuple(parts))
 
     @property
     @override
@@ -170,22 +172,22 @@ class Joined(Instrument):
 
     @override
     def moved(self, T: Array) -> Self:
-        return self._with([part.moved(T) for part in self.parts])
+        return self._with(part.moved(T) for part in self.parts)
 
     @override
     def turned(self, R_ee_target: Array) -> Self:
-        return self._with([part.turned(R_ee_target) for part in self.parts])
+        return self._with(part.turned(R_ee_target) for part in self.parts)
 
     @override
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
         return self._with(
-            [p.part.ideal(T_instr_ee[p.rows], targets_m[p.at["t"]]) for p in self._places]
+            p.part.ideal(T_instr_ee[p.rows], targets_m[p.at["t"]]) for p in self._places
         )
 
     @property
     @override
     def places_m(self) -> Array:
-        return self._scattered(lambda p: (p.part.places_m,), (0, 3), fill=np.nan)[0]
+        return self._scattered(lambda p: p.part.places_m, (0, 3), fill=np.nan)[0]
 
     @property
     @override
@@ -196,7 +198,10 @@ class Joined(Instrument):
     @override
     def target_names(self) -> tuple[str, ...]:
         return tuple(
-            of_campaign(target, name) for name, part in self.campaigns for target in _targets(part)
+            of_campaign(target, name)
+            for name, part in self.campaigns
+            if part.target_parameters  # else they are no unknowns of a fit
+            for target in part.target_names
         )
 
     @property
@@ -210,21 +215,19 @@ class Joined(Instrument):
 
     @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
-        def of(p: _Place) -> Iterable[Array]:
-            found = p.part.compare(T_instr_ee[p.rows], targets_m[p.at["t"]])
-            return found.residual, found.by_end, found.by_targets
+        def of(p: _Place) -> Comparison:
+            return p.part.compare(T_instr_ee[p.rows], targets_m[p.at["t"]])
 
         return Comparison(*self._scattered(of, ("b",), ("b", 6), ("b", "t")))
 
     @override
     def end_poses(self, T_instr_ee: Array) -> Array:
-        return self._scattered(lambda p: (p.part.end_poses(T_instr_ee[p.rows]),), (4, 4))[0]
+        return self._scattered(lambda p: p.part.end_poses(T_instr_ee[p.rows]), (4, 4))[0]
 
     @override
     def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
-        def of(p: _Place) -> Iterable[Array]:
-            found = p.part.readout(T_instr_ee[p.rows], targets_m[p.at["t"]])
-            return found.p_instr_targets_m, found.pose_by_targets
+        def of(p: _Place) -> ObservedTargets:
+            return p.part.readout(T_instr_ee[p.rows], targets_m[p.at["t"]])
 
         p_instr_m, by_targets = self._scattered(of, (0, 3), (6, 0), fill=np.nan)
         p_instr_m = np.where(np.isnan(p_instr_m), p_instr_m[:, :1], p_instr_m)
@@ -237,31 +240,18 @@ class Joined(Instrument):
     @property
     @override
     def by_stated_targets(self) -> Array:
-        return self._scattered(lambda p: (p.part.by_stated_targets,), ("b", "a"))[0]
+        return self._scattered(lambda p: p.part.by_stated_targets, ("b", "a"))[0]
 
     @cached_property
     def components_seen(self) -> NDArray[np.bool_]:
         """Return which components were measured in each pose, (P, b)."""
-        return self._scattered(lambda p: (p.part.components_seen.astype(float),), ("b",))[0].astype(
-            bool
-        )
+        seen = self._scattered(lambda p: p.part.components_seen.astype(float), ("b",))[0]
+        return seen.astype(bool)
 
     @property
     @override
     def stated_covariance(self) -> Array:
         return self._blocks(lambda p: p.part.stated_covariance)
-
-    def _blocks(self, of: Callable[[_Place], Array]) -> Array:
-        """Return matrices (P, b, b) with those of each campaign, unit for those of others."""
-
-        def with_columns(p: _Place) -> Iterable[Array]:
-            block = of(p)
-            return block, np.ones(block.shape[:2])
-
-        blocks, own = self._scattered(with_columns, ("b", "b"), ("b",))
-        diagonal = np.arange(own.shape[1])
-        blocks[:, diagonal, diagonal] += 1.0 - own
-        return blocks
 
     @property
     @override
@@ -282,20 +272,16 @@ class Joined(Instrument):
     @override
     def locate(self, T_base_ee: Array) -> Located:
         found = {p.name: p.part.locate(T_base_ee[p.rows]) for p in self._shown}
-        first = self._leading.name
-        squares = sum(each.poses * each.scatter_m**2 for each in found.values())
-        poses = sum(each.poses for each in found.values())
-        targets_m = [e.p_ee_targets_m for e in found.values() if e.p_ee_targets_m is not None]
+        targets = {name: of.T_ee_target for name, of in found.items() if of.T_ee_target is not None}
+        poses = [of.poses for of in found.values()]
+        squares = [of.scatter_m**2 for of in found.values()]
+        places_m = [of.p_ee_targets_m for of in found.values() if of.p_ee_targets_m is not None]
         return replace(
-            found[first],
-            scatter_m=float(np.sqrt(squares / poses)),
-            poses=poses,
-            p_ee_targets_m=np.concatenate([np.zeros((0, 3)), *targets_m]),
-            T_ee_target_of={
-                name: each.T_ee_target
-                for name, each in found.items()
-                if each.T_ee_target is not None
-            },
+            found[self._leading.name],
+            scatter_m=float(np.sqrt(np.average(squares, weights=poses))),
+            poses=sum(poses),
+            p_ee_targets_m=np.concatenate([np.zeros((0, 3)), *places_m]),
+            T_ee_target_of=targets,
         )
 
     @property
@@ -320,10 +306,9 @@ class Joined(Instrument):
 
     @override
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        def of(p: _Place) -> Iterable[Array]:
+        def of(p: _Place) -> Misfit:
             here = self.campaign[used] == self.names.index(p.name)
-            found = p.part.misfit(T_base_ee[p.rows], self._within[used][here], weights[here])
-            return found.length_m, found.turn_rad
+            return p.part.misfit(T_base_ee[p.rows], self._within[used][here], weights[here])
 
         return Misfit(*self._scattered(of, (0,), (), fill=np.nan))
 
@@ -332,23 +317,19 @@ class Joined(Instrument):
     def attitudes(self) -> Array | None:
         if any(part.attitudes is None for part in self.parts):
             return None
-        return self._scattered(lambda p: (np.asarray(p.part.attitudes),), (3, 3))[0]
+        return self._scattered(lambda p: p.part.attitudes, (3, 3))[0]
 
     @override
     def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:
-        def of(p: _Place) -> Iterable[Array]:
-            yield p.part.as_read(T_base_ee[p.rows], T_instr_base, targets_off_m[p.at["a"]])
+        def of(p: _Place) -> Array:
+            return p.part.as_read(T_base_ee[p.rows], T_instr_base, targets_off_m[p.at["a"]])
 
         return self._scattered(of, (4, 4))[0]
 
     @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
-        def of(p: _Place) -> Iterable[Array]:
-            found = p.part.deviations(T_base_ee[p.rows], T_instr_base, targets_m[p.at["t"]])
-            rotation = (
-                np.zeros((len(p.rows), 3)) if found.rotation_deg is None else found.rotation_deg
-            )
-            return found.distance_mm, found.position_mm, rotation
+        def of(p: _Place) -> Deviations:
+            return p.part.deviations(T_base_ee[p.rows], T_instr_base, targets_m[p.at["t"]])
 
         distance, position, rotation = self._scattered(of, (), (3,), (3,))
         return Deviations(distance, position, None if self.attitudes is None else rotation)
@@ -381,9 +362,8 @@ class Joined(Instrument):
         return columns
 
 
-def _targets(part: Instrument) -> tuple[str, ...]:
-    """Return the names of targets that are unknowns of a fit."""
-    return part.target_names if part.target_parameters else ()
+def _size(columns: slice) -> int:
+    return int(columns.stop - columns.start)
 
 
 # Campaigns of one robot joined: measured in one frame, poses labelled, one after the other.
@@ -416,18 +396,24 @@ def join(members: Sequence[Member]) -> Observations[Joined]:
     Returns:
         Single readings of all, labels with the name of their campaign.
     """
-    frames = members[0].start
-    each = []
+    first = members[0].start
+    each: list[Observations] = []
+    end_s = 0.0
     for member in members:
-        placed = with_arrivals(_placed(member.observations, member.start, frames))[0]
-        labels = np.char.add(member.name + _OF_CAMPAIGN, placed.pose)
-        each.append(replace(placed, pose=labels))
-    times_s = _one_after_the_other([every.states.time_s for every in each])
-    each = [
-        every.with_states(replace(every.states, time_s=time_s))
-        for every, time_s in zip(each, times_s, strict=True)
-    ]
-    R_first = frames.R_ee_target
+        every, own = member.observations, member.start
+        if own is not first:
+            measured = every.measured.moved(first.T_instr_base @ np.linalg.inv(own.T_instr_base))
+            measured = measured.turned(first.R_ee_target.T @ own.R_ee_target)
+            every = replace(every, measured=measured)
+        every = with_arrivals(every)[0]
+        # Times of all campaigns, each on its own clock, one after the other.
+        time_s = every.states.time_s
+        if each and len(time_s):
+            time_s = time_s - time_s.min() + end_s + _APART_S
+        end_s = time_s.max(initial=end_s)
+        labels = np.char.add(member.name + _OF_CAMPAIGN, every.pose)
+        each.append(replace(every, pose=labels, states=replace(every.states, time_s=time_s)))
+    R_first = first.R_ee_target
     targets = {member.name: R_first.T @ member.start.R_ee_target for member in members}
     return joined(each, tuple(targets), targets)
 
@@ -446,46 +432,22 @@ def joined(
     campaign = np.repeat(np.arange(len(each)), [len(every) for every in each])
     columns = ((every.pose, every.kind, every.repeat, every.readings) for every in each)
     pose, kind, repeat, readings = map(np.concatenate, zip(*columns, strict=True))
-    states = _states([every.states for every in each], campaign)
-    measured = Joined(names, tuple(every.measured for every in each), campaign, targets or {})
-    log = _log([every.log for every in each])
-    return Observations(pose, states, measured, kind, repeat, readings, log)
-
-
-def _placed(every: Observations, own: Start, first: Start) -> Observations[Instrument]:
-    """Return readings with base and target where those of the first campaign are."""
-    if own is first:
-        return every
-    measured = every.measured.moved(first.T_instr_base @ np.linalg.inv(own.T_instr_base))
-    return replace(every, measured=measured.turned(first.R_ee_target.T @ own.R_ee_target))
-
-
-def _one_after_the_other(times_s: Sequence[Array]) -> list[Array]:
-    """Return the times of all campaigns, each on its own clock, one after the other."""
-    shifted, end_s = [times_s[0]], times_s[0].max(initial=0.0)
-    for time_s in times_s[1:]:
-        begins_s = time_s.min(initial=np.inf)
-        shifted.append(time_s - begins_s + end_s + _APART_S if len(time_s) else time_s)
-        end_s = shifted[-1].max(initial=end_s)
-    return shifted
-
-
-def _states(each: Sequence[PoseStates], campaign: Index) -> PoseStates:
-    names = ("q_rad", "tau_Nm", "arrival", "load_N", "temperature_C", "time_s")
+    fields = ("q_rad", "tau_Nm", "arrival", "load_N", "temperature_C", "time_s")
     arrays: dict[str, Any] = {
-        name: np.concatenate([getattr(states, name) for states in each]) for name in names
+        name: np.concatenate([getattr(every.states, name) for every in each]) for name in fields
     }
     timed = None  # which poses have a time; None where all do
-    if not all(states.tells_time for states in each):
-        known = [np.ones(len(s), dtype=bool) if s.timed is None else s.timed for s in each]
-        timed = np.concatenate(known)
-    return PoseStates(**arrays, campaign=campaign, timed=timed)
-
-
-def _log(logs: Sequence[JointLog | None]) -> JointLog | None:
-    """Return how joints were read in all campaigns; None where one does not say."""
-    known = [log for log in logs if log is not None]
-    if len(known) < len(logs):
-        return None
-    every = ((log.q_u, log.tau_u, log.samples) for log in known)
-    return JointLog(*map(np.concatenate, zip(*every, strict=True)))
+    if not all(every.states.tells_time for every in each):
+        known = (every.states.timed for every in each)
+        lengths = map(len, each)
+        timed = np.concatenate(
+            [np.ones(n, bool) if of is None else of for n, of in zip(lengths, known, strict=True)]
+        )
+    states = PoseStates(**arrays, campaign=campaign, timed=timed)
+    measured = Joined(names, tuple(every.measured for every in each), campaign, targets or {})
+    logs = [every.log for every in each if every.log is not None]
+    log = None
+    if len(logs) == len(each):  # else one does not say how joints were read
+        parts = ((of.q_u, of.tau_u, of.samples) for of in logs)
+        log = JointLog(*map(np.concatenate, zip(*parts, strict=True)))
+    return Observations(pose, states, measured, kind, repeat, readings, log)

@@ -12,11 +12,10 @@ from scipy.spatial.transform import Rotation
 from typing_extensions import TypeVar
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Rows, taken
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import BaseTargets, Instrument, group_means
 from pa10cal.observe.pose import Pose
-from pa10cal.observe.quantities import Rows
 
 M = TypeVar("M", bound=Instrument)
 M_co = TypeVar("M_co", bound=Instrument, default=Instrument, covariant=True)
@@ -35,7 +34,7 @@ class JointLog:
 
     def take(self, rows: Rows) -> JointLog:
         """Return some of the configurations."""
-        return JointLog(self.q_u[rows], self.tau_u[rows], self.samples[rows])
+        return taken(self, rows)
 
 
 @dataclass(frozen=True)
@@ -67,29 +66,18 @@ class Observations(Generic[M_co]):
 
     def take(self, rows: Rows) -> Observations[M_co]:
         """Return some of the poses."""
-        return Observations(
-            self.pose[rows],
-            self.states.take(rows),
-            self.measured.take(rows),
-            self.kind[rows],
-            self.repeat[rows],
-            self.readings[rows],
-            None if self.log is None else self.log.take(rows),
-            None if self.base is None else self.base.take(rows),
-        )
+        return taken(self, rows)
 
     def by_campaign(self) -> dict[str, Observations]:
         """Return the poses of every campaign of a group by its name, each as if it were alone."""
         campaign = self.states.campaign
         if campaign is None:
             return {}
-        found = {}
+        found: dict[str, Observations] = {}
         for number, (name, part) in enumerate(self.measured.campaigns):
-            rows = campaign == number
-            states = replace(self.states.take(rows), campaign=None)
-            log = None if self.log is None else self.log.take(rows)
-            rest = (self.kind[rows], self.repeat[rows], self.readings[rows], log)
-            found[name] = Observations(self.pose[rows], states, part, *rest)
+            own: Observations = taken(self, campaign == number, "measured")
+            states = replace(own.states, campaign=None)
+            found[name] = replace(own, states=states, measured=part, base=None)
         return found
 
     def of_kind(self, kind: str) -> Observations[M_co]:

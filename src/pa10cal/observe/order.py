@@ -218,22 +218,18 @@ def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
     directions of joints that are reversed (`reversed_joints`) are put right.
     """
     states = every.states
-    if not len(every):
-        return every, False
-    if states.arrival.any():
-        wrong = reversed_joints(every)
-        if not wrong.any():
-            by_order = None if states.moved is not None else _by_order(every)
-            if by_order is None or not np.array_equal(by_order[0], states.arrival):
-                return every, False
-            return every.with_states(replace(states, moved=by_order[1])), False
-        arrival = np.where(wrong, -states.arrival, states.arrival)
-        return every.with_states(replace(states, arrival=arrival)), False
-    ordered = _by_order(every)
-    if ordered is None:
-        return every, False
-    arrival, moved = ordered
-    return every.with_states(replace(states, arrival=arrival, moved=moved)), True
+    by_order = _by_order(every) if len(every) else None
+    if not states.arrival.any():
+        if by_order is None:
+            return every, False
+        arrival, moved = by_order
+        return every.with_states(replace(states, arrival=arrival, moved=moved)), True
+    wrong = reversed_joints(every)
+    if wrong.any():
+        states = replace(states, arrival=np.where(wrong, -states.arrival, states.arrival))
+    elif by_order and states.moved is None and np.array_equal(by_order[0], states.arrival):
+        states = replace(states, moved=by_order[1])
+    return every if states is every.states else every.with_states(states), False
 
 
 def reversed_joints(every: Observations) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
 from pa10cal.frame.hand_eye import hand_eye_from_points
-from pa10cal.frame.rigid_fit import Located, cross_matrix, scale_of_points
+from pa10cal.frame.rigid_fit import Located, by_small_motion, cross_matrix, scale_of_points
 from pa10cal.observe.instrument import (
     MM,
     BaseTargets,
@@ -72,9 +72,6 @@ class Points(Instrument):
     sees_base: ClassVar[bool] = True
     least_rows: ClassVar[int] = 12
     _of_all: ClassVar[tuple[str, ...]] = ("names", "p_ee_stated_m")
-
-    def __len__(self) -> int:
-        return len(self.p_instr_m)
 
     @override
     def averaged(self, code: Index) -> Self:
@@ -159,9 +156,7 @@ class Points(Instrument):
         own = cov.reshape(count, 3 * targets, 3 * targets)
         if self.motion_cov is None:
             return own
-        by_motion = np.zeros((count, targets, 3, 6))
-        by_motion[..., :3] = np.eye(3)
-        by_motion[..., 3:] = -cross_matrix(np.nan_to_num(self.p_instr_m))
+        by_motion = by_small_motion(np.nan_to_num(self.p_instr_m))
         along = (by_motion * np.isfinite(self.p_instr_m)[..., None]).reshape(count, -1, 6)
         return np.asarray(own + along @ self.motion_cov @ along.swapaxes(1, 2))
 

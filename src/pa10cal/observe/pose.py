@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
 from pa10cal.arm.statics import ObservedTargets
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
 from pa10cal.frame.rigid_fit import Located, cross_matrix, pose_error, scale_of_points
 from pa10cal.observe.instrument import (
@@ -84,15 +84,10 @@ class Pose(Instrument):
         """Return poses that are measured themselves, and not through targets of an apparatus."""
         return Pose(T_instr_target, cov, np.zeros((len(cov), 6, 0)))
 
-    def __len__(self) -> int:
-        return len(self.T_instr_target)
-
     @override
     def averaged(self, code: Index) -> Self:
         T = group_means(self.T_instr_target, code)
-        U, _, Vt = np.linalg.svd(T[:, :3, :3])
-        U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
-        T[:, :3, :3] = U @ Vt
+        T[:, :3, :3] = nearest_rotation(T[:, :3, :3])
         return replace(
             self.take(np.unique(code, return_index=True)[1]),
             T_instr_target=T,
@@ -281,14 +276,12 @@ class Pose(Instrument):
     @classmethod
     @override
     def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Pose:
-        T = np.tile(np.eye(4), (len(values), 1, 1))
-        T[:, :3, 3] = MM * values[:, :3]
-        T[:, :3, :3] = Rotation.from_quat(values[:, 3:], scalar_first=True).as_matrix()
+        R = Rotation.from_quat(values[:, 3:], scalar_first=True).as_matrix()
         cov = np.zeros((len(values), 6, 6))
         u_m = np.where(np.isnan(u[:, :3]), stated.uncertainty_m, MM * u[:, :3])
         cov[:, range(3), range(3)] = u_m**2
         cov[:, 3:, 3:] = _rotation_covariance(values[:, 3:], u[:, 3:], stated.uncertainty_m)
-        return Pose.of(T, cov)
+        return Pose.of(homogeneous(R, MM * values[:, :3]), cov)
 
 
 def _rotation_covariance(quaternion: Array, u: Array, u_place_m: float) -> Array:
@@ -316,11 +309,10 @@ def _rotation_covariance(quaternion: Array, u: Array, u_place_m: float) -> Array
 
 def pose_of_columns(columns: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return the poses (P, 4, 4) [m] of a table of poses, and their covariance (P, 6, 6)."""
-    count = len(columns[_PLACE[0]])
-    T = np.tile(np.eye(4), (count, 1, 1))
-    T[:, :3, 3] = MM * np.column_stack([columns[name] for name in _PLACE])
-    quaternion = np.column_stack([columns[name] for name in _QUATERNION])
-    T[:, :3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    p_mm, quaternion = (
+        np.column_stack([columns[name] for name in names]) for names in (_PLACE, _QUATERNION)
+    )
+    R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     cov = covariance_of(columns, _COVARIANCE)
     assert cov is not None
-    return T, cov
+    return homogeneous(R, MM * p_mm), cov

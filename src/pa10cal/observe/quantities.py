@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arrays import Array, Index, Mask
+from pa10cal.arrays import Array, Mask, Rows, taken
 from pa10cal.frame.hand_eye import LEVER_M
-from pa10cal.frame.rigid_fit import cross_matrix
-
-Rows = Index | NDArray[np.bool_] | slice
+from pa10cal.frame.rigid_fit import by_small_motion
 
 
 @dataclass(frozen=True)
@@ -93,8 +91,7 @@ class Deviations:
 
     def take(self, rows: Rows) -> Deviations:
         """Return some of the configurations."""
-        turned = None if self.rotation_deg is None else self.rotation_deg[rows]
-        return Deviations(self.distance_mm[rows], self.position_mm[rows], turned)
+        return taken(self, rows)
 
     def with_others(self, rows: NDArray[np.bool_], others: Deviations) -> Deviations:
         """Return these deviations, in some of the configurations (P,) the others'."""
@@ -177,13 +174,10 @@ def by_end_and_targets(T_instr_ee: Array, arms: Array) -> tuple[Array, Array]:
         (P, B, 3, 6) and (P, B, 3, 3 B).
     """
     count, targets = arms.shape[:2]
-    by_end = np.zeros((count, targets, 3, 6))
-    by_end[..., :3] = np.eye(3)
-    by_end[..., 3:] = -cross_matrix(arms)
     by_targets = np.zeros((count, targets, 3, targets, 3))
     for b in range(targets):
         by_targets[:, b, :, b] = T_instr_ee[:, :3, :3]
-    return by_end, by_targets.reshape(count, targets, 3, 3 * targets)
+    return by_small_motion(arms), by_targets.reshape(count, targets, 3, 3 * targets)
 
 
 def names_of_columns(columns: Mapping[str, Array]) -> tuple[str, ...]:

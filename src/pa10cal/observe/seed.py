@@ -6,7 +6,6 @@ arm is fitted to what was measured. Both use the poses at the lowest load.
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.straight_lines import seed_from_lines
+from pa10cal.frame.straight_lines import frame_fields, seed_from_lines
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.options import BaseFrameOptions
 from pa10cal.results.calibration import BaseFrameRecord
@@ -57,24 +56,17 @@ def locate_base(
         nominal = np.vstack([chain.forward(poses.states.q_rad)[:, :3, 3] for poses in kinds])
         return measured, nominal
 
-    seed = seed_from_lines(
-        positions(line_x), positions(line_y), positions(line_x, line_y, unloaded), options
-    )
-    return BaseFrameRecord(
+    record = seed_from_lines(
+        positions(line_x),
+        positions(line_y),
+        positions(line_x, line_y, unloaded),
+        options,
         campaign=campaign,
         provenance=provenance,
-        method="straight_lines",
-        **_frame(seed.T_instr_base),
-        x_direction_u_rad=seed.line_x.direction_u_rad,
-        y_direction_u_rad=seed.line_y.direction_u_rad,
-        line_x=seed.line_x,
-        line_y=seed.line_y,
-        angle_between_lines_deg=math.degrees(seed.angle_rad),
-        origin_scatter_mm=1e3 * seed.origin_scatter_m,
-        origin_poses=seed.origin_poses,
         origin_from=f"line moves and {UNLOADED}",
-        T_ee_target=unloaded.measured.target_on(seed.T_instr_base, T_base_ee),
     )
+    target = unloaded.measured.target_on(np.asarray(record.T_instr_base), T_base_ee)
+    return record.model_copy(update={"T_ee_target": target})
 
 
 def _least_loaded(grid: Observations) -> NDArray[np.bool_]:
@@ -116,7 +108,7 @@ def _located_record(
         campaign=campaign,
         provenance=provenance,
         method=next((part for part in parts if part.directional), parts[0]).locates_by,
-        **_frame(found.T_instr_base),
+        **frame_fields(found.T_instr_base),
         x_direction_u_rad=None if u_rad is None else float(u_rad[0]),
         y_direction_u_rad=None if u_rad is None else float(u_rad[1]),
         attitude_scatter_rad=found.scatter_rad,
@@ -132,14 +124,6 @@ def _located_record(
         origin_poses=found.poses,
         origin_from=UNLOADED,
     )
-
-
-def _frame(T_instr_base: Array) -> dict[str, Array]:
-    return {
-        "R_instr_base": T_instr_base[:3, :3],
-        "origin_instr_m": T_instr_base[:3, 3],
-        "T_instr_base": T_instr_base,
-    }
 
 
 def _refuse_one_move(points_x: int, points_y: int, where: Path | str) -> None:

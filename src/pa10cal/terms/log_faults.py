@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from pa10cal.results.record import FaultKind
 from pa10cal.terms.effects.effect import (
     CandidateContext,
     Effect,
-    NamedEffect,
     everywhere_but,
     static_loads_in,
 )
@@ -38,7 +37,7 @@ class FaultText:
 
 
 @dataclass(frozen=True)
-class LogFault(NamedEffect):
+class LogFault(Effect):
     """A fault of the whole log, such as a load that is stated wrongly."""
 
     kind: ClassVar[FaultKind]
@@ -77,8 +76,8 @@ class LoadStated(WeightStated):
     """One external load is not what is stated, in all poses: true load = (1 + part) load."""
 
     load_N: float  # the load as stated
-    id: ClassVar[str] = "load_stated"
-    kind: ClassVar[FaultKind] = "load"
+    id = "load_stated"
+    kind = "load"
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -87,10 +86,8 @@ class LoadStated(WeightStated):
         calculated = context.torques == "masses"
         return tuple(cls(f"load {load:g} N", calculated, load) for load in context.loads_N if load)
 
-    words: ClassVar[str] = "true load = (1 + part) {0.load_N:g} N"
-    reported: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("part", "1", 1e-2, plausible=_LOAD_PART),
-    )
+    words = "true load = (1 + part) {0.load_N:g} N"
+    reported = (Parameter("part", "1", 1e-2, plausible=_LOAD_PART),)
 
     def per_unit(self, states: PoseStates) -> Array:
         load_N = np.where(states.load_N == self.load_N, self.load_N, 0.0)
@@ -111,16 +108,16 @@ class ToolStated(WeightStated):
 
     n: int  # joints of the arm
     tool_kg: float  # mass as stated
-    id: ClassVar[str] = "tool_stated"
-    kind: ClassVar[FaultKind] = "payload"
+    id = "tool_stated"
+    sits = "tool"
+    kind = "payload"
 
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        if context.torques != "logged" or context.tool_kg == 0.0:
-            return ()
-        return (cls("tool", False, context.arm.n, context.tool_kg),)
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        stated = context.torques == "logged" and context.tool_kg != 0.0
+        return (False, context.arm.n, context.tool_kg) if stated else None
 
-    words: ClassVar[str] = "true mass = stated + mass, true first moment = stated + moment"
+    words = "true mass = stated + mass, true first moment = stated + moment"
 
     @property
     def reported(self) -> tuple[Parameter, ...]:

@@ -142,19 +142,15 @@ class Model:
             else:
                 found = screws @ by_parameter
             if yielding and shows_torque(term) and not term.carried:
-                if by_torque is None:
-                    by_torque = self._by_torque(end, carried, x)
+                if by_torque is None:  # how the pose follows the torques of joints that yield
+                    turned = [
+                        end.screws[:, :, self.chain.columns(soft.coordinates)[0]]
+                        * soft.by_torque(carried, x[columns])[:, None]
+                        for soft, columns in self._yielding
+                    ]
+                    by_torque = np.stack(turned, axis=2)
                 found = found - by_torque @ term.torque_derivative(states, point)[:, yielding]
             yield found
-
-    def _by_torque(self, end: EndPose, carried: PoseStates, x: Array) -> Array:
-        """Return how the pose follows the torques of the joints that yield, (P, 6, j)."""
-        turned = [
-            end.screws[:, :, self.chain.columns(term.coordinates)[0]]
-            * term.by_torque(carried, x[columns])[:, None]
-            for term, columns in self._yielding
-        ]
-        return np.stack(turned, axis=2)
 
     def carried(self, states: PoseStates, x: Array) -> PoseStates:
         """Return the states with the torques that the joints carry, in place of those logged."""

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import TermError
 from pa10cal.terms.term import Offsets, Parameter, Report, Term, shows_torque, yields
 
@@ -145,10 +145,7 @@ def about_moved_base(terms: Sequence[Term], x: Array, small: Array) -> Array:
 
 def motion_of_base(small: Array) -> Array:
     """Return the pose (4, 4) that six small motions of the base come to."""
-    T = np.eye(4)
-    T[:3, 3] = small[:3]
-    T[:3, :3] = Rotation.from_euler("XYZ", small[3:]).as_matrix()
-    return T
+    return homogeneous(Rotation.from_euler("XYZ", small[3:]).as_matrix(), small[:3])
 
 
 def small_motion(T: Array) -> Array:

@@ -82,11 +82,15 @@ _OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
 class Effect(ABC):
     """A term of the vocabulary; its parameters are zero where the effect is absent.
 
-    Parameters past the first `linear` shape the effect and matter only where it is present.
+    A class says its `id`, where it `sits`, its form in `words`, the parameters it is `reported` by,
+    and what a unit of each makes of its `coordinates` (`per_unit`). Parameters past the first
+    `linear` shape the effect and matter only where it is present.
     """
 
     of: str  # where it sits: `joint 2`, `forearm`, `base`, ..
     id: ClassVar[str]
+    #: Where it may sit: `joint`, at every one that turns, or the one place of that name.
+    sits: ClassVar[str]
     #: The form in words a reader can type, by the parameters it reports; the effect itself is {0}.
     words: ClassVar[str]
     #: Whether it only gives the place of a missing effect, not its cause: no name.
@@ -102,14 +106,40 @@ class Effect(ABC):
     sought: ClassVar[bool] = True
 
     @classmethod
-    @abstractmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return the effect at every place where it may sit."""
+        joints = turning_joints(context) if cls.sits == "joint" else (0,)
+        rest = {joint: cls.fields_at(context, joint) for joint in joints}
+        return tuple(
+            cls(f"joint {joint}" if joint else cls.sits, *fields)
+            for joint, fields in rest.items()
+            if fields is not None
+        )
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return its fields, but for the place, at a joint (0 for elsewhere); None for not there.
+
+        Those of a name in `_OF_JOINT` are taken by it, and it sits where the joint has all of them.
+        """
+        names = [field.name for field in fields(cls) if field.name in _OF_JOINT]
+        taken = tuple(_OF_JOINT[name](context, joint) for name in names)
+        return taken if all(taken) else None
 
     @property
     @abstractmethod
+    def reported(self) -> tuple[Parameter, ...]:
+        """Return its parameters under the names readers know, each with its plausible size."""
+
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return its k parameters, each with its plausible size."""
+        """Return the k parameters it is solved in: by default those reported."""
+        start = f"{self.id}_{self.of.removeprefix('joint ')}_"
+        return tuple(replace(known, name=start + known.name) for known in self.reported)
+
+    def report(self, x: Array) -> Report:
+        """Return the parameters in the form of the vocabulary."""
+        return report_as_solved(self.reported, x)
 
     @property
     def formula(self) -> str:
@@ -126,18 +156,21 @@ class Effect(ABC):
         """Return the m chain coordinates it adds to."""
         return ()
 
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return what it adds to its coordinates a unit of each parameter, (P, m, k).
+
+        Axes of length one may be absent.
+        """
+        raise NotImplementedError(f"{self.id} has no form")
+
     def shift(self, states: PoseStates, x: Array) -> Array:
         """Return what it adds to its coordinates, (P, m): proportional, where nothing else."""
         shift: Array = self.derivative(states, x) @ x
         return shift
 
-    @abstractmethod
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the derivative of `shift` by x, (P, m, k)."""
-
-    def report(self, x: Array) -> Report:
-        """Return the parameters in the form of the vocabulary."""
-        return report_as_solved(self.parameters, x)
+        return self.per_unit(states).reshape(len(states), len(self.coordinates), len(x))
 
     @property
     def starts(self) -> tuple[Array, ...]:
@@ -156,44 +189,10 @@ class Effect(ABC):
 
 
 @dataclass(frozen=True)
-class NamedEffect(Effect):
-    """An effect reported by a few named parameters, by default solved in them."""
-
-    @property
-    @abstractmethod
-    def reported(self) -> tuple[Parameter, ...]:
-        """Return its parameters under the names readers know."""
-
-    @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        place = self.of.removeprefix("joint ")
-        return tuple(
-            replace(parameter, name=f"{self.id}_{place}_{parameter.name}")
-            for parameter in self.reported
-        )
-
-    def report(self, x: Array) -> Report:
-        return report_as_solved(self.reported, x)
-
-
-@dataclass(frozen=True)
 class AtJoint(Effect):
     """An effect that may sit at every joint that turns, and turns it further."""
 
-    @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        found = [(joint, cls.fields_at(context, joint)) for joint in turning_joints(context)]
-        return tuple(cls(f"joint {joint}", *rest) for joint, rest in found if rest is not None)
-
-    @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return its fields, but for the place, at a joint that turns; None where it cannot sit.
-
-        Those of a name in `_OF_JOINT` are taken by it, and it sits where the joint has all of them.
-        """
-        names = [each.name for each in fields(cls) if each.name in _OF_JOINT]
-        taken = tuple(_OF_JOINT[name](context, joint) for name in names)
-        return taken if all(taken) else None
+    sits: ClassVar[str] = "joint"
 
     @property
     def joint(self) -> int:
@@ -206,8 +205,8 @@ class AtJoint(Effect):
 
 
 @dataclass(frozen=True)
-class JointEffect(NamedEffect, AtJoint):
-    """An effect at a joint that is reported by a few named parameters."""
+class JointEffect(AtJoint):
+    """An effect at a joint that is no periodic error of its angle."""
 
 
 def turning_joints(context: CandidateContext) -> tuple[int, ...]:

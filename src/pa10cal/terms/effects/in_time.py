@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any
 
 import numpy as np
 
 from pa10cal.arm.chain import BASE, TOOL, Chain, long_links
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, seen_in, time_in
+from pa10cal.terms.effects.effect import CandidateContext, Effect, seen_in, time_in
 from pa10cal.terms.term import Parameter
 
 _SECONDS_AN_HOUR = 3600.0
@@ -21,7 +21,7 @@ _WAVE_M = 1e-4
 
 
 @dataclass(frozen=True)
-class BaseDrift(NamedEffect):
+class BaseDrift(Effect):
     """The base moves along its axes at a constant rate [m/h], counted from the first reading.
 
     In its slow form it moves by a few cosines of the time besides, and stands still before the
@@ -31,9 +31,10 @@ class BaseDrift(NamedEffect):
     start_s: float  # time of the first reading
     end_s: float | None = None  # time of the last one; None of a constant rate, which goes on
     waves: int = 0  # cosines along each axis, of half a cycle more each; 0 of a constant rate
-    id: ClassVar[str] = "base_drift"
-    coordinates: ClassVar[tuple[str, ...]] = BASE[:3]
-    goes_with_time: ClassVar[bool] = True
+    id = "base_drift"
+    sits = "base"
+    coordinates = BASE[:3]
+    goes_with_time = True
 
     @property
     def formula(self) -> str:
@@ -46,8 +47,8 @@ class BaseDrift(NamedEffect):
         )
 
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        return (cls("base", context.time_span_s[0]),)
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
+        return (context.time_span_s[0],)
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -59,8 +60,8 @@ class BaseDrift(NamedEffect):
         ]
         return (*rates, *waves)
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return hours since the first reading, then waves, each axis for itself, (P, 3, k)."""
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return hours since the first reading, then waves, each axis for itself."""
         last_s = np.inf if self.end_s is None else self.end_s
         first_s = -np.inf if self.end_s is None else self.start_s
         since_s = np.clip(time_in(states, self), first_s, last_s) - self.start_s
@@ -68,21 +69,21 @@ class BaseDrift(NamedEffect):
         courses += [
             np.cos(np.pi * k * since_s / (last_s - self.start_s)) for k in range(1, self.waves + 1)
         ]
-        by_axis: Array = np.stack(courses, axis=1)[:, None, :, None] * np.eye(3)[:, None, :]
-        return by_axis.reshape(len(states), 3, -1)
+        return np.asarray(np.stack(courses, axis=1)[:, None, :, None] * np.eye(3)[:, None, :])
 
 
 @dataclass(frozen=True)
-class ThermalGrowth(NamedEffect):
+class ThermalGrowth(Effect):
     """Pedestal and long links grow by alpha (T - reference), alpha in 1/K."""
 
     lengths: tuple[str, ...]  # chain coordinates of these links' lengths
     lengths_m: tuple[float, ...]  # their nominal values
     reference_temperature_C: float  # temperature at which lengths are nominal
-    id: ClassVar[str] = "thermal_growth"
-    positive: ClassVar[bool] = True
-    goes_with_time: ClassVar[bool] = True
-    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("alpha", "1/K", 5e-7, plausible=2e-5),)
+    id = "thermal_growth"
+    sits = "arm"
+    positive = True
+    goes_with_time = True
+    reported = (Parameter("alpha", "1/K", 5e-7, plausible=2e-5),)
 
     @property
     def formula(self) -> str:
@@ -92,7 +93,7 @@ class ThermalGrowth(NamedEffect):
         )
 
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
         chain = Chain.of(context.arm)
         ends = [0, *(int(column) for column in chain.joint_columns)]
         pedestal = range(ends[0], ends[2] if len(ends) > 2 else len(chain.motions))
@@ -103,39 +104,30 @@ class ThermalGrowth(NamedEffect):
             for column in link
             if chain.nominal[column] != 0.0 and not chain.motions[column].turns
         ]
-        return (
-            cls(
-                "arm",
-                tuple(chain.motions[column].coordinate for column in columns),
-                tuple(float(chain.nominal[column]) for column in columns),
-                context.reference_temperature_C,
-            ),
-        )
+        lengths = tuple(chain.motions[column].coordinate for column in columns)
+        lengths_m = tuple(float(chain.nominal[column]) for column in columns)
+        return lengths, lengths_m, context.reference_temperature_C
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         return self.lengths
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        warming_K = states.temperature_C - self.reference_temperature_C
-        return np.outer(warming_K, self.lengths_m)[:, :, None]
+    def per_unit(self, states: PoseStates) -> Array:
+        return np.outer(states.temperature_C - self.reference_temperature_C, self.lengths_m)
 
 
 # Effects of an instrument that reads the places of its targets falsely.
 
 
 @dataclass(frozen=True)
-class FalseReading(NamedEffect):
+class FalseReading(Effect):
     """The instrument reads each target's place p off by a field e(p), and so the pose.
 
     The model predicts what is read: the end moves by what the field makes of the fitted pose.
     """
 
-    coordinates: ClassVar[tuple[str, ...]] = TOOL
-
-    @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        return (cls("instrument"),)
+    sits = "instrument"
+    coordinates = TOOL
 
     @abstractmethod
     def field(self, p_instr_m: Array) -> Array:
@@ -153,11 +145,9 @@ class FalseReading(NamedEffect):
 class CmmScale(FalseReading):
     """Axis k of the instrument reads (1 + s_k) times the length, s without unit."""
 
-    id: ClassVar[str] = "cmm_scale"
-    words: ClassVar[str] = "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"
-    reported: ClassVar[tuple[Parameter, ...]] = tuple(
-        Parameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz"
-    )
+    id = "cmm_scale"
+    words = "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"
+    reported = tuple(Parameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz")
 
     def field(self, p_instr_m: Array) -> Array:
         return p_instr_m[..., None] * np.eye(3)
@@ -167,9 +157,9 @@ class CmmScale(FalseReading):
 class CmmSquareness(FalseReading):
     """The instrument's x axis is not square to y: x reads x + xy y, xy in rad."""
 
-    id: ClassVar[str] = "cmm_squareness"
-    words: ClassVar[str] = "reading of x = x + xy y"
-    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("xy", "rad", 3e-6, plausible=1e-4),)
+    id = "cmm_squareness"
+    words = "reading of x = x + xy y"
+    reported = (Parameter("xy", "rad", 3e-6, plausible=1e-4),)
 
     def field(self, p_instr_m: Array) -> Array:
         field: Array = p_instr_m[..., 1:2] * np.array([1.0, 0.0, 0.0])

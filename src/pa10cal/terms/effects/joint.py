@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,8 +13,8 @@ from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects.effect import (
     AtJoint,
     CandidateContext,
+    Effect,
     JointEffect,
-    NamedEffect,
     static_loads_in,
     turning_joints,
 )
@@ -26,25 +26,25 @@ from pa10cal.terms.term import JointTorqueOnly, Parameter, Report
 class GearRatioError(JointEffect):
     """A gear ratio off its nominal value: eps q_j [rad], eps without unit."""
 
-    id: ClassVar[str] = "gear_ratio_error"
-    words: ClassVar[str] = "theta_{0.joint} += eps q_{0.joint}"
-    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("eps", "1", 1e-5, plausible=3e-4),)
+    id = "gear_ratio_error"
+    words = "theta_{0.joint} += eps q_{0.joint}"
+    reported = (Parameter("eps", "1", 1e-5, plausible=3e-4),)
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        return states.q_rad[:, self.joint - 1, None, None]
+    def per_unit(self, states: PoseStates) -> Array:
+        return states.q_rad[:, self.joint - 1]
 
 
 @dataclass(frozen=True)
 class Backlash(JointEffect):
     """Lost motion: b s_j [rad], s_j the direction in which the joint arrived."""
 
-    id: ClassVar[str] = "backlash"
-    positive: ClassVar[bool] = True
-    words: ClassVar[str] = "theta_{0.joint} += b s_{0.joint}"
-    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("b", "rad", 1e-5, plausible=3e-4),)
+    id = "backlash"
+    positive = True
+    words = "theta_{0.joint} += b s_{0.joint}"
+    reported = (Parameter("b", "rad", 1e-5, plausible=3e-4),)
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        return states.arrival[:, self.joint - 1, None, None]
+    def per_unit(self, states: PoseStates) -> Array:
+        return states.arrival[:, self.joint - 1]
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,8 @@ class ArrivalError(JointEffect):
 
     # names of the campaigns of a group, each with an amount of its own; none of one
     campaigns: tuple[str, ...] = ()
-    id: ClassVar[str] = "arrival_error"
-    words: ClassVar[str] = (
-        "theta_{0.joint} += c, the sign that of the move to here, 0 of a joint that stayed"
-    )
+    id = "arrival_error"
+    words = "theta_{0.joint} += c, the sign that of the move to here, 0 of a joint that stayed"
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -74,28 +72,28 @@ class ArrivalError(JointEffect):
         names = [of_campaign("c", name) for name in self.campaigns] or ["c"]
         return tuple(Parameter(name, "rad", 1e-5, plausible=1e-4) for name in names)
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the direction moved, in the column of the pose's campaign, (P, 1, c)."""
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return the direction moved, in the column of the pose's campaign."""
         campaign = np.zeros(len(states), int) if states.campaign is None else states.campaign
         moved = states.since_before[:, self.joint - 1]
-        columns: Array = moved[:, None] * (campaign[:, None] == np.arange(len(x)))
-        return columns[:, None, :]
+        return np.asarray(moved[:, None] * (campaign[:, None] == np.arange(len(self.reported))))
 
 
 @dataclass(frozen=True)
-class WristCoupling(NamedEffect):
+class WristCoupling(Effect):
     """The last joint turns with the one before it: c q_(n-1) [rad], c without unit."""
 
     last: int  # the last joint, n
-    id: ClassVar[str] = "wrist_coupling"
-    words: ClassVar[str] = "theta_{0.last} += c q_{0.before}"
-    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("c", "1", 3e-5, plausible=1e-3),)
+    id = "wrist_coupling"
+    sits = "wrist"
+    words = "theta_{0.last} += c q_{0.before}"
+    reported = (Parameter("c", "1", 3e-5, plausible=1e-3),)
 
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at the wrist, where the last two joints turn."""
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return the last joint, where it and the one before turn."""
         last = context.arm.n
-        return (cls("wrist", last),) if {last - 1, last} <= {*turning_joints(context)} else ()
+        return (last,) if {last - 1, last} <= {*turning_joints(context)} else None
 
     @property
     def before(self) -> int:
@@ -106,8 +104,8 @@ class WristCoupling(NamedEffect):
     def coordinates(self) -> tuple[str, ...]:
         return (f"theta_{self.last}",)
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        return states.q_rad[:, self.before - 1, None, None]
+    def per_unit(self, states: PoseStates) -> Array:
+        return states.q_rad[:, self.before - 1]
 
 
 # Periodic errors of a joint's angle: encoder disks and harmonic drives.
@@ -118,24 +116,24 @@ class JointHarmonic(AtJoint):
     """A sin(order q_j + phi), solved in its parts A cos phi (sine) and A sin phi (cosine)."""
 
     order: float  # cycles a turn of the joint
-    words: ClassVar[str] = "theta_{0.joint} += A sin({0.order:g} q_{0.joint} + phi)"
+    words = "theta_{0.joint} += A sin({0.order:g} q_{0.joint} + phi)"
     order_stated: ClassVar[float]  # of those of one order
-    plausible_rad: ClassVar[float] = 3e-4
+    plausible_rad = 3e-4
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
         return (cls.order_stated,)
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
+        """Return the parts it is solved in, and not what `report` makes of them."""
         return tuple(
-            Parameter(f"{self.id}_{self.joint}_{part}", "rad", 1e-5, plausible=self.plausible_rad)
-            for part in ("sin", "cos")
+            Parameter(part, "rad", 1e-5, plausible=self.plausible_rad) for part in ("sin", "cos")
         )
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
+    def per_unit(self, states: PoseStates) -> Array:
         phase = self.order * states.q_rad[:, self.joint - 1]
-        return np.stack([np.sin(phase), np.cos(phase)], axis=-1)[:, None, :]
+        return np.stack([np.sin(phase), np.cos(phase)], axis=-1)
 
     def report(self, x: Array) -> Report:
         return amplitude_and_phase(x, "rad")
@@ -157,15 +155,15 @@ def amplitude_and_phase(x: Array, unit: str) -> Report:
 class TransmissionError(JointHarmonic):
     """Kinematic error of a harmonic drive: two cycles a turn of the wave generator."""
 
-    id: ClassVar[str] = "transmission_error"
+    id = "transmission_error"
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return twice the gear ratio; nan where that is not known."""
         return (2.0 * float(context.arm.gear_ratio[joint - 1]),)
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return sine and cosine of order q_j, (P, 1, 2).
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return sine and cosine of order q_j.
 
         Raises:
             CalibrationError: when the gear ratio is not known.
@@ -177,23 +175,23 @@ class TransmissionError(JointHarmonic):
                 allowed="an arm description with gear_ratio",
                 remedy="add it to the joint's row",
             )
-        return super().derivative(states, x)
+        return super().per_unit(states)
 
 
 @dataclass(frozen=True)
 class EncoderEccentricity(JointHarmonic):
     """An encoder disk off its centre: one cycle a turn of the joint."""
 
-    id: ClassVar[str] = "encoder_eccentricity"
-    order_stated: ClassVar[float] = 1.0
+    id = "encoder_eccentricity"
+    order_stated = 1.0
 
 
 @dataclass(frozen=True)
 class EncoderEllipticity(JointHarmonic):
     """An encoder disk out of round: two cycles a turn of the joint."""
 
-    id: ClassVar[str] = "encoder_ellipticity"
-    order_stated: ClassVar[float] = 2.0
+    id = "encoder_ellipticity"
+    order_stated = 2.0
 
 
 # An error of a whole number of cycles a turn of a joint, which the data have found.
@@ -208,9 +206,9 @@ class PeriodicError(JointHarmonic):
     """
 
     order: float = 3.0  # k, at first the lowest without a name of its own
-    id: ClassVar[str] = "periodic_error"
-    order_stated: ClassVar[float] = 3.0
-    sought: ClassVar[bool] = False
+    id = "periodic_error"
+    order_stated = 3.0
+    sought = False
 
     def report(self, x: Array) -> Report:
         known = super().report(x)
@@ -230,7 +228,7 @@ class PeriodicError(JointHarmonic):
 class FalseTorque(JointTorqueOnly, JointEffect):
     """A single parameter by which the logged torque of one joint is off; no joint carries it."""
 
-    carried: ClassVar[bool] = False
+    carried = False
 
 
 @dataclass(frozen=True)
@@ -238,9 +236,9 @@ class FrictionTorque(FalseTorque):
     """What friction holds of a load: logged torque = tau_j + tau_c s_j, tau_c in N m."""
 
     rated_Nm: float  # rated torque of the joint
-    id: ClassVar[str] = "friction_torque"
-    words: ClassVar[str] = "logged tau_{0.joint} = tau_{0.joint} + tau_c s_{0.joint}"
-    positive: ClassVar[bool] = True
+    id = "friction_torque"
+    words = "logged tau_{0.joint} = tau_{0.joint} + tau_c s_{0.joint}"
+    positive = True
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -257,9 +255,9 @@ class TorqueGain(FalseTorque):
     tau_j is the torque of the weights: taken from the log, its noise would explain itself.
     """
 
-    id: ClassVar[str] = "torque_gain"
-    words: ClassVar[str] = "logged tau_{0.joint} = (1 + g) tau_{0.joint}"
-    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("g", "1", 1e-3, plausible=0.05),)
+    id = "torque_gain"
+    words = "logged tau_{0.joint} = (1 + g) tau_{0.joint}"
+    reported = (Parameter("g", "1", 1e-3, plausible=0.05),)
 
     def per_unit(self, states: PoseStates) -> Array:
         return static_loads_in(states, self).joint_Nm[:, self.joint - 1]
@@ -279,9 +277,9 @@ class JointCompliance(JointEffect):
     """
 
     rated_Nm: float  # rated torque of the joint
-    id: ClassVar[str] = "joint_compliance"
-    words: ClassVar[str] = "theta_{0.joint} -= tau_{0.joint} / K"
-    positive: ClassVar[bool] = True
+    id = "joint_compliance"
+    words = "theta_{0.joint} -= tau_{0.joint} / K"
+    positive = True
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -290,24 +288,20 @@ class JointCompliance(JointEffect):
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        return (Parameter("K", "N m/rad", 100.0 * self.rated_Nm),)
+        """Return the compliance it is solved in; `report` makes the stiffness of it."""
+        size = 1.0 / (100.0 * self.rated_Nm)
+        return (Parameter("compliance", "rad/(N m)", 0.01 * size, lower=0.0, plausible=size),)
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        plausible = 1.0 / (100.0 * self.rated_Nm)
-        name = f"{self.id}_{self.joint}_compliance"
-        scale = 0.01 * plausible
-        return (Parameter(name, "rad/(N m)", scale, lower=0.0, plausible=plausible),)
-
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        return -states.tau_Nm[:, self.joint - 1, None, None]
+    def per_unit(self, states: PoseStates) -> Array:
+        return -states.tau_Nm[:, self.joint - 1]
 
     def by_torque(self, states: PoseStates, x: Array) -> Array:
         return np.full(len(states), -x[0])
 
     def report(self, x: Array) -> Report:
         stiffness = 1.0 / max(float(x[0]), _RIGID)
-        return Report(self.reported, np.array([stiffness]), np.array([[-(stiffness**2)]]))
+        known = Parameter("K", "N m/rad", 100.0 * self.rated_Nm)
+        return Report((known,), np.array([stiffness]), np.array([[-(stiffness**2)]]))
 
 
 @dataclass(frozen=True)
@@ -319,10 +313,10 @@ class SoftWindup(JointEffect):
 
     rated_Nm: float  # rated torque of the joint
     span_Nm: float  # largest torque that the joint carried
-    id: ClassVar[str] = "soft_windup"
-    words: ClassVar[str] = "theta_{0.joint} -= A tanh(tau_{0.joint} / tau0)"
-    positive: ClassVar[bool] = True
-    linear: ClassVar[int] = 1  # proportional to A; tau0 shapes it
+    id = "soft_windup"
+    words = "theta_{0.joint} -= A tanh(tau_{0.joint} / tau0)"
+    positive = True
+    linear = 1  # proportional to A; tau0 shapes it
 
     @property
     def reported(self) -> tuple[Parameter, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import ClassVar
 
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, PPoly
@@ -95,8 +94,8 @@ class JointErrorMap(JointEffect):
     # sizes expected of the harmonics. Where None, knots at a distance d are expected to go
     # together as exp(-2 sin²(d/2) / l²), l = 0.7 rad: what 12 knots can follow and little more.
     spectrum: Spectrum | None = None
-    id: ClassVar[str] = "joint_error_map"
-    words: ClassVar[str] = (
+    id = "joint_error_map"
+    words = (
         "theta_{0.joint} += periodic cubic spline of q_{0.joint} through the knots, "
         "knot k at 2 pi k / {0.knots}"
     )
@@ -116,9 +115,9 @@ class JointErrorMap(JointEffect):
         spline = PPoly.construct_fast(alone.c @ x, alone.x, extrapolate="periodic")
         return np.asarray(spline(q_rad), dtype=np.float64)[:, None]
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        contributions = _spline_of_knots(self.knots)(states.q_rad[:, self.joint - 1])
-        return np.asarray(contributions, dtype=np.float64)[:, None, :]
+    def per_unit(self, states: PoseStates) -> Array:
+        spline = _spline_of_knots(self.knots)
+        return np.asarray(spline(states.q_rad[:, self.joint - 1]), dtype=np.float64)
 
     @property
     def prior_factor(self) -> Array:
@@ -218,9 +217,9 @@ class SensorError(JointErrorMap):
 
     knots: int = FINE
     spectrum: Spectrum | None = TYPICAL
-    id: ClassVar[str] = "sensor_error"
-    sought: ClassVar[bool] = False
-    advice: ClassVar[str] = "; calibrate the joint's sensor against the map"
+    id = "sensor_error"
+    sought = False
+    advice = "; calibrate the joint's sensor against the map"
 
 
 @dataclass(frozen=True)
@@ -229,6 +228,6 @@ class GearError(JointErrorMap):
 
     knots: int = FINE
     spectrum: Spectrum | None = TYPICAL
-    id: ClassVar[str] = "gear_error"
-    sought: ClassVar[bool] = False
-    advice: ClassVar[str] = "; look at the joint's gear"
+    id = "gear_error"
+    sought = False
+    advice = "; look at the joint's gear"

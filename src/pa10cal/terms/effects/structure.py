@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from pa10cal.arm.chain import bend_coordinates, link_spans_m, long_links
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, static_loads_in
+from pa10cal.terms.effects.effect import CandidateContext, Effect, static_loads_in
 from pa10cal.terms.term import OPTIONAL, Parameter
 
 _LONG_LINKS = ("upper_arm", "forearm")
@@ -35,7 +35,7 @@ def _compliance(name: str, scale: float, plausible: float, of_arm_Nm: float | No
 
 
 @dataclass(frozen=True)
-class LinkEffect(NamedEffect):
+class LinkEffect(Effect):
     """An effect of a long link, on the six small motions of its end."""
 
     row: int  # the link's row, from 1
@@ -87,44 +87,41 @@ class LinkBending(LinkEffect):
     Its end turns by c M and shifts by (2/3) L (c M) x axis, L the link's length.
     """
 
-    id: ClassVar[str] = "link_bending"
-    scale_and_size: ClassVar[tuple[float, float]] = (1e-7, 5e-6)
-    words: ClassVar[str] = (
+    id = "link_bending"
+    scale_and_size = (1e-7, 5e-6)
+    words = (
         "the end of link {0.row} turns by c M and shifts by 2/3 L (c M) x axis, "
         "M the moment it carries across its axis"
     )
-    positive: ClassVar[bool] = True
+    positive = True
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
+    def per_unit(self, states: PoseStates) -> Array:
         moment_Nm, axis = self.moment_Nm(states), self.axis
         across_Nm = moment_Nm - np.outer(moment_Nm @ axis, axis)
         shift = 2.0 / 3.0 * np.cross(across_Nm, np.array(self.span_m))
-        return np.hstack([shift, across_Nm])[:, :, None]
+        return np.hstack([shift, across_Nm])
 
 
 @dataclass(frozen=True)
 class LinkTorsion(LinkEffect):
     """A link twists by c times the moment along its axis at its end, c in rad/(N m)."""
 
-    id: ClassVar[str] = "link_torsion"
-    scale_and_size: ClassVar[tuple[float, float]] = (5e-7, 2e-5)
-    words: ClassVar[str] = (
-        "the end of link {0.row} turns about its axis by c times the moment about it"
-    )
-    positive: ClassVar[bool] = True
+    id = "link_torsion"
+    scale_and_size = (5e-7, 2e-5)
+    words = "the end of link {0.row} turns about its axis by c times the moment about it"
+    positive = True
     places: ClassVar[tuple[str, ...]] = ("forearm",)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         return super().coordinates[3:]
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        axis = self.axis
-        return np.outer(self.moment_Nm(states) @ axis, axis)[:, :, None]
+    def per_unit(self, states: PoseStates) -> Array:
+        return np.outer(self.moment_Nm(states) @ self.axis, self.axis)
 
 
 @dataclass(frozen=True)
-class BaseCompliance(NamedEffect):
+class BaseCompliance(Effect):
     """The base tilts about x and y by cx M_x and cy M_y, M the overturning moment.
 
     cx and cy in rad/(N m), M about the base's origin along base axes.
@@ -133,40 +130,36 @@ class BaseCompliance(NamedEffect):
     # moment at which a plausible tilt is reached, where weights are assumed; None where they are
     # stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
-    id: ClassVar[str] = "base_compliance"
-    words: ClassVar[str] = "base.rx += cx M_x, base.ry += cy M_y, M the overturning moment"
-    coordinates: ClassVar[tuple[str, ...]] = ("base.rx", "base.ry")
-    positive: ClassVar[bool] = True
+    id = "base_compliance"
+    sits = "base"
+    words = "base.rx += cx M_x, base.ry += cy M_y, M the overturning moment"
+    coordinates = ("base.rx", "base.ry")
+    positive = True
 
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        return (cls("base", _moment_of_arm_Nm(context.arm)),)
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
+        return (_moment_of_arm_Nm(context.arm),)
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
         of_arm_Nm = self.moment_of_arm_Nm
         return tuple(_compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("cx", "cy"))
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
+    def per_unit(self, states: PoseStates) -> Array:
         """Return the overturning moments, each for its own tilt, (P, 2, 2)."""
         return static_loads_in(states, self).base_Nm[:, :2, None] * np.eye(2)
 
 
 @dataclass(frozen=True)
-class ToolSag(NamedEffect):
+class ToolSag(Effect):
     """The tooling gives way by c [m] times the part of gravity's direction across its axis."""
 
-    id: ClassVar[str] = "tool_sag"
-    words: ClassVar[str] = (
-        "tool.x, tool.y += c times the part of the unit vector of gravity along them"
-    )
-    reported: ClassVar[tuple[Parameter, ...]] = (Parameter("c", "m", 3e-6, plausible=1e-4),)
-    coordinates: ClassVar[tuple[str, ...]] = ("tool.x", "tool.y")
-    positive: ClassVar[bool] = True
+    id = "tool_sag"
+    sits = "tool"
+    words = "tool.x, tool.y += c times the part of the unit vector of gravity along them"
+    reported = (Parameter("c", "m", 3e-6, plausible=1e-4),)
+    coordinates = ("tool.x", "tool.y")
+    positive = True
 
-    @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        return (cls("tool"),)
-
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        return static_loads_in(states, self).down_ee[:, :2, None]
+    def per_unit(self, states: PoseStates) -> Array:
+        return static_loads_in(states, self).down_ee[:, :2]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial.legendre import legder, legval, legvander
@@ -15,8 +15,8 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import (
     CandidateContext,
+    Effect,
     JointEffect,
-    NamedEffect,
     time_in,
 )
 from pa10cal.terms.effects.in_time import FalseReading
@@ -36,16 +36,15 @@ class PlaceMap(FalseReading):
 
     # where the coordinates are counted from, in the instrument's frame
     middle_instr_m: tuple[float, float, float]
-    id: ClassVar[str] = "place_map"
-    words: ClassVar[str] = "reading of each axis += polynomial of degree 3 in the place"
-    generic: ClassVar[bool] = True
-    unit_m: ClassVar[float] = 0.3
+    id = "place_map"
+    words = "reading of each axis += polynomial of degree 3 in the place"
+    generic = True
+    unit_m = 0.3
     plausible_m: ClassVar[dict[int, float]] = {1: 3e-5, 2: 1e-4, 3: 3e-5}
 
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        x, y, z = context.p_instr_middle_m.tolist()
-        return (cls("instrument", (x, y, z)),)
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
+        return (tuple(context.p_instr_middle_m.tolist()),)
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -83,19 +82,15 @@ class TorqueMap(JointTorqueOnly, JointEffect):
 
     span_rad: tuple[float, float]  # lowest and highest measured angle
     rated_Nm: float  # rated torque of the joint
-    id: ClassVar[str] = "torque_map"
-    words: ClassVar[str] = "tau_{0.joint} += Legendre polynomials 1 to {0.degrees} of q_{0.joint}"
-    carried: ClassVar[bool] = True
-    generic: ClassVar[bool] = True
-    degrees: ClassVar[int] = 4
+    id = "torque_map"
+    words = "tau_{0.joint} += Legendre polynomials 1 to {0.degrees} of q_{0.joint}"
+    carried = True
+    generic = True
+    degrees = 4
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        rated_Nm = self.rated_Nm
-        return tuple(
-            Parameter(f"degree_{k}", "N m", 1e-3 * rated_Nm, plausible=0.02 * rated_Nm / k)
-            for k in range(1, self.degrees + 1)
-        )
+        return _by_degree(self.degrees, "N m", 1e-3 * self.rated_Nm, 0.02 * self.rated_Nm)
 
     def per_unit(self, states: PoseStates) -> Array:
         return _degrees(states.q_rad[:, self.joint - 1], self.span_rad, self.degrees)
@@ -109,23 +104,18 @@ class WindupMap(JointEffect):
     """
 
     span_Nm: float  # largest torque that the joint carried
-    id: ClassVar[str] = "windup_map"
-    words: ClassVar[str] = (
-        "theta_{0.joint} -= Legendre polynomials 1 to {0.degrees} of tau_{0.joint}"
-    )
-    generic: ClassVar[bool] = True
-    degrees: ClassVar[int] = 5
+    id = "windup_map"
+    words = "theta_{0.joint} -= Legendre polynomials 1 to {0.degrees} of tau_{0.joint}"
+    generic = True
+    degrees = 5
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(f"degree_{k}", "rad", 1e-5, plausible=2e-4 / k)
-            for k in range(1, self.degrees + 1)
-        )
+        return _by_degree(self.degrees, "rad", 1e-5, 2e-4)
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
+    def per_unit(self, states: PoseStates) -> Array:
         tau_Nm = states.tau_Nm[:, self.joint - 1]
-        return -_degrees(tau_Nm, (-self.span_Nm, self.span_Nm), self.degrees)[:, None, :]
+        return -_degrees(tau_Nm, (-self.span_Nm, self.span_Nm), self.degrees)
 
     def by_torque(self, states: PoseStates, x: Array) -> Array:
         slopes = legder(np.concatenate([[0.0], x]))
@@ -143,11 +133,9 @@ class DirectionMap(JointEffect):
 
     span_Nm: float  # largest torque that the joint carried, 0 where it carried none
     span_rad: tuple[float, float]  # lowest and highest angle
-    id: ClassVar[str] = "direction_map"
-    words: ClassVar[str] = (
-        "theta_{0.joint} += s_{0.joint} times Legendre polynomials of torque and angle"
-    )
-    generic: ClassVar[bool] = True
+    id = "direction_map"
+    words = "theta_{0.joint} += s_{0.joint} times Legendre polynomials of torque and angle"
+    generic = True
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -157,22 +145,17 @@ class DirectionMap(JointEffect):
     @property
     def reported(self) -> tuple[Parameter, ...]:
         """Return the part that is always there, those with torque, and those with angle."""
-        names = [
-            "constant",
-            *(f"torque_{k}" for k in (1, 2, 3) if self.span_Nm),
-            "angle_1",
-            "angle_2",
-        ]
+        of_torque = ("torque_1", "torque_2", "torque_3") if self.span_Nm else ()
+        names = ("constant", *of_torque, "angle_1", "angle_2")
         return tuple(Parameter(name, "rad", 1e-5, plausible=2e-4) for name in names)
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
+    def per_unit(self, states: PoseStates) -> Array:
         q_rad = states.q_rad[:, self.joint - 1]
         parts = [np.ones((len(q_rad), 1)), _degrees(q_rad, self.span_rad, 2)]
         if self.span_Nm:
             size_Nm = np.abs(states.tau_Nm[:, self.joint - 1])
             parts.insert(1, _degrees(size_Nm, (0.0, self.span_Nm), 3))
-        columns = states.arrival[:, self.joint - 1, None] * np.concatenate(parts, axis=1)
-        return columns[:, None, :]
+        return np.asarray(states.arrival[:, self.joint - 1, None] * np.concatenate(parts, axis=1))
 
     def by_torque(self, states: PoseStates, x: Array) -> Array:
         if not self.span_Nm:
@@ -186,27 +169,25 @@ class DirectionMap(JointEffect):
 
 
 @dataclass(frozen=True)
-class DriftMap(NamedEffect):
+class DriftMap(Effect):
     """The base shifts [m] and turns [rad] by a smooth function of time.
 
     Legendre polynomials of degree 1 to 3 over the campaign, for each of its six small motions.
     """
 
     span_s: tuple[float, float]  # first and last reading
-    id: ClassVar[str] = "drift_map"
-    words: ClassVar[str] = (
-        "each motion of the base += Legendre polynomials 1 to {0.degrees} of time"
-    )
-    coordinates: ClassVar[tuple[str, ...]] = BASE
-    goes_with_time: ClassVar[bool] = True
-    generic: ClassVar[bool] = True
-    degrees: ClassVar[int] = 3
+    id = "drift_map"
+    sits = "base"
+    words = "each motion of the base += Legendre polynomials 1 to {0.degrees} of time"
+    coordinates = BASE
+    goes_with_time = True
+    generic = True
+    degrees = 3
 
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at the base, where the campaign took time."""
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
         first, last = context.time_span_s
-        return (cls("base", (first, last)),) if last - first > _LEAST_SPAN else ()
+        return ((first, last),) if last - first > _LEAST_SPAN else None
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
@@ -222,10 +203,17 @@ class DriftMap(NamedEffect):
             for k in range(1, self.degrees + 1)
         )
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
+    def per_unit(self, states: PoseStates) -> Array:
         values = _degrees(time_in(states, self), self.span_s, self.degrees)
-        each = np.eye(len(BASE))[:, :, None] * values[:, None, None, :]
-        return each.reshape(len(states), len(BASE), len(x))
+        return np.asarray(np.eye(len(BASE))[:, :, None] * values[:, None, None, :])
+
+
+def _by_degree(degrees: int, unit: str, scale: float, plausible: float) -> tuple[Parameter, ...]:
+    """Return a parameter a degree, from 1, the less plausible the higher."""
+    return tuple(
+        Parameter(f"degree_{k}", unit, scale, plausible=plausible / k)
+        for k in range(1, degrees + 1)
+    )
 
 
 def _degrees(value: Array, span: tuple[float, float], degrees: int) -> Array:

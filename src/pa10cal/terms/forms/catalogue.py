@@ -175,7 +175,7 @@ _READING_M, _FROM_MIDDLE_M = 3e-5, 0.3
 class TiltForm(Form):
     """The base tilts about x and y by a short form of its overturning moment M."""
 
-    coordinates: ClassVar[tuple[str, ...]] = ("base.rx", "base.ry")
+    coordinates = ("base.rx", "base.ry")
     shapes: ClassVar[Mapping[str, Shape]] = {
         "moment_abs_moment": Shape(
             "base.rx += cx M_x |M_x|, base.ry += cy M_y |M_y|, M the overturning moment",
@@ -201,7 +201,7 @@ class TiltForm(Form):
         ),
     }
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
+    def per_unit(self, states: PoseStates) -> Array:
         """Return each column along its own tilt, (P, 2, 2)."""
         static_loads_in(states, self)
         return self.values(states)[:, :, None] * np.eye(2)
@@ -211,7 +211,7 @@ class TiltForm(Form):
 class ShiftForm(Form):
     """The base shifts by a short form of time."""
 
-    coordinates: ClassVar[tuple[str, ...]] = BASE[:3]
+    coordinates = BASE[:3]
     shapes: ClassVar[Mapping[str, Shape]] = {
         "settling": Shape(
             "base.x, y, z += (dx, dy, dz) exp(-(t - {1:.6g}) / {0:.4g}), t in s",
@@ -230,8 +230,8 @@ class ShiftForm(Form):
         ),
     }
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        axes = np.tile(np.eye(3), len(x) // 3)
+    def per_unit(self, states: PoseStates) -> Array:
+        axes = np.tile(np.eye(3), len(self.shape.solved) // 3)
         return np.asarray(self.values(states)[:, None, :] * axes)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, joint_of
+from pa10cal.terms.effects.effect import CandidateContext, Effect, joint_of
 from pa10cal.terms.effects.joint import amplitude_and_phase
 from pa10cal.terms.term import JointTorqueOnly, Parameter, Report, report_as_solved
 
@@ -29,23 +29,11 @@ class At(NamedTuple):
     """Where the columns of a form are taken: poses, a joint, and what fixes the form."""
 
     states: PoseStates
-    joint: int  # from 1; 0 where the form sits at none
     numbers: Numbers
-
-    @property
-    def q(self) -> Array:
-        """Return the joint's angle, (P,) [rad]."""
-        return self.q_of(self.joint)
-
-    @property
-    def tau(self) -> Array:
-        """Return the joint's torque, (P,) [N m]."""
-        return self.tau_of(self.joint)
-
-    @property
-    def arrival(self) -> Array:
-        """Return the direction in which the joint arrived, (P,)."""
-        return self.states.arrival[:, self.joint - 1]
+    # (P,) the joint's angle [rad], its torque [N m] and the direction in which it arrived
+    q: Array
+    tau: Array
+    arrival: Array
 
     @property
     def moments(self) -> tuple[Array, Array]:
@@ -80,12 +68,12 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Form(NamedEffect):
+class Form(Effect):
     """A short form at a place, proportional to its parameters."""
 
     form: str  # which of `shapes`
     numbers: Numbers = ()  # what fixes it: orders, thresholds, other joints
-    id: ClassVar[str] = "short_form"
+    id = "short_form"
     shapes: ClassVar[Mapping[str, Shape]]
 
     @classmethod
@@ -145,7 +133,8 @@ class Form(NamedEffect):
 
     def values(self, states: PoseStates) -> Array:
         """Return what each parameter is multiplied with, (P, k)."""
-        return np.stack(self.shape.columns(At(states, self.joint, self.numbers)), axis=1)
+        own = (of[:, self.joint - 1] for of in (states.q_rad, states.tau_Nm, states.arrival))
+        return np.stack(self.shape.columns(At(states, self.numbers, *own)), axis=1)
 
     def report(self, x: Array) -> Report:
         solved = self.shape.solved
@@ -320,15 +309,15 @@ class AngleForm(Form):
     def coordinates(self) -> tuple[str, ...]:
         return (f"theta_{self.joint}",)
 
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        return self.values(states)[:, None, :]
+    def per_unit(self, states: PoseStates) -> Array:
+        return self.values(states)
 
 
 @dataclass(frozen=True)
 class PullForm(JointTorqueOnly, Form):
     """The joint carries, beyond the weights, a torque of a short form."""
 
-    carried: ClassVar[bool] = True
+    carried = True
     shapes: ClassVar[Mapping[str, Shape]] = {
         "pull": Shape(
             "tau_{j} += k (q_{j} - q0)",

@@ -12,6 +12,7 @@ calibrated.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -21,10 +22,10 @@ from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign
 from pa10cal.curve.angles import chain_arm
-from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.curve.postures import Postures, draw_postures
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import UNCALIBRATED, Evaluation
+from pa10cal.evaluation.options import CurveStudyOptions
 from pa10cal.fit.fitted_model import models_of
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
@@ -77,14 +78,21 @@ def chain_study(
     individuals: list[results.Individual] = []
     streams = np.random.default_rng(options.random_seed).spawn(options.individuals)
     for number, stream in enumerate(streams, start=1):
-        shapes.append(
-            draw_postures(options.links, options.link_m, limit_rad, options.postures, stream)
-        )
+        postures = draw_postures(options.links, options.link_m, limit_rad, options.postures, stream)
+        shapes.append(postures)
         seed = int(stream.integers(2**32))
-        individuals += [
-            _individual(number, arm, _settings(arm, options, departs, shapes[-1], seed), rigid)
-            for departs in _SAID
-        ]
+        for departs in _SAID:
+            plan = TrackerOptions(
+                commanded=np.degrees(postures.q_rad).tolist(),
+                holdout_share=options.holdout_share,
+                departs=departs,
+                target_m=0.0,  # on the flange, where it is stated
+                target_rad=0.0,
+                position_mm=options.position_mm,
+                attitude_rad=options.attitude_rad,
+            )
+            settings = SimulateOptions(random_seed=seed, robot=arm.name, without_touches=plan)
+            individuals.append(_individual(number, departs, arm, plan, settings, rigid))
     return results.CurveCalibrationRecord(
         provenance=PROVENANCE,
         settings=options.model_dump(mode="json"),
@@ -98,28 +106,16 @@ def chain_study(
     )
 
 
-def _settings(
-    arm: Arm, options: CurveStudyOptions, departs: Departs, postures: Postures, seed: int
-) -> SimulateOptions:
-    """Return the campaign of one arm, its target on the flange, where it is stated."""
-    plan = TrackerOptions(
-        commanded=np.degrees(postures.q_rad).tolist(),
-        holdout_share=options.holdout_share,
-        departs=departs,
-        target_m=0.0,
-        target_rad=0.0,
-        position_mm=options.position_mm,
-        attitude_rad=options.attitude_rad,
-    )
-    return SimulateOptions(random_seed=seed, robot=arm.name, without_touches=plan)
-
-
 def _individual(
-    number: int, arm: Arm, settings: SimulateOptions, options: CalibrationOptions
+    number: int,
+    departs: Departs,
+    arm: Arm,
+    plan: TrackerOptions,
+    settings: SimulateOptions,
+    options: CalibrationOptions,
 ) -> results.Individual:
     """Measure one arm, calibrate it with every model, and judge these."""
-    plan = settings.without_touches or TrackerOptions()
-    made = simulate_campaign(f"{arm.name}-{number}-{plan.departs}", arm, settings)
+    made = simulate_campaign(f"{arm.name}-{number}-{departs}", arm, settings)
     campaign = as_read(made)
     about = campaign.description, campaign.arm, campaign.observations, _LOAD
     records = {
@@ -131,7 +127,10 @@ def _individual(
 
     def judged(campaign: Campaign, kind: str) -> dict[str, HeldOutModel]:
         found = Evaluation(campaign.observations, models, None, setup).judge(kind=kind)
-        return {_NOMINAL if name == UNCALIBRATED else name: each for name, each in found.items()}
+        return {_NOMINAL if name == UNCALIBRATED else name: of for name, of in found.items()}
+
+    def distances(of: HeldOutModel) -> Distances:
+        return Distances(mean_mm=of.mean_mm, peak_mm=of.peak_mm, rms_mm=of.rms_mm)
 
     fitted, held_out = judged(campaign, "grid"), judged(campaign, "holdout")
     without_noise = settings.model_copy(update={"without_touches": plan.model_copy(update=_EXACT)})
@@ -141,13 +140,13 @@ def _individual(
     both = [(fitted[name].rows, held_out[name].rows) for name in fitted]
     return results.Individual(
         number=number,
-        departs=plan.departs,
-        said=_SAID[plan.departs],
+        departs=departs,
+        said=_SAID[departs],
         errors={
             name: results.ErrorsOfModel(
-                fitted=_distances(fitted[name]),
-                held_out=_distances(held_out[name]),
-                held_out_true=_distances(true[name]),
+                fitted=distances(fitted[name]),
+                held_out=distances(held_out[name]),
+                held_out_true=distances(true[name]),
             )
             for name in fitted
         },
@@ -165,22 +164,20 @@ def _individual(
 
 def _fit(found: CalibrationRecord, truth: Mapping[str, TrueParameter]) -> results.IndividualFit:
     """Return rank, null directions and, where there is a truth, scores of the parameters."""
-    ended: dict[str, Any] = {
-        "converged": found.status == "converged",
-        "unknowns": found.unknowns,
-        "rank": found.rank,
-        "condition": found.condition,
-        "null_directions": found.null_directions,
-    }
+    more: dict[str, Any]
     if isinstance(found, GeneralCalibrationRecord):
-        redundant = {each.name: each.replaced_by for each in found.redundant}
-        return results.IndividualFit(**ended, redundant=redundant, scores={})
+        redundant = {parameter.name: parameter.replaced_by for parameter in found.redundant}
+        more = {"redundant": redundant, "scores": {}}
+    else:
+        more = {"starts": found.starts, "starts_agreeing": found.starts_agreeing, "redundant": {}}
+        more["scores"] = reported_scores(found.parameters, truth)
     return results.IndividualFit(
-        **ended,
-        starts=found.starts,
-        starts_agreeing=found.starts_agreeing,
-        redundant={},
-        scores=reported_scores(found.parameters, truth),
+        converged=found.status == "converged",
+        unknowns=found.unknowns,
+        rank=found.rank,
+        condition=found.condition,
+        null_directions=found.null_directions,
+        **more,
     )
 
 
@@ -188,40 +185,36 @@ def _summaries(
     individuals: Sequence[results.Individual], floor_mm: float
 ) -> tuple[results.CurveStudySummary, ...]:
     """Return what became of all arms that depart in the same way, model by model."""
-    found = []
-    for departs in dict.fromkeys(each.departs for each in individuals):
-        alike = [each for each in individuals if each.departs == departs]
-        for model in alike[0].models:
-            fits = [each.models[model] for each in alike]
-            scores = [score for fit in fits for score in fit.scores.values()]
-            errors = [each.errors[model] for each in alike]
-            found.append(
-                results.CurveStudySummary(
-                    departs=departs,
-                    said=alike[0].said,
-                    model=model,
-                    individuals=len(alike),
-                    converged=sum(fit.converged for fit in fits),
-                    unknowns=fits[0].unknowns,
-                    rank=min(fit.rank for fit in fits),
-                    null_directions=fits[0].null_directions,
-                    rms_score=float(np.sqrt(np.mean(np.square(scores)))) if scores else None,
-                    fitted=_over_floor([each.fitted for each in errors], floor_mm),
-                    held_out=_over_floor([each.held_out for each in errors], floor_mm),
-                    held_out_true=_over_floor([each.held_out_true for each in errors], floor_mm),
-                )
+    summaries = []
+    for departs, model in product(_SAID, _MODELS):
+        alike = [arm for arm in individuals if arm.departs == departs]
+        fits = [arm.models[model] for arm in alike]
+        scores = [score for fit in fits for score in fit.scores.values()]
+        errors = [arm.errors[model] for arm in alike]
+        over_floor = {
+            kind: _over_floor([getattr(error, kind) for error in errors], floor_mm)
+            for kind in ("fitted", "held_out", "held_out_true")
+        }
+        summaries.append(
+            results.CurveStudySummary(
+                departs=departs,
+                said=_SAID[departs],
+                model=model,
+                individuals=len(alike),
+                converged=sum(fit.converged for fit in fits),
+                unknowns=fits[0].unknowns,
+                rank=min(fit.rank for fit in fits),
+                null_directions=fits[0].null_directions,
+                rms_score=float(np.sqrt(np.mean(np.square(scores)))) if scores else None,
+                **over_floor,
             )
-    return tuple(found)
+        )
+    return tuple(summaries)
 
 
 def _over_floor(errors: Sequence[Distances], floor_mm: float) -> results.OverFloor:
-    times = np.array([each.mean_mm for each in errors]) / floor_mm
+    times = np.array([error.mean_mm for error in errors]) / floor_mm
+    within = int((times <= BAR).sum())
     return results.OverFloor(
-        mean=float(times.mean()),
-        largest=float(times.max()),
-        within_bar=int((times <= BAR).sum()),
+        mean=float(times.mean()), largest=float(times.max()), within_bar=within
     )
-
-
-def _distances(found: HeldOutModel) -> Distances:
-    return Distances(mean_mm=found.mean_mm, peak_mm=found.peak_mm, rms_mm=found.rms_mm)

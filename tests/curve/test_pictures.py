@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.figures.curve import CurveResults, draw_curve_gait, draw_curve_shape
+from pa10cal.curve.pictures import draw_curve_gait, draw_curve_shape
+from pa10cal.curve.tables import CurveResults
 from pa10cal.figures.style import looks
 from pa10cal.results.studies import CurveRecord, CurveShape
 

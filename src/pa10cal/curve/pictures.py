@@ -2,88 +2,38 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pa10cal.arrays import Array
-from pa10cal.errors import OutputError, RecordError
+from pa10cal.curve.tables import CurveResults, read_curve
+from pa10cal.errors import OutputError
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.style import evenly, label_space, new_figure, panel
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SKY, VERMILLION
-from pa10cal.results.codec import read
-from pa10cal.results.studies import CurveRecord
 
 #: Why a gait has nothing to show.
 ONE_SHAPE = "one shape does not move"
-_PLACE_M = ["x_m", "y_m", "z_m"]
 
 
-@dataclass(frozen=True)
-class CurveResults:
-    """A chain of n links in T shapes."""
-
-    record: CurveRecord  # its links, statuses and limits
-    time_s: Array  # (T,) when
-    p_m: Array  # (T, n + 1, 3) where links join
-    z_axis: Array  # (T, n, 3) z axes of the links
-    curve_m: Array  # (T, k, 3) places along the curve
-    a_deg: Array  # (T, n - 1) joint angles about z
-    b_deg: Array  # (T, n - 1) joint angles about y
-
-    @property
-    def moves(self) -> bool:
-        """Whether there are several shapes."""
-        return len(self.time_s) > 1
-
-    @property
-    def limits_deg(self) -> list[float]:
-        """The limits of the joints; none where none are set."""
-        limits: Any = self.record.settings.get("limits")
-        every = limits.values() if isinstance(limits, dict) else ()
-        return [float(end) for ends in every if isinstance(ends, list | tuple) for end in ends]
+#: The file of a results folder that these are drawn of.
+FROM = "curve.json"
 
 
-def read_curve(folder: Path) -> CurveResults:
-    """Read a folder that the command `curve` wrote.
+def read_content(folder: Path) -> tuple[str, CurveResults]:
+    """Return the footer of the pictures of a folder that the command `curve` wrote, and the chain.
 
     Raises:
-        RecordError: when a file is missing or is none of that command.
+        RecordError: as `read_curve`.
     """
-    record = read(CurveRecord, folder / "curve.json")
-    shapes = len(record.shapes)
-
-    def columns(name: str, names: list[str]) -> Array:
-        path = folder / f"{name}.csv"
-        try:
-            found = pd.read_csv(path)[names].to_numpy(dtype=np.float64)
-            return found.reshape(shapes, len(found) // shapes, len(names))
-        except (OSError, ValueError, KeyError) as error:
-            raise RecordError(
-                "a table of the curve cannot be used",
-                where=str(path),
-                value=str(error).splitlines()[0],
-                allowed="the tables that were written with curve.json",
-                remedy="run pa10cal curve again",
-            ) from None
-
-    angles_deg = np.degrees(columns("angles", ["a_rad", "b_rad"]))
-    return CurveResults(
-        record=record,
-        time_s=columns("points", ["time_s"])[:, 0, 0],
-        p_m=columns("points", _PLACE_M),
-        z_axis=columns("links", ["z_x", "z_y", "z_z"]),
-        curve_m=columns("shape", _PLACE_M),
-        a_deg=angles_deg[..., 0],
-        b_deg=angles_deg[..., 1],
-    )
+    results = read_curve(folder)
+    links = f"{results.record.links} links of {results.record.link_m:.4g} m on a continuous curve"
+    return f"{links}: {results.record.shapes[0].ending_is}. Synthetic data.", results
 
 
 # What pictures and films of a chain are made of: it in space beside its curve, and its angles.
@@ -165,7 +115,7 @@ it was chosen so that the largest joint angle is smallest.
 )
 def draw_curve_shape(results: CurveResults) -> Figure:
     """Draw the chain left, the angles of its joints right."""
-    if results.moves:
+    if len(results.time_s) > 1:
         raise NothingToShowError("the chain moves")
     figure = new_figure(100.0, f"{results.record.links} links along a continuous curve")
     chain = space(figure, results, 0, (2.0, 16.0, 76.0, 76.0), numbers=True)
@@ -197,7 +147,7 @@ Nothing of it was measured: the angles follow from the shapes alone, moment by m
 )
 def draw_curve_gait(results: CurveResults) -> Figure:
     """Draw shapes above, the angles of all joints over time and the largest moves below."""
-    if not results.moves:
+    if len(results.time_s) == 1:
         raise NothingToShowError(ONE_SHAPE)
     figure = new_figure(_HEIGHT_MM, f"{results.record.links} links along a curve that moves")
     for column, shape in enumerate(evenly(len(results.time_s) - 1, _SHAPES)):
@@ -261,7 +211,7 @@ def film_curve_film(results: CurveResults, path: Path, dpi: int) -> None:
         NothingToShowError: when there is one shape.
         OutputError: when there is no writer of that kind.
     """
-    if not results.moves:
+    if len(results.time_s) == 1:
         raise NothingToShowError(ONE_SHAPE)
     rate = (len(results.time_s) - 1) / float(results.time_s[-1] - results.time_s[0])
     writer = _writer(path, int(np.clip(rate, _LEAST_RATE_HZ, _MOST_RATE_HZ)))

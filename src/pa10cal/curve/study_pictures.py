@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,11 @@ from pa10cal.figures.table import Row, Table, frame_of
 from pa10cal.reports import theme
 from pa10cal.reports.blocks import grid
 from pa10cal.reports.formatting import written
+from pa10cal.results.codec import read
 from pa10cal.results.studies import CurveCalibrationRecord, CurveStudySummary, Individual, OverFloor
 
+#: The file of a results folder that these are drawn of.
+FROM = "calibration.json"
 #: How individuals depart, in short.
 DEPARTS = {"rows": "by its rows", "any_way": "in any way"}
 _MOST_POSTURES = 24
@@ -29,6 +33,23 @@ _OF_MODEL = {
 _SHORT = {"two_level": "two-level", "two_level_all": "all inside", "general": "general"}
 #: Beside each other: fitted, held out.
 _ASIDE = {"fitted": -0.14, "held_out": 0.14}
+
+
+def read_content(folder: Path) -> tuple[str, CurveCalibrationRecord]:
+    """Return the footer of the pictures of a study's folder, and the study.
+
+    Raises:
+        RecordError: when it cannot be used.
+    """
+    study = read(CurveCalibrationRecord, folder / FROM)
+    asked: Any = study.settings
+    footer = (
+        f"{study.summaries[0].individuals} arms of {asked['links']} links of "
+        f"{asked['link_m']:g} m each way, {asked['postures']} postures each, noise "
+        f"{asked['position_mm']:g} mm and {1e3 * asked['attitude_rad']:g} mrad. Synthetic data. "
+        f"Provenance: {study.provenance}."
+    )
+    return footer, study
 
 
 @picture(
