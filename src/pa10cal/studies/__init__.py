@@ -1,1 +1,0 @@
-"""Studies in the virtual cell: a whole way from simulation to estimate, held against the truth."""
