@@ -76,8 +76,10 @@ def by_terms(
     at: FittedModel, poses: Observations, terms: Sequence[Term], points: Sequence[Array]
 ) -> list[Array]:
     """Return how `residual` follows the parameters of terms, each (P, b, k')."""
-    by_base = _along_base(at.compared(poses).by_end, at)
-    return [by_base @ columns for columns in at.model.by_terms(poses.states, at.x, terms, points)]
+    T_base_ee, in_base = at.model.by_terms(poses.states, at.x, terms, points)
+    found = poses.measured.compare(at.T_instr_base @ T_base_ee, at.targets_m)
+    by_base = _along_base(found.by_end, at)
+    return [by_base @ columns for columns in in_base]
 
 
 def by_own_terms(at: FittedModel, poses: Observations, terms: Sequence[Term]) -> list[Array]:

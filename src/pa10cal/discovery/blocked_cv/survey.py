@@ -90,12 +90,19 @@ class Survey:
             at: the model.
             poses: P complete poses of the campaign; None for all of the survey.
         """
-        poses = self.poses if poses is None else poses
-        left = residual(at, poses)
-        for own in self.nuisances:
-            if own.amounts is not None:
-                left = left + own.shift(self.baseline, poses)
-        return left
+        if poses is None:
+            return residual(at, self.poses) + self._beside
+        return residual(at, poses) + self._shift(poses)
+
+    @cached_property
+    def _beside(self) -> Array | float:
+        return self._shift(self.poses)
+
+    def _shift(self, poses: Observations) -> Array | float:
+        """Return what motion of the base and lag come to in the components of poses, (P, b)."""
+        return sum(
+            each.shift(self.baseline, poses) for each in self.nuisances if each.amounts is not None
+        )
 
     def noise_about(self, at: FittedModel) -> Noise:
         """Return the noise of single readings by nearly equal poses, else as stated, of a model."""

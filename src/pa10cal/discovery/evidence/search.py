@@ -78,9 +78,9 @@ def _blocks(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> list[B
     asked = [(effect, start) for effect in effects for start in effect.starts]
     terms = [effect for effect, _ in asked]
     at = found.at
-    in_base = at.model.by_terms(states, at.x, terms, [start for _, start in asked])
+    T, in_base = at.model.by_terms(states, at.x, terms, [start for _, start in asked])
     widths = np.cumsum([0, *(effect.linear for effect in terms)])
-    turn = by_end(at, problem.cells, at.model.predict(states, at.x))
+    turn = by_end(at, problem.cells, T)
     together = np.concatenate(
         [values[:, :, : effect.linear] for values, effect in zip(in_base, terms, strict=True)],
         axis=2,
