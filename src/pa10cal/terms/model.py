@@ -68,7 +68,9 @@ class Model:
         T, screws = end_pose_and_screws(self.chain, self.chain_coordinates(states, x))
         return PoseJacobian(
             T,
-            lambda: self.jacobian_at(states, x, EndPose(T, screws(self._moved_columns(self.terms)))),
+            lambda: self.jacobian_at(
+                states, x, EndPose(T, screws(self._moved_columns(self.terms)))
+            ),
         )
 
     def jacobian_at(

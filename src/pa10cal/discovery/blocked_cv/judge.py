@@ -280,7 +280,8 @@ class HeldPoses:
         at, poses = found.at, survey.poses
         self._left = -survey.left_by(at)
         own = [term for term in at.model.terms if not isinstance(term, JointErrorMap | BaseDrift)]
-        self._own = np.concatenate(by_own_terms(at, poses, own), axis=2)
+        columns = np.concatenate(by_own_terms(at, poses, own), axis=2)
+        self._own = columns, self._whiteners @ columns
 
     def squares(self, effects: Sequence[Effect] = (), *, lag: bool = True) -> Squares:
         """Return what is left of held-out poses with effects beside the model.
@@ -316,17 +317,16 @@ class HeldPoses:
 
     def _predicted(self, effects: Sequence[Effect], lag: bool) -> Array:
         """Return what is left of each pose, its block held out, (P, b)."""
-        own, left = [self._own], self._left.copy()
-        if self._survey.lag is not None:
-            poses, of_lag = self._survey.poses, self._survey.lag
-            if lag:
-                own.append(of_lag.columns(self._at, poses))
-            elif of_lag.amounts is not None:
-                left += of_lag.shift(self._survey.baseline, poses)
+        left, poses, of_lag = self._left.copy(), self._survey.poses, self._survey.lag
         starts = [effect.starts[0] for effect in effects]
-        added = by_effects(self._at, self._survey.poses, effects, starts)
-        columns = np.concatenate([*own, *added], axis=2)
-        white = self._whiteners @ columns
+        added = by_effects(self._at, poses, effects, starts)
+        if of_lag is not None and lag:
+            added.append(of_lag.columns(self._at, poses))
+        elif of_lag is not None and of_lag.amounts is not None:
+            left += of_lag.shift(self._survey.baseline, poses)
+        own, own_white = self._own
+        columns = np.concatenate([own, *added], axis=2)
+        white = np.concatenate([own_white, *(self._whiteners @ each for each in added)], axis=2)
         data = self._whiteners @ left[:, :, None]
         blocks = [self._block == b for b in range(BLOCKS)]
         rows = [(white[here].reshape(-1, white.shape[2]), data[here].ravel()) for here in blocks]

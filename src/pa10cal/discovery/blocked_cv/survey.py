@@ -13,11 +13,11 @@ from scipy.sparse import csr_array
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.in_time.wander import Wander
 from pa10cal.discovery.linear import (
-    by_effects,
     by_joints,
-    by_own_terms,
     by_targets,
+    by_terms,
     of_weights,
+    positions_of,
     possible_sizes,
     residual,
     unknowns,
@@ -38,6 +38,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import CandidateContext, Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots, harmonics_at_knots
+from pa10cal.terms.term import Term
 
 #: Blocks of poses, each held out in turn.
 BLOCKS = 10
@@ -497,12 +498,34 @@ class Rows:
         """Return the rows of one block."""
         here = np.flatnonzero(self.survey.block == b)
         poses, whiten = self.survey.poses.take(here), self.weights.whiteners(here)
-        effects, starts = [s.effect for s in self.shaped], [s.start for s in self.shaped]
-        found = by_effects(self.place, poses, effects, starts)
-        dense = whiten @ np.concatenate([self._own(poses), *found], axis=2)
-        screws = whiten @ by_joints(self.place, poses, self.joints)
+        at, model = self.place, self.place.model
+        terms: list[Term] = [*model.terms, *(shaped.effect for shaped in self.shaped)]
+        points = [at.x[model.columns_of(term)] for term in model.terms]
+        points += [shaped.start for shaped in self.shaped]
+        joints = positions_of(at, self.joints)
+        *found, screws = by_terms(
+            at, poses, [*terms, joints], [*points, np.zeros(len(self.joints))], whiten
+        )
+        own = len(model.terms)
+        sizes = possible_sizes(model, poses.measured)
+        beside = [by_targets(at, poses) * sizes[len(at.x) :]]
+        beside += [each.columns(at, poses) for each in self.survey.nuisances]
+        dense = np.concatenate(
+            [
+                *(
+                    columns * sizes[model.columns_of(term)]
+                    for term, columns in zip(model.terms, found[:own], strict=True)
+                ),
+                *(whiten @ columns for columns in beside),
+                *(
+                    columns[:, :, : shaped.effect.linear] @ shaped.effect.prior_factor
+                    for shaped, columns in zip(self.shaped, found[own:], strict=True)
+                ),
+            ],
+            axis=2,
+        )
         q_rad = poses.states.q_rad[:, [joint - 1 for joint in self.joints]]
-        data = -whiten @ residual(self.place, poses)[:, :, None]
+        data = -whiten @ residual(at, poses)[:, :, None]
         return BlockRows(data.ravel(), dense.reshape(-1, dense.shape[2]), screws, q_rad)
 
     def left_of(self, b: int, x: Array) -> Array:
@@ -521,13 +544,6 @@ class Rows:
         whiteners = self.weights.whiteners(np.flatnonzero(self.survey.block == b))
         found: Array = np.linalg.solve(whiteners, left_over.reshape(*whiteners.shape[:2], -1))
         return found
-
-    def _own(self, poses: Observations) -> Array:
-        at = self.place
-        sizes = possible_sizes(at.model, poses.measured)[len(at.x) :]
-        own = by_own_terms(at, poses, at.model.terms)
-        beside = [each.columns(at, poses) for each in self.survey.nuisances]
-        return np.concatenate([*own, by_targets(at, poses) * sizes, *beside], axis=2)
 
     def kinds(self, count: int) -> tuple[Index, Index]:
         """Return which of so many rows are of positions, and which of orientations."""
