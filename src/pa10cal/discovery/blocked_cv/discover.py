@@ -358,7 +358,7 @@ def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> Verdic
     extended = found.extended
     effects = (*extended.effects, *nameless)
     starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in nameless))
-    model = refit(found.survey, effects, starts, extended.weights).fitted()
+    model = refit(found.survey, effects, starts, extended.weights, own=extended.at).fitted()
 
     def told(gap: Gap) -> Gap:
         poses = complete_about(gap.poses, found.baseline, model, found.survey.setup)

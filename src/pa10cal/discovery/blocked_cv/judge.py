@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -102,6 +102,8 @@ def judged_members(
         whiteners = rows.weights.whiteners(np.flatnonzero(here))
         squares[here] = np.sum((whiteners @ left) ** 2, axis=1)
     rms = np.sqrt(np.mean(errors_mm**2, axis=0))
+    others = search.others(chosen)
+    beside = dict(zip(others, chosen.with_each(others), strict=True)) if others else {}
     found = []
     for k, without in enumerate(chosen.without_each()):
         gain = without - chosen.squares
@@ -109,7 +111,9 @@ def judged_members(
         carrier = _carrier(rows, by_pose, float(gain.sum()), search.least_gain)
         rms_mm = float(rms[k + 1]), float(rms[0])
         proof = prediction(gain, float(without.sum()), rms_mm, carrier)
-        found.append(Judged(chosen.members[k].effect, proof, alternatives(search, chosen, k)))
+        found.append(
+            Judged(chosen.members[k].effect, proof, alternatives(search, chosen, k, beside))
+        )
     return tuple(found), errors_mm[:, 0]
 
 
@@ -142,27 +146,29 @@ def remaining_error(
     )
 
 
-def alternatives(search: Search, chosen: EffectSet, member: int) -> tuple[Effect, ...]:
+def alternatives(
+    search: Search, chosen: EffectSet, member: int, beside: Mapping[Candidate, Array]
+) -> tuple[Effect, ...]:
     """Return the effects that predict as well in one's place, within a standard error.
 
     One that leaves it needed all the same is no alternative. The map of a joint can always do what
-    a named form of that joint does, and is none.
+    a named form of that joint does, and is none. The sums of squares of blocks with each of the
+    other candidates `beside` the set are given.
     """
     own = chosen.members[member]
     less = chosen.reduced(member)
     others = [
         other
-        for other in search.others(chosen)
+        for other in beside
         if not other.effect.generic
         and not (other.is_map and own.effect.coordinates == other.effect.coordinates)
     ]
     if not others:
         return ()
-    instead, beside = less.with_each(others), chosen.with_each(others)
     close: dict[tuple[str, str], Effect] = {}
-    for other, alone, both in zip(others, instead, beside, strict=True):
+    for other, alone in zip(others, less.with_each(others), strict=True):
         lost = alone - chosen.squares
-        if lost.sum() <= standard_error(lost) and not search.helps(alone, both):
+        if lost.sum() <= standard_error(lost) and not search.helps(alone, beside[other]):
             close.setdefault(other.name, other.effect)
     return tuple(close.values())
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import LinAlgError, block_diag, cho_factor
-from scipy.linalg.lapack import dpotri
+from scipy.linalg import LinAlgError, block_diag
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
@@ -142,6 +142,7 @@ def refit(
     starts: tuple[Array, ...],
     weights: PoseWeights,
     widening: Widening = AS_FOUND,
+    own: FittedModel | None = None,
 ) -> Refit:
     """Fit the calibrated model with effects to all poses of a survey.
 
@@ -151,10 +152,15 @@ def refit(
         starts: parameters of each to set out from.
         weights: what each pose counts at first.
         widening: how components scatter, where that is known better than by their median.
+        own: fit of the same model with fewer effects, of which all that belongs to no effect is
+            where to set out from; None for the calibrated model.
     """
     fit = _Fit(survey, effects)
     baseline = survey.baseline
-    x = np.concatenate([baseline.x, *starts, np.zeros(6), baseline.targets_m])
+    base, at = np.zeros(6), baseline
+    if own is not None:
+        base, at = own.x[-6:], own
+    x = np.concatenate([at.x[: len(baseline.x)], *starts, base, at.targets_m])
     bounds = fit.bounds
     counts = weights.widened(widening)
 
@@ -296,12 +302,22 @@ def _inverse(information: Array, prior: Array, free: Mask) -> Array:
     scale = 1.0 / np.sqrt(np.diag(information)[free])
     inverse = np.zeros_like(information)
     try:
-        scales = np.outer(scale, scale)
-        factor, _ = cho_factor(information[own] * scales, overwrite_a=True)
-        upper, wrong = dpotri(factor)
+        unit = (information if free.all() else information[own]) * scale
+        unit *= scale[:, None]
+        factor, wrong = dpotrf(unit.T, overwrite_a=1)  # of zeros below its diagonal
         if wrong:
             raise LinAlgError
-        inverse[own] = (np.triu(upper) + np.triu(upper, 1).T) * scales
+        upper, wrong = dpotri(factor, overwrite_c=1)
+        if wrong:
+            raise LinAlgError
+        diagonal = np.diag(upper) * scale**2
+        upper *= scale
+        upper *= scale[:, None]
+        upper = upper + upper.T
+        upper[np.diag_indices_from(upper)] = diagonal
+        if free.all():
+            return upper
+        inverse[own] = upper
     except LinAlgError:
         inverse[own] = no_wider_than(information[own], prior[own])
     return inverse
