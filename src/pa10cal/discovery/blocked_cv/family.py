@@ -172,9 +172,9 @@ class EffectSet:
         steps, change = np.zeros((len(candidates), len(there))), np.zeros(len(candidates))
         known: dict[bytes, Array] = {}  # maps of several sizes have the same columns
         for k, candidate in enumerate(candidates):
-            at = np.searchsorted(every, candidate.at)
-            if at[-1] - at[0] + 1 == len(at):  # a view is enough
-                at = slice(at[0], at[-1] + 1)
+            places = np.searchsorted(every, candidate.at)
+            in_one = bool(np.ptp(places) == len(places) - 1)  # then views are enough
+            at = slice(places[0], places[-1] + 1) if in_one else places
             by_there = followed[:, at]
             key = candidate.at.tobytes()
             if key not in known:

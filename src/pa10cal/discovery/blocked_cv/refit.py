@@ -310,14 +310,13 @@ def _inverse(information: Array, prior: Array, free: Mask) -> Array:
         upper, wrong = dpotri(factor, overwrite_c=1)
         if wrong:
             raise LinAlgError
-        diagonal = np.diag(upper) * scale**2
         upper *= scale
         upper *= scale[:, None]
-        upper = upper + upper.T
-        upper[np.diag_indices_from(upper)] = diagonal
+        whole = upper + upper.T
+        whole[np.diag_indices_from(whole)] = np.diag(upper)
         if free.all():
-            return upper
-        inverse[own] = upper
+            return np.asarray(whole)
+        inverse[own] = whole
     except LinAlgError:
         inverse[own] = no_wider_than(information[own], prior[own])
     return inverse
