@@ -330,19 +330,19 @@ def in_terms_of(
         bases: (K1, h1), (K2, h2), … coefficients of the B-splines that each map's new parameters
             stand for.
     """
-    old = list(pairwise(dense + np.cumsum([0, *(len(basis) for basis in bases)])))
-    new = list(pairwise(dense + np.cumsum([0, *(basis.shape[1] for basis in bases)])))
+    old = pairwise(dense + np.cumsum([0, *(len(basis) for basis in bases)]))
+    new = pairwise(dense + np.cumsum([0, *(basis.shape[1] for basis in bases)]))
+    maps = list(zip(bases, old, new, strict=True))
     total = dense + sum(basis.shape[1] for basis in bases)
-    half = np.empty((total, len(gram)))
-    half[:dense] = gram[:dense]
     turned, found = np.empty((total, total)), np.empty(total)
-    found[:dense] = projection[:dense]
-    for basis, (first, last), (own, end) in zip(bases, old, new, strict=True):
-        half[own:end] = basis.T @ gram[first:last]
+    turned[:dense, :dense], found[:dense] = gram[:dense, :dense], projection[:dense]
+    for k, (basis, (first, last), (own, end)) in enumerate(maps):
         found[own:end] = basis.T @ projection[first:last]
-    turned[:, :dense] = half[:, :dense]
-    for basis, (first, last), (own, end) in zip(bases, old, new, strict=True):
-        turned[:, own:end] = half[:, first:last] @ basis
+        beside = basis.T @ gram[first:last, :last]  # itself, and all that stands before it
+        turned[own:end, :dense] = beside[:, :dense]
+        for other, (start, stop), (its, its_end) in maps[: k + 1]:
+            turned[own:end, its:its_end] = beside[:, start:stop] @ other
+        turned[:own, own:end] = turned[own:end, :own].T
     return turned, found
 
 
