@@ -120,8 +120,23 @@ class Weights(TorqueOnly):
             for column, size in zip(self.columns, self.sizes, strict=True)
         )
 
+    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
+        every = self._by_weights(states)
+        amounts = np.zeros(every.shape[2])
+        amounts[list(self.columns)] = x
+        if self.held is not None:
+            amounts[self.held] += np.array(self.by_held) @ x
+        return np.asarray(-(every @ amounts))
+
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return its derivative by the parameters, (P, n, k).
+        every = self._by_weights(states)
+        by_weights: Array = every[:, :, list(self.columns)]
+        if self.held is not None:
+            by_weights = by_weights + every[:, :, self.held, None] * np.array(self.by_held)
+        return -by_weights
+
+    def _by_weights(self, states: PoseStates) -> Array:
+        """Return the derivative of the torques by every weight, (P, n, 4 n + 3).
 
         Raises:
             CalibrationError: when what weights do was not computed for these poses.
@@ -133,11 +148,7 @@ class Weights(TorqueOnly):
                 allowed="poses of an arm whose masses are known",
                 remedy="describe the masses",
             )
-        every = states.static_loads.by_weights
-        by_weights: Array = every[:, :, list(self.columns)]
-        if self.held is not None:
-            by_weights = by_weights + every[:, :, self.held, None] * np.array(self.by_held)
-        return -by_weights
+        return states.static_loads.by_weights
 
     def report(self, x: Array) -> Report:
         return report_as_solved(self.parameters, x)

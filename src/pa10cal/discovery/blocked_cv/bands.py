@@ -115,10 +115,10 @@ def in_bands(rows: Rows, fine: Level) -> InBands | None:
     )
     spectra: list[list[Spectrum | None]] = [[each.spectrum for each in maps], [*found.bands]]
     sizes = [waves.sizes(each, maps, found.scatter) for each in spectra]
-    of_time = np.array([[_left(total, out, out, each) for each in sizes] for out in blocks])
+    of_time = np.array([[_left(total, out, (out,), each)[0] for each in sizes] for out in blocks])
     of_angles = np.array(
         [
-            [_left(total, out, out, each) for each in sizes]
+            [_left(total, out, (out,), each)[0] for each in sizes]
             for out in _stretches(rows, members, waves, share)
         ]
     )
@@ -150,10 +150,7 @@ def _attitudes(by_kind: Sequence[tuple[Products, ...]], waves: _Waves, maps: int
         blocks = [_weighed(kinds, share) for kinds in by_kind]
         total = _sum(blocks)
         left = np.array(
-            [
-                [_left(total, out, kind, sizes) for kind in kinds]
-                for out, kinds in zip(blocks, by_kind, strict=True)
-            ]
+            [_left(total, out, kinds, sizes) for out, kinds in zip(blocks, by_kind, strict=True)]
         ).sum(axis=0)
         if left[1] <= 0.0:
             return 1.0
@@ -229,7 +226,7 @@ class _Waves:
         return np.concatenate(found)
 
 
-def _left(total: Products, out: Products, judged: Products, sizes: Array) -> float:
+def _left(total: Products, out: Products, judged: Sequence[Products], sizes: Array) -> list[float]:
     """Return the squared error of rows that are judged, predicted from all rows but those out.
 
     Columns are of the sizes given (N,).
@@ -237,7 +234,9 @@ def _left(total: Products, out: Products, judged: Products, sizes: Array) -> flo
     gram = (total.gram - out.gram) * (sizes[:, None] * sizes)
     projection = (total.projection - out.projection) * sizes
     x = sizes * solve(gram, projection, np.eye(len(sizes)))
-    return float(judged.squares - 2.0 * judged.projection @ x + x @ judged.gram @ x)
+    return [
+        float(each.squares - 2.0 * each.projection @ x + x @ (each.gram @ x)) for each in judged
+    ]
 
 
 def _stretches(

@@ -22,10 +22,10 @@ from pa10cal.discovery.blocked_cv.judge import (
     with_more,
 )
 from pa10cal.discovery.blocked_cv.refit import (
+    PartialFits,
     Refit,
     by_campaign,
     compare,
-    model_with,
     refit,
     seen_by_maps,
 )
@@ -242,7 +242,11 @@ class VerdictByBlocks(Searched[Prediction]):
 
     @override
     def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
-        return model_with(self.survey, self.extended, effects)
+        return self._partial.model_with(effects)
+
+    @cached_property
+    def _partial(self) -> PartialFits:
+        return PartialFits(self.survey, self.extended)
 
     def beside(self, other: VerdictByBlocks) -> VerdictByBlocks:
         """Return the verdict with what another has that is in no model: motion and rivals."""
@@ -354,7 +358,7 @@ def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> Verdic
     extended = found.extended
     effects = (*extended.effects, *nameless)
     starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in nameless))
-    model = refit(found.survey, effects, starts, extended.weights).fitted()
+    model = refit(found.survey, effects, starts, extended.weights, own=extended.at).fitted()
 
     def told(gap: PairedErrors) -> PairedErrors:
         poses = complete_about(gap.poses, found.baseline, model, found.survey.setup)

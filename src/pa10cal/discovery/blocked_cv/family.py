@@ -160,25 +160,31 @@ class EffectSet:
         """Return the sum of squares of a block with each candidate added, (m,)."""
         there, here = self.at, self.solution[b]
         every = np.unique(np.concatenate([each.at for each in candidates]))
-        across = self._elsewhere(b, there, every)
-        followed = self.inverse[b] @ across
-        projection = self.total.projection[every] - self.products.projection[b, every]
-        open_ = projection - across.T @ here
-        steps = np.zeros((len(candidates), len(there)))
-        amounts = np.zeros((len(candidates), len(every)))
-        for k, candidate in enumerate(candidates):
-            own = np.searchsorted(every, candidate.at)
-            schur = self._elsewhere(b, candidate.at, candidate.at)
-            schur = schur - across[:, own].T @ followed[:, own]
-            amounts[k, own] = solve(schur, open_[own], candidate.prior)
-            steps[k] = -followed[:, own] @ amounts[k, own]
         gram, projection = self.products.gram[b], self.products.projection[b]
-        own_gram, across = gram[np.ix_(there, there)], gram[np.ix_(there, every)]
-        change = -2.0 * steps @ (projection[there] - own_gram @ here)
-        change -= 2.0 * amounts @ (projection[every] - across.T @ here)
-        change += np.sum(steps * (steps @ own_gram), axis=1)
-        change += 2.0 * np.sum((steps @ across) * amounts, axis=1)
-        change += np.sum(amounts * (amounts @ gram[np.ix_(every, every)]), axis=1)
+        own, across, corner = (
+            gram[np.ix_(*at)] for at in ((there, there), (there, every), (every, every))
+        )
+        elsewhere = self._elsewhere(b, there, every)
+        followed = self.inverse[b] @ elsewhere
+        beyond = self.total.gram[np.ix_(every, every)] - corner
+        open_ = self.total.projection[every] - projection[every] - elsewhere.T @ here
+        left, left_there = projection[every] - across.T @ here, projection[there] - own @ here
+        steps, change = np.zeros((len(candidates), len(there))), np.zeros(len(candidates))
+        known: dict[bytes, Array] = {}  # maps of several sizes have the same columns
+        for k, candidate in enumerate(candidates):
+            places = np.searchsorted(every, candidate.at)
+            in_one = bool(np.ptp(places) == len(places) - 1)  # then views are enough
+            at = slice(places[0], places[-1] + 1) if in_one else places
+            by_there = followed[:, at]
+            key = candidate.at.tobytes()
+            if key not in known:
+                known[key] = beyond[at][:, at] - elsewhere[:, at].T @ by_there
+            amounts = solve(known[key], open_[at], candidate.prior)
+            steps[k] = -by_there @ amounts
+            change[k] = amounts @ (
+                corner[at][:, at] @ amounts + 2.0 * (across[:, at].T @ steps[k] - left[at])
+            )
+        change += np.sum(steps * (steps @ own - 2.0 * left_there), axis=1)
         squares: Array = self.squares[b] + change
         return squares
 

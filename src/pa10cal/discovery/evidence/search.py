@@ -79,9 +79,9 @@ def _blocks(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> list[B
     states, at = problem.cells.states, found.at
     terms = [effect for effect in effects for _ in effect.starts]
     starts = [start for effect in effects for start in effect.starts]
-    in_base = at.model.by_terms(states, at.x, terms, starts)
+    T, in_base = at.model.by_terms(states, at.x, terms, starts)
     linear = [values[:, :, : term.linear] for values, term in zip(in_base, terms, strict=True)]
-    turn = by_end(at, problem.cells, at.model.predict(states, at.x))
+    turn = by_end(at, problem.cells, T)
     pose = problem.pose.rows(turn @ np.concatenate(linear, axis=2))
     torque = np.zeros((0, pose.shape[1]))
     if problem.torque is not None:
