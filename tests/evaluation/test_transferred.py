@@ -14,7 +14,7 @@ from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.evaluation.compared import Evaluation
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.lab.cell.options import TrackerOptions
 from pa10cal.lab.simulated import measured, observations_of, payload_of_individual
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
@@ -46,7 +46,7 @@ def with_map(model, knots):
         covariance=None,
     )
     half = np.array([[-np.pi, 0.0]])
-    seen = AnglesSeen((half, *[np.array([[-10.0, 10.0]])] * 5), (False,) * 6)
+    seen = AngleCoverage((half, *[np.array([[-10.0, 10.0]])] * 5), (False,) * 6)
     return Extended(longer, seen)
 
 

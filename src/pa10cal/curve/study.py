@@ -22,7 +22,7 @@ from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign
 from pa10cal.curve.angles import chain_arm
-from pa10cal.curve.postures import Postures, draw_postures
+from pa10cal.curve.postures import ChainPostures, draw_postures
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import UNCALIBRATED, Evaluation
 from pa10cal.evaluation.options import CurveStudyOptions
@@ -74,7 +74,7 @@ def chain_study(
     rigid = calibration.model_copy(update={"flexible_joints": ()})
     # The mean length of a vector of three coordinates with this noise.
     floor_mm = float(options.position_mm * np.sqrt(8.0 / np.pi))
-    shapes: list[Postures] = []
+    shapes: list[ChainPostures] = []
     individuals: list[results.Individual] = []
     streams = np.random.default_rng(options.random_seed).spawn(options.individuals)
     for number, stream in enumerate(streams, start=1):

@@ -19,7 +19,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
-from pa10cal.terms.term import Offsets, Parameter, Term, base_frame
+from pa10cal.terms.term import Offsets, Term, TermParameter, base_frame
 from pa10cal.terms.weights import WEIGHT, Weights
 
 #: Standard deviation thought possible of the model's own parameters, in their scale: wide enough
@@ -157,7 +157,7 @@ def positions_of(at: FittedModel, joints: Sequence[int]) -> Offsets:
     """Return the positions of joints, from 1, as a term."""
     chain = at.model.chain
     driven = [chain.motions[chain.joint_columns[joint - 1]].coordinate for joint in joints]
-    return Offsets(tuple(Parameter(name, "", 1.0) for name in driven), tuple(driven))
+    return Offsets(tuple(TermParameter(name, "", 1.0) for name in driven), tuple(driven))
 
 
 def error_mm(measured: Instrument, residual: Array) -> Array:

@@ -409,7 +409,7 @@ _MOST = 0.1
 
 
 @dataclass(frozen=True)
-class Exchanged:
+class ExchangedLoads:
     """Readings whose load is that of another configuration."""
 
     # (P,) the load that each reading tells, one of the campaign's; as stated but for those
@@ -420,10 +420,10 @@ class Exchanged:
 
 def loads_exchanged(
     readings: Observations, model: FittedModel, payload: Payload | None, torques: TorqueSource
-) -> Exchanged:
+) -> ExchangedLoads:
     """Find single readings whose load is that of another configuration."""
     stated_N = readings.states.load_N
-    nothing = Exchanged(stated_N, np.zeros(len(readings)))
+    nothing = ExchangedLoads(stated_N, np.zeros(len(readings)))
     loads_N = np.unique(stated_N)
     if payload is None or len(loads_N) < 2 or torques == "none":
         return nothing
@@ -465,7 +465,7 @@ def loads_exchanged(
         return nothing
     instead = white - columns * (found - stated_N)[:, None]
     gain = np.sum(white**2 - instead**2, axis=1) / np.sum(white**2)
-    return Exchanged(found, np.where(wrong, gain, 0.0))
+    return ExchangedLoads(found, np.where(wrong, gain, 0.0))
 
 
 def _load_rows(

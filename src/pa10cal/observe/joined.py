@@ -30,7 +30,7 @@ from pa10cal.observe.quantities import (
     Words,
 )
 from pa10cal.terms.of_campaign import of_campaign
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ class Joined(Instrument):
 
     @property
     @override
-    def target_parameters(self) -> tuple[Parameter, ...]:
+    def target_parameters(self) -> tuple[TermParameter, ...]:
         return tuple(
             replace(each, name=of_campaign(each.name, name))
             for name, part in self.campaigns

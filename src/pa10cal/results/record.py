@@ -220,7 +220,7 @@ def filed(schema: str, file: str, *, by: str) -> Callable[[type[_R]], type[_R]]:
 _R = TypeVar("_R", bound=Record)
 
 
-class Campaign(Protocol):
+class CampaignIdentity(Protocol):
     """What records say of a campaign."""
 
     @property

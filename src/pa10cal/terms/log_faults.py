@@ -18,7 +18,7 @@ from pa10cal.terms.effects.effect import (
     everywhere_but,
     static_loads_in,
 )
-from pa10cal.terms.term import Parameter, Term, TorqueOnly
+from pa10cal.terms.term import Term, TermParameter, TorqueOnly
 
 #: Part by which a load may well be misstated.
 _LOAD_PART = 0.1
@@ -87,7 +87,7 @@ class LoadStated(WeightStated):
         return tuple(cls(f"load {load:g} N", calculated, load) for load in context.loads_N if load)
 
     words = "true load = (1 + part) {0.load_N:g} N"
-    reported = (Parameter("part", "1", 1e-2, plausible=_LOAD_PART),)
+    reported = (TermParameter("part", "1", 1e-2, plausible=_LOAD_PART),)
 
     def per_unit(self, states: PoseStates) -> Array:
         load_N = np.where(states.load_N == self.load_N, self.load_N, 0.0)
@@ -120,11 +120,11 @@ class ToolStated(WeightStated):
     words = "true mass = stated + mass, true first moment = stated + moment"
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         """Return mass and first moment about the stated centre, along the flange's axes."""
-        mass = Parameter("mass", "kg", 1e-2, plausible=_TOOL_PART * self.tool_kg)
+        mass = TermParameter("mass", "kg", 1e-2, plausible=_TOOL_PART * self.tool_kg)
         size = _TOOL_M * self.tool_kg
-        return (mass, *(Parameter(f"moment_{k}", "kg m", 1e-3, plausible=size) for k in "xyz"))
+        return (mass, *(TermParameter(f"moment_{k}", "kg m", 1e-3, plausible=size) for k in "xyz"))
 
     def per_unit(self, states: PoseStates) -> Array:
         last = 4 * self.n

@@ -13,9 +13,9 @@ from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_and_screws
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.terms.term import (
-    Parameter,
     Report,
     Term,
+    TermParameter,
     Yielding,
     identity,
     shows_torque,
@@ -50,7 +50,7 @@ class Model:
     kept: Kept | None = field(default=None, compare=False, repr=False)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[TermParameter, ...]:
         """Return the parameters of all terms, in order."""
         return tuple(parameter for term in self.terms for parameter in term.parameters)
 

@@ -11,7 +11,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.terms.term import OPTIONAL, Parameter, Report, TorqueOnly, report_as_solved
+from pa10cal.terms.term import OPTIONAL, Report, TermParameter, TorqueOnly, report_as_solved
 
 #: Start of the names of its parameters.
 WEIGHT = "weight_"
@@ -108,9 +108,9 @@ class Weights(TorqueOnly):
         )
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[TermParameter, ...]:
         return tuple(
-            Parameter(
+            TermParameter(
                 *self._name(column),
                 scale=size,
                 plausible=size,

@@ -8,9 +8,9 @@ from pa10cal.discovery.blocked_cv.refit import PartialFits, refit
 from pa10cal.discovery.linear import at_unknowns, moved_base, residual
 from pa10cal.discovery.noise import unweighted
 from pa10cal.terms.effects.joint import EncoderEccentricity, JointCompliance, SoftWindup
-from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
+from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap
 
-FINE = JointErrorMap("joint 3", 24, Fading(1e-4, 6.0))
+FINE = JointErrorMap("joint 3", 24, FadingPrior(1e-4, 6.0))
 DISK = EncoderEccentricity("joint 2", 1.0)
 
 

@@ -24,14 +24,14 @@ from pa10cal.discovery.blocked_cv.search import (
     products_by_kind,
     with_form,
 )
-from pa10cal.discovery.blocked_cv.survey import BLOCKS, Products, Rows, in_terms_of
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, Products, in_terms_of
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
 from pa10cal.results import maps as results
 from pa10cal.terms.effects.joint_error_map import (
     FINE,
     TYPICAL,
-    Band,
+    BandPrior,
     JointErrorMap,
     Spectrum,
     b_splines_by_knots,
@@ -55,7 +55,7 @@ class InBands:
     """Maps whose waves have a band, and what was left out to compare them."""
 
     level: Level  # the members, maps with their bands, by linear least squares
-    found: Bands  # the bands
+    found: BandEstimates  # the bands
     of_time: Array  # (B, 2) squared errors of stretches of time left out, before and with the bands
     of_angles: Array  # (S, 2) the same of stretches of angles
     widening: Widening  # how components scatter, and what orientations weigh
@@ -63,7 +63,7 @@ class InBands:
     @property
     def record(self) -> results.Bands:
         """Return the bands, how well they are known, and what was left out."""
-        names = [field.name for field in fields(Band)]
+        names = [field.name for field in fields(BandPrior)]
         return results.Bands(
             shared=self.found.shared,
             scatter=self.found.scatter,
@@ -83,7 +83,7 @@ def _left_out(squares: Array) -> results.LeftOut:
     return results.LeftOut(before=before, after=after)
 
 
-def in_bands(rows: Rows, fine: Level) -> InBands | None:
+def in_bands(rows: BlockedRows, fine: Level) -> InBands | None:
     """Give maps the bands that the data have, where left-out poses are predicted better so.
 
     None where no map of what the search found is as fine as helps, or the bands predict no better.
@@ -185,7 +185,7 @@ def _no_worse(of_time: Array, of_angles: Array) -> bool:
 class _Waves:
     """Products in terms of waves, without the model's parameters that are held at their bounds."""
 
-    def __init__(self, rows: Rows, maps: Sequence[JointErrorMap]) -> None:
+    def __init__(self, rows: BlockedRows, maps: Sequence[JointErrorMap]) -> None:
         dense = len(rows.own) + sum(each.effect.linear for each in rows.shaped)
         self._free = np.ones(dense + 2 * _HIGHEST * len(maps), dtype=bool)
         self._free[: len(rows.own)] = ~rows.pressing
@@ -240,7 +240,7 @@ def _left(total: Products, out: Products, judged: Sequence[Products], sizes: Arr
 
 
 def _stretches(
-    rows: Rows, members: tuple[Candidate, ...], waves: _Waves, share: float
+    rows: BlockedRows, members: tuple[Candidate, ...], waves: _Waves, share: float
 ) -> Iterator[Products]:
     """Yield the products of poses with a joint in a tenth of its visited angles."""
     maps = maps_among(members)
@@ -305,17 +305,17 @@ class Waves:
 
 
 @dataclass(frozen=True, eq=False)
-class Bands:
+class BandEstimates:
     """The most likely bands."""
 
-    bands: tuple[Band, ...]  # one a map; all the same where the data ask for no more
+    bands: tuple[BandPrior, ...]  # one a map; all the same where the data ask for no more
     log_std: Array  # (maps, k) standard uncertainty of the logarithms of the numbers of each
     scatter: float  # of the rows, in their stated unit
     shared: bool  # whether all maps have one band
     nats: float  # log-likelihood at the maximum, up to a constant
 
 
-def most_likely(waves: Waves) -> Bands:
+def most_likely(waves: Waves) -> BandEstimates:
     """Return the bands under which the data are most likely, one for all maps or one for each."""
     together = _climb(_Cost(waves, own=False), np.append(_logs(TYPICAL), 0.0))
     if waves.maps == 1:
@@ -435,7 +435,7 @@ def _minus_twice_log_evidence(point: _Point) -> float:
     return point.value + float(volume)
 
 
-def _bands(waves: Waves, point: _Point) -> Bands:
+def _bands(waves: Waves, point: _Point) -> BandEstimates:
     """Return the bands at a point, as uncertain as the expected curvature says."""
     own = len(point.at) > 1 + _NUMBERS
     covariance = 2.0 * np.linalg.inv(point.curvature[:-1, :-1])
@@ -446,7 +446,7 @@ def _bands(waves: Waves, point: _Point) -> Bands:
         if own:
             of_map[:, _NUMBERS * (k + 1) : _NUMBERS * (k + 2)] = np.diag(_OF_A_JOINT)
         log_std.append(np.sqrt(np.diag(of_map @ covariance @ of_map.T)))
-    return Bands(
+    return BandEstimates(
         bands=tuple(_band(each) for each in point.logs),
         log_std=np.array(log_std),
         scatter=float(np.exp(point.at[-1])),
@@ -455,14 +455,14 @@ def _bands(waves: Waves, point: _Point) -> Bands:
     )
 
 
-def _logs(band: Band) -> Array:
+def _logs(band: BandPrior) -> Array:
     """Return the logarithms of the numbers of a band."""
     return np.asarray(np.log(np.array(astuple(band))))
 
 
-def _band(logs: Array) -> Band:
+def _band(logs: Array) -> BandPrior:
     """Return the band of logarithms."""
-    return Band(*(float(each) for each in np.exp(logs)))
+    return BandPrior(*(float(each) for each in np.exp(logs)))
 
 
 def _log_sizes(logs: Array, orders: Array) -> Array:

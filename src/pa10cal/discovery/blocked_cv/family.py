@@ -17,12 +17,12 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.blocked_cv.survey import Products, Rows, ShapedEffect, Survey
+from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products, ShapedEffect, Survey
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.preparation import computable, is_fault, sought, why_hidden
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap, harmonic_orders
+from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap, harmonic_orders
 
 #: Part of a parameter's own certainty that stands for a prior where it has none.
 _ROUNDING = 1e-12
@@ -261,11 +261,11 @@ SIZES_RAD = (3e-5, 1e-4, 3e-4)
 _SURELY_WORSE = 2.0
 
 
-def map_candidates(rows: Rows) -> list[Candidate]:
+def map_candidates(rows: BlockedRows) -> list[Candidate]:
     """Return maps of every revolute joint in all spacings, smoothnesses and sizes."""
     found = []
     for joint, (knots, half_order), size_rad in product(rows.joints, SPACINGS, SIZES_RAD):
-        spectrum = Fading(size_rad, half_order)
+        spectrum = FadingPrior(size_rad, half_order)
         # Of the highest order of an even number of knots only one part is there.
         harmonics = knots - (1 if knots == rows.knots else 2)
         sizes_rad = spectrum.sizes_rad(harmonic_orders(rows.knots)[1 : 1 + harmonics])
@@ -335,7 +335,7 @@ class Family:
     gains: dict[tuple[str, str], float]
 
 
-def family(rows: Rows, products: Products) -> Family:
+def family(rows: BlockedRows, products: Products) -> Family:
     """Return the candidates that these poses can show, and the effects that they cannot."""
     total = products.summed().gram
     own = rows.own
@@ -398,7 +398,7 @@ def _nearly_always(left: Array) -> float:
     return float(np.quantile(shares @ values, _RARELY))
 
 
-def _hidden(rows: Rows, candidate: Candidate, whole: Array, left: Array) -> str | None:
+def _hidden(rows: BlockedRows, candidate: Candidate, whole: Array, left: Array) -> str | None:
     """Return why the poses cannot show a candidate, None where they can."""
     if not np.trace(whole) > 0.0:
         return _why_silent(rows.survey.poses.states, candidate.shaped)

@@ -29,7 +29,7 @@ from pa10cal.discovery.blocked_cv.search import (
     finest,
     level,
 )
-from pa10cal.discovery.blocked_cv.survey import BLOCKS, Rows, ShapedEffect, Survey
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, ShapedEffect, Survey
 from pa10cal.discovery.finding import CARRIED, MayHaveCarrier, Untestable
 from pa10cal.discovery.in_time.channel import like_a_scan
 from pa10cal.discovery.linear import by_effects, by_own_terms, error_mm, rms, standard_error
@@ -50,7 +50,7 @@ _OVER_FLOOR = 1.15
 _SURELY = 3.0
 
 
-class Prediction(BlockedCrossValidation, MayHaveCarrier):
+class BlockPrediction(BlockedCrossValidation, MayHaveCarrier):
     """How well held-out blocks are predicted without an effect and with it."""
 
 
@@ -59,20 +59,20 @@ class Judged:
     """An effect that was found, with what speaks for it."""
 
     effect: Effect  # as the search has it; maps may be finer in the model
-    proof: Prediction  # how well it predicts what was held out
+    proof: BlockPrediction  # how well it predicts what was held out
     alternatives: tuple[Effect, ...]  # effects that predict that as well in its place
 
 
 def prediction(
     gain: Array, whole: float, rms_mm: tuple[float, float], carrier: str | None = None
-) -> Prediction:
+) -> BlockPrediction:
     """Return how well held-out blocks are predicted without an effect and with it.
 
     The weighed sum of squares of every block, `whole` in all without the effect, comes down by its
     gain (B,); root mean square errors are those without it and with it.
     """
     part, std = float(gain.sum()) / whole, standard_error(gain) / whole
-    return Prediction(
+    return BlockPrediction(
         rms_without_mm=rms_mm[0],
         rms_with_mm=rms_mm[1],
         blocks=BLOCKS,
@@ -85,7 +85,7 @@ def prediction(
 
 
 def judged_members(
-    rows: Rows, search: Search, chosen: EffectSet
+    rows: BlockedRows, search: Search, chosen: EffectSet
 ) -> tuple[tuple[Judged, ...], Array]:
     """Return the evidence of each member, and the position errors (P,) [mm] of held-out blocks."""
     solutions = np.stack(
@@ -117,7 +117,7 @@ def judged_members(
     return tuple(found), errors_mm[:, 0]
 
 
-def _carrier(rows: Rows, gain: Array, whole: float, least_gain: float) -> str | None:
+def _carrier(rows: BlockedRows, gain: Array, whole: float, least_gain: float) -> str | None:
     """Return the pose without which nearly nothing is gained (P,); None for none.
 
     The whole gain holds what uncertain weights would have to be, beside that of the poses.
@@ -131,7 +131,7 @@ def _carrier(rows: Rows, gain: Array, whole: float, least_gain: float) -> str | 
 
 
 def remaining_error(
-    rows: Rows, errors_mm: Array, floor_mm: float, others: tuple[Tried, ...]
+    rows: BlockedRows, errors_mm: Array, floor_mm: float, others: tuple[Tried, ...]
 ) -> Remaining:
     """Return the position error of held-out blocks, against noise, and what was tried on it."""
     means = np.array([errors_mm[rows.survey.block == b].mean() for b in range(BLOCKS)])
@@ -345,7 +345,7 @@ class HeldPoses:
         return left
 
 
-def proof_of(before: Squares, after: Squares) -> Prediction:
+def proof_of(before: Squares, after: Squares) -> BlockPrediction:
     """Return how well held-out poses are predicted without something and with it."""
     gain = before.total - after.total
     return prediction(gain, float(before.total.sum()), (before.rms_mm, after.rms_mm))
@@ -404,7 +404,7 @@ class SearchOutcome:
     """What a survey comes to."""
 
     survey: Survey  # the campaign, with the motion of its base as these effects leave it
-    rows: Rows  # by which it was searched
+    rows: BlockedRows  # by which it was searched
     searched: SearchReport  # what the search found
     fine: Level  # the effects, by linear least squares
     bands: InBands | None = None  # of maps that have one; None where none has
@@ -559,7 +559,7 @@ class SearchReport:
     least_gain: float
 
 
-def searched_rows(rows: Rows) -> tuple[SearchReport, tuple[Candidate, ...]]:
+def searched_rows(rows: BlockedRows) -> tuple[SearchReport, tuple[Candidate, ...]]:
     """Search, and judge what was found: return it, and the members of the search."""
     products = rows.products()
     known = family(rows, products)

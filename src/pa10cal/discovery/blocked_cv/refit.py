@@ -15,7 +15,7 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
-    Rows,
+    BlockedRows,
     ShapedEffect,
     Survey,
     in_terms_of,
@@ -37,7 +37,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.discovery.preparation import complete_about
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.observe.observations import Observations
@@ -50,7 +50,7 @@ from pa10cal.results.calibration import (
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
-    Fading,
+    FadingPrior,
     JointErrorMap,
     b_splines_by_knots,
     harmonic_orders,
@@ -63,14 +63,14 @@ from pa10cal.terms.term import Report, Term
 _REWEIGHTED = 2
 #: Maps of all joints by which poses are weighed: of middle spacing and smoothness.
 _KNOTS = 72
-_FADING = Fading(1e-4, 10.0)
+_FADING = FadingPrior(1e-4, 10.0)
 #: Part of the readings that what is fitted may take up; what is left of more says little of noise.
 _MOST_TAKEN = 0.6
 #: Size of a parameter that is not to be fitted.
 _NONE = 1e-9
 
 
-def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> Rows:
+def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> BlockedRows:
     """Return rows of effects and of maps of so many knots, weighed.
 
     By the scatter that all named effects and maps of all joints leave together: then no pose weighs
@@ -79,15 +79,15 @@ def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) 
     """
     measured = survey.poses.measured
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
-    rows = Rows(survey, unweighted(measured), named, _KNOTS)
+    rows = BlockedRows(survey, unweighted(measured), named, _KNOTS)
     weights = pose_weights(residual(rows.place, survey.poses), float(len(rows.own)), measured)
     for _ in range(_REWEIGHTED):
-        rows = Rows(survey, weights, named, _KNOTS)
+        rows = BlockedRows(survey, weights, named, _KNOTS)
         weights = pose_weights(*_left_by_everything(rows), measured)
-    return Rows(survey, weights, shaped, knots)
+    return BlockedRows(survey, weights, shaped, knots)
 
 
-def noise_squares(rows: Rows, noise: Noise) -> float:
+def noise_squares(rows: BlockedRows, noise: Noise) -> float:
     """Return the sum of squares of weighed rows that noise alone is expected to leave.
 
     No more than the whole scatter of a row: a stated uncertainty may be too large.
@@ -98,7 +98,7 @@ def noise_squares(rows: Rows, noise: Noise) -> float:
     return float(np.sum(rows.weights.weight[:, None] * seen * np.minimum(noisy, 1.0)))
 
 
-def _left_by_everything(rows: Rows) -> tuple[Array, float]:
+def _left_by_everything(rows: BlockedRows) -> tuple[Array, float]:
     """Return what all columns together leave, (P, b), and how many parameters that takes.
 
     The richest set of columns that leaves enough of the readings is taken.
@@ -155,7 +155,7 @@ def refit(
         own: fit of the same model with fewer effects, of which all that belongs to no effect is
             where to set out from; None for the calibrated model.
     """
-    fit = _Fit(survey, effects)
+    fit = _NormalFit(survey, effects)
     baseline = survey.baseline
     base, at = np.zeros(6), baseline
     if own is not None:
@@ -209,14 +209,14 @@ def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
     """
     fewer = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
     counts = PoseWeights(found.weights.whitener[rows], found.weights.weight[rows])
-    fit = _Fit(fewer, found.effects)
+    fit = _NormalFit(fewer, found.effects)
     there = fit.equations(found.x, counts)
     held = fit.bounds.held(found.x, there.gradient)
     covariance = _inverse(there.normal, fit.prior, ~held)
     return found.x - covariance @ there.gradient, covariance
 
 
-class _Fit:
+class _NormalFit:
     """Normal equations of the fit, in the order of the model's parameters."""
 
     def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
@@ -339,7 +339,7 @@ def compare(
     return gap(poses, campaign.baseline, after, noise_floor_mm, seen, T_moved)
 
 
-def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AnglesSeen | None:
+def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AngleCoverage | None:
     """Return the joint positions from which maps have learnt an error; None without a map."""
     maps = any(isinstance(effect, JointErrorMap) for effect in effects)
     return campaign.angles_seen if maps else None

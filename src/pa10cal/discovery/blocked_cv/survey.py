@@ -31,7 +31,7 @@ from pa10cal.discovery.noise import (
 )
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
+from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
@@ -73,7 +73,7 @@ class Survey:
         return self.poses
 
     @property
-    def angles_seen(self) -> AnglesSeen:
+    def angles_seen(self) -> AngleCoverage:
         """Return the joint positions that the poses visit."""
         return angles_seen(self.poses.states.q_rad, ~self.context.arm.prismatic)
 
@@ -404,7 +404,7 @@ class BlockRows:
 
 
 @dataclass(frozen=True)
-class Rows:
+class BlockedRows:
     """Rows about the calibrated model, in columns: own parameters, effects, harmonics of maps."""
 
     survey: Survey  # the campaign

@@ -21,7 +21,7 @@ from pa10cal.lab.cell.effects.vocabulary import all_effects, places_of
 from pa10cal.lab.cell.individual import described, draw_unstated, nominal
 from pa10cal.lab.cell.options import UnstatedOptions
 from pa10cal.lab.cell.poses import joint_bounds
-from pa10cal.lab.cell.robot import Departures, Mechanism, Statics, tool_payload
+from pa10cal.lab.cell.robot import Departures, Mechanism, SimulatedStatics, tool_payload
 from pa10cal.lab.cell.scenario import (
     ATTITUDE_RAD,
     POSITION_MM,
@@ -115,7 +115,7 @@ class _OwnArm:
         return cls(weights, tool_kg, described(shipped, weights), mechanism)
 
     @cached_property
-    def usual(self) -> Statics:
+    def usual(self) -> SimulatedStatics:
         """What the weights do in usual poses."""
         rng = np.random.default_rng(0)
         q = rng.uniform(*joint_bounds(self.arm), (_TYPICAL_POSES, self.arm.n))

@@ -11,9 +11,9 @@ from pydantic import Field
 from pa10cal.arrays import Array
 from pa10cal.lab.cell.effects.effect import (
     LONG_LINKS,
-    Effect,
     Finite,
     Loading,
+    SimulatedEffect,
     Triple,
     directed,
     draws,
@@ -25,7 +25,7 @@ from pa10cal.lab.cell.robot import GRAVITY_M_S2, Strain
 SECONDS_PER_HOUR = 3600.0
 
 
-class LinkEffect(Effect):
+class SimulatedLinkEffect(SimulatedEffect):
     """A long link gives way under the moment that it carries at its far joint."""
 
     strains = True
@@ -52,7 +52,7 @@ class LinkEffect(Effect):
         return replace(none, turn_rad=turn, shift_m=shift)
 
 
-class LinkBending(LinkEffect):
+class SimulatedLinkBending(SimulatedLinkEffect):
     """A long link bends under the moment across its axis at its far joint."""
 
     id = "link_bending"
@@ -68,7 +68,7 @@ class LinkBending(LinkEffect):
         return turn, 2.0 / 3.0 * np.cross(turn, span_m)
 
 
-class LinkTorsion(LinkEffect):
+class SimulatedLinkTorsion(SimulatedLinkEffect):
     """The forearm twists under the moment about its axis at its far joint."""
 
     id = "link_torsion"
@@ -83,7 +83,7 @@ class LinkTorsion(LinkEffect):
         return turn, np.zeros_like(turn)
 
 
-class BaseCompliance(Effect):
+class SimulatedBaseCompliance(SimulatedEffect):
     """The base tilts under the overturning moment."""
 
     id = "base_compliance"
@@ -101,7 +101,7 @@ class BaseCompliance(Effect):
         return replace(loading.none, base_turn_rad=turn)
 
 
-class BaseDrift(Effect):
+class SimulatedBaseDrift(SimulatedEffect):
     """The base creeps at a constant rate."""
 
     id = "base_drift"
@@ -117,7 +117,7 @@ class BaseDrift(Effect):
         return replace(loading.none, base_shift_m=shift)
 
 
-class ThermalGrowth(Effect):
+class SimulatedThermalGrowth(SimulatedEffect):
     """Pedestal (the first link) and long links grow with temperature, usually as steel does."""
 
     id = "thermal_growth"
@@ -140,7 +140,7 @@ class ThermalGrowth(Effect):
 # Effects that sit in the tool on the flange and in the measuring instrument.
 
 
-class ToolSag(Effect):
+class SimulatedToolSag(SimulatedEffect):
     """The tool sags across its axis, the flange's z."""
 
     id = "tool_sag"
@@ -156,7 +156,7 @@ class ToolSag(Effect):
         return shift
 
 
-class CmmScale(Effect):
+class SimulatedCmmScale(SimulatedEffect):
     """Scales of the instrument's axes are off, by 5e-5 an axis in the mean."""
 
     id = "cmm_scale"
@@ -171,7 +171,7 @@ class CmmScale(Effect):
         return extra
 
 
-class CmmSquareness(Effect):
+class SimulatedCmmSquareness(SimulatedEffect):
     """The instrument's y axis is not square to its x axis."""
 
     id = "cmm_squareness"
