@@ -201,7 +201,7 @@ def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:
 
 def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) -> DiagnosedFault:
     """Return a fault found as a term, which explains a part of the squared error."""
-    told = term.told(x, np.sqrt(np.diag(covariance)))
+    told = term.fault_text(x, np.sqrt(np.diag(covariance)))
     return DiagnosedFault(
         kind=term.kind, where=told.where, what=told.what, remedy=told.remedy, gain=gain
     )

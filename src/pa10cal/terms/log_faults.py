@@ -43,7 +43,7 @@ class LogFault(Effect):
     kind: ClassVar[FaultKind]
 
     @abstractmethod
-    def told(self, x: Array, std: Array) -> FaultText:
+    def fault_text(self, x: Array, std: Array) -> FaultText:
         """Return it in words, by its reported parameters and their standard uncertainties."""
 
 
@@ -93,7 +93,7 @@ class LoadStated(WeightStated):
         load_N = np.where(states.load_N == self.load_N, self.load_N, 0.0)
         return (load_N[:, None] * static_loads_in(states, self).by_load)[..., None]
 
-    def told(self, x: Array, std: Array) -> FaultText:
+    def fault_text(self, x: Array, std: Array) -> FaultText:
         true_N, std_N = self.load_N * (1.0 + x[0]), self.load_N * std[0]
         return FaultText(
             f"load_N = {self.load_N:g}",
@@ -130,7 +130,7 @@ class ToolStated(WeightStated):
         last = 4 * self.n
         return static_loads_in(states, self).by_weights[..., [last, last - 3, last - 2, last - 1]]
 
-    def told(self, x: Array, std: Array) -> FaultText:
+    def fault_text(self, x: Array, std: Array) -> FaultText:
         true_kg = self.tool_kg + x[0]
         off_mm = 1e3 * x[1:] / max(true_kg, 0.1 * self.tool_kg)
         axis = int(np.argmax(np.abs(off_mm)))
