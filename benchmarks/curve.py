@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from pa10cal.curve.angles import JointAngles, chain_points, first_axes, joint_angles
 from pa10cal.curve.curve import Array, Curve, spline_through
-from pa10cal.curve.points import Points, first_crossing, lay_points
+from pa10cal.curve.points import CurvePoints, first_crossing, lay_points
 from pa10cal.curve.roll import RollMap, smallest_move
 
 COUNTS = tuple(int(n) for n in np.geomspace(10, 100_000, 13).round())
@@ -50,7 +50,7 @@ def waved_spline() -> Curve:
     return spline_through(np.stack([t, 0.1 * np.sin(5 * t), 0.1 * np.cos(4 * t)], axis=1))
 
 
-def whole(curve: Curve, link_m: float, n: int) -> tuple[Points, JointAngles]:
+def whole(curve: Curve, link_m: float, n: int) -> tuple[CurvePoints, JointAngles]:
     """Lay links and work out their joint angles at roll zero."""
     points = lay_points(curve, link_m, n)
     return points, joint_angles(points.directions, first_axes(points.directions, 0.0))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.discovery.motor_ripple import JointSeries, witnesses
-from pa10cal.lab.cell.effects.effect import Motion, Site
+from pa10cal.lab.cell.effects.effect import JointState, Site
 from pa10cal.lab.cell.effects.vocabulary import all_effects
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ def called(kind: str, rng: np.random.Generator) -> str:
     poses = int(np.exp(rng.uniform(*np.log(POSES))))
     q = rng.uniform(-1.5 * np.pi, 1.5 * np.pi, poses)
     moved = rng.random(poses) < MOVED
-    motion = Motion(q, moved.astype(float), np.full(1, np.nan))
+    motion = JointState(q, moved.astype(float), np.full(1, np.nan))
     true, ratio = np.zeros(poses), np.nan
     for name in KINDS[kind]:
         drawn = all_effects()[name].at_size(Site("joint 1"), float(rng.uniform(0.7, 1.4)), rng)

@@ -19,8 +19,8 @@ from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import pose_difference
 from pa10cal.interface import calibrate
-from pa10cal.lab.cell.campaign import Campaign, simulate_campaign
-from pa10cal.lab.cell.effects.effect import Motion, with_added
+from pa10cal.lab.cell.campaign import SimulatedCampaign, simulate_campaign
+from pa10cal.lab.cell.effects.effect import JointState, with_added
 from pa10cal.lab.cell.instruments.instrument import rest_poses
 from pa10cal.lab.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
 from pa10cal.lab.cell.poses import place_poses
@@ -177,7 +177,7 @@ class Commanded:
 
 def simulated_model(
     settings: SimulateOptions, effects: Sequence[EffectOfPlace] = ()
-) -> tuple[Campaign, read.Campaign, FittedModel]:
+) -> tuple[SimulatedCampaign, read.Campaign, FittedModel]:
     """Measure a robot of the virtual cell and calibrate it, with effects that are known.
 
     Args:
@@ -195,7 +195,7 @@ def simulated_model(
 
 
 def true_flange(
-    made: Campaign, q: Array, load_N: float = 0.0, arrival: Array | None = None
+    made: SimulatedCampaign, q: Array, load_N: float = 0.0, arrival: Array | None = None
 ) -> Array:
     """Return where the flange of the true robot comes to rest, in its base, (N, 4, 4) [m].
 
@@ -207,14 +207,14 @@ def true_flange(
     """
     truth, zero = made.truth, np.zeros(len(q))
     arrived = np.zeros_like(q) if arrival is None else arrival
-    motion = Motion(q, arrived, truth.robot.arm.gear_ratio)
+    motion = JointState(q, arrived, truth.robot.arm.gear_ratio)
     drive = with_added(q, "drive", truth.effects, motion)
     rest = rest_poses(truth.robot, truth.effects, drive, zero + load_N, zero, zero, arrived)
     return rest.T_base_ee
 
 
 def true_frame(
-    made: Campaign,
+    made: SimulatedCampaign,
     q: Array,
     frame: str = "tool",
     load_N: float = 0.0,
@@ -244,7 +244,7 @@ def as_designed(model: FittedModel) -> FittedModel:
 
 
 def command(
-    made: Campaign,
+    made: SimulatedCampaign,
     model: FittedModel,
     q: Array,
     load_N: float = 0.0,

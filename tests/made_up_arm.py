@@ -11,8 +11,8 @@ from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload, PoseStates, statics
 from pa10cal.discovery.evidence.discover import VerdictByRepeats, discover_by_repeats
-from pa10cal.discovery.evidence.fit import Fit, fit
-from pa10cal.discovery.evidence.problem import Problem, prepare
+from pa10cal.discovery.evidence.fit import EvidenceFit, fit
+from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, testable
 from pa10cal.discovery.linear import moved_base
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
@@ -88,11 +88,11 @@ class Measured:
     baseline: FittedModel
 
     @cached_property
-    def problem(self) -> Problem:
+    def problem(self) -> EvidenceProblem:
         return prepare(self.readings, self.baseline, self.setup)
 
     @cached_property
-    def start(self) -> Fit:
+    def start(self) -> EvidenceFit:
         return fit(self.problem, (), (), (0.0, 0.0))
 
     @cached_property

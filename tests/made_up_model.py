@@ -13,7 +13,7 @@ from pa10cal.calibration.general.case import general_case
 from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.options import Tolerances
@@ -79,7 +79,7 @@ def fitted(robot, seed, terms=None):
         covariance=root @ root.T,
         payload=PAYLOAD,
         fitted_to=FittedTo("c1", "synthetic", "combined", "pose", 81, 21.5, (10.0, 3000.0), "good"),
-        seen=AnglesSeen(tuple(np.array([[-1.0, 1.0]]) for _ in range(arm.n)), (False,) * arm.n),
+        seen=AngleCoverage(tuple(np.array([[-1.0, 1.0]]) for _ in range(arm.n)), (False,) * arm.n),
     )
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.room import Box, Postures, admissible, facing, in_sight, keep_out, within
+from pa10cal.arm.room import Box, PosturePoints, admissible, facing, in_sight, keep_out, within
 from pa10cal.files.arms import load_arm
 
 BOX = Box(np.array([-1.0, -0.5, 0.0]), np.array([1.0, 0.5, 2.0]))
@@ -44,7 +44,7 @@ def test_an_arm_keeps_out_of_boxes_and_in_sight():
     arm = load_arm("ur10")
     low, high = arm.limits_rad.T
     q = np.random.default_rng(0).uniform(low, high, (2000, arm.n))
-    at = Postures.of(Chain.of(arm), q, np.array([[0.0, 0.0, 0.1], [0.05, 0.0, 0.1]]))
+    at = PosturePoints.of(Chain.of(arm), q, np.array([[0.0, 0.0, 0.1], [0.05, 0.0, 0.1]]))
     wall = Box(np.array([0.4, -2.0, -2.0]), np.array([0.5, 2.0, 0.3]))
     instrument = np.array([3.0, 0.0, 0.2])
     looking = facing(instrument, np.array([0.0, 0.0, 1.0]), np.radians(60.0))
@@ -66,8 +66,8 @@ def test_an_arm_keeps_out_of_boxes_and_in_sight():
 def test_the_first_target_is_what_stays_in_the_workspace():
     arm = load_arm("irb120")
     q = np.zeros((1, arm.n))
-    flange = Postures.of(Chain.of(arm), q, np.zeros((1, 3)))
-    ahead = Postures.of(Chain.of(arm), q, np.array([[0.0, 0.0, 0.2]]))
+    flange = PosturePoints.of(Chain.of(arm), q, np.zeros((1, 3)))
+    ahead = PosturePoints.of(Chain.of(arm), q, np.array([[0.0, 0.0, 0.2]]))
     p = flange.p_base_end[0]
     about = within(Box(p - 0.05, p + 0.05))
     assert about(flange).all()

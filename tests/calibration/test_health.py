@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.health import Evidence, FitSummary, poses_needed
+from pa10cal.calibration.health import FitSummary, GradeEvidence, poses_needed
 from pa10cal.calibration.health import health as health_of
 from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.results.evaluation import Accuracy
 from pa10cal.results.health import InputFinding, RepeatScatter
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 NOISE_M = 1e-5
 
@@ -24,7 +24,7 @@ def ended(poses=40, unknowns=6, told=None, named="delta_a", **changes):
     told = unknowns if told is None else told
     position = generator.standard_normal((poses, 3, unknowns))
     position[:, :, told:] = 0.0
-    parameters = tuple(Parameter(f"{named}_{k}", "m", 1e-3) for k in range(1, unknowns + 1))
+    parameters = tuple(TermParameter(f"{named}_{k}", "m", 1e-3) for k in range(1, unknowns + 1))
     white = position / NOISE_M
     found = identify(white.reshape(-1, unknowns), np.full(unknowns, 1e-3))
     flat = white[:, :, :told].reshape(-1, told)
@@ -52,7 +52,7 @@ def accuracy(mean_mm, peak_mm, rms_mm, configurations):
 def errors(**changes):
     """What noise alone leaves."""
     left = HeldOut(accuracy(0.017, 0.03, 0.0173, 60))
-    return replace(Evidence(ended(), 0.0167, left, 0.0173, 500.0), **changes)
+    return replace(GradeEvidence(ended(), 0.0167, left, 0.0173, 500.0), **changes)
 
 
 def health(fit, evidence):

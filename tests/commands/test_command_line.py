@@ -208,6 +208,21 @@ def test_one_thread_a_process_whatever_the_environment_says():
     assert done.stdout == "1\n", done.stderr
 
 
+def test_memory_of_large_arrays_is_kept_for_the_next_ones():
+    code = (
+        "from pa10cal.commands.command_line import keep_memory; keep_memory()\n"
+        "import numpy as np, resource\n"
+        "faults = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n"
+        "np.ones(5_000_000); before = faults()\n"
+        "for _ in range(20): np.ones(5_000_000)\n"
+        "print(faults() - before)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert int(done.stdout) < 5_000_000 * 8 // 4096, (
+        done.stderr
+    )  # the pages of one array, not of 20
+
+
 def test_lists_the_commands(capsys):
     assert main(["--help"]) == 0
     shown = capsys.readouterr().out

@@ -14,7 +14,7 @@ from made_up_model import fitted, postures
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.exports import controller_pose
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.contradictions import of_joints
 from pa10cal.fit.fitted_model import load_model
 from pa10cal.fit.model_file import save_model
@@ -300,7 +300,7 @@ def test_sides_of_arrival_are_columns_or_an_option(tmp_path, capsys):
 def test_lists_that_agree_with_the_model_are_not_warned_of(tmp_path, capsys):
     """Those that contradict it are in test_mistakes_with_models."""
     model = saved(tmp_path)
-    seen = AnglesSeen(tuple(np.array([[0.2, 1.0]]) for _ in range(6)), (False,) * 6)
+    seen = AngleCoverage(tuple(np.array([[0.2, 1.0]]) for _ in range(6)), (False,) * 6)
     save_model(replace(model, seen=seen), tmp_path / "model.yaml")
     q = np.random.default_rng(5).uniform(0.3, 0.9, (8, 6))
     T = model.predict(q).T
@@ -324,7 +324,7 @@ def test_lists_that_agree_with_the_model_are_not_warned_of(tmp_path, capsys):
 
 
 def test_positions_about_zero_that_hardly_move_are_warned_of(tmp_path):
-    all_round = AnglesSeen(tuple(np.array([[-3.0, 3.0]]) for _ in range(6)), (False,) * 6)
+    all_round = AngleCoverage(tuple(np.array([[-3.0, 3.0]]) for _ in range(6)), (False,) * 6)
     model = replace(saved(tmp_path), seen=all_round)
     wide = np.random.default_rng(3).uniform(-2.5, 2.5, (30, 6))
     (warned,) = of_joints(model, np.radians(wide))

@@ -12,7 +12,7 @@ from pa10cal.discovery.verdict import is_named
 from pa10cal.results.health import InputFinding
 from pa10cal.terms.effects.in_time import BaseDrift
 from pa10cal.terms.log_faults import FaultText, LogFault
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,12 @@ class Shift(LogFault):
 
     @property
     def reported(self):
-        return (Parameter("shift", "m", 1e-6, plausible=1e-4),)
+        return (TermParameter("shift", "m", 1e-6, plausible=1e-4),)
 
     def derivative(self, states, x):
         raise AssertionError("what a verdict does with a fault takes no derivative of it")
 
-    def told(self, x, std):
+    def fault_text(self, x, std):
         return FaultText("base", f"off by {1e3 * x[0]:.2f} ± {1e3 * std[0]:.2f} mm", "look")
 
 

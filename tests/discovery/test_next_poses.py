@@ -11,9 +11,9 @@ from pa10cal.calibration.calibrate import calibrate
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.evidence import search as repeats
-from pa10cal.discovery.evidence.fit import Fit, fit
+from pa10cal.discovery.evidence.fit import EvidenceFit, fit
 from pa10cal.discovery.evidence.likelihood import SIZES
-from pa10cal.discovery.evidence.problem import Problem, prepare
+from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.next_poses import LEAST_NATS, draw_near, predicted, separating_poses
@@ -41,8 +41,8 @@ APART_NATS = 8.0
 class Measured:
     """A campaign, the baseline fitted to it, and which effects it can show."""
 
-    problem: Problem
-    start: Fit
+    problem: EvidenceProblem
+    start: EvidenceFit
     shown: tuple[Effect, ...]
     refused: tuple[Effect, ...]
 

@@ -6,18 +6,18 @@ import pytest
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.linear import by_joints
-from pa10cal.discovery.noise import Scatter, scatter_of, share_inside
+from pa10cal.discovery.noise import PoseDeviations, scatter_of, share_inside
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.joined import joined
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.terms.effects.joint_error_map import Band, SensorError
+from pa10cal.terms.effects.joint_error_map import BandPrior, SensorError
 from pa10cal.terms.model import Model
 
-BAND = Band(5e-5, 3e-5, 6e-5, 3.0, 8.0, 3.0, 1e-6)
-TRUE = Scatter(
+BAND = BandPrior(5e-5, 3e-5, 6e-5, 3.0, 8.0, 3.0, 1e-6)
+TRUE = PoseDeviations(
     1e-6 * np.array([30.0, 40.0, 10.0, 80.0, 120.0, 20.0]), {"position": 3e-5, "attitude": 1e-4}
 )
 
@@ -81,7 +81,9 @@ def test_poses_of_one_campaign_of_a_group_scatter_as_that_one_does(model):
     each = [seen_by(model, seed, 40)[0] for seed in (4, 5)]
     every = joined(each, ("june", "july"))
     names = [name for name, _ in every.measured.component_kinds]
-    scatter = Scatter(TRUE.joints, dict(zip(names, (1e-5, 2e-5, 3e-5, 4e-5), strict=True)))
+    scatter = PoseDeviations(TRUE.joints, dict(zip(names, (1e-5, 2e-5, 3e-5, 4e-5), strict=True)))
     found = scatter.covariance(model, every.take(np.arange(40, 80)))
-    own = Scatter(TRUE.joints, {"position": 3e-5, "attitude": 4e-5}).covariance(model, each[1])
+    own = PoseDeviations(TRUE.joints, {"position": 3e-5, "attitude": 4e-5}).covariance(
+        model, each[1]
+    )
     np.testing.assert_allclose(found[:, 6:, 6:], own, rtol=1e-12)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.next_poses import poses_at_unseen_angles
-from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
+from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.terms.effects.effect import candidates
 
 TURN = 2.0 * np.pi
@@ -30,7 +30,7 @@ class TestFill:
 
     @pytest.mark.parametrize("count", [0, 3])
     def test_there_are_none_where_all_was_seen(self, nothing_hidden, count):
-        whole = AnglesSeen((np.array([[0.0, TURN]]),) * 6, (True,) * 6)
+        whole = AngleCoverage((np.array([[0.0, TURN]]),) * 6, (True,) * 6)
         assert poses_at_unseen_angles(nothing_hidden.survey, whole, count) == ()
 
 

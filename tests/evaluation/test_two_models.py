@@ -15,7 +15,7 @@ from made_up_pair import campaign, parts, shifted
 from pa10cal.errors import ModelError
 from pa10cal.evaluation import two_models
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FallBack
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.options import SimulateOptions
@@ -88,7 +88,7 @@ def test_only_angles_that_both_have_seen_are_compared():
     n = one.arm.n
 
     def seen(low, high):
-        return AnglesSeen((np.array([[low, high]]),) * n, (False,) * n)
+        return AngleCoverage((np.array([[low, high]]),) * n, (False,) * n)
 
     apart = pa10cal.compare(one, replace(other, seen=seen(1.2, 1.5)))
     assert apart.agree is None

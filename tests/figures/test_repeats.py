@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.figures.repeats import PLACE_MM, Scatter, incompleteness, scatter_by_load
+from pa10cal.figures.repeats import PLACE_MM, GridScatter, incompleteness, scatter_by_load
 
 
 def poses(p_mm, loads, kind="grid"):
@@ -50,7 +50,7 @@ def after(case, mean_mm):
 
 @pytest.mark.parametrize(("mean_mm", "times"), [(0.029, None), (0.2, "20 times")])
 def test_a_model_is_incomplete_when_it_leaves_more_than_repeats_scatter(results, mean_mm, times):
-    scatter = dict.fromkeys(("0N", "22N"), Scatter(0.1, 0.03, 0.01))
+    scatter = dict.fromkeys(("0N", "22N"), GridScatter(0.1, 0.03, 0.01))
     said = incompleteness(after(results.paper_calibration(), mean_mm), scatter)
     assert said is None if times is None else times in said
 

@@ -11,7 +11,7 @@ from made_up_results import elsewhere
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours
-from pa10cal.figures.table import Table, figures, frame_of, write_table
+from pa10cal.figures.table import ResultTable, figures, frame_of, write_table
 from pa10cal.reports.blocks import grid
 from pa10cal.reports.formatting import with_half_width
 
@@ -281,7 +281,7 @@ class TestTableOne:
 def test_csv_and_markdown_hold_the_same_cells(tmp_path):
     rows = [("1 < 2", "x | y"), ("ü, é", '"quoted"')]
     data = frame_of(("a", "b"), rows)
-    table = Table("T", data, (grid("", ("a", "b"), rows),), ("a note",))
+    table = ResultTable("T", data, (grid("", ("a", "b"), rows),), ("a note",))
     write_table(table, "from here", tmp_path, "t")
     with (tmp_path / "t.csv").open(encoding="utf-8", newline="") as file:
         assert [tuple(row) for row in csv.reader(file)] == [("a", "b"), *rows]
@@ -296,13 +296,13 @@ def test_rows_have_as_many_cells_as_the_header():
 
 
 def test_no_rows_are_said_to_be_none(tmp_path):
-    write_table(Table("T", frame_of(("a", "b"), [])), "", tmp_path, "t")
+    write_table(ResultTable("T", frame_of(("a", "b"), [])), "", tmp_path, "t")
     assert "| none | – |" in (tmp_path / "t.md").read_text("utf-8")
 
 
 def test_numbers_are_written_with_the_figures_they_have(tmp_path):
     data = frame_of(("x", "y", "z"), [(figures(1.23456789e-7, 4), True, figures(None, 4))])
-    write_table(Table("T", data), "", tmp_path, "t")
+    write_table(ResultTable("T", data), "", tmp_path, "t")
     assert (tmp_path / "t.csv").read_text("utf-8") == "x,y,z\n1.235e-07,true,\n"
 
 
@@ -317,7 +317,7 @@ def test_nothing_is_left_when_one_format_fails(tmp_path, monkeypatch):
     data = frame_of(("a",), [("1",)])
     monkeypatch.setattr(Path, "write_text", fail_at_markdown)
     with pytest.raises(OSError, match="disk full"):
-        write_table(Table("T", data), "footer", tmp_path, "t")
+        write_table(ResultTable("T", data), "footer", tmp_path, "t")
     assert not list(tmp_path.iterdir())
 
 

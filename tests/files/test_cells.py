@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pa10cal.campaign.raw_rows import Quarantined, quarantine_csv
-from pa10cal.figures.table import Table, write_table
+from pa10cal.figures.table import ResultTable, write_table
 from pa10cal.files.output import csv_cell, markdown_cell
 from pa10cal.reports.blocks import grid
 
@@ -39,7 +39,7 @@ def test_markup_is_shown() -> None:
 @pytest.mark.parametrize("label", FORMULAS)
 def test_no_table_holds_a_formula(label: str, tmp_path) -> None:
     data = pd.DataFrame({"pose": [label], "error": [-1.0]})
-    write_table(Table("t", data, (grid("", ["pose"], [[label]]),)), "made up", tmp_path, "t")
+    write_table(ResultTable("t", data, (grid("", ["pose"], [[label]]),)), "made up", tmp_path, "t")
     ((_, *rows),) = [list(csv.reader(io.StringIO((tmp_path / "t.csv").read_text("utf-8"))))]
     assert rows == [["'" + label, "-1"]]
     listed = quarantine_csv([Quarantined("poses.csv", 3, "no number", label)])

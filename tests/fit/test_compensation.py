@@ -14,7 +14,7 @@ from made_up_model import fitted, postures, vocabulary
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.options import Tolerances
@@ -251,7 +251,7 @@ def test_a_load_heavier_than_those_seen_can_be_insisted_on():
 def test_where_the_model_falls_back_the_commands_are_those_of_what_it_falls_back_to():
     model = fitted("pa10_6ce", 16, vocabulary)
     without = replace(model.nominal(), T_instr_base=np.eye(4))
-    held = AnglesSeen((np.array([[-9.0, 0.5]]), *[np.array([[-9.0, 9.0]])] * 5), (False,) * 6)
+    held = AngleCoverage((np.array([[-9.0, 0.5]]), *[np.array([[-9.0, 9.0]])] * 5), (False,) * 6)
     model = replace(model, falls_back=FallBack(held, without))
     q = regular(model, postures(model.arm, 17, 30))
     T = model.predict(q).T

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pa10cal.numerics.exchange import (
     Combined,
     Information,
-    Separation,
+    SeparationCriterion,
     exchange,
     one_by_one,
 )
@@ -98,7 +98,7 @@ def separation_of(seed, size=1.0):
     known, white = rng.normal(size=(20, 7)), rng.normal(size=(7, 3, 7))
     for rows in (known, white):
         rows[..., 5:] *= size
-    return known, white, Separation(white, np.concatenate([known, np.eye(7)]), 2, 12)
+    return known, white, SeparationCriterion(white, np.concatenate([known, np.eye(7)]), 2, 12)
 
 
 def sum_of_squares(rows, effect):
@@ -132,7 +132,7 @@ def test_what_all_else_can_follow_everywhere_never_comes_apart():
     known, white, _ = separation_of(1)
     for rows in (known, white):
         rows[..., 5:] = 1e-3 * rows[..., :5].sum(axis=-1, keepdims=True)
-    criterion = Separation(white, np.concatenate([known, np.eye(7)]), 2, 12)
+    criterion = SeparationCriterion(white, np.concatenate([known, np.eye(7)]), 2, 12)
     criterion.restart(range(7))
     assert criterion.value < 1e-5
 

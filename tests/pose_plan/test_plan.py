@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.room import Box, Postures
+from pa10cal.arm.room import Box, PosturePoints
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.kinds import instruments
@@ -47,7 +47,7 @@ def test_all_poses_keep_to_every_limit():
     )
     plan = plan_poses(arm, "points", 20, options)
     targets_m = 1e-3 * np.array(options.targets_mm)
-    at = Postures.of(Chain.of(arm), plan.q, targets_m)
+    at = PosturePoints.of(Chain.of(arm), plan.q, targets_m)
     assert plan.p_base_target_m == pytest.approx(at.p_base_targets[:, 0])
     first = at.p_base_targets[:, 0]
     assert np.all((first >= [-0.9, -0.9, 0.1]) & (first <= [0.9, 0.9, 1.2]))

@@ -15,8 +15,8 @@ from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import CandidateContext, candidates, every_effect
 from pa10cal.terms.effects.joint_error_map import (
-    Band,
-    Fading,
+    BandPrior,
+    FadingPrior,
     GearError,
     JointErrorMap,
     SensorError,
@@ -73,13 +73,13 @@ def test_springs_come_back_equal(joint, tau_ref_Nm, cubic):
 
 @given(st.integers(4, 720), positive, positive)
 def test_maps_of_their_own_smoothness_come_back_equal(knots, size_rad, half_order):
-    effect = JointErrorMap("joint 3", knots, Fading(size_rad, half_order))
+    effect = JointErrorMap("joint 3", knots, FadingPrior(size_rad, half_order))
     assert there_and_back(effect) == effect
 
 
 @given(st.sampled_from([SensorError, GearError]), st.tuples(*[positive] * 7))
 def test_bands_come_back_equal(kind, shape):
-    effect = kind("joint 3", 216, Band(*shape))
+    effect = kind("joint 3", 216, BandPrior(*shape))
     assert there_and_back(effect) == effect
 
 

@@ -8,6 +8,7 @@ rule base_frame:
         **WRITES["seed"],
     log:
         result("logs/base_frame.log"),
+    priority: PRIORITY["base_frame"]
     params:
         code=code_of("stages.readings"),
         words=words_of("seed"),

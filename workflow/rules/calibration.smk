@@ -12,6 +12,7 @@ rule calibrate:
         **WRITES["calibrate"],
     log:
         result("logs/calibrate.log"),
+    priority: PRIORITY["calibrate"]
     params:
         code=code_of("stages.calibrate"),
         words=words_of("calibrate"),

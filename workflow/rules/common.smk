@@ -70,6 +70,10 @@ shell.prefix(
     f'export {PARENTS}="{os.getpid()} $$" {SHARED}={shlex.quote(str(WORK))}; '
 )
 
+# What a search waits for goes before all else, and a search before what is made of another: it is the
+# longest job by far, and that of a group the longest of all.
+PRIORITY = {"ingest": 3, "base_frame": 3, "join": 3, "calibrate": 2, "discover": 1}
+
 for group in SETTINGS.groups:
     if Path(SETTINGS.raw_dir, group, "campaign.yaml").is_file():
         refuse(group_like_campaign(SETTINGS.raw_dir, group))

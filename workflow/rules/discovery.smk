@@ -8,6 +8,7 @@ rule discover:
         **WRITES["discover"],
     log:
         result("logs/discover.log"),
+    priority: PRIORITY["discover"]
     params:
         code=code_of("stages.discover"),
         words=words_of("discover"),

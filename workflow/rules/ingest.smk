@@ -10,6 +10,7 @@ rule ingest:
         result("logs/ingest.log"),
     wildcard_constraints:
         campaign=NO_GROUP,
+    priority: PRIORITY["ingest"]
     params:
         code=code_of("stages.readings"),
         words=words_of("ingest"),
@@ -30,6 +31,7 @@ rule join:
         result("logs/join.log"),
     wildcard_constraints:
         campaign=one_of(GROUPS),
+    priority: PRIORITY["join"]
     params:
         code=code_of("stages.readings"),
         words=words_of("join"),

@@ -146,7 +146,7 @@ class _Posed:
         along = np.array([_direction(joint) for joint in joints])
         return T_base_joints, np.einsum("kij,kj->ki", T_base_joints[:, :3, :3], along)
 
-    def masses(self, T_base_joints: Array, rows: Rows) -> tuple[Array | None, Array | None]:
+    def masses(self, T_base_joints: Array, rows: DHRows) -> tuple[Array | None, Array | None]:
         """Return masses (n,) and centres of mass (n, 3) in the rows; None where none has a mass."""
         bodies: list[Any] = self._model.inertias[1:]
         mass_kg = np.array([body.mass for body in bodies])
@@ -214,7 +214,7 @@ _DECIMALS = 9
 
 
 @dataclass(frozen=True)
-class Rows:
+class DHRows:
     """Standard Denavit-Hartenberg rows, with the constant frames that they start and end with."""
 
     parameters: Array  # (n, 5) theta [rad], d [m], a [m], alpha [rad] and beta [rad] of each
@@ -223,7 +223,7 @@ class Rows:
     T_base_rows: Array  # (n, 4, 4) frames of the rows [m]
 
 
-def rows_through(p_base_m: Array, axes: Array, T_base_ee: Array) -> Rows:
+def rows_through(p_base_m: Array, axes: Array, T_base_ee: Array) -> DHRows:
     """Lay standard Denavit-Hartenberg rows through the axes of n joints, all at zero.
 
     Of the two directions of a common normal the one is taken that turns theta by less than a
@@ -249,7 +249,7 @@ def rows_through(p_base_m: Array, axes: Array, T_base_ee: Array) -> Rows:
     parameters.append(_neat_row(turn, float(end[2, 3]), 0.0, 0.0, 0.0))
     T = T @ _motion(*parameters[-1])
     T_row_n_ee = (np.linalg.inv(T) @ T_base_ee).round(15) + 0.0
-    return Rows(np.array(parameters), T_base_row1, T_row_n_ee, np.array([*frames, T]))
+    return DHRows(np.array(parameters), T_base_row1, T_row_n_ee, np.array([*frames, T]))
 
 
 def _first_frame(p_m: Array, axis: Array) -> Array:

@@ -27,7 +27,7 @@ _HOPELESS = 6
 
 
 @dataclass(frozen=True)
-class Postures:
+class PosturePoints:
     """P postures, in the base frame [m]."""
 
     T_base_ee: Array  # (P, 4, 4) end of the chain
@@ -35,7 +35,7 @@ class Postures:
     p_base_targets: Array  # (P, B, 3) targets on the end
 
     @classmethod
-    def of(cls, chain: Chain, q: Array, targets_m: Array) -> Postures:
+    def of(cls, chain: Chain, q: Array, targets_m: Array) -> PosturePoints:
         """Return the postures at joint positions.
 
         Args:
@@ -58,9 +58,9 @@ class Postures:
         """Return the end and its targets, (P, 1 + B, 3)."""
         return np.concatenate([self.p_base_end[:, None], self.p_base_targets], axis=1)
 
-    def take(self, rows: Mask) -> Postures:
+    def take(self, rows: Mask) -> PosturePoints:
         """Return some of the postures."""
-        return Postures(
+        return PosturePoints(
             self.T_base_ee[rows], self.p_base_joints[:, rows], self.p_base_targets[rows]
         )
 
@@ -69,7 +69,7 @@ class Postures:
 
 
 #: Where postures may be: says which of P postures keep to it, (P,).
-Constraint = Callable[[Postures], Mask]
+Constraint = Callable[[PosturePoints], Mask]
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def keep_out(box: Box) -> Constraint:
     The first joint moves nowhere, so what it stands on may lie in the box.
     """
 
-    def allows(at: Postures) -> Mask:
+    def allows(at: PosturePoints) -> Mask:
         clear = ~box.holds(at.p_base_tool).any(axis=1)
         for start, end in pairwise([*at.p_base_joints[1:], at.p_base_end]):
             clear &= ~box.meets(start, end)
@@ -145,7 +145,7 @@ def keep_out(box: Box) -> Constraint:
 def off_links(clearance_m: float) -> Constraint:
     """Targets stay so far off the lines from joint to joint."""
 
-    def allows(at: Postures) -> Mask:
+    def allows(at: PosturePoints) -> Mask:
         clear = np.ones(len(at), dtype=np.bool_)
         for start, end in pairwise(at.p_base_joints):
             away = distance_from_line(at.p_base_targets, start[:, None], end[:, None])
@@ -158,7 +158,7 @@ def off_links(clearance_m: float) -> Constraint:
 def in_sight(p_base_instrument: Array, boxes: Sequence[Box]) -> Constraint:
     """The straight lines from the instrument (3,) to the targets pass through no box."""
 
-    def allows(at: Postures) -> Mask:
+    def allows(at: PosturePoints) -> Mask:
         hidden = [box.meets(p_base_instrument, at.p_base_targets).any(axis=1) for box in boxes]
         return np.asarray(~np.any(hidden, axis=0), dtype=np.bool_)
 
@@ -174,7 +174,7 @@ def facing(p_base_instrument: Array, axis_ee: Array, most_rad: float) -> Constra
         most_rad: largest angle between that and the way to the instrument.
     """
 
-    def allows(at: Postures) -> Mask:
+    def allows(at: PosturePoints) -> Mask:
         looks = at.T_base_ee[:, :3, :3] @ (axis_ee / np.linalg.norm(axis_ee))
         way = p_base_instrument - at.p_base_targets
         away = np.maximum(np.linalg.norm(way, axis=-1), _NOWHERE_M)
@@ -184,7 +184,7 @@ def facing(p_base_instrument: Array, axis_ee: Array, most_rad: float) -> Constra
     return allows
 
 
-def admissible(at: Postures, constraints: Sequence[Constraint]) -> tuple[Mask, list[int]]:
+def admissible(at: PosturePoints, constraints: Sequence[Constraint]) -> tuple[Mask, list[int]]:
     """Return which postures keep to all constraints, and how many each one removed.
 
     Args:
@@ -239,7 +239,7 @@ def draw_within(
     draws = 0
     while draws < _MOST_DRAWS and sum(map(len, kept)) < wanted:
         q = np.round((low + (high - low) * sobol.random(_AT_ONCE)) / unit, _DECIMALS) * unit
-        allowed, fewer = admissible(Postures.of(chain, q, targets_m), [*constraints.values()])
+        allowed, fewer = admissible(PosturePoints.of(chain, q, targets_m), [*constraints.values()])
         kept.append(q[allowed])
         removed += fewer
         draws += 1

@@ -28,7 +28,7 @@ from pa10cal.results.health import (
     RepeatScatter,
 )
 from pa10cal.terms.joint_spring import stiffness_by_solved
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 #: Remaining error over the noise above which a model lacks something.
 OVER_NOISE = 1.25
@@ -82,7 +82,7 @@ class FitSummary:
     iterations: int  # steps taken
     at_bound: tuple[str, ...]  # names of parameters at the end of their physical range
     pose: NDArray[np.str_]  # (P,) labels of the poses fitted
-    parameters: tuple[Parameter, ...]  # the k parameters it was solved in
+    parameters: tuple[TermParameter, ...]  # the k parameters it was solved in
     covariance: Array  # (k, k) theirs
     identifiability: Identifiability  # rank of the rows
     white: Array  # (P, b, k) rows of unit variance
@@ -97,7 +97,7 @@ class FitSummary:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class GradeEvidence:
     """What a grade rests on: how a fit ended, and the remaining errors of the calibrated model."""
 
     ended: FitSummary  # how the fit ended
@@ -215,7 +215,7 @@ class Evidence:
         return ratio if ratio > at_most else None
 
 
-def health(evidence: Evidence) -> Health:
+def health(evidence: GradeEvidence) -> Health:
     """Judge a calibration by its convergence and its remaining errors."""
     ended, away = evidence.ended, evidence.held_out
     grade, line, findings = graded(evidence)
@@ -242,7 +242,7 @@ def health(evidence: Evidence) -> Health:
     )
 
 
-def graded(evidence: Evidence) -> tuple[Grade, str, tuple[InputFinding, ...]]:
+def graded(evidence: GradeEvidence) -> tuple[Grade, str, tuple[InputFinding, ...]]:
     """Grade a calibration.
 
     Returns:
@@ -287,7 +287,7 @@ def most_stated(factor: float = STATED_OFF, *, from_touches: bool) -> float:
     return max(factor, TOUCHES_SHARE) if from_touches else factor
 
 
-def _errors(evidence: Evidence) -> str:
+def _errors(evidence: GradeEvidence) -> str:
     fitted = f"{evidence.train_rms_mm:.3f} mm"
     text = f"remaining error {fitted} rms over the poses fitted"
     if (away := evidence.held_out) is not None:
@@ -298,7 +298,7 @@ def _errors(evidence: Evidence) -> str:
     return text
 
 
-def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
+def _suspected(evidence: GradeEvidence) -> Iterator[InputFinding]:
     """Return what the fit itself shows to be wrong in the input."""
     if evidence.train_rms_mm > FITS_NOT * evidence.spread_mm and not evidence.soft:
         yield InputFinding(
@@ -333,7 +333,7 @@ def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
 _OF_UNIT = 4.0
 
 
-def _stated(evidence: Evidence) -> Iterator[InputFinding]:
+def _stated(evidence: GradeEvidence) -> Iterator[InputFinding]:
     """Return where stated and found uncertainty are off by more than a factor."""
     for scatter in evidence.repeats:
         turns = scatter.kind.startswith("attitude")
@@ -367,7 +367,7 @@ def _stated(evidence: Evidence) -> Iterator[InputFinding]:
         )
 
 
-def _lacking(evidence: Evidence) -> str:
+def _lacking(evidence: GradeEvidence) -> str:
     """Return what shows that the model lacks something; nothing where it does not."""
     parts = []
     over = evidence.over_noise
@@ -395,7 +395,7 @@ def _lacking(evidence: Evidence) -> str:
     return "; ".join(parts) + "; see the verdict" if parts else ""
 
 
-def _few(evidence: Evidence) -> str:
+def _few(evidence: GradeEvidence) -> str:
     """Return what more poses would bring; nothing where there are enough."""
     names, unknowns = evidence.undetermined, len(evidence.ended.parameters)
     told = f"the poses identify {evidence.rank} of {unknowns} unknowns"
@@ -413,7 +413,7 @@ def _few(evidence: Evidence) -> str:
     return ""
 
 
-def _uncertain(evidence: Evidence) -> str:
+def _uncertain(evidence: GradeEvidence) -> str:
     """Return what more poses would bring to predictions; nothing where they are as wanted.
 
     Where nobody says what is wanted, they are to be no more uncertain than single readings.
@@ -429,7 +429,7 @@ def _uncertain(evidence: Evidence) -> str:
     return f"{text}; {more} more pose{'s' * (more > 1)} would reach {wanted_mm:.3f} mm"
 
 
-def _remarks(evidence: Evidence) -> Iterator[str]:
+def _remarks(evidence: GradeEvidence) -> Iterator[str]:
     """Return what a reader should know besides."""
     # A linear spring at its bound is a joint as rigid as the readings can show: no remark.
     held = tuple(name for name in evidence.ended.at_bound if not name.startswith("windup"))
@@ -549,6 +549,6 @@ def poses_needed(
     )
 
 
-def names_of(parameters: Sequence[Parameter], rows: NDArray[np.bool_]) -> tuple[str, ...]:
+def names_of(parameters: Sequence[TermParameter], rows: NDArray[np.bool_]) -> tuple[str, ...]:
     """Return the names of some parameters."""
     return tuple(p.name for p, of_them in zip(parameters, rows, strict=True) if of_them)

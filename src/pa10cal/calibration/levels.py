@@ -22,7 +22,7 @@ from pa10cal.frame.rigid_fit import cross_matrix, pose_error
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Parameter, Report, base_frame
+from pa10cal.terms.term import Report, TermParameter, base_frame
 
 # Which M poses the inner level uses.
 
@@ -144,8 +144,8 @@ def _times_cross(matrices: Array, turns: Array) -> Array:
 # The base frame in the paper's parameters: origin and body-fixed rotations of the instrument.
 
 _PARAMETERS = (
-    *(Parameter(f"base_p_cmm_{axis}", "m", 1e-3) for axis in "xyz"),
-    *(Parameter(f"gamma_{axis}", "rad", 1e-3) for axis in "xyz"),
+    *(TermParameter(f"base_p_cmm_{axis}", "m", 1e-3) for axis in "xyz"),
+    *(TermParameter(f"gamma_{axis}", "rad", 1e-3) for axis in "xyz"),
 )
 
 
@@ -193,7 +193,7 @@ class TwoLevel:
     r_max_m: float = 1.0  # length that normalises positions
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[TermParameter, ...]:
         """Return the outer parameters, those of the model."""
         return self.model.parameters
 

@@ -13,7 +13,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import Solution
-from pa10cal.calibration.general.fit import Fit
+from pa10cal.calibration.general.fit import GeneralSolution
 from pa10cal.calibration.health import FitSummary
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.options import CalibrationOptions
@@ -78,7 +78,7 @@ def rows_of_load(load_N: Array, load: str) -> NDArray[np.bool_]:
 
 
 def fit_keys(
-    ended: Solution | Fit,
+    ended: Solution | GeneralSolution,
     model: FittedModel,
     parameters: Mapping[str, CalibratedParameter],
     names: Sequence[str],

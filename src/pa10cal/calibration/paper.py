@@ -9,7 +9,7 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import Calibration, calibrate, pull_beyond_bounds
-from pa10cal.calibration.health import Evidence, FitSummary, health, names_of
+from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_of
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
     align_nominal,
@@ -189,7 +189,7 @@ def _evidence(
     cubic: Calibration,
     noise: Observations[Pose],
     stated: Observations[Pose],
-) -> Evidence:
+) -> GradeEvidence:
     """Return what the grade rests on; `stated` are the readings as the instrument states them."""
     level, solution, whole = cubic.level, cubic.solution, cubic.problem
     used, jacobian = level.observations, cubic.jacobian
@@ -240,7 +240,7 @@ def _evidence(
     columns = off_places.reshape(len(rows), -1)
     taken = rows @ np.linalg.lstsq(rows, columns, rcond=None)[0]
     left_m = (columns - taken).reshape(off_places.shape)[:, :3] * level.r_max_m
-    return Evidence(
+    return GradeEvidence(
         ended=ended,
         train_rms_mm=summarise(model.deviations(used)).rms_mm,
         held_out=off,

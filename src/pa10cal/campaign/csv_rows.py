@@ -107,7 +107,7 @@ _refusal = refusals(
 )
 
 
-class Line(NamedTuple):
+class TextLine(NamedTuple):
     """A line that is not blank."""
 
     number: int  # from 1
@@ -115,7 +115,7 @@ class Line(NamedTuple):
     ended: bool  # whether a line end follows
 
 
-def lines_of(path: Path) -> Iterator[Line]:
+def lines_of(path: Path) -> Iterator[TextLine]:
     """Yield the lines that are not blank; rows of a workbook with tabs between the cells.
 
     Raises:
@@ -131,7 +131,7 @@ def lines_of(path: Path) -> Iterator[Line]:
             if "\x00" in line:
                 raise _refusal("no text", f"{path}:{number}")
             if line.strip():
-                yield Line(number, line.removesuffix("\n"), line.endswith("\n"))
+                yield TextLine(number, line.removesuffix("\n"), line.endswith("\n"))
 
 
 def encoding_of(path: Path) -> str:
@@ -192,7 +192,7 @@ def _unpacked(path: Path) -> Iterator[IO[bytes]]:
             raise _refusal("damaged", path) from None
 
 
-def _rows_of_workbook(path: Path) -> Iterator[Line]:
+def _rows_of_workbook(path: Path) -> Iterator[TextLine]:
     """Yield the rows of the sheet with the most cells; numbers in full, times as ISO 8601."""
     if path.stat().st_size > LARGEST_BYTES:
         raise _too_large(path)
@@ -207,7 +207,7 @@ def _rows_of_workbook(path: Path) -> Iterator[Line]:
     for number, row in enumerate(sheet.itertuples(index=False), start=1):
         cells = [_cell(value) for value in row]
         if any(cells):
-            yield Line(number, "\t".join(cells), ended=True)
+            yield TextLine(number, "\t".join(cells), ended=True)
 
 
 def _cell(value: object) -> str:
@@ -334,7 +334,7 @@ def column_names(path: Path, layout: Layout = CONTRACT) -> list[str]:
     return [] if first is None else layout.names(first.text)
 
 
-def _first(lines: Iterator[Line], layout: Layout) -> Line | None:
+def _first(lines: Iterator[TextLine], layout: Layout) -> TextLine | None:
     """Return the line with the names, or without names the first; None where there is none."""
     start = layout.header or layout.first
     return next((line for line in lines if line.number >= start), None)
@@ -406,7 +406,7 @@ def read_rows(
 
 
 def _read_part(
-    lines: Sequence[Line], header: Sequence[str], used: Sequence[str], layout: Layout
+    lines: Sequence[TextLine], header: Sequence[str], used: Sequence[str], layout: Layout
 ) -> tuple[list[NDArray[np.int64]], dict[str, NDArray[Any]], dict[str, dict[int, str]]]:
     """Read some lines of a file.
 
@@ -439,7 +439,7 @@ def _read_part(
 
 
 def _check_header(
-    path: Path, first: Line, header: Sequence[str], required: Sequence[str], layout: Layout
+    path: Path, first: TextLine, header: Sequence[str], required: Sequence[str], layout: Layout
 ) -> None:
     where, here = f"{path}:{first.number}", layout.separator
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):

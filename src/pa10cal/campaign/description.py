@@ -49,7 +49,7 @@ def _file_name(name: str) -> str:
 FileName = Annotated[str, AfterValidator(_file_name)]
 
 
-class Instrument(Section):
+class InstrumentDescription(Section):
     """What measured the end-effector."""
 
     kind: InstrumentKind
@@ -139,7 +139,7 @@ class CampaignDescription(Section):
     name: Text
     provenance: Text
     robot: Text
-    instrument: Instrument
+    instrument: InstrumentDescription
     tool: Tool
     gravity_m_s2: Vector = Field(
         description="gravity in the frame of the robot's base, [0, 0, -9.81] for an upright arm"

@@ -101,7 +101,7 @@ class Position(Section):
     u: Three | None = None
 
 
-class Distance(Section):
+class DistanceColumns(Section):
     """A measured distance."""
 
     names: One
@@ -133,7 +133,7 @@ class Load(Section):
     unit: Literal["N", "kg"] = "N"
 
 
-class Kind(Section):
+class KindColumn(Section):
     """Which rows are to calibrate with, and which are held out."""
 
     names: One
@@ -159,7 +159,7 @@ class FileColumns(Section):
         default=0, ge=0, description="line of the first row; 0 where it follows the names"
     )
     time: Time | None = None
-    kind: Kind | None = None
+    kind: KindColumn | None = None
     pose: One | None = None
     load: Load | None = None
     repeat: One | None = None
@@ -168,7 +168,7 @@ class FileColumns(Section):
     temperature: Temperature | None = None
     position: Position | None = None
     rotation: RotationColumns | None = None
-    distance: Distance | None = None
+    distance: DistanceColumns | None = None
     targets: dict[Target, Position] = Field(default_factory=dict)
     ball: One | None = None
     touch: One | None = None

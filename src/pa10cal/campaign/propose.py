@@ -59,7 +59,7 @@ ASSUMED_MM = 0.05
 
 
 @dataclass(frozen=True)
-class Proposal:
+class ColumnsProposal:
     """What campaign.yaml may say of a file."""
 
     content: dict[str, Any]  # of campaign.yaml
@@ -67,7 +67,7 @@ class Proposal:
     read_as: tuple[str, ...]  # every column of the files, and what it is read as
 
 
-def propose(sniffed: Sniffed, file: str, name: str, robot: str, arm: Arm | None) -> Proposal:
+def propose(sniffed: Sniffed, file: str, name: str, robot: str, arm: Arm | None) -> ColumnsProposal:
     """Propose a campaign.yaml for a file.
 
     Where the arm is not known (None), units and conventions rest on the header and on the size of
@@ -85,7 +85,7 @@ def propose(sniffed: Sniffed, file: str, name: str, robot: str, arm: Arm | None)
 
 def propose_two_logs(
     logs: tuple[Sniffed, Sniffed], files: tuple[Path, Path], name: str, robot: str, arm: Arm | None
-) -> Proposal:
+) -> ColumnsProposal:
     """Propose a campaign.yaml for a log of joints and a log of readings, in either order.
 
     The two are joined as the first proposal says; units and the convention of orientations are then
@@ -132,7 +132,7 @@ def _at_joints(
         two = TwoLogs.of(description, files[0].parent, arm, IngestOptions().still_speed_deg_s)
         two = replace(two, joints=replace(two.joints, path=files[0]))
         two = replace(two, readings=replace(two.readings, path=files[1]))
-        raw = two.read([*LABELS[:-1], *two.measured.names])
+        raw = two.read([*LABELS[:-1], *two.measured_columns.names])
     except RawDataError:
         return None
     row = {line: k for k, line in enumerate(sniffed.lines)}
@@ -149,7 +149,7 @@ def _proposal(
     name: str,
     robot: str,
     arm: Arm | None,
-) -> Proposal:
+) -> ColumnsProposal:
     """Put a campaign.yaml together of what was found in each file."""
     every = {key for _, _, columns in files.values() for key in columns}
     kind = "pose" if "rotation" in every else "distance" if "distance" in every else "points"
@@ -179,7 +179,7 @@ def _proposal(
         "columns": {key: columns for key, (_, _, columns) in files.items()},
     }
     lines = [line for file, log, columns in files.values() for line in read_as(log, columns, file)]
-    return Proposal(content, tuple(checks), tuple(lines))
+    return ColumnsProposal(content, tuple(checks), tuple(lines))
 
 
 def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ class Curve:
 
     place: Callable[[Array], Array]  # places (N, 3) at parameters (N,) [m]
     velocity: Callable[[Array], Array]  # derivative (N, 3) of the place by the parameter
-    bounds: Bounds  # what holds on it, cell by cell; its edges begin and end the curve
+    bounds: CurveBounds  # what holds on it, cell by cell; its edges begin and end the curve
 
     def at(self, t: Array) -> Array:
         """Return the places (N, 3) at parameters (N,) [m]."""
@@ -41,7 +41,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Bounds:
+class CurveBounds:
     """What holds of a curve within cells of its parameter t."""
 
     edges: Array  # (m + 1,) parameters between the cells, increasing
@@ -165,14 +165,14 @@ def uniform_bounds(
     slowest: float,
     fastest: float,
     acceleration: float = np.inf,
-) -> Bounds:
+) -> CurveBounds:
     """Return bounds that are the same all along a curve without kinks.
 
     The first point at a distance is found with `fastest` alone; the others, 0 and inf where they
     are not known, make it quicker. The tangent turns no faster than acceleration over speed.
     """
     turning = acceleration / slowest if slowest > 0.0 else np.inf
-    return Bounds(
+    return CurveBounds(
         edges=np.array([start, end]),
         slowest=np.array([slowest]),
         fastest=np.array([fastest]),
@@ -383,7 +383,7 @@ def _piecewise(place: PPoly) -> Curve:
         before = before * widths[:, None] + coefficients
     before, after = before[:-1], velocity[-1, 1:]
     jump = np.linalg.norm(np.cross(before, after), axis=1)
-    bounds = Bounds(
+    bounds = CurveBounds(
         edges=edges,
         slowest=slowest,
         fastest=np.sqrt(speed2.max(axis=0)),

@@ -16,7 +16,7 @@ from pa10cal.curve import roll
 from pa10cal.curve.angles import JointAngles, chain_points, first_axes, joint_angles
 from pa10cal.curve.curve import Curve, circle, helix, line, serpenoid
 from pa10cal.curve.options import CircleShape, CurveOptions, HelixShape, LineShape, Shape
-from pa10cal.curve.points import Points, equal_links, lay_points
+from pa10cal.curve.points import CurvePoints, equal_links, lay_points
 from pa10cal.errors import CurveError
 from pa10cal.results.studies import CurveRecord, CurveShape
 
@@ -27,7 +27,7 @@ class Gait:
 
     time_s: Array  # (T,) when
     curves: tuple[Curve, ...]  # the curve of each shape
-    points: tuple[Points, ...]  # points of each shape on its curve
+    points: tuple[CurvePoints, ...]  # points of each shape on its curve
     joints: tuple[JointAngles, ...]  # joint angles of each shape
     roll_rad: Array  # (T,) roll of the first link, from where the frame carried along with it is
 
@@ -54,7 +54,7 @@ def follow(curves: Sequence[Curve], time_s: Array, options: CurveOptions) -> Gai
             limits.
     """
     moves = len(curves) > 1
-    shapes: list[Points] = []
+    shapes: list[CurvePoints] = []
     joints: list[JointAngles] = []
     rolls: list[float] = []
     z_carried: Array | None = None
@@ -181,7 +181,7 @@ def laid(curve: Curve, options: CurveOptions) -> tuple[CurveRecord, dict[str, Co
     return record, _tables(gait)
 
 
-def _shape(time_s: float, points: Points, joints: JointAngles, roll_rad: float) -> CurveShape:
+def _shape(time_s: float, points: CurvePoints, joints: JointAngles, roll_rad: float) -> CurveShape:
     chords_m = np.linalg.norm(np.diff(points.p_m, axis=0), axis=1)
     back_m = chain_points(
         joints.a_rad, joints.b_rad, joints.order, joints.axes[0], points.p_m[0], points.link_m

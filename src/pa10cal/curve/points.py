@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from pa10cal.arrays import Array
 from pa10cal.curve.angles import refuse_no_link
-from pa10cal.curve.curve import Bounds, Curve
+from pa10cal.curve.curve import Curve, CurveBounds
 from pa10cal.errors import CurveError
 
 #: Points sought together at least and at most, and how much more than were found before.
@@ -39,7 +39,7 @@ class Ending(Enum):
 
 
 @dataclass(frozen=True)
-class Points:
+class CurvePoints:
     """Points on a curve, each the first of the curve at the link's length from the one before."""
 
     link_m: float  # length of the n links
@@ -63,7 +63,7 @@ class Points:
         return np.asarray(chords / np.linalg.norm(chords, axis=1)[:, None])
 
 
-def lay_points(curve: Curve, link_m: float, most: int | None = None) -> Points:
+def lay_points(curve: Curve, link_m: float, most: int | None = None) -> CurvePoints:
     """Lay points along a curve, each the first of it at the link's length from the one before.
 
     Args:
@@ -102,7 +102,7 @@ def lay_points(curve: Curve, link_m: float, most: int | None = None) -> Points:
     return points
 
 
-def equal_links(curve: Curve, n: int) -> Points:
+def equal_links(curve: Curve, n: int) -> CurvePoints:
     """Lay n links along a curve, as long as they must be for the last to end where it ends.
 
     The links that a curve has room for, and what they leave over in links, are all but linear in
@@ -150,7 +150,7 @@ def arc_length_m(curve: Curve, low: float, high: float) -> float:
     return float((half * speed * _WEIGHTS).sum())
 
 
-def _lay(curve: Curve, link_m: float, wanted: int) -> Points:
+def _lay(curve: Curve, link_m: float, wanted: int) -> CurvePoints:
     """Lay points, many at once where they can be proved, else one by one."""
     bounds, end = curve.bounds, curve.bounds.end
     begun = np.array([bounds.start])
@@ -182,7 +182,7 @@ def _lay(curve: Curve, link_m: float, wanted: int) -> Points:
         ending = Ending.COMPLETE
     else:
         ending = Ending.USED_UP if left_m < link_m else Ending.INSIDE
-    return Points(link_m, t_all, p_all_m, np.concatenate(touches), ending, left_m, gap_m)
+    return CurvePoints(link_m, t_all, p_all_m, np.concatenate(touches), ending, left_m, gap_m)
 
 
 # Many points at once, guessed and then proved to be the first at their distance ("Many at once" of
@@ -280,7 +280,7 @@ def _solve(curve: Curve, t: float, p_m: Array, link_m: float, guess: Array) -> A
         return found[:kept] + step[:kept], r_m[:kept] + step[:kept, None] * v[:kept]
 
 
-def _only_leaves(bounds: Bounds, t: Array) -> NDArray[np.bool_]:
+def _only_leaves(bounds: CurveBounds, t: Array) -> NDArray[np.bool_]:
     """Return between which parameters the distance from the former is proved to grow all along."""
     certain = bounds.turning_between(t) <= _QUARTER_TURN
     if not certain.all():
@@ -331,7 +331,7 @@ def first_crossing(curve: Curve, t: float, p_m: Array, link_m: float) -> Crossin
     """
     bounds = curve.bounds
     same_m = float(bounds.same_length_m(np.array(t), p_m, link_m))
-    search = _Search(curve, p_m, link_m, 2.0 * link_m * same_m)
+    search = _ChordSearch(curve, p_m, link_m, 2.0 * link_m * same_m)
     look = _FIRST_LOOK * link_m
     low = float(bounds.not_beyond(bounds.length_to(np.array(t)) + link_m))
     while low < bounds.end:
@@ -344,7 +344,7 @@ def first_crossing(curve: Curve, t: float, p_m: Array, link_m: float) -> Crossin
 
 
 @dataclass(frozen=True)
-class _Search:
+class _ChordSearch:
     """The squared distance from a point, less the link's: f [m^2]."""
 
     curve: Curve

@@ -24,7 +24,7 @@ _MOST_TRIES = 200
 
 
 @dataclass(frozen=True)
-class Postures:
+class ChainPostures:
     """P postures of the arm that `chain_arm` describes."""
 
     q_rad: Array  # (P, 2 n) joint positions
@@ -35,7 +35,7 @@ class Postures:
 
 def draw_postures(
     links: int, link_m: float, limit_rad: float, count: int, rng: np.random.Generator
-) -> Postures:
+) -> ChainPostures:
     """Draw postures along splines, helices and travelling waves in turn.
 
     The arm's base lies anywhere about the first link, within the limits; the roll is drawn evenly
@@ -78,7 +78,7 @@ def draw_postures(
         q_rad.append(arm_posture(points.p_m, T_base, link_m))
         shapes.append(name)
         places_m.append((points.p_m - points.p_m[0]) @ T_base[:3, :3])
-    return Postures(np.array(q_rad), np.array(shapes), np.array(places_m), refused)
+    return ChainPostures(np.array(q_rad), np.array(shapes), np.array(places_m), refused)
 
 
 def _any_roll(chain: RollMap, limits: Array, rng: np.random.Generator) -> float | None:

@@ -22,7 +22,7 @@ from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign
 from pa10cal.curve.angles import chain_arm
-from pa10cal.curve.postures import Postures, draw_postures
+from pa10cal.curve.postures import ChainPostures, draw_postures
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import UNCALIBRATED, Evaluation
 from pa10cal.evaluation.options import CurveStudyOptions
@@ -74,7 +74,7 @@ def chain_study(
     rigid = calibration.model_copy(update={"flexible_joints": ()})
     # The mean length of a vector of three coordinates with this noise.
     floor_mm = float(options.position_mm * np.sqrt(8.0 / np.pi))
-    shapes: list[Postures] = []
+    shapes: list[ChainPostures] = []
     individuals: list[results.Individual] = []
     streams = np.random.default_rng(options.random_seed).spawn(options.individuals)
     for number, stream in enumerate(streams, start=1):
@@ -125,17 +125,17 @@ def _individual(
     models = {name: tuple(models_of(found, name).values())[-1] for name, found in records.items()}
     setup = setup_of(campaign.description, campaign.arm, options, DiscoveryOptions())
 
-    def judged(campaign: Campaign, kind: str) -> dict[str, HeldOutModel]:
+    def errors_of(campaign: Campaign, kind: str) -> dict[str, HeldOutModel]:
         found = Evaluation(campaign.observations, models, None, setup).judge(kind=kind)
         return {_NOMINAL if name == UNCALIBRATED else name: of for name, of in found.items()}
 
     def distances(of: HeldOutModel) -> Distances:
         return Distances(mean_mm=of.mean_mm, peak_mm=of.peak_mm, rms_mm=of.rms_mm)
 
-    fitted, held_out = judged(campaign, "grid"), judged(campaign, "holdout")
+    fitted, held_out = errors_of(campaign, "grid"), errors_of(campaign, "holdout")
     without_noise = settings.model_copy(update={"without_touches": plan.model_copy(update=_EXACT)})
     exact = as_read(simulate_campaign(made.name, arm, without_noise))
-    true = judged(exact, "holdout")
+    true = errors_of(exact, "holdout")
     truth = truth_record(made).parameters
     both = [(fitted[name].rows, held_out[name].rows) for name in fitted]
     return results.Individual(

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from pa10cal.figures.registry import picture
 from pa10cal.figures.style import evenly, label_space, new_figure, panel, plain_log
-from pa10cal.figures.table import Row, Table, frame_of
+from pa10cal.figures.table import ResultTable, Row, frame_of
 from pa10cal.reports import theme
 from pa10cal.reports.blocks import grid
 from pa10cal.reports.formatting import written
@@ -198,12 +198,12 @@ redundant parameters beforehand. Errors are mean distances between predicted and
 positions, of fitted and of held-out poses.
 """,
 )
-def tabulate_curve_calibration_summary(study: CurveCalibrationRecord) -> Table:
+def tabulate_curve_calibration_summary(study: CurveCalibrationRecord) -> ResultTable:
     """Return a row for each way to depart and each model."""
     first = [each for each in study.individuals if each.number == 1]
     redundant = first[0].models["general"].redundant
     data = frame_of(_HEADER, map(_row, study.summaries))
-    return Table(
+    return ResultTable(
         title=f"A chain of {study.joints} joints, calibrated (synthetic)",
         data=data,
         shown=(

@@ -72,7 +72,7 @@ def with_compliance(found: V) -> V:
     ]
     if not springs:
         return found
-    rows = _Rows.of(found)
+    rows = _LinearProblem.of(found)
     needed = float(np.log(max(found.candidates, len(springs)) / found.error_rate))
     every = rows.error(())
     shown = []
@@ -125,7 +125,7 @@ class _Left:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _LinearProblem:
     """A model and its poses, as a linear problem."""
 
     at: FittedModel  # the extended model, its base's own term last
@@ -135,7 +135,7 @@ class _Rows:
     candidates: tuple[Effect, ...]  # effects that might stand in a spring's place
 
     @classmethod
-    def of(cls, found: Verdict[Any]) -> _Rows:
+    def of(cls, found: Verdict[Any]) -> _LinearProblem:
         at, poses = found.extended.at, found.train.poses
         left, jacobian = residual_and_jacobian(at, poses)
         weights = pose_weights(left, float(jacobian.shape[2]), poses.measured)

@@ -24,7 +24,7 @@ from pa10cal.results.health import InputFinding
 from pa10cal.results.maps import JointWitness, MapForm
 from pa10cal.results.record import EffectName, FaultKind, Numbers, Part
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import Band, JointErrorMap
+from pa10cal.terms.effects.joint_error_map import BandPrior, JointErrorMap
 from pa10cal.terms.log_faults import LogFault
 from pa10cal.terms.term import Term
 
@@ -101,7 +101,7 @@ class Finding(Generic[P_co]):
         """Return it as it is written, with what says whose error an error by angle is."""
         proof, form = self.proof, None
         if isinstance(self.effect, JointErrorMap) and self.effect.spectrum is not None:
-            kind = "band" if isinstance(self.effect.spectrum, Band) else "fading"
+            kind = "band" if isinstance(self.effect.spectrum, BandPrior) else "fading"
             keys = {"knots": self.effect.knots, kind: asdict(self.effect.spectrum)}
             form = MapForm.model_validate(keys)
         return FoundEffect(
@@ -201,7 +201,7 @@ def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:
 
 def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) -> DiagnosedFault:
     """Return a fault found as a term, which explains a part of the squared error."""
-    told = term.told(x, np.sqrt(np.diag(covariance)))
+    told = term.fault_text(x, np.sqrt(np.diag(covariance)))
     return DiagnosedFault(
         kind=term.kind, where=told.where, what=told.what, remedy=told.remedy, gain=gain
     )

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gates import harmless, unfit
-from pa10cal.discovery.short_forms import Proposal, choose
+from pa10cal.discovery.short_forms import FormulaProposal, choose
 from pa10cal.discovery.verdict import MAP, Searched
 from pa10cal.terms.effects.effect import Effect, joint_of, turning_joints
 from pa10cal.terms.effects.joint import PeriodicError
@@ -32,7 +32,7 @@ def with_proposals(found: V) -> V:
     return replace(found, proposed=tuple(_proposals(found)))
 
 
-def _proposals(found: Searched[object]) -> Iterator[Proposal]:
+def _proposals(found: Searched[object]) -> Iterator[FormulaProposal]:
     """Yield one formula for everything without a name; else one for each place, where there is."""
     nameless = found.without_name
     if not nameless and not found.over_noise:
@@ -64,7 +64,7 @@ def _proposals(found: Searched[object]) -> Iterator[Proposal]:
 
 def _chosen(
     found: Searched[object], held: tuple[Effect, ...], forms: list[Form]
-) -> Proposal | None:
+) -> FormulaProposal | None:
     """Return the shortest form that does as well as some effects without a name."""
     if not forms or sum(effect.linear for effect in held) > _MOST_HELD:
         return None
@@ -94,7 +94,7 @@ def with_lines_named(found: V) -> V:
     return found
 
 
-def _named(found: V, proposal: Proposal) -> V | None:
+def _named(found: V, proposal: FormulaProposal) -> V | None:
     """Return the verdict with a line in its map's place; None where it has no name."""
     order, held = proposal.form.order, proposal.instead
     alone = len(held) == 1 and held[0].id == MAP and held[0].of == proposal.form.of

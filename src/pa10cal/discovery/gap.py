@@ -12,7 +12,7 @@ from scipy.special import gammaln, stdtrit
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.finding import name_of
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
@@ -170,7 +170,7 @@ class Named:
             holdout=None if self.on_holdout is None else summarise(self.on_holdout),
         )
 
-    def falling_back(self, within: AnglesSeen, gaps: Mapping[str, PairedErrors | None]) -> Named:
+    def falling_back(self, within: AngleCoverage, gaps: Mapping[str, PairedErrors | None]) -> Named:
         """Return it with the calibrated model beyond some joint positions."""
         train, holdout = gaps["train"], gaps["holdout"]
         assert train is not None
@@ -193,7 +193,7 @@ def gap(
     before: FittedModel,
     after: FittedModel,
     noise_floor_mm: float,
-    seen: AnglesSeen | None = None,
+    seen: AngleCoverage | None = None,
     T_moved: Array | None = None,
 ) -> PairedErrors:
     """Compare two models on averaged poses, as each predicts them by itself.

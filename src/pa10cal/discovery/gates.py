@@ -20,7 +20,7 @@ from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back, trus
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.verdict import Limits, Searched, is_named, no_name
-from pa10cal.fit.angles_seen import AnglesSeen, nothing_seen, span_visited
+from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.order import drivers, measured_again, slow_joints
@@ -273,7 +273,7 @@ def harmless(found: V) -> V:
     return replace(found.with_gaps(within_alone), falls_back=Limits(within, why))
 
 
-def _without_contradicted(found: V, visited: AnglesSeen) -> V:
+def _without_contradicted(found: V, visited: AngleCoverage) -> V:
     """Return the verdict without names that held-out poses contradict.
 
     Motion of the base that was found is no fault of a name: it is taken out of the readings here.

@@ -14,7 +14,7 @@ import numpy as np
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Mask
-from pa10cal.calibration.health import Evidence, FitSummary, health
+from pa10cal.calibration.health import FitSummary, GradeEvidence, health
 from pa10cal.calibration.load_case import COMBINED, base_parameters, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.calibration.uncertainty import (
@@ -36,7 +36,7 @@ from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
 from pa10cal.errors import CalibrationError, remedy_for
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel, models_of
 from pa10cal.fit.identifiability import identify, not_identifiable
@@ -52,7 +52,7 @@ from pa10cal.results.calibration import (
 )
 from pa10cal.results.evaluation import BeforeAfter, ResidualRows
 from pa10cal.results.health import Health
-from pa10cal.results.record import Campaign
+from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
 
 
@@ -156,7 +156,7 @@ def calibrate_with(
         not_identifiable=not_identifiable(rank, parameters),
         x=fitted.x[: len(parameters)],
     )
-    evidence = Evidence(
+    evidence = GradeEvidence(
         ended=ended,
         train_rms_mm=summarise(deviations, ~flagged).rms_mm,
         held_out=held_out,
@@ -247,7 +247,7 @@ def _effects(
 R = TypeVar("R", bound=CalibrationRecord)
 
 
-def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
+def with_effects(record: R, found: CalibratedWith, campaign: CampaignIdentity) -> R:
     """Return the record of a calibration whose last fit is that with effects."""
     about = FittedTo.of(found.poses, record.load, found.health, campaign)
     model = replace(found.model, fitted_to=about)
@@ -323,7 +323,7 @@ class Extended:
     model: FittedModel
     # joint angles that its maps have learnt from; None where it has learnt nothing that stops
     # there
-    seen: AnglesSeen | None = None
+    seen: AngleCoverage | None = None
     # whether directions of arrival are those of the order of poses
     arrival_from_order: bool = False
     # times at which the verdict has it that instrument or base moved at once [s], the most certain

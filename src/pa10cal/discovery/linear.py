@@ -6,7 +6,7 @@ frame says. Rows are those of the instrument: b components a pose, zero where no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
-from pa10cal.terms.term import Offsets, Parameter, Term, base_frame
+from pa10cal.terms.term import Offsets, Term, TermParameter, base_frame
 from pa10cal.terms.weights import WEIGHT, Weights
 
 #: Standard deviation thought possible of the model's own parameters, in their scale: wide enough
@@ -70,26 +70,46 @@ def residual_then_jacobian(
 
 
 def by_terms(
-    at: FittedModel, poses: Observations, terms: Sequence[Term], points: Sequence[Array]
+    at: FittedModel,
+    poses: Observations,
+    terms: Sequence[Term],
+    points: Sequence[Array],
+    whiteners: Array | None = None,
 ) -> list[Array]:
-    """Return how `residual` follows the parameters of terms, each (P, b, k')."""
-    by_base = _along_base(at.compared(poses).by_end, at)
-    return [by_base @ columns for columns in at.model.by_terms(poses.states, at.x, terms, points)]
+    """Return how `residual` follows the parameters of terms, each (P, b, k').
+
+    With whiteners (P, b, b), how the residual that they have whitened does.
+    """
+    T_base_ee, in_base = at.model.by_terms(poses.states, at.x, terms, points)
+    found = poses.measured.compare(at.T_instr_base @ T_base_ee, at.targets_m)
+    by_base = _along_base(found.by_end, at)
+    if whiteners is not None:
+        by_base = whiteners @ by_base
+    return [by_base @ columns for columns in in_base]
 
 
-def by_own_terms(at: FittedModel, poses: Observations, terms: Sequence[Term]) -> list[Array]:
+def by_own_terms(
+    at: FittedModel,
+    poses: Observations,
+    terms: Sequence[Term],
+    whiteners: Array | None = None,
+) -> list[Array]:
     """Return how `residual` follows terms of a model at its point, each in its possible size."""
     places = [at.model.columns_of(term) for term in terms]
     sizes = possible_sizes(at.model)
-    found = by_terms(at, poses, terms, [at.x[place] for place in places])
+    found = by_terms(at, poses, terms, [at.x[place] for place in places], whiteners)
     return [columns * sizes[place] for columns, place in zip(found, places, strict=True)]
 
 
 def by_effects(
-    at: FittedModel, poses: Observations, effects: Sequence[Effect], points: Sequence[Array]
+    at: FittedModel,
+    poses: Observations,
+    effects: Sequence[Effect],
+    points: Sequence[Array],
+    whiteners: Array | None = None,
 ) -> list[Array]:
     """Return how `residual` follows the linear parameters of effects, in their plausible size."""
-    found = by_terms(at, poses, effects, points)
+    found = by_terms(at, poses, effects, points, whiteners)
     return [
         columns[:, :, : effect.linear] @ effect.prior_factor
         for columns, effect in zip(found, effects, strict=True)
@@ -128,12 +148,16 @@ def by_targets(at: FittedModel, poses: Observations) -> Array:
     return at.compared(poses).by_targets
 
 
-def by_joints(at: FittedModel, poses: Observations, joints: Iterable[int]) -> Array:
+def by_joints(at: FittedModel, poses: Observations, joints: Sequence[int]) -> Array:
     """Return how `residual` follows the positions of joints, from 1: (P, b, j)."""
+    return by_terms(at, poses, [positions_of(at, joints)], [np.zeros(len(joints))])[0]
+
+
+def positions_of(at: FittedModel, joints: Sequence[int]) -> Offsets:
+    """Return the positions of joints, from 1, as a term."""
     chain = at.model.chain
     driven = [chain.motions[chain.joint_columns[joint - 1]].coordinate for joint in joints]
-    positions = Offsets(tuple(Parameter(name, "", 1.0) for name in driven), tuple(driven))
-    return by_terms(at, poses, [positions], [np.zeros(len(driven))])[0]
+    return Offsets(tuple(TermParameter(name, "", 1.0) for name in driven), tuple(driven))
 
 
 def error_mm(measured: Instrument, residual: Array) -> Array:

@@ -94,7 +94,7 @@ class JointSeries:
 
 
 @dataclass(frozen=True)
-class Line:
+class SpectralLine:
     """A line of a joint's residual."""
 
     order: float  # cycles a turn of the joint
@@ -136,7 +136,7 @@ def _long_enough(series: Sequence[JointSeries]) -> list[JointSeries]:
     return [part for part in series if len(part) >= LEAST_POSES]
 
 
-def lines(series: Sequence[JointSeries], ratio: float | None, joints: int) -> list[Line]:
+def lines(series: Sequence[JointSeries], ratio: float | None, joints: int) -> list[SpectralLine]:
     """Return the lines of a joint, the strongest first, each sought beside those before it.
 
     In its campaigns, each in configurations to which it moved; at multiples of a ratio alone, or at
@@ -151,12 +151,12 @@ def lines(series: Sequence[JointSeries], ratio: float | None, joints: int) -> li
         tests = float(len(orders))
     at = np.round(orders * _TURNS).astype(int)
     needed = float(np.log(tests * len(_SHARES) * joints / FALSE_RATE))
-    found: list[Line] = []
+    found: list[SpectralLine] = []
     left = list(series)
     while len(found) < _MOST_LINES:
         nats = np.stack([_spectrum(left, share)[at] for share in _SHARES])
         share, k = np.unravel_index(int(np.argmax(nats)), nats.shape)
-        line = Line(float(orders[k]), _SHARES[share], float(nats[share, k]))
+        line = SpectralLine(float(orders[k]), _SHARES[share], float(nats[share, k]))
         if line.nats < needed or any(abs(line.order - each.order) < _SAME for each in found):
             break
         found.append(line)
@@ -164,7 +164,7 @@ def lines(series: Sequence[JointSeries], ratio: float | None, joints: int) -> li
     return found
 
 
-def common_ratio(found: Sequence[Line]) -> float | None:
+def common_ratio(found: Sequence[SpectralLine]) -> float | None:
     """Return the greatest common divisor of lines; None where chance would make one as good.
 
     Lines at powers of two are those of a sensor's divisions, and are none of the motor.
@@ -189,7 +189,7 @@ def common_ratio(found: Sequence[Line]) -> float | None:
     return whole if abs(ratio - whole) * times.max() < _SAME else ratio
 
 
-def _of_motor(found: Sequence[Line], joint: Sequence[JointSeries]) -> list[Line]:
+def _of_motor(found: Sequence[SpectralLine], joint: Sequence[JointSeries]) -> list[SpectralLine]:
     """Return the lines that do not show where the joint did not move: else they are a sensor's."""
     stood = _long_enough([part.where(~part.moved) for part in joint])
     if not stood or not found:
@@ -201,7 +201,7 @@ def _of_motor(found: Sequence[Line], joint: Sequence[JointSeries]) -> list[Line]
 
 
 def _witness(
-    series: Sequence[JointSeries], ratio: float, own: Sequence[Line]
+    series: Sequence[JointSeries], ratio: float, own: Sequence[SpectralLine]
 ) -> MotorRipple | None:
     """Return what a joint's lines at multiples of a ratio say; None where it has none."""
     found = sorted(own, key=lambda line: line.order)
@@ -290,7 +290,7 @@ def _explained(of_left: Array, of_weight: Array, of_double: Array, total: float)
     return np.asarray(0.5 * (c * c * ss - 2.0 * c * s * cs + s * s * cc) / determinant)
 
 
-def _without(series: JointSeries, line: Line) -> JointSeries:
+def _without(series: JointSeries, line: SpectralLine) -> JointSeries:
     """Return a series with a line taken out of what is left."""
     phase = line.order * series.motor_rad(line.share)
     columns = np.column_stack([np.ones(len(series)), np.cos(phase), np.sin(phase)])

@@ -13,13 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from pa10cal.arm.room import Box, Postures, above, draw_within, end_within, off_column, off_links
+from pa10cal.arm.room import (
+    Box,
+    PosturePoints,
+    above,
+    draw_within,
+    end_within,
+    off_column,
+    off_links,
+)
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.evidence.fit import Fit
+from pa10cal.discovery.evidence.fit import EvidenceFit
 from pa10cal.discovery.evidence.likelihood import SIZES
-from pa10cal.discovery.evidence.problem import NoiseModel, Problem, noise_models
+from pa10cal.discovery.evidence.problem import EvidenceProblem, NoiseModel, noise_models
 from pa10cal.discovery.evidence.search import linearise
 from pa10cal.discovery.finding import Finding, Untestable
 from pa10cal.discovery.in_time.wander import InTime
@@ -28,10 +36,10 @@ from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.preparation import complete, targets_m
 from pa10cal.discovery.verdict import Plan, label_of
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.angles_seen import WITHIN_RAD, AnglesSeen
+from pa10cal.fit.angles_seen import WITHIN_RAD, AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
-from pa10cal.numerics.exchange import Combined, Separation, exchange, one_by_one
+from pa10cal.numerics.exchange import Combined, SeparationCriterion, exchange, one_by_one
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Separation as ExpectedSeparation
@@ -66,7 +74,7 @@ _LEAST_MARGIN_M = 0.3
 _FLOOR_M, _COLUMN_M, _CLEARANCE_M = 0.15, 0.25, 0.15
 
 
-def draw_near(measured: Problem | Survey, count: int, random_seed: int) -> Array:
+def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) -> Array:
     """Draw joint positions (N, n) where arm and tool may go, near the measured poses.
 
     Whether links, rods and instrument collide otherwise is not looked at.
@@ -76,7 +84,7 @@ def draw_near(measured: Problem | Survey, count: int, random_seed: int) -> Array
     """
     chain = measured.baseline.model.chain
     targets = targets_m(measured.baseline, measured.setup).reshape(-1, 3)
-    end = Postures.of(chain, measured.cells.states.q_rad, targets).p_base_end
+    end = PosturePoints.of(chain, measured.cells.states.q_rad, targets).p_base_end
     lowest, highest = end.min(axis=0), end.max(axis=0)
     room_m = np.maximum(0.5 * (highest - lowest), _LEAST_MARGIN_M)
     off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
@@ -123,7 +131,11 @@ def unresolved(
 
 
 def separating_poses(
-    problem: Problem, found: Fit, rivals: Sequence[Pair], count: int = 10, random_seed: int = 0
+    problem: EvidenceProblem,
+    found: EvidenceFit,
+    rivals: Sequence[Pair],
+    count: int = 10,
+    random_seed: int = 0,
 ) -> Plan:
     """Choose the poses that best separate pairs of effects.
 
@@ -196,7 +208,7 @@ def separating_poses(
     )
 
 
-def _pool(problem: Problem, random_seed: int) -> PoseStates:
+def _pool(problem: EvidenceProblem, random_seed: int) -> PoseStates:
     """Draw poses that could be measured, with the least load or the largest, from either side.
 
     A spring that is soft near zero torque shows without load, all else that yields shows with it.
@@ -220,7 +232,7 @@ def _pool(problem: Problem, random_seed: int) -> PoseStates:
 
 
 def _separations(
-    problem: Problem, found: Fit, rivals: Sequence[Pair], ahead: Problem
+    problem: EvidenceProblem, found: EvidenceFit, rivals: Sequence[Pair], ahead: EvidenceProblem
 ) -> list[Combined]:
     """Return, for every pair, the lesser separation of either effect from the other.
 
@@ -272,12 +284,12 @@ def _separations(
         passes = np.linalg.lstsq(rows, target, rcond=None)[0][-sized[truth].shape[2] :]
         return np.asarray(sized[truth] @ passes[:, None])
 
-    def separation(truth: Effect, rival: Effect | None) -> Separation:
+    def separation(truth: Effect, rival: Effect | None) -> SeparationCriterion:
         effect = if_true(truth, rival)
         rows = np.concatenate([adjustable(truth, rival), effect], axis=2)
         k = rows.shape[2]
         known = np.concatenate([rows[:measured].reshape(-1, k), np.eye(k)])
-        return Separation(rows[measured:], known, effect.shape[2], components)
+        return SeparationCriterion(rows[measured:], known, effect.shape[2], components)
 
     return [
         Combined([separation(effect, rival), *([separation(rival, effect)] if rival else [])])
@@ -286,7 +298,7 @@ def _separations(
 
 
 def _by_parameters(
-    problem: Problem, found: Fit, effects: tuple[Effect, ...]
+    problem: EvidenceProblem, found: EvidenceFit, effects: tuple[Effect, ...]
 ) -> tuple[list[Array], list[Array]]:
     """Return what is expected of effects, and rows of a problem's poses.
 
@@ -328,7 +340,7 @@ def _by_parameters(
     return [block.factor for block in lin.blocks], rows
 
 
-def predicted(problem: Problem, found: Fit, states: PoseStates) -> Problem:
+def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) -> EvidenceProblem:
     """Return the problem as it would be of other poses, read as often as the campaign's were.
 
     A fit to the campaign predicts them; their states have torques nan.
@@ -371,7 +383,7 @@ def predicted(problem: Problem, found: Fit, states: PoseStates) -> Problem:
     return replace(ahead, torque_left_Nm=nothing_Nm)
 
 
-def _as_seen(problem: Problem, at: FittedModel, states: PoseStates) -> Instrument:
+def _as_seen(problem: EvidenceProblem, at: FittedModel, states: PoseStates) -> Instrument:
     """Return what the instrument would see of a model.
 
     What places of stated targets do to it is about the same along the end's own axes: the mean.
@@ -387,7 +399,7 @@ def _as_seen(problem: Problem, at: FittedModel, states: PoseStates) -> Instrumen
     return replace(ideal, **stated)
 
 
-def _reading_cov(problem: Problem, poses: Observations) -> Array:
+def _reading_cov(problem: EvidenceProblem, poses: Observations) -> Array:
     """Return the covariance of one reading of poses, (P, b, b), from its sources."""
     readings, noise, at = problem.readings, problem.noise, problem.baseline
     measured = readings.measured
@@ -412,7 +424,9 @@ def _axes_of_end(at: FittedModel, poses: Observations) -> Array:
     return poses.measured.axes_of_end(T_instr_ee)
 
 
-def without_repeats(survey: Survey, found: ModelWithEffects, noise: Noise) -> tuple[Problem, Fit]:
+def without_repeats(
+    survey: Survey, found: ModelWithEffects, noise: Noise
+) -> tuple[EvidenceProblem, EvidenceFit]:
     """Return a campaign of many different poses as one with repeats is weighed, and a fit to it.
 
     What scatters beyond the noise of readings is the error that every pose may have. Of very many
@@ -432,11 +446,11 @@ def without_repeats(survey: Survey, found: ModelWithEffects, noise: Noise) -> tu
     pose, _, _ = noise_models(poses, cov, survey.baseline, setup, None, load_N, in_time)
     base, context, logged = survey.baseline, survey.context, survey.torques_logged
     none_Nm = np.zeros_like(poses.states.tau_Nm)
-    problem = Problem(
+    problem = EvidenceProblem(
         base, setup, poses, poses, cov, noise, pose, None, none_Nm, context, logged, in_time
     )
     sizes, variance = (SIZES.index(1.0),) * len(found.effects), max(scatter - 1.0, 0.0)
-    return problem, Fit(found.effects, found.at, found.converged, sizes, variance, 0.0)
+    return problem, EvidenceFit(found.effects, found.at, found.converged, sizes, variance, 0.0)
 
 
 #: Poses drawn to find some at angles not seen.
@@ -445,7 +459,7 @@ _TURN = 2.0 * np.pi
 
 
 def poses_at_unseen_angles(
-    measured: Problem | Survey, seen: AnglesSeen, count: int, random_seed: int = 0
+    measured: EvidenceProblem | Survey, seen: AngleCoverage, count: int, random_seed: int = 0
 ) -> tuple[SuggestedPose, ...]:
     """Choose poses that take joints to angles not seen, the most of them first.
 

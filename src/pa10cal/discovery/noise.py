@@ -415,7 +415,7 @@ _LEAST, _MOST = 1e-14, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Scatter:
+class PoseDeviations:
     """Standard deviations of single poses about a model."""
 
     joints: Array  # (n,) of joint positions [rad, m]
@@ -431,7 +431,7 @@ class Scatter:
         return np.asarray(found, dtype=np.float64)
 
 
-def scatter_of(at: FittedModel, poses: Observations, left: Array) -> Scatter:
+def scatter_of(at: FittedModel, poses: Observations, left: Array) -> PoseDeviations:
     """Return what complete poses of its fit scatter by about a model that leaves (P, b) of them."""
     every = max(1, len(poses) // _ENOUGH_POSES)
     poses, left = poses.take(np.arange(0, len(poses), every)), left[::every]
@@ -468,11 +468,13 @@ def scatter_of(at: FittedModel, poses: Observations, left: Array) -> Scatter:
         options={"maxiter": 60},
     )
     sizes = np.exp(0.5 * found.x)
-    return Scatter(sizes[: at.arm.n], dict(zip(of_kinds, sizes[at.arm.n :].tolist(), strict=True)))
+    return PoseDeviations(
+        sizes[: at.arm.n], dict(zip(of_kinds, sizes[at.arm.n :].tolist(), strict=True))
+    )
 
 
 def share_inside(
-    fitted: FittedModel, scatter: Scatter, poses: Observations, left: Array | None = None
+    fitted: FittedModel, scatter: PoseDeviations, poses: Observations, left: Array | None = None
 ) -> float:
     """Return how many coordinates of measured positions lie in their 95 % intervals.
 

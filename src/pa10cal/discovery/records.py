@@ -29,7 +29,7 @@ from pa10cal.results.discovery import (
 from pa10cal.results.evaluation import Parameter
 from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.results.maps import FallsBack
-from pa10cal.results.record import Campaign, EffectName
+from pa10cal.results.record import CampaignIdentity, EffectName
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class DiscoveryRecords:
 
 
 def discovery_records(
-    found: Verdict[object], ahead: Plan, campaign: Campaign, calibration: str
+    found: Verdict[object], ahead: Plan, campaign: CampaignIdentity, calibration: str
 ) -> DiscoveryRecords:
     """Return the records of a campaign: its verdict, and what to measure next.
 

@@ -134,7 +134,7 @@ _MOST_OTHERS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Proposal:
+class FormulaProposal:
     """A formula for what has no name; it changes nothing of what is named."""
 
     form: Form  # which, and where
@@ -204,7 +204,7 @@ def choose(
     instead: Sequence[Effect],
     error_rate: float,
     whole: Callable[[], Arena] | None = None,
-) -> Proposal | None:
+) -> FormulaProposal | None:
     """Return the shortest form that does as well as maps and rivals; None where none does.
 
     Args:
@@ -275,7 +275,7 @@ def choose(
             gain_std=standard_error(gain) / total,
         ),
     )
-    return Proposal(form, tuple(instead), record)
+    return FormulaProposal(form, tuple(instead), record)
 
 
 def no_worse(squares: Array, than: Array, errors: float = 1.0) -> bool:

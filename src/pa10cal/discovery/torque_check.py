@@ -59,7 +59,7 @@ def stated_wrongly(
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _TorqueProducts:
     """Products of weighed rows of the torques, of two halves of the readings."""
 
     normal: Array  # (2, k, k) of the columns
@@ -104,7 +104,7 @@ def _rows(
     baseline: FittedModel,
     setup: MeasurementSetup,
     faults: Sequence[WeightStated],
-) -> _Rows:
+) -> _TorqueProducts:
     """Weigh the rows: logged torques less those of the weights, by the scatter that is left."""
     assert setup.payload is not None
     states, arm = poses.states, baseline.arm
@@ -137,7 +137,7 @@ def _rows(
     halves = [drawn[::2], drawn[1::2]]
     rows = [(white[half].reshape(-1, count), data[half].ravel()) for half in halves]
     stops = known.shape[2] + np.cumsum([0, *(own.shape[2] for own in of_faults)])
-    return _Rows(
+    return _TorqueProducts(
         np.stack([own.T @ own for own, _ in rows]),
         np.stack([own.T @ off for own, off in rows]),
         np.array([off @ off for _, off in rows]),

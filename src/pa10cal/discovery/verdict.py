@@ -24,10 +24,10 @@ from pa10cal.discovery.finding import (
 )
 from pa10cal.discovery.gap import Named, PairedErrors, in_order
 from pa10cal.discovery.linear import ModelWithEffects
-from pa10cal.discovery.noise import Scatter
+from pa10cal.discovery.noise import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.short_forms import Arena, Proposal
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.discovery.short_forms import Arena, FormulaProposal
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -51,7 +51,7 @@ _MOST_SHOWN = 8
 class Limits:
     """Where the effects found hold; elsewhere the model is the calibrated one."""
 
-    within: AnglesSeen  # joint positions in which they hold
+    within: AngleCoverage  # joint positions in which they hold
     why: str  # what held-out poses show, one sentence
 
 
@@ -98,7 +98,7 @@ class Verdict(ABC, Generic[P_co]):
     faults_of_rows: tuple[DiagnosedFault, ...] = ()
     # where the effects hold; None where nothing speaks against them
     falls_back: Limits | None = None
-    proposed: tuple[Proposal, ...] = ()  # formulas for what has no name; they name nothing
+    proposed: tuple[FormulaProposal, ...] = ()  # formulas for what has no name; they name nothing
     # joints that give way under weights that nobody stated. Their springs are part of the
     # calibrated model already.
     gives_way: tuple[Finding[GivesWay], ...] = ()
@@ -161,12 +161,12 @@ class Verdict(ABC, Generic[P_co]):
         return tuple(dict.fromkeys((*self.without_name, *(e.effect for e in self.effects))))
 
     @property
-    def seen(self) -> AnglesSeen | None:
+    def seen(self) -> AngleCoverage | None:
         """Return the joint positions that maps have learnt from; None without a map of its own."""
         return None
 
     @property
-    def scatter(self) -> Scatter | None:
+    def scatter(self) -> PoseDeviations | None:
         """Return what single poses scatter by about the model; None where that is noise alone."""
         return None
 

@@ -12,12 +12,12 @@ from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.preparation import prepared as made_ready
 from pa10cal.evaluation import holdout
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations, poses_of, reading_groups
 from pa10cal.observe.order import with_arrivals
 from pa10cal.results import evaluation as results
-from pa10cal.results.record import Campaign
+from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.joint_spring import nominal
 
 #: Kinds of poses that are repeated.
@@ -70,11 +70,11 @@ class Evaluation:
             suspected = made_ready(every, best, setup).suspected
 
         def errors(
-            model: FittedModel, every: Observations, seen: AnglesSeen | None
+            model: FittedModel, every: Observations, seen: AngleCoverage | None
         ) -> results.HeldOutModel:
             poses = holdout.prepared(every, kind, model, setup, cuts_s)
             beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
-            return holdout.judged(model, poses, beyond, suspected)
+            return holdout.held_out_errors(model, poses, beyond, suspected)
 
         def there(model: FittedModel, every: Observations) -> tuple[FittedModel, float]:
             """Return a model as it is judged, and what it leaves of poses it is placed by."""
@@ -118,7 +118,9 @@ class Evaluation:
         return (with_effects, arrived) if with_effects.rms_mm < best.rms_mm else (best, self.every)
 
 
-def held_out_record(campaign: Campaign, calibration: str, own: Evaluation) -> results.HoldoutRecord:
+def held_out_record(
+    campaign: CampaignIdentity, calibration: str, own: Evaluation
+) -> results.HoldoutRecord:
     """Judge models on held-out poses of their own campaign.
 
     Where the verdict tells steps, they are judged with a base for every part as well.
@@ -146,7 +148,9 @@ def held_out_record(campaign: Campaign, calibration: str, own: Evaluation) -> re
     )
 
 
-def transfer_record(campaign: Campaign, from_: str, there: Evaluation) -> results.TransferRecord:
+def transfer_record(
+    campaign: CampaignIdentity, from_: str, there: Evaluation
+) -> results.TransferRecord:
     """Judge models of one campaign in another, part by part where instrument or base moved there.
 
     Raises:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arrays import Array
 from pa10cal.observe.observations import Observations, measured_as_poses, reading_groups
 from pa10cal.results import evaluation as results
-from pa10cal.results.record import Campaign
+from pa10cal.results.record import CampaignIdentity
 
 #: Repeats of a configuration below which its scatter says too little; the standard has 30.
 LEAST_REPEATS = 5
@@ -48,7 +48,7 @@ def repeatability(p_m: Array, R: Array | None) -> tuple[float, Array | None]:
 
 
 def iso9283_record(
-    campaign: Campaign,
+    campaign: CampaignIdentity,
     calibration: str,
     every: Observations,
     judged: Mapping[str, Mapping[str, results.HeldOutModel]],

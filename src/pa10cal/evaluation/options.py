@@ -126,7 +126,7 @@ class BlindTrialsOptions(options.Section):
     )
 
 
-class CoverageCase(options.Section):
+class CoverageCaseOptions(options.Section):
     """An arm under an instrument, calibrated with the general model."""
 
     robot: str = Field(description="an arm description")
@@ -137,9 +137,9 @@ class CoverageCase(options.Section):
     )
 
 
-def _case(**fields: Any) -> CoverageCase:
+def _case(**fields: Any) -> CoverageCaseOptions:
     """Return a case of the defaults, unchecked: a check brings the instruments, numpy and scipy."""
-    return CoverageCase.model_construct(**fields)
+    return CoverageCaseOptions.model_construct(**fields)
 
 
 class CurveStudyOptions(options.Section):
@@ -195,7 +195,7 @@ class CoverageOptions(options.Section):
     attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
         2e-4, description="noise of an orientation about each axis, stated as it is"
     )
-    cases: tuple[CoverageCase, ...] = Field(
+    cases: tuple[CoverageCaseOptions, ...] = Field(
         (
             _case(robot="iiwa14", instrument="pose"),
             _case(robot="iiwa14", instrument="points"),

@@ -18,7 +18,7 @@ _COMPLETE_WITHIN = 3.0
 
 
 @dataclass(frozen=True)
-class Scatter:
+class GridScatter:
     """Standard deviation of the measured position within one grid configuration, at one load.
 
     That of the distance: the root of the variances along three axes together.
@@ -55,7 +55,7 @@ def places(results: ResultsBundle) -> pd.DataFrame:
     return poses.sort_values("time_s")
 
 
-def scatter_by_load(poses: pd.DataFrame) -> dict[str, Scatter]:
+def scatter_by_load(poses: pd.DataFrame) -> dict[str, GridScatter]:
     """Return the scatter at each load with repeats, by load as `0N`, `22N`, ….
 
     Args:
@@ -67,7 +67,7 @@ def scatter_by_load(poses: pd.DataFrame) -> dict[str, Scatter]:
     found = pd.DataFrame({"std": np.sqrt(variance), "count": count})[count > 1]
     found["of_average"] = found["std"] / np.sqrt(found["count"])
     return {
-        f"{load_N:g}N": Scatter(
+        f"{load_N:g}N": GridScatter(
             largest_mm=float(at["std"].max()),
             mean_mm=float(at["std"].mean()),
             mean_of_average_mm=float(at["of_average"].mean()),
@@ -76,7 +76,7 @@ def scatter_by_load(poses: pd.DataFrame) -> dict[str, Scatter]:
     }
 
 
-def incompleteness(case: PaperCalibrationRecord, scatter: dict[str, Scatter]) -> str | None:
+def incompleteness(case: PaperCalibrationRecord, scatter: dict[str, GridScatter]) -> str | None:
     """Say that a calibrated model is incomplete, None where repeats do not show that it is.
 
     What a general model leaves is the scatter of averaged repeats, on which it was calibrated.

@@ -16,7 +16,7 @@ Row = tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Table:
+class ResultTable:
     """A table of results."""
 
     title: str  # what it shows
@@ -36,7 +36,7 @@ def frame_of(header: Sequence[str], rows: Iterable[Sequence[object]]) -> pd.Data
     return pd.DataFrame([list(row) for row in rows], columns=list(header))
 
 
-def write_table(table: Table, footer: str, folder: Path, name: str) -> None:
+def write_table(table: ResultTable, footer: str, folder: Path, name: str) -> None:
     """Write a table as CSV and Markdown: both or none.
 
     Args:

@@ -17,7 +17,7 @@ from scipy.special import ndtri
 from pa10cal.arrays import Array
 from pa10cal.figures import style
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.table import Table, frame_of
+from pa10cal.figures.table import ResultTable, frame_of
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SEPARATOR, SKY, VERMILLION
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.results.trials import JudgedEffect, JudgedTrial, ScoreRow, TrialScoresRecord
@@ -325,7 +325,7 @@ noise where they leave half as much again, and as told where they are named or l
 data.
 """,
 )
-def tabulate_trials_subjects(scores: TrialScoresRecord) -> Table:
+def tabulate_trials_subjects(scores: TrialScoresRecord) -> ResultTable:
     """Return a row a disturbance or an effect of wild trials."""
     if scores.measured != "wild":
         raise NothingToShowError("no trial disturbed its raw files")
@@ -343,7 +343,7 @@ def tabulate_trials_subjects(scores: TrialScoresRecord) -> Table:
         if trial.failings
     )
     data = frame_of(("kind", "put in", "trials", *_COLUMNS), rows)
-    return Table("Wild trials: what became of each", data, notes=notes)
+    return ResultTable("Wild trials: what became of each", data, notes=notes)
 
 
 def _inside(trial: JudgedTrial) -> tuple[str, ...]:
@@ -393,7 +393,7 @@ interval is that of a share of so many trials. A target that is missed is report
 The data are synthetic: rates hold for errors that the simulation can produce.
 """,
 )
-def tabulate_trials_summary(scores: TrialScoresRecord) -> Table:
+def tabulate_trials_summary(scores: TrialScoresRecord) -> ResultTable:
     """Return a row a figure."""
     notes = _NOTES
     if scores.measured == "wild":
@@ -416,4 +416,4 @@ def tabulate_trials_summary(scores: TrialScoresRecord) -> Table:
             if not row.what.startswith(_OF_PARAMETERS) or not row.by
         ],
     )
-    return Table("Trials: targets, and values reached", data, notes=(_TOO_FEW, *notes))
+    return ResultTable("Trials: targets, and values reached", data, notes=(_TOO_FEW, *notes))

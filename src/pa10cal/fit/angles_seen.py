@@ -27,7 +27,7 @@ _TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
-class AnglesSeen:
+class AngleCoverage:
     """Angles of n joints that the poses of a fit have seen."""
 
     # for each joint (m, 2) first and last angle of stretches without a gap, in order [rad];
@@ -64,7 +64,7 @@ class AnglesSeen:
         )
 
 
-def span_visited(q_rad: Array) -> AnglesSeen:
+def span_visited(q_rad: Array) -> AngleCoverage:
     """Return the positions of every joint that poses (P, n) have visited, gaps as usual bridged.
 
     Beyond them nothing that depends on a joint's angle was fitted. A gap is usual up to
@@ -80,15 +80,15 @@ def span_visited(q_rad: Array) -> AnglesSeen:
         starts = angle[begins] - reach
         ends = angle[np.append(begins[1:], True)] + reach
         stretches.append(np.column_stack([starts, ends]))
-    return AnglesSeen(tuple(stretches), (False,) * q_rad.shape[1])
+    return AngleCoverage(tuple(stretches), (False,) * q_rad.shape[1])
 
 
-def nothing_seen(joints: int) -> AnglesSeen:
+def nothing_seen(joints: int) -> AngleCoverage:
     """Return that no position of any joint was seen."""
-    return AnglesSeen((np.zeros((0, 2)),) * joints, (False,) * joints)
+    return AngleCoverage((np.zeros((0, 2)),) * joints, (False,) * joints)
 
 
-def angles_seen(q_rad: Array, turns: NDArray[np.bool_] | None = None) -> AnglesSeen:
+def angles_seen(q_rad: Array, turns: NDArray[np.bool_] | None = None) -> AngleCoverage:
     """Return the angles that poses (P, n) of a fit have seen.
 
     Args:
@@ -96,7 +96,7 @@ def angles_seen(q_rad: Array, turns: NDArray[np.bool_] | None = None) -> AnglesS
             counts, between which what a model without maps has learnt holds. None where none does.
     """
     turns = np.zeros(q_rad.shape[1], dtype=bool) if turns is None else turns
-    return AnglesSeen(
+    return AngleCoverage(
         tuple(
             _stretches(q) if turning else np.array([[q.min(), q.max()]])
             for q, turning in zip(q_rad.T, turns, strict=True)

@@ -123,7 +123,7 @@ def _searched(
     Where the model falls back, they are those of what it falls back to.
     """
     seeds, asked = _seeds(model, len(T), seed)
-    search = _Search(Forward.of(model, frame), T, given)
+    search = _InverseSearch(Forward.of(model, frame), T, given)
     if search.branches is None:
         q, other = search.along(seeds)
     else:
@@ -197,7 +197,7 @@ def _middle(model: Fitted) -> Array:
     return np.clip(middle, *arm.limits_rad.T)
 
 
-class _Search:
+class _InverseSearch:
     """Searches for N poses of one frame.
 
     Attributes:

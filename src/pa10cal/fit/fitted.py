@@ -17,16 +17,16 @@ from pa10cal.arm.exports import Angles, controller_columns
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Comparison, Deviations
 from pa10cal.results.health import Health, InputFinding
-from pa10cal.results.record import Campaign
+from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OfCampaign, is_constant, of_campaign
-from pa10cal.terms.term import Parameter, Report, Term
+from pa10cal.terms.term import Report, Term, TermParameter
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,7 +56,9 @@ class FittedTo:
     loads_N: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, poses: Observations, load: str, health: Health, campaign: Campaign) -> FittedTo:
+    def of(
+        cls, poses: Observations, load: str, health: Health, campaign: CampaignIdentity
+    ) -> FittedTo:
         """Return it of the poses fitted, of a load case and of its health."""
         states = poses.states
         return cls(
@@ -110,7 +112,7 @@ class Prediction:
 class FallBack:
     """What a model falls back to outside the joint positions in which its effects hold."""
 
-    within: AnglesSeen  # joint positions in which they hold
+    within: AngleCoverage  # joint positions in which they hold
     # the model without them, of the same arm and measured by the same instrument
     model: Fitted
 
@@ -200,7 +202,7 @@ class Fitted:
     # what the arm carried, which springs and bending links need; None where not known
     payload: Payload | None = None
     fitted_to: FittedTo | None = None  # what it was fitted to, or None
-    seen: AnglesSeen | None = None  # joint positions seen by the fit, or None
+    seen: AngleCoverage | None = None  # joint positions seen by the fit, or None
     # where its effects do not hold, and what is predicted there; None where they hold everywhere
     falls_back: FallBack | None = None
 
@@ -248,7 +250,7 @@ class Fitted:
         own = report.jacobian @ self.covariance[columns, columns] @ report.jacobian.T
         return report, np.sqrt(np.maximum(np.diag(own), 0.0))
 
-    def every_reported(self) -> Iterator[tuple[Term, Parameter, float, float]]:
+    def every_reported(self) -> Iterator[tuple[Term, TermParameter, float, float]]:
         """Yield what readers know of all terms: parameter, value, standard uncertainty."""
         for term in self.model.terms:
             report, std = self.reported(term)

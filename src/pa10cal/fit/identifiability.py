@@ -9,7 +9,7 @@ from scipy.linalg import qr
 
 from pa10cal.arrays import Array
 from pa10cal.results.calibration import Observability
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 #: Singular values below this part of the largest belong to directions without any effect: exact
 #: null directions come out near 1e-16, the weakest real ones above 1e-6.
@@ -39,7 +39,7 @@ def identify(jacobian: Array, scale: Array) -> Identifiability:
 
 
 def unidentified_directions(
-    identifiability: Identifiability, parameters: tuple[Parameter, ...]
+    identifiability: Identifiability, parameters: tuple[TermParameter, ...]
 ) -> tuple[dict[str, float], ...]:
     """Name the null directions, each by as few parameters as the null space allows.
 
@@ -64,7 +64,7 @@ def unidentified_directions(
 
 
 def not_identifiable(
-    identifiability: Identifiability, parameters: tuple[Parameter, ...]
+    identifiability: Identifiability, parameters: tuple[TermParameter, ...]
 ) -> frozenset[str]:
     """Return the names of the parameters that take part in a null direction."""
     share = np.linalg.norm(identifiability.null_space, axis=1)

@@ -17,7 +17,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FLANGE, FallBack, Fitted, FittedTo
 from pa10cal.fit.forward import T_flange_frame
 from pa10cal.results.health import InputFinding
@@ -193,15 +193,15 @@ def model_from_plain(
         ) from None
 
 
-def _seen_to_plain(seen: AnglesSeen) -> list[dict[str, Any]]:
+def _seen_to_plain(seen: AngleCoverage) -> list[dict[str, Any]]:
     return [
         {"turns": turns, "intervals": stretches.tolist()}
         for stretches, turns in zip(seen.intervals, seen.turns, strict=True)
     ]
 
 
-def _seen_from_plain(content: Any) -> AnglesSeen:
-    return AnglesSeen(
+def _seen_from_plain(content: Any) -> AngleCoverage:
+    return AngleCoverage(
         tuple(np.array(joint["intervals"], dtype=float).reshape(-1, 2) for joint in content),
         tuple(bool(joint["turns"]) for joint in content),
     )

@@ -14,7 +14,7 @@ from pa10cal.arrays import Array
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Problem:
         return self.observations.measured
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[TermParameter, ...]:
         """Return all k unknowns, those of the model first."""
         everywhere = self.measured.target_parameters
         return (*self.model.parameters, *(everywhere[k] for k in self.places))
@@ -119,7 +119,7 @@ _JITTER = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Expected:
+class GaussianPrior:
     """The first k unknowns of a fit are normally distributed."""
 
     mean: Array  # (k,) where they are expected
@@ -134,7 +134,7 @@ class Expected:
         inverse: Array = cho_solve(cho_factor(unit), np.eye(len(size))) / np.outer(size, size)
         return 0.5 * (inverse + inverse.T)
 
-    def widened(self, directions: Array) -> Expected:
+    def widened(self, directions: Array) -> GaussianPrior:
         """Return the same, but for further variance along directions (k, r) of standard size."""
         return replace(self, covariance=self.covariance + directions @ directions.T)
 
@@ -147,7 +147,7 @@ class Disagreement:
     known: Array  # (k, k) covariance of the pull where nothing moved: K^-1 as far as it is seen
 
     @classmethod
-    def of_fit(cls, expected: Expected, x: Array, covariance: Array) -> Disagreement:
+    def of_fit(cls, expected: GaussianPrior, x: Array, covariance: Array) -> Disagreement:
         """Return how a fit disagrees with what was expected.
 
         Args:

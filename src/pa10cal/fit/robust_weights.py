@@ -35,7 +35,7 @@ _HALF_WIDTH_95 = float(ndtri(0.975))
 
 
 @dataclass(frozen=True)
-class Scatter:
+class ExcessScatter:
     """What residuals show beyond the stated uncertainty, by kind of component."""
 
     size: dict[str, float]  # standard deviation of it [m, rad]
@@ -43,14 +43,14 @@ class Scatter:
     # degrees of freedom: readings that it was estimated from, less their leverage
     dof: dict[str, float]
 
-    def is_about(self, other: Scatter) -> bool:
+    def is_about(self, other: ExcessScatter) -> bool:
         """Return whether only small parts of it have changed."""
         return all(
             abs(size - other.size[kind]) <= _SAME_SCATTER * max(size, self.stated[kind])
             for kind, size in self.size.items()
         )
 
-    def halfway(self, other: Scatter) -> Scatter:
+    def halfway(self, other: ExcessScatter) -> ExcessScatter:
         """Return the scatter whose variances are the means of both."""
         between = {
             kind: float(np.sqrt(0.5 * (size**2 + other.size[kind] ** 2)))
@@ -92,7 +92,9 @@ class WeightedRows:
     whitener: Array  # (P, b, b) that makes stated errors and scatter independent and of unit size
 
 
-def weighted_rows(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) -> WeightedRows:
+def weighted_rows(
+    problem: Problem, rows: Rows, scatter: ExcessScatter, robust: bool
+) -> WeightedRows:
     """Weigh the rows of a problem; where it is robust, poses far outside the scatter less."""
     whitener = _whitener(problem, scatter.size)
     white = np.einsum("pij,pj->pi", whitener, rows.residual)
@@ -161,7 +163,7 @@ def _whitener(problem: Problem, scatter: dict[str, float]) -> Array:
     return whitener
 
 
-def first_scatter(problem: Problem, rows: Rows) -> Scatter:
+def first_scatter(problem: Problem, rows: Rows) -> ExcessScatter:
     """Return a scatter to start with, estimated at the start and robust to outliers."""
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
     found, stated = {}, {}
@@ -169,12 +171,12 @@ def first_scatter(problem: Problem, rows: Rows) -> Scatter:
         seen = problem.components_seen[:, columns]
         found[kind] = float(np.median(np.abs(rows.residual[:, columns][seen])) / 0.6745)
         stated[kind] = float(np.sqrt(variances[:, columns][seen].mean()))
-    return Scatter(found, stated, dict.fromkeys(found, 0.0))
+    return ExcessScatter(found, stated, dict.fromkeys(found, 0.0))
 
 
 def refreshed(
-    problem: Problem, rows: Rows, weighted: WeightedRows, parts: Array, before: Scatter
-) -> Scatter:
+    problem: Problem, rows: Rows, weighted: WeightedRows, parts: Array, before: ExcessScatter
+) -> ExcessScatter:
     """Return the scatter of each kind that residuals show beyond what the instrument states.
 
     A residual is smaller than its error by the leverage. Components
@@ -202,7 +204,7 @@ def refreshed(
         if dof[kind] > 1.0:
             excess = float(np.sum(precise * over) / np.sum(precise * left))
             sizes[kind] = float(np.sqrt(max(0.0, excess)))
-    return Scatter(sizes, before.stated, dof)
+    return ExcessScatter(sizes, before.stated, dof)
 
 
 # How far residuals lie outside what their own distribution makes: the heaviness of right data's

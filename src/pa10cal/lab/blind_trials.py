@@ -29,7 +29,12 @@ from pa10cal.evaluation.options import ChainOptions, EvaluationOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import models_of
 from pa10cal.lab.blind_trial import DRIVES, SORTED, TRACKED, UNSTATED, WILD
-from pa10cal.lab.cell.campaign import Campaign, measure_campaign, robot_of, simulate_campaign
+from pa10cal.lab.cell.campaign import (
+    SimulatedCampaign,
+    measure_campaign,
+    robot_of,
+    simulate_campaign,
+)
 from pa10cal.lab.cell.disturbances import DISTURBANCES
 from pa10cal.lab.cell.effects.vocabulary import make_effects
 from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
@@ -49,7 +54,7 @@ from pa10cal.results.trials import (
     TrialTruthRecord,
     TrialVerdictRecord,
 )
-from pa10cal.stages.pipeline import Places, Stage, stages
+from pa10cal.stages.pipeline import CampaignFiles, Stage, stages
 from pa10cal.terms.joint_spring import JointSpring
 
 Measured = Literal["touched", "tracked", "points_one", "points_three", "distance", "wild", "drives"]
@@ -300,8 +305,8 @@ def judged_by_stages(
     left_out = set(_suspected(calibration))
     for folder in folders:
         own = results if len(folders) == 1 else results.with_name(folder.name)
-        left_out |= set(_quarantined(folder, Places(own).quarantine))
-    return read(VerdictRecord, Places(results).verdict), tuple(sorted(left_out))
+        left_out |= set(_quarantined(folder, CampaignFiles(own).quarantine))
+    return read(VerdictRecord, CampaignFiles(results).verdict), tuple(sorted(left_out))
 
 
 def _judged(
@@ -387,7 +392,7 @@ class AfterGeometry:
     noise_mm: float  # what noise moves positions by, likewise, averaged over repeats
 
 
-def after_geometry(made: Campaign, without: Sequence[Campaign]) -> AfterGeometry:
+def after_geometry(made: SimulatedCampaign, without: Sequence[SimulatedCampaign]) -> AfterGeometry:
     """Return what the effects of a campaign leave.
 
     Args:
@@ -397,7 +402,7 @@ def after_geometry(made: Campaign, without: Sequence[Campaign]) -> AfterGeometry
     plan = made.settings.without_touches
     if plan is None:
         raise ValueError("touched balls are not refitted here")
-    readings = _Readings(made, plan)
+    readings = _TrialReadings(made, plan)
     basis = readings.geometry()
     moved = [readings.difference(each) for each in without]
     left = [_less(each, basis) for each in moved]
@@ -412,17 +417,17 @@ def after_geometry(made: Campaign, without: Sequence[Campaign]) -> AfterGeometry
     )
 
 
-class _Readings:
+class _TrialReadings:
     """Readings of every calibration pose once, in the base's frame, in units of their noise."""
 
-    def __init__(self, made: Campaign, plan: TrackerOptions) -> None:
+    def __init__(self, made: SimulatedCampaign, plan: TrackerOptions) -> None:
         schedule = made.truth.schedule
         self._made, self._plan = made, plan
         self._rows = np.flatnonzero((schedule.kind == "grid") & (schedule.repeat == 1))
         self._turns = plan.instrument == "pose"
         self._p_m, self._R = self._read(made)
 
-    def difference(self, other: Campaign) -> Array:
+    def difference(self, other: SimulatedCampaign) -> Array:
         """Return by how much readings differ from those of a twin, one long vector."""
         p_m, R = self._read(other)
         turned = Rotation.from_matrix(self._R @ R.transpose(0, 2, 1)).as_rotvec()
@@ -448,7 +453,7 @@ class _Readings:
         noise_mm2 = 3.0 * self._plan.position_mm**2 + links_mm2
         return float(np.sqrt(noise_mm2 / self._plan.repeats))
 
-    def _read(self, made: Campaign) -> tuple[Array, Array]:
+    def _read(self, made: SimulatedCampaign) -> tuple[Array, Array]:
         """Return positions (P, B, 3) [m] and orientations (P, 3, 3), as read without noise."""
         truth, robot = made.truth, made.truth.robot
         T = truth.rest.T_base_ee[self._rows]

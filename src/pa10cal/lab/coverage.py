@@ -22,7 +22,7 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.problem import Unknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.paper import parameter_records
-from pa10cal.evaluation.options import CoverageCase, CoverageOptions
+from pa10cal.evaluation.options import CoverageCaseOptions, CoverageOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.lab import simulated
 from pa10cal.lab.cell.campaign import simulate_campaign
@@ -152,7 +152,7 @@ class _Scores:
 
 
 def _general_model(
-    case: CoverageCase, options: CoverageOptions, calibration: CalibrationOptions
+    case: CoverageCaseOptions, options: CoverageOptions, calibration: CalibrationOptions
 ) -> results.CoverageCase:
     """Compute one case of the general model."""
     targets = f"{case.targets} target{'s' if case.targets > 1 else ''}"
@@ -185,7 +185,10 @@ def _general_model(
 
 
 def _scores(
-    case: CoverageCase, options: CoverageOptions, calibration: CalibrationOptions, any_way: bool
+    case: CoverageCaseOptions,
+    options: CoverageOptions,
+    calibration: CalibrationOptions,
+    any_way: bool,
 ) -> _Scores:
     """Simulate and calibrate the campaigns of a case; score parameters and predictions."""
     arm, plan = load_arm(case.robot), _plan(case, options)
@@ -220,11 +223,11 @@ def _scores(
 
 def _seen(robot: Robot, plan: TrackerOptions, seed: int) -> tuple[Observations, Start]:
     """Measure a robot, and return what a calibration starts from."""
-    seen = simulated.observations_of(simulated.measured(robot, plan, seed))
+    seen = simulated.observations_of(simulated.measure(robot, plan, seed))
     return seen, find_start(robot.arm, seen)
 
 
-def _plan(case: CoverageCase, options: CoverageOptions) -> TrackerOptions:
+def _plan(case: CoverageCaseOptions, options: CoverageOptions) -> TrackerOptions:
     return TrackerOptions(
         instrument=case.instrument,
         poses=options.poses,

@@ -23,7 +23,7 @@ from pa10cal.calibration.general.problem import Unknowns
 from pa10cal.campaign import read
 from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.fit.loads import with_torques
-from pa10cal.lab.cell.campaign import Campaign, measure_campaign
+from pa10cal.lab.cell.campaign import SimulatedCampaign, measure_campaign
 from pa10cal.lab.cell.individual import draw_individual
 from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.lab.cell.robot import GRAVITY_M_S2, Departures, Mechanism, Robot
@@ -41,20 +41,20 @@ _TEMPERATURE_C = 20.0
 _EXACT = {"position_mm": 1e-5, "attitude_rad": 1e-8, "unseen_share": 0.0}
 
 
-def measured(robot: Robot, plan: TrackerOptions, random_seed: int) -> Campaign:
+def measure(robot: Robot, plan: TrackerOptions, random_seed: int) -> SimulatedCampaign:
     """Measure a robot with a tracker, nothing hidden; see `cell.campaign.measure_campaign`."""
     options = SimulateOptions(random_seed=random_seed, without_touches=plan)
     return measure_campaign("simulated", options, robot)
 
 
-def as_read(made: Campaign) -> read.Campaign:
+def as_read(made: SimulatedCampaign) -> read.Campaign:
     """Return a campaign as it is read from its files."""
     with tempfile.TemporaryDirectory() as folder:
         write_campaign(made, Path(folder) / "raw")
         return read.read_campaign(Path(folder) / "raw")
 
 
-def observations_of(campaign: Campaign) -> Observations:
+def observations_of(campaign: SimulatedCampaign) -> Observations:
     """Return what the estimator takes of a campaign in which nothing is repeated."""
     table, arm = campaign.tables["poses"], campaign.truth.robot.arm
     q = np.column_stack(
@@ -92,7 +92,7 @@ def exact_observations(
 ) -> Observations:
     """Return other poses of an individual, seen all but exactly."""
     wanted = plan.model_copy(update={"poses": poses, **_EXACT})
-    return observations_of(measured(individual, wanted, random_seed))
+    return observations_of(measure(individual, wanted, random_seed))
 
 
 def payload_of_individual(individual: Robot) -> Payload | None:

@@ -41,7 +41,7 @@ _ARRIVED = 1e-10  # metres and radians
 
 
 @dataclass(frozen=True)
-class Places:
+class PlanePositions:
     """Reachable places in a plane."""
 
     p_base_m: Array  # (P, 2) x and y of the flange in the base frame
@@ -55,7 +55,7 @@ def draw_places(
     reach_m: tuple[float, float],
     count: int,
     source: np.random.Generator,
-) -> Places:
+) -> PlanePositions:
     """Draw places uniformly by area between the two reaches until `count` can be reached.
 
     Raises:
@@ -83,7 +83,7 @@ def draw_places(
         drawn += _BATCH
         found += int(postures.reached.sum())
     kept = np.flatnonzero(np.concatenate(reached))[:count]
-    return Places(
+    return PlanePositions(
         p_base_m=np.concatenate(points)[kept],
         q_rad=np.concatenate(joints)[kept],
         rejected=int(kept[-1]) + 1 - count,
@@ -92,7 +92,7 @@ def draw_places(
 
 def grid_places(
     chain: Chain, reference: Reference, reach_m: tuple[float, float], spacing_m: float
-) -> Places:
+) -> PlanePositions:
     """Return the reachable places of a square grid through the base axis.
 
     Raises:
@@ -117,7 +117,7 @@ def grid_places(
         for part in parts
     ]
     reached = np.concatenate([part.reached for part in postures])
-    return Places(
+    return PlanePositions(
         p_base_m=points[reached],
         q_rad=np.concatenate([part.q_rad for part in postures])[reached],
         rejected=int((~reached).sum()),
@@ -135,7 +135,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class Postures:
+class PlanePostures:
     """Joint positions for P places."""
 
     q_rad: Array  # (P, n) joint positions; meaningless where not reached
@@ -182,7 +182,9 @@ def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, floa
     )
 
 
-def follow(chain: Chain, reference: Reference, radius_m: Array, azimuth_rad: Array) -> Postures:
+def follow(
+    chain: Chain, reference: Reference, radius_m: Array, azimuth_rad: Array
+) -> PlanePostures:
     """Carry the reference's posture to P places at its height, given by radius and azimuth."""
     low, high = chain.arm.limits_rad.T
     q_rad = np.tile(reference.q_rad, (len(radius_m), 1))
@@ -193,7 +195,7 @@ def follow(chain: Chain, reference: Reference, radius_m: Array, azimuth_rad: Arr
             residual, jacobian = _residual(chain, q_rad, place, attitude)
             q_rad = _step(q_rad, residual, jacobian, low, high)
     residual, _ = _residual(chain, q_rad, place, attitude)
-    return Postures(q_rad, np.abs(residual).max(axis=1) < _ARRIVED)
+    return PlanePostures(q_rad, np.abs(residual).max(axis=1) < _ARRIVED)
 
 
 def _targets(reference: Reference, radius_m: Array, azimuth_rad: Array) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ _SAFE = 1e-6
 
 
 @dataclass(frozen=True)
-class Exchanged:
+class ExchangeResult:
     """Poses chosen by exchange."""
 
     chosen: Index  # (n,) rows, in no order that means anything
@@ -114,7 +114,7 @@ class Information:
         self.log_det += 2.0 * float(np.log(np.diag(root)).sum())
 
 
-class Separation(Information):
+class SeparationCriterion(Information):
     """Log evidence expected for an effect against all that may be adjusted in its place.
 
     What cannot be followed of an effect has a sum of squares S: the inverse of the variance that
@@ -228,7 +228,7 @@ def one_by_one(
 
 def exchange(
     criterion: Criterion, start: Sequence[int] | Index, *, most_sweeps: int = 20
-) -> Exchanged:
+) -> ExchangeResult:
     """Exchange poses for better candidates until none is left that gains anything.
 
     Every pose in turn is taken out, and the candidate put in its place that the criterion gains
@@ -262,4 +262,4 @@ def exchange(
                 criterion.restart(chosen)
         if not better:
             break
-    return Exchanged(chosen, tuple(values))
+    return ExchangeResult(chosen, tuple(values))

@@ -30,7 +30,7 @@ from pa10cal.observe.quantities import (
     by_end_and_targets,
     carried_targets,
 )
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 _RAW = "d_mm"
 _UNNAMED = "target"
@@ -84,7 +84,7 @@ class Distance(Instrument):
         return Distance(d_m, np.full(len(d_m), stated.uncertainty_m), name, place_m)
 
     @override
-    def moved(self, T: Array) -> Self:
+    def in_frame(self, T: Array) -> Self:
         return replace(self, p_instr_point_m=T[:3, :3] @ self.p_instr_point_m + T[:3, 3])
 
     @property
@@ -94,8 +94,8 @@ class Distance(Instrument):
 
     @property
     @override
-    def target_parameters(self) -> tuple[Parameter, ...]:
-        return tuple(Parameter(f"target_{axis}", "m", 1e-3) for axis in "xyz")
+    def target_parameters(self) -> tuple[TermParameter, ...]:
+        return tuple(TermParameter(f"target_{axis}", "m", 1e-3) for axis in "xyz")
 
     @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:

@@ -34,7 +34,7 @@ from pa10cal.observe.quantities import (
     by_end_and_targets,
     carried_targets,
 )
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 #: How the base is found before any calibration, as `seed/base_frame.json` has it.
 LocatingMethod = Literal[
@@ -100,7 +100,7 @@ class Instrument(ABC):
         return (self.kind,)
 
     @abstractmethod
-    def moved(self, T: Array) -> Self:
+    def in_frame(self, T: Array) -> Self:
         """Return what was measured, in a frame in which the instrument's stands at T (4, 4)."""
 
     def steadied(self, base: BaseTargets) -> Self:  # noqa: ARG002 - most see no target on the base
@@ -151,13 +151,13 @@ class Instrument(ABC):
         return ()
 
     @property
-    def target_parameters(self) -> tuple[Parameter, ...]:
+    def target_parameters(self) -> tuple[TermParameter, ...]:
         """Return the coordinates of targets in the end-effector frame that are unknowns of a fit.
 
         They are t = 3 a target, or none where the tool is part of the chain.
         """
         return tuple(
-            Parameter(f"target_{name}_{axis}".replace("__", "_"), "m", 1e-3)
+            TermParameter(f"target_{name}_{axis}".replace("__", "_"), "m", 1e-3)
             for name in self.target_names
             for axis in "xyz"
         )

@@ -30,7 +30,7 @@ from pa10cal.observe.quantities import (
     Words,
 )
 from pa10cal.terms.of_campaign import of_campaign
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 
 @dataclass(frozen=True)
@@ -171,8 +171,8 @@ class Joined(Instrument):
         return replace(self, parts=tuple(parts), campaign=campaign)
 
     @override
-    def moved(self, T: Array) -> Self:
-        return self._with(part.moved(T) for part in self.parts)
+    def in_frame(self, T: Array) -> Self:
+        return self._with(part.in_frame(T) for part in self.parts)
 
     @override
     def turned(self, R_ee_target: Array) -> Self:
@@ -206,7 +206,7 @@ class Joined(Instrument):
 
     @property
     @override
-    def target_parameters(self) -> tuple[Parameter, ...]:
+    def target_parameters(self) -> tuple[TermParameter, ...]:
         return tuple(
             replace(each, name=of_campaign(each.name, name))
             for name, part in self.campaigns
@@ -402,7 +402,7 @@ def join(members: Sequence[Member]) -> Observations[Joined]:
     for member in members:
         every, own = member.observations, member.start
         if own is not first:
-            measured = every.measured.moved(first.T_instr_base @ np.linalg.inv(own.T_instr_base))
+            measured = every.measured.in_frame(first.T_instr_base @ np.linalg.inv(own.T_instr_base))
             measured = measured.turned(first.R_ee_target.T @ own.R_ee_target)
             every = replace(every, measured=measured)
         every = with_arrivals(every)[0]

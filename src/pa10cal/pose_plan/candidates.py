@@ -41,7 +41,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start, Stated, by_end_and_targets, carried_targets
 from pa10cal.pose_plan.options import PlanOptions
 from pa10cal.terms.effects.effect import Effect, candidates
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 _MM = 1e-3
 #: There is something to choose among so many candidates for each pose.
@@ -153,10 +153,10 @@ def draw_candidates(arm: Arm, targets_m: Array, options: PlanOptions, least: int
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedRows:
     """Rows of N poses, those of all loads together."""
 
-    parameters: tuple[Parameter, ...]  # the k unknowns of the model
+    parameters: tuple[TermParameter, ...]  # the k unknowns of the model
     sizes: Array  # (k,) standard deviation thought possible of each
     # (N, b, k + e) rows of unit variance, each unknown in the size possible of it, each parameter
     # of an effect in its plausible one
@@ -232,7 +232,7 @@ def expect(
     q: Array,
     options: PlanOptions,
     calibration: CalibrationOptions,
-) -> Expected:
+) -> ExpectedRows:
     """Return the rows of poses.
 
     Args:
@@ -256,7 +256,7 @@ def expect(
     root = np.linalg.cholesky(problem.stated_covariance)
     white = np.linalg.solve(root, np.concatenate(columns, axis=2))
     unloaded = np.arange(0, len(white), loads)
-    return Expected(
+    return ExpectedRows(
         parameters=problem.parameters,
         sizes=sizes,
         white=white.reshape(len(q), -1, white.shape[2]),

@@ -19,7 +19,7 @@ from pa10cal.files.output import whole_files
 from pa10cal.numerics.exchange import (
     Combined,
     Criterion,
-    Exchanged,
+    ExchangeResult,
     Information,
     covariance_root,
     exchange,
@@ -27,7 +27,7 @@ from pa10cal.numerics.exchange import (
 )
 from pa10cal.observe.instrument import Instrument
 from pa10cal.pose_plan.candidates import (
-    Expected,
+    ExpectedRows,
     draw_candidates,
     expect,
     instrument_named,
@@ -111,7 +111,7 @@ def plan_poses(
     return _planned(arm, kind, options, candidates, rows, found.chosen[order], found.values)
 
 
-def _choose(rows: Expected, poses: int, effects: float) -> Exchanged:
+def _choose(rows: ExpectedRows, poses: int, effects: float) -> ExchangeResult:
     """Choose poses.
 
     The criterion is the log determinant of the information about the model's parameters, and that
@@ -135,7 +135,7 @@ def _planned(
     kind: type[Instrument],
     options: PlanOptions,
     candidates: Candidates,
-    rows: Expected,
+    rows: ExpectedRows,
     chosen: Index,
     values: tuple[float, ...],
 ) -> PosePlan:
@@ -202,7 +202,7 @@ def rms_mm(tool: Array, covariance: Array) -> float:
     return float(np.sqrt(np.mean(_u_mm(tool, covariance) ** 2)))
 
 
-def _effects(rows: Expected, chosen: Index) -> tuple[records.ExpectedEffect, ...]:
+def _effects(rows: ExpectedRows, chosen: Index) -> tuple[records.ExpectedEffect, ...]:
     """Return how well each effect would show, alone and among all others."""
     if not rows.effects:
         return ()

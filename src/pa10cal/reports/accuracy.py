@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from pa10cal.reports import pictures
-from pa10cal.reports.blocks import Beside, Block, Callout, Grid, Paragraph, folded, grid
+from pa10cal.reports.blocks import Beside, Callout, Grid, PageBlock, Paragraph, folded, grid
 from pa10cal.reports.errors import (
     ALL,
     FITTED,
@@ -38,7 +38,7 @@ from pa10cal.results.evaluation import (
 )
 
 
-def accuracy(results: ResultsBundle) -> Iterator[Block]:
+def accuracy(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield what calibration and effects gained."""
     ends = headline(results)
     if ends is None:
@@ -163,7 +163,7 @@ _GROUPS = (
 )
 
 
-def parameters(results: ResultsBundle) -> Iterator[Block]:
+def parameters(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield the parameters of the model that is exported."""
     case = results.calibration
     if case is None:
@@ -291,7 +291,7 @@ _STANDARD_REPEATS = 30
 _MOST_ROWS = 120
 
 
-def repeats(results: ResultsBundle) -> Iterator[Block]:
+def repeats(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield accuracy and repeatability of the poses that were repeated."""
     record = results.iso9283
     if record is None:

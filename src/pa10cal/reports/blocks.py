@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Block:
+class PageBlock:
     """A part of a section."""
 
     @property
@@ -21,7 +21,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Paragraph(Block):
+class Paragraph(PageBlock):
     """A paragraph."""
 
     text: str
@@ -29,7 +29,7 @@ class Paragraph(Block):
 
 
 @dataclass(frozen=True)
-class Callout(Block):
+class Callout(PageBlock):
     """A sentence that stands out, with a word that says why."""
 
     word: Literal["warning", "missing", "note"]
@@ -37,28 +37,28 @@ class Callout(Block):
 
 
 @dataclass(frozen=True)
-class Facts(Block):
+class Facts(PageBlock):
     """Names and what they are."""
 
     rows: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
-class Items(Block):
+class Items(PageBlock):
     """A list of sentences."""
 
     texts: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Links(Block):
+class Links(PageBlock):
     """Other pages: path from this page, and what is there."""
 
     rows: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
-class Grid(Block):
+class Grid(PageBlock):
     """A table."""
 
     caption: str  # what the rows are
@@ -68,7 +68,7 @@ class Grid(Block):
 
 
 @dataclass(frozen=True)
-class Code(Block):
+class Code(PageBlock):
     """Something to type."""
 
     caption: str  # what it does
@@ -76,7 +76,7 @@ class Code(Block):
 
 
 @dataclass(frozen=True)
-class Drawing(Block):
+class Drawing(PageBlock):
     """A figure of plotly."""
 
     figure: Figure
@@ -87,7 +87,7 @@ class Drawing(Block):
 
 
 @dataclass(frozen=True)
-class Image(Block):
+class Image(PageBlock):
     """A picture that lies among the results as a file."""
 
     source: str  # the file as a data URI
@@ -98,27 +98,27 @@ class Image(Block):
 
 
 @dataclass(frozen=True)
-class Beside(Block):
+class Beside(PageBlock):
     """Figures side by side where there is room."""
 
     drawings: tuple[Drawing, ...]
 
 
 @dataclass(frozen=True)
-class Folded(Block):
+class Folded(PageBlock):
     """What few readers need, unfolded by them."""
 
     summary: str  # what is inside
-    blocks: tuple[Block, ...]
+    blocks: tuple[PageBlock, ...]
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A section of the page."""
 
     id: str  # of its element in the page
     title: str  # its heading
-    blocks: tuple[Block, ...]  # in the order of reading
+    blocks: tuple[PageBlock, ...]  # in the order of reading
 
 
 def grid(

@@ -124,7 +124,7 @@ def count(number: int, one: str, many: str | None = None) -> str:
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
-class Kind(NamedTuple):
+class ParameterKind(NamedTuple):
     """Parameters of one kind, one a joint."""
 
     symbol: str  # as the paper writes it; of a spring the name in results
@@ -135,13 +135,13 @@ class Kind(NamedTuple):
 
 #: By what begins their names in results.
 KINDS = {
-    "delta_a": Kind("δa", "mm", 1e3, ".3f"),
-    "delta_alpha": Kind("δα", "mrad", 1e3, ".3f"),
-    "delta_d": Kind("δd", "mm", 1e3, ".3f"),
-    "delta_beta": Kind("δβ", "mrad", 1e3, ".3f"),
-    "delta_theta": Kind("δθ", "mrad", 1e3, ".3f"),
-    "K_lin": Kind("K_lin", "kN m/rad", 1e-3, ".2f"),
-    "K_cub": Kind("K_cub", "MN m/rad³", 1e-6, ".1f"),
+    "delta_a": ParameterKind("δa", "mm", 1e3, ".3f"),
+    "delta_alpha": ParameterKind("δα", "mrad", 1e3, ".3f"),
+    "delta_d": ParameterKind("δd", "mm", 1e3, ".3f"),
+    "delta_beta": ParameterKind("δβ", "mrad", 1e3, ".3f"),
+    "delta_theta": ParameterKind("δθ", "mrad", 1e3, ".3f"),
+    "K_lin": ParameterKind("K_lin", "kN m/rad", 1e-3, ".2f"),
+    "K_cub": ParameterKind("K_cub", "MN m/rad³", 1e-6, ".1f"),
 }
 #: The base frame: the instrument's origin in it, and the turns to the instrument's axes.
 _FRAME = {f"base_p_cmm_{axis}": f"p_{axis}" for axis in "xyz"}

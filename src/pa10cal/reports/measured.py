@@ -9,12 +9,12 @@ import numpy as np
 
 from pa10cal.reports.blocks import (
     Beside,
-    Block,
     Callout,
     Code,
     Facts,
     Folded,
     Items,
+    PageBlock,
     Paragraph,
     grid,
 )
@@ -43,7 +43,7 @@ _FRAMES = {
 _NOT_SOUGHT = "; rows give an order alone, and no step, drift or wander is sought"
 
 
-def measured(results: ResultsBundle) -> Iterator[Block]:
+def measurement_section(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield what was measured, and where the data come from."""
     facts, poses, frame = [("Campaign", results.campaign)], results.poses, results.base_frame
     words = None if results.provenance is None else " ".join(results.provenance.split())
@@ -170,7 +170,7 @@ _FILES = {
 _COMMAND = "pa10cal {} --model " + MODEL + " \\\n  --{} {}.csv --out {}.csv --frame tool"
 
 
-def use(results: ResultsBundle) -> Iterator[Block]:
+def use(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield what to type to predict and to compensate."""
     if results.model is None:
         yield Callout("missing", results.why_absent(MODEL))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pa10cal.reports.blocks import Beside, Block, Callout, Items, Paragraph, grid
+from pa10cal.reports.blocks import Beside, Callout, Items, PageBlock, Paragraph, grid
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     listed,
@@ -36,7 +36,7 @@ _MEANINGS = {
 _MOST_PARAMETERS = 6
 
 
-def errors_by_angle(results: ResultsBundle) -> Iterator[Block]:
+def errors_by_angle(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield the error of each joint over its angle, where one was found."""
     if results.verdict is None:
         return
@@ -63,7 +63,7 @@ def errors_by_angle(results: ResultsBundle) -> Iterator[Block]:
         yield Beside(campaigns)
 
 
-def grade(results: ResultsBundle) -> Iterator[Block]:
+def grade(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield the grade with its sentence, and what it stands on."""
     if results.calibration is None:
         yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
@@ -97,7 +97,7 @@ def grade_sentence(health: Health) -> str:
     return _GRADES[health.grade]
 
 
-def verdict(results: ResultsBundle) -> Iterator[Block]:
+def verdict(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield what is missing from the model, or wrong with the log."""
     record = results.verdict
     if record is None:
@@ -150,7 +150,7 @@ def verdict(results: ResultsBundle) -> Iterator[Block]:
         )
 
 
-def _effects_grid(results: ResultsBundle, record: VerdictRecord) -> Block:
+def _effects_grid(results: ResultsBundle, record: VerdictRecord) -> PageBlock:
     """Return the effects found: formula from the fitted model, and what each takes away."""
     terms = results.extended.fitted_model.get("terms") if results.extended is not None else None
     formulas = {

@@ -19,20 +19,20 @@ from pa10cal.files.output import write_text
 from pa10cal.reports.accuracy import accuracy, parameters, repeats
 from pa10cal.reports.blocks import (
     Beside,
-    Block,
     Callout,
     Drawing,
     Folded,
     Image,
     Links,
+    PageBlock,
+    PageSection,
     Paragraph,
-    Section,
     folded,
     grid,
 )
 from pa10cal.reports.errors import headline
 from pa10cal.reports.formatting import count, mm
-from pa10cal.reports.measured import measured, use
+from pa10cal.reports.measured import measurement_section, use
 from pa10cal.reports.outcome import errors_by_angle, grade, grade_sentence, verdict, verdict_glance
 from pa10cal.reports.pictures import fleet_drawing
 from pa10cal.reports.residuals import residuals
@@ -45,7 +45,7 @@ from pa10cal.results.fleet import FleetCampaign, FleetRecord, PicturesRecord
 #: The sections in the order of reading: id in the page, heading, and what yields their blocks.
 SECTIONS = (
     ("angles", "Error of each joint over its angle", errors_by_angle),
-    ("measured", "What was measured", measured),
+    ("measured", "What was measured", measurement_section),
     ("grade", "Grade of the calibration", grade),
     ("verdict", "Verdict: what the model lacks", verdict),
     ("accuracy", "Before and after", accuracy),
@@ -98,7 +98,7 @@ def page_text(results: ResultsBundle) -> str:
     """Return the page of a campaign as HTML, everything in it that it needs."""
     said: set[str] = set()
 
-    def says_more(block: Block) -> bool:
+    def says_more(block: PageBlock) -> bool:
         """Say whether a block is not a reason why a result is missing that was given before.
 
         Where a stage has refused, its message alone says why all that follows it is missing.
@@ -112,7 +112,7 @@ def page_text(results: ResultsBundle) -> str:
         return True
 
     sections = [
-        Section(
+        PageSection(
             id,
             title,
             (*filter(says_more, blocks(results)), *images(results.pictures, results.folder, id)),
@@ -164,25 +164,25 @@ def _glances(results: ResultsBundle) -> Iterator[Glance]:
 def _overview_text(folder: Path, pages: Sequence[Path]) -> str:
     """Return the page of all results: a link to every page, pictures and tables of studies."""
     links = tuple((str(page.relative_to(folder)), page.parent.name) for page in pages)
-    sections = [Section("campaigns", "Campaigns", (Links(links),))]
+    sections = [PageSection("campaigns", "Campaigns", (Links(links),))]
     for path in sorted(folder.rglob(PicturesRecord.FILE)):
         pictures = read(PicturesRecord, path)
         if pictures.campaign is None:
             name = str(path.parent.relative_to(folder))
-            blocks: list[Block] = [*images(pictures, path.parent, "")]
+            blocks: list[PageBlock] = [*images(pictures, path.parent, "")]
             for table, of in (pictures.captions or {}).items():
                 if (data := path.parent / f"tables/{table}.csv").exists():
                     with data.open(encoding="utf-8", newline="") as file:
                         header, *rows = csv.reader(file)
                     blocks += [grid(of.title, header, rows), Paragraph(of.text)]
-            sections.append(Section(name, name.replace("_", " "), tuple(blocks)))
+            sections.append(PageSection(name, name.replace("_", " "), tuple(blocks)))
     return _rendered("All results", [], sections, synthetic=False, over="Report")
 
 
 def _rendered(
     title: str,
     glances: Sequence[Glance],
-    sections: Sequence[Section],
+    sections: Sequence[PageSection],
     *,
     synthetic: bool,
     over: str = "Calibration report",
@@ -208,7 +208,7 @@ def _rendered(
         for ending in ("css", "js")
     )
 
-    def draws(blocks: Iterable[Block]) -> bool:
+    def draws(blocks: Iterable[PageBlock]) -> bool:
         return any(
             isinstance(block, Drawing | Beside)
             or (isinstance(block, Folded) and draws(block.blocks))
@@ -249,7 +249,7 @@ def fleet_page_text(fleet: FleetRecord) -> str:
     header = ("arm", "last campaign", "attention", "why")
     first = grid("The most urgent first", header, rows)
     sections = [
-        Section(
+        PageSection(
             "attention",
             "Arms that need attention",
             (first if urgent else Paragraph("No arm needs attention.", lead=True),),
@@ -261,11 +261,11 @@ def fleet_page_text(fleet: FleetRecord) -> str:
         Glance("Arms", str(len(fleet.arms)), f"{count(len(fleet.campaigns), 'campaign')} of them."),
         Glance("Need attention", str(len(urgent)), f"{', '.join(kinds) or 'None of them'}."),
     ]
-    if fleet.judged:
-        drawing = fleet_drawing(fleet.judged)
-        sections.append(Section("errors", "Errors before and after", (drawing,)))
+    if fleet.by_accuracy:
+        drawing = fleet_drawing(fleet.by_accuracy)
+        sections.append(PageSection("errors", "Errors before and after", (drawing,)))
         before, after = (
-            median(getattr(campaign.became, name) for campaign in fleet.judged)
+            median(getattr(campaign.became, name) for campaign in fleet.by_accuracy)
             for name in ("before_mm", "after_mm")
         )
         glances.append(
@@ -276,12 +276,12 @@ def fleet_page_text(fleet: FleetRecord) -> str:
                 "model.",
             )
         )
-    sections.append(Section("campaigns", "Every campaign", tuple(_campaigns(fleet.campaigns))))
+    sections.append(PageSection("campaigns", "Every campaign", tuple(_campaigns(fleet.campaigns))))
     synthetic = any(is_synthetic(each.became.provenance or "") for each in fleet.campaigns)
     return _rendered("Fleet", glances, sections, synthetic=synthetic, over="Fleet report")
 
 
-def _campaigns(campaigns: Sequence[FleetCampaign]) -> Iterator[Block]:
+def _campaigns(campaigns: Sequence[FleetCampaign]) -> Iterator[PageBlock]:
     lost = [each.campaign for each in campaigns if each.became.status != "done"]
     if lost:
         names = f"{', '.join(lost[:10])}{' …' * (len(lost) > 10)}"

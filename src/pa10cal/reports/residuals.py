@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Paragraph, grid
+from pa10cal.reports.blocks import Beside, Callout, Drawing, PageBlock, Paragraph, grid
 from pa10cal.reports.formatting import mm, sentence
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.theme import BLUE, VERMILLION, new_space
@@ -38,7 +38,7 @@ class _Field:
     residual_mm: dict[str, Array]  # (N, 3) by what the model is: `_BEFORE`, `_AFTER`
 
 
-def residuals(results: ResultsBundle) -> Iterator[Block]:
+def residuals(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield the residual field, before and after effects joined the model."""
     fields = list(_fields(results))
     if not fields:

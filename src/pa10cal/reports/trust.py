@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from pa10cal.reports.blocks import Beside, Block, Callout, Grid, Items, Paragraph, folded, grid
+from pa10cal.reports.blocks import Beside, Callout, Grid, Items, PageBlock, Paragraph, folded, grid
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     count,
@@ -23,7 +23,7 @@ from pa10cal.results import discovery
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 
 
-def trust(results: ResultsBundle) -> Iterator[Block]:
+def trust(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield what to check before the model is relied on."""
     case = results.calibration
     if case is None:
@@ -192,7 +192,7 @@ _UNSEEN = re.compile(r"angle of joint (\d+) not seen")
 _OF_JOINT = re.compile(r"\bjoint (\d+)")
 
 
-def missing(results: ResultsBundle) -> Iterator[Block]:
+def missing(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield what these data do not show."""
     yield from (Callout("missing", why) for why in results.absent.values())
     case, record = results.calibration, results.verdict
@@ -268,7 +268,7 @@ def _places(places: Sequence[str]) -> str:
     return ", ".join([f"joint{'s' * (len(joints) > 1)} {in_words}"] * bool(joints) + others)
 
 
-def next_poses(results: ResultsBundle) -> Iterator[Block]:
+def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield what to measure next, and what for."""
     if results.calibration is not None:
         poses = results.calibration.health.poses

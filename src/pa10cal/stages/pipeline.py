@@ -66,7 +66,7 @@ class Stage:
         return shlex.join(words)
 
 
-class Places:
+class CampaignFiles:
     """Where the results of a campaign lie."""
 
     def __init__(self, results: Path) -> None:
@@ -101,10 +101,10 @@ def stages(
         settings: sections of the stages.
         load: one load case alone; None for all.
     """
-    at, raw = Places(results), folders[0]
+    at, raw = CampaignFiles(results), folders[0]
     table = {"poses": at.poses, "quarantine": at.quarantine}
     if len(folders) > 1:
-        own = [Places(results.parent / folder.name) for folder in folders]
+        own = [CampaignFiles(results.parent / folder.name) for folder in folders]
         raw = at.poses.parent
         joined: dict[str, Any] = {
             "name": results.name,
@@ -167,7 +167,7 @@ def stages(
 
 def _calibrated(
     campaign: Mapping[str, Path],
-    at: Places,
+    at: CampaignFiles,
     settings: ChainOptions,
     load: str | None,
     *,

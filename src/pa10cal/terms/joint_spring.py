@@ -15,7 +15,7 @@ from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import OPTIONAL, Parameter, Report, link_departures
+from pa10cal.terms.term import OPTIONAL, Report, TermParameter, link_departures
 
 #: Sizes by which the solver scales, near the uncertainties of a good campaign.
 _WINDUP_SCALE_RAD = 1e-5
@@ -71,8 +71,8 @@ class JointSpring:
         return f"theta_{self.joint} -= delta, tau_{self.joint} = K_lin delta + K_cub delta^3"
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        windup = Parameter(
+    def parameters(self) -> tuple[TermParameter, ...]:
+        windup = TermParameter(
             f"windup_{self.joint}",
             "rad",
             _WINDUP_SCALE_RAD,
@@ -80,7 +80,7 @@ class JointSpring:
             upper=_SOFTEST_RAD,
             plausible=self.plausible_rad,
         )
-        share = Parameter(
+        share = TermParameter(
             f"cubic_share_{self.joint}", "1", _SHARE_SCALE, lower=0.0, upper=_LARGEST_SHARE
         )
         return (windup, share) if self.cubic else (windup,)
@@ -109,8 +109,8 @@ class JointSpring:
         windup, share = x[0], x[1] if self.cubic else 0.0
         tau = self.tau_ref_Nm
         names = (
-            Parameter(f"K_lin_{self.joint}", "N m/rad", 1e3),
-            Parameter(f"K_cub_{self.joint}", "N m/rad^3", 1e7),
+            TermParameter(f"K_lin_{self.joint}", "N m/rad", 1e3),
+            TermParameter(f"K_cub_{self.joint}", "N m/rad^3", 1e7),
         )
         values = tau * np.array([(1.0 - share) / windup, share / windup**3])
         jacobian = tau * np.array(

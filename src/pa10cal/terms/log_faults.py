@@ -18,7 +18,7 @@ from pa10cal.terms.effects.effect import (
     everywhere_but,
     static_loads_in,
 )
-from pa10cal.terms.term import Parameter, Term, TorqueOnly
+from pa10cal.terms.term import Term, TermParameter, TorqueOnly
 
 #: Part by which a load may well be misstated.
 _LOAD_PART = 0.1
@@ -43,7 +43,7 @@ class LogFault(Effect):
     kind: ClassVar[FaultKind]
 
     @abstractmethod
-    def told(self, x: Array, std: Array) -> FaultText:
+    def fault_text(self, x: Array, std: Array) -> FaultText:
         """Return it in words, by its reported parameters and their standard uncertainties."""
 
 
@@ -87,13 +87,13 @@ class LoadStated(WeightStated):
         return tuple(cls(f"load {load:g} N", calculated, load) for load in context.loads_N if load)
 
     words = "true load = (1 + part) {0.load_N:g} N"
-    reported = (Parameter("part", "1", 1e-2, plausible=_LOAD_PART),)
+    reported = (TermParameter("part", "1", 1e-2, plausible=_LOAD_PART),)
 
     def per_unit(self, states: PoseStates) -> Array:
         load_N = np.where(states.load_N == self.load_N, self.load_N, 0.0)
         return (load_N[:, None] * static_loads_in(states, self).by_load)[..., None]
 
-    def told(self, x: Array, std: Array) -> FaultText:
+    def fault_text(self, x: Array, std: Array) -> FaultText:
         true_N, std_N = self.load_N * (1.0 + x[0]), self.load_N * std[0]
         return FaultText(
             f"load_N = {self.load_N:g}",
@@ -120,17 +120,17 @@ class ToolStated(WeightStated):
     words = "true mass = stated + mass, true first moment = stated + moment"
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         """Return mass and first moment about the stated centre, along the flange's axes."""
-        mass = Parameter("mass", "kg", 1e-2, plausible=_TOOL_PART * self.tool_kg)
+        mass = TermParameter("mass", "kg", 1e-2, plausible=_TOOL_PART * self.tool_kg)
         size = _TOOL_M * self.tool_kg
-        return (mass, *(Parameter(f"moment_{k}", "kg m", 1e-3, plausible=size) for k in "xyz"))
+        return (mass, *(TermParameter(f"moment_{k}", "kg m", 1e-3, plausible=size) for k in "xyz"))
 
     def per_unit(self, states: PoseStates) -> Array:
         last = 4 * self.n
         return static_loads_in(states, self).by_weights[..., [last, last - 3, last - 2, last - 1]]
 
-    def told(self, x: Array, std: Array) -> FaultText:
+    def fault_text(self, x: Array, std: Array) -> FaultText:
         true_kg = self.tool_kg + x[0]
         off_mm = 1e3 * x[1:] / max(true_kg, 0.1 * self.tool_kg)
         axis = int(np.argmax(np.abs(off_mm)))

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_and_screws, end_pose_with_screws
+from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_and_screws
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.terms.term import (
-    Parameter,
     Report,
     Term,
+    TermParameter,
     Yielding,
     identity,
     shows_torque,
@@ -50,7 +50,7 @@ class Model:
     kept: Kept | None = field(default=None, compare=False, repr=False)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[TermParameter, ...]:
         """Return the parameters of all terms, in order."""
         return tuple(parameter for term in self.terms for parameter in term.parameters)
 
@@ -67,7 +67,10 @@ class Model:
         """Return predicted poses and their exact derivative by x."""
         T, screws = end_pose_and_screws(self.chain, self.chain_coordinates(states, x))
         return PoseJacobian(
-            T, lambda: self.jacobian_at(states, x, EndPose(T, screws(self._moved_columns)))
+            T,
+            lambda: self.jacobian_at(
+                states, x, EndPose(T, screws(self._moved_columns(self.terms)))
+            ),
         )
 
     def jacobian_at(
@@ -103,20 +106,22 @@ class Model:
 
     def by_terms(
         self, states: PoseStates, x: Array, terms: Sequence[Term], points: Sequence[Array]
-    ) -> list[Array]:
-        """Return how poses would follow the parameters of terms that the model has not.
+    ) -> tuple[Array, list[Array]]:
+        """Return predicted poses, and how they would follow parameters of terms of any model.
 
         Args:
             states: P states.
             x: (k,) parameters of the model.
-            terms: further terms.
+            terms: the terms, whether the model has them or not.
             points: parameters (k',) of each at which the derivative is taken.
 
         Returns:
-            For each term (P, 6, k'): velocity of the end over its angular velocity, base axes.
+            T_base_ee (P, 4, 4); for each term (P, 6, k'), velocity of the end over its angular
+            velocity, along base axes.
         """
-        end = end_pose_with_screws(self.chain, self.chain_coordinates(states, x))
-        return list(self._by_terms(terms, points, end, states, x))
+        T, screws = end_pose_and_screws(self.chain, self.chain_coordinates(states, x))
+        moved = self._moved_columns((*terms, *(term for term, _ in self._yielding)))
+        return T, list(self._by_terms(terms, points, EndPose(T, screws(moved)), states, x))
 
     def _by_terms(
         self,
@@ -203,9 +208,8 @@ class Model:
             coordinates[:, self.chain.columns(term.coordinates)] += shift
         return coordinates
 
-    @cached_property
-    def _moved_columns(self) -> list[int]:
-        names = {name for term in self.terms for name in term.coordinates}
+    def _moved_columns(self, terms: Sequence[Term]) -> list[int]:
+        names = {name for term in terms for name in term.coordinates}
         return sorted(self.chain.columns(tuple(names)).tolist())
 
     @cached_property

@@ -15,7 +15,7 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import TermError
-from pa10cal.terms.term import Offsets, Parameter, Report, Term, shows_torque, yields
+from pa10cal.terms.term import Offsets, Report, Term, TermParameter, shows_torque, yields
 
 #: Between the name of a parameter or target and that of its campaign, in no name of either.
 OF = "@"
@@ -45,7 +45,7 @@ class _InSomePoses(ABC):
         return f"in the poses of {self.name}: {self.term.formula}"
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[TermParameter, ...]:
         return self._named(self.term.parameters)
 
     @property
@@ -62,7 +62,7 @@ class _InSomePoses(ABC):
         found = self.term.report(x)
         return replace(found, parameters=self._named(found.parameters))
 
-    def _named(self, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+    def _named(self, parameters: Sequence[TermParameter]) -> tuple[TermParameter, ...]:
         return tuple(replace(each, name=of_campaign(each.name, self.name)) for each in parameters)
 
     @abstractmethod

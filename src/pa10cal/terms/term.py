@@ -21,7 +21,7 @@ OPTIONAL = "optional"
 
 
 @dataclass(frozen=True)
-class Parameter:
+class TermParameter:
     """One unknown of a model."""
 
     name: str  # unique within a model
@@ -40,7 +40,7 @@ class Parameter:
 class Report:
     """Parameters in the form readers know them, from those a term is solved in."""
 
-    parameters: tuple[Parameter, ...]  # k' reported parameters
+    parameters: tuple[TermParameter, ...]  # k' reported parameters
     values: Array  # (k',) their values
     jacobian: Array  # (k', k) derivative by the solved parameters, for uncertainties
 
@@ -61,7 +61,7 @@ class Term(Protocol):
         """Return the form in words a reader can type, by the parameters it reports."""
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[TermParameter, ...]:
         """Return the k parameters it is solved in."""
 
     @property
@@ -119,7 +119,7 @@ def falsifies_log(term: Term) -> bool:
     return shows_torque(term) and not term.carried and not of_calculated
 
 
-def report_as_solved(parameters: tuple[Parameter, ...], x: Array) -> Report:
+def report_as_solved(parameters: tuple[TermParameter, ...], x: Array) -> Report:
     """Report parameters that readers know in the form they are solved in."""
     return Report(parameters, x, np.eye(len(x)))
 
@@ -173,7 +173,7 @@ class JointTorqueOnly(TorqueOnly):
 class Offsets:
     """Adds each parameter to one chain coordinate, the same in every pose."""
 
-    parameters: tuple[Parameter, ...]  # k parameters
+    parameters: tuple[TermParameter, ...]  # k parameters
     coordinates: tuple[str, ...]  # the k coordinates they shift
     of: str = "links"  # `links`, `base` or `tool`
     id: ClassVar[str] = "offsets"
@@ -227,7 +227,7 @@ def link_departures(arm: Arm, tolerances: Tolerances) -> Offsets:
         if not (kind == "d" and hayati) and not (kind == "beta" and not hayati)
     )
     parameters = tuple(
-        Parameter(f"delta_{name}", unit, tolerance, tolerance)
+        TermParameter(f"delta_{name}", unit, tolerance, tolerance)
         for name in coordinates
         for tolerance, unit in (kinds[name.rpartition("_")[0]],)
     )
@@ -246,7 +246,8 @@ def tool_frame() -> Offsets:
 
 def _small_motions(names: tuple[str, ...], of: str) -> Offsets:
     parameters = (
-        Parameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3) for name in names
+        TermParameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3)
+        for name in names
     )
     return Offsets(tuple(parameters), names, of=of)
 
@@ -260,7 +261,7 @@ class Fixed:
 
     term: Term  # the term, whose effect on chain coordinates is kept
     x_term: Array  # (k,) its parameters
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    parameters: ClassVar[tuple[TermParameter, ...]] = ()
 
     @property
     def id(self) -> str:

@@ -11,7 +11,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.terms.term import OPTIONAL, Parameter, Report, TorqueOnly, report_as_solved
+from pa10cal.terms.term import OPTIONAL, Report, TermParameter, TorqueOnly, report_as_solved
 
 #: Start of the names of its parameters.
 WEIGHT = "weight_"
@@ -108,9 +108,9 @@ class Weights(TorqueOnly):
         )
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[TermParameter, ...]:
         return tuple(
-            Parameter(
+            TermParameter(
                 *self._name(column),
                 scale=size,
                 plausible=size,
@@ -120,8 +120,23 @@ class Weights(TorqueOnly):
             for column, size in zip(self.columns, self.sizes, strict=True)
         )
 
+    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
+        every = self._by_weights(states)
+        amounts = np.zeros(every.shape[2])
+        amounts[list(self.columns)] = x
+        if self.held is not None:
+            amounts[self.held] += np.array(self.by_held) @ x
+        return np.asarray(-(every @ amounts))
+
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return its derivative by the parameters, (P, n, k).
+        every = self._by_weights(states)
+        by_weights: Array = every[:, :, list(self.columns)]
+        if self.held is not None:
+            by_weights = by_weights + every[:, :, self.held, None] * np.array(self.by_held)
+        return -by_weights
+
+    def _by_weights(self, states: PoseStates) -> Array:
+        """Return the derivative of the torques by every weight, (P, n, 4 n + 3).
 
         Raises:
             CalibrationError: when what weights do was not computed for these poses.
@@ -133,11 +148,7 @@ class Weights(TorqueOnly):
                 allowed="poses of an arm whose masses are known",
                 remedy="describe the masses",
             )
-        every = states.static_loads.by_weights
-        by_weights: Array = every[:, :, list(self.columns)]
-        if self.held is not None:
-            by_weights = by_weights + every[:, :, self.held, None] * np.array(self.by_held)
-        return -by_weights
+        return states.static_loads.by_weights
 
     def report(self, x: Array) -> Report:
         return report_as_solved(self.parameters, x)

@@ -17,11 +17,11 @@ from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted import FittedTo
-from pa10cal.fit.problem import Disagreement, Expected
+from pa10cal.fit.problem import Disagreement, GaussianPrior
 from pa10cal.lab.cell.options import TrackerOptions
 from pa10cal.lab.simulated import (
     exact_observations,
-    measured,
+    measure,
     observations_of,
     payload_of_individual,
 )
@@ -55,8 +55,8 @@ def arms():
             plan = of_plan(kind)
             before, after = draw_changed(ARM, plan, change, np.random.default_rng(seed))
             payload = payload_of_individual(before)
-            seen = observations_of(measured(before, plan, seed))
-            again = observations_of(measured(after, plan, seed + 1))
+            seen = observations_of(measure(before, plan, seed))
+            again = observations_of(measure(after, plan, seed + 1))
             start = find_start(ARM, seen)
             model = fitted(calibrate_general(ARM, seen, start, payload))
             exact = exact_observations(after, plan, 60, seed + 2)
@@ -190,7 +190,7 @@ def test_the_gain_of_a_widening_is_that_of_the_likelihood():
     rng = np.random.default_rng(1)
     rows, noise = rng.normal(size=(9, 4)), 0.3
     root = 0.5 * rng.normal(size=(4, 4))
-    expected = Expected(rng.normal(size=4), root @ root.T + 0.01 * np.eye(4))
+    expected = GaussianPrior(rng.normal(size=4), root @ root.T + 0.01 * np.eye(4))
     seen = rng.normal(size=9)
     information = expected.precision + rows.T @ rows / noise**2
     covariance = np.linalg.inv(information)

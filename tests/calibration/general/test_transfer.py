@@ -13,11 +13,11 @@ from pa10cal.calibration.general.other_campaign import refit_frames
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.options import Tolerances
-from pa10cal.terms.effects.joint_error_map import Band, SensorError
+from pa10cal.terms.effects.joint_error_map import BandPrior, SensorError
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures
 
-BAND = Band(5e-5, 3e-5, 6e-5, 3.0, 8.0, 3.0, 1e-6)
+BAND = BandPrior(5e-5, 3e-5, 6e-5, 3.0, 8.0, 3.0, 1e-6)
 
 
 @pytest.fixture(name="model")

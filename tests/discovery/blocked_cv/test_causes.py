@@ -19,11 +19,11 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.effects.effect import Site
-from pa10cal.lab.cell.effects.reading import SensorError as CellSensorError
+from pa10cal.lab.cell.effects.reading import SimulatedSensorError as CellSensorError
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.write import write_campaign
 from pa10cal.settings_reading import parse_section
-from pa10cal.terms.effects.joint_error_map import Fading
+from pa10cal.terms.effects.joint_error_map import FadingPrior
 
 POSES, JOINT = 900, 3
 
@@ -114,7 +114,7 @@ def test_without_agreement_or_fine_waves_a_map_stays_a_map(as_map, monkeypatch, 
 
 @pytest.mark.slow
 def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
-    effect = replace(found.effects[0].effect, knots=216, spectrum=Fading(3e-4, 60.0))
+    effect = replace(found.effects[0].effect, knots=216, spectrum=FadingPrior(3e-4, 60.0))
     members = (Candidate(np.zeros(0, int), np.zeros(0), ShapedEffect(effect)),)
     rows = weighted_rows(found.survey, (), 144)
     rough = level(rows, members)

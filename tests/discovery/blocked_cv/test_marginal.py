@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.blocked_cv.bands import Waves, minus_twice_log_likelihood, most_likely
-from pa10cal.terms.effects.joint_error_map import Band, harmonic_orders
+from pa10cal.terms.effects.joint_error_map import BandPrior, harmonic_orders
 
 NOISE_RAD = 3e-5
-TRUE = Band(8e-5, 3e-5, 8e-5, 7.0, 20.0, 3.0, 3e-6)
+TRUE = BandPrior(8e-5, 3e-5, 8e-5, 7.0, 20.0, 3.0, 3e-6)
 
 
 def waves_of(bands, *, poses=3000, knots=81, seed=0, visited=1.0):
@@ -57,7 +57,7 @@ def test_the_band_drawn_is_found_within_its_uncertainty(visited):
 
 
 def test_joints_have_bands_of_their_own_where_the_data_say_so():
-    small = Band(8e-5, 1e-5, 2e-5, 7.0, 12.0, 3.0, 3e-6)
+    small = BandPrior(8e-5, 1e-5, 2e-5, 7.0, 12.0, 3.0, 3e-6)
     found = most_likely(waves_of([TRUE, TRUE, small, small], seed=2))
     assert not found.shared
     sizes = [float(band.sizes_rad(np.array(12.0))) for band in found.bands]

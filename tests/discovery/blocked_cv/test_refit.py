@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from made_up_survey import Hidden, at_joint, observe
-from pa10cal.discovery.blocked_cv.refit import refit
+from pa10cal.discovery.blocked_cv.refit import PartialFits, refit
 from pa10cal.discovery.linear import at_unknowns, moved_base, residual
 from pa10cal.discovery.noise import unweighted
 from pa10cal.terms.effects.joint import EncoderEccentricity, JointCompliance, SoftWindup
-from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
+from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap
 
-FINE = JointErrorMap("joint 3", 24, Fading(1e-4, 6.0))
+FINE = JointErrorMap("joint 3", 24, FadingPrior(1e-4, 6.0))
 DISK = EncoderEccentricity("joint 2", 1.0)
 
 
@@ -55,6 +55,21 @@ def test_nothing_near_fits_better(hidden, found):
     root = np.linalg.cholesky(found.covariance + 1e-20 * np.eye(len(found.x)))
     for _ in range(5):
         assert cost(found.x + root @ rng.standard_normal(len(found.x))) > here - 1.0
+
+
+def test_a_model_with_some_effects_has_all_but_maps_fitted_again(hidden, found):
+    poses, partial = hidden.survey.poses, PartialFits(hidden.survey, found)
+
+    def rms_m(model):
+        return float(np.std(residual(model, poses)[:, :3]))
+
+    assert rms_m(partial.model_with((DISK, FINE))) == pytest.approx(rms_m(found.fitted()), rel=1e-3)
+    taken_out = found.x.copy()
+    taken_out[found.columns_of(DISK)] = 0.0
+    alone = partial.model_with((FINE,))
+    assert np.all(alone.values_of(DISK) == 0.0)
+    assert rms_m(found.fitted()) < rms_m(alone) < 0.9 * rms_m(at_unknowns(found.at, taken_out))
+    assert np.array_equal(alone.values_of(FINE), found.of(FINE))
 
 
 def test_a_parameter_stays_within_its_physical_range(hidden):

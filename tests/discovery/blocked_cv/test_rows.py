@@ -13,7 +13,7 @@ from pa10cal.discovery.blocked_cv.family import below_detection_limit, computabl
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import (
-    Rows,
+    BlockedRows,
     ShapedEffect,
     in_terms_of,
     map_columns,
@@ -29,7 +29,7 @@ from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.write import write_campaign
 from pa10cal.terms.effects.joint import TorqueGain
 from pa10cal.terms.effects.joint_error_map import (
-    Fading,
+    FadingPrior,
     JointErrorMap,
     b_splines_by_knots,
     harmonics_at_knots,
@@ -48,11 +48,11 @@ def rows(few):
     shaped = [
         each for each in computable_shapes(few)[0] if (each.effect.id, each.effect.of) in wanted
     ]
-    return Rows(few, unweighted(few.poses.measured), tuple(shaped), 36)
+    return BlockedRows(few, unweighted(few.poses.measured), tuple(shaped), 36)
 
 
 def test_left_follows_parameters_as_differences_show(few):
-    effect = JointErrorMap("joint 3", 24, Fading(1e-4, 4.0))
+    effect = JointErrorMap("joint 3", 24, FadingPrior(1e-4, 4.0))
     model = with_base_term(few.baseline, (effect,))
     x = np.concatenate([few.baseline.x, np.linspace(-1e-4, 1e-4, 24), np.full(6, 1e-4)])
     at = FittedModel(model, x, few.baseline.T_instr_base)
@@ -143,7 +143,7 @@ def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
     shaped, unknown = computable_shapes(few)
     assert all(isinstance(each, ShapedEffect) for each in shaped)
     assert {entry.why for entry in unknown} == {"the torques were not logged"}
-    rows = Rows(few, unweighted(few.poses.measured), shaped, 144)
+    rows = BlockedRows(few, unweighted(few.poses.measured), shaped, 144)
     found = family(rows, rows.products())
     maps = [each for each in found.shown if each.is_map]
     assert len(maps) == 6 * 9
@@ -166,7 +166,7 @@ def test_a_gain_of_logged_torques_is_taken_up_by_the_springs_that_take_the_log(f
 
 def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(few):
     shaped, _ = computable_shapes(few)
-    rows = Rows(few, unweighted(few.poses.measured), shaped, 36)
+    rows = BlockedRows(few, unweighted(few.poses.measured), shaped, 36)
     weights = replace(rows.weights, weight=np.full(len(few.poses), 2e-3))
     name, found = ("cmm_squareness", "instrument"), []
     for each in (rows, replace(rows, weights=weights)):

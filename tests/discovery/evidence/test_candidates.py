@@ -15,7 +15,7 @@ from pa10cal.discovery.evidence.search import indistinguishable, linearise
 from pa10cal.discovery.linear import at_unknowns, residual, with_base_term
 from pa10cal.discovery.preparation import LEAST_SHARE
 from pa10cal.terms.effects.effect import JointEffect
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class MadeUp(JointEffect):
 
     @property
     def reported(self):
-        return (Parameter("size", "rad", 1e-5, plausible=self.plausible),)
+        return (TermParameter("size", "rad", 1e-5, plausible=self.plausible),)
 
     def derivative(self, states: PoseStates, x):
         return self.shape(states)[:, None, None]

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from made_up_arm import TARGETS_M, Missing, at_joint, measure
 from pa10cal.discovery.evidence.discover import compare
 from pa10cal.discovery.evidence.fit import (
-    Fit,
+    EvidenceFit,
     apparatus_m,
     covariance_of,
     fit,
@@ -44,7 +44,9 @@ def fit_at(measured, effects, amounts):
     own = start.x[start.own_columns()]
     model = with_base_term(measured.baseline, effects)
     x = np.concatenate([own[:-6], *amounts, own[-6:]])
-    return Fit(effects, replace(start.at, model=model, x=x), True, (1,) * len(effects), 0.0, 0.0)
+    return EvidenceFit(
+        effects, replace(start.at, model=model, x=x), True, (1,) * len(effects), 0.0, 0.0
+    )
 
 
 @pytest.mark.parametrize("names", [[name] for name in EFFECTS] + [EFFECTS], ids=str)

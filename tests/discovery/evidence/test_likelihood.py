@@ -7,7 +7,12 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal
 
-from pa10cal.discovery.evidence.likelihood import SHARED_VARIANCES, SIZES, Block, Evidence
+from pa10cal.discovery.evidence.likelihood import (
+    SHARED_VARIANCES,
+    SIZES,
+    CandidateRows,
+    SetEvidence,
+)
 from pa10cal.discovery.evidence.problem import NoiseModel, SharedByCells
 
 CELLS, OWN = 10, 3
@@ -34,7 +39,7 @@ class Made:
         for width, in_pose, in_torque in ((2, 1, 0), (1, 1, 1), (1, 0, 1), (1, 0.25, 0)):
             factor = np.tril(rng.normal(size=(width, width))) + 2.0 * np.eye(width)
             blocks.append(
-                Block(
+                CandidateRows(
                     in_pose * rng.normal(size=(2 * CELLS, width)),
                     in_torque * rng.normal(size=(CELLS, width)),
                     0.3 * factor,
@@ -60,7 +65,7 @@ class Made:
         return rows
 
     def evidence(self, data):
-        return Evidence(self.pose, self.torque, *data, self.own, self.blocks)
+        return SetEvidence(self.pose, self.torque, *data, self.own, self.blocks)
 
     def log_density(self, data, members, sizes, variances):
         """Write the density of the data out, everything Gaussian integrated out."""
@@ -163,8 +168,10 @@ def test_the_order_of_members_does_not_matter(made):
 
 def test_without_torques_poses_speak_alone(made):
     pose_data = made.data(6)[0]
-    blocks = tuple(Block(b.pose, np.zeros((0, b.pose.shape[1])), b.factor) for b in made.blocks)
-    alone = Evidence(made.pose, None, pose_data, np.zeros(0), made.own, blocks[:1])
+    blocks = tuple(
+        CandidateRows(b.pose, np.zeros((0, b.pose.shape[1])), b.factor) for b in made.blocks
+    )
+    alone = SetEvidence(made.pose, None, pose_data, np.zeros(0), made.own, blocks[:1])
     both = made.evidence([pose_data, made.data(7)[1]])
     gains = [
         evidence.score((0,), (1,)).log_evidence - evidence.score((), ()).log_evidence
@@ -181,7 +188,7 @@ def test_the_best_variance_is_found_where_hundreds_of_rows_have_a_part(variance)
     shared = SharedByCells(np.eye(rows), rng.uniform(1.0, 4.0, rows))
     channel = NoiseModel.of(np.ones((rows, 1, 1)), shared, np.zeros((rows, 1, 0)))
     data = np.sqrt(1.0 + variance * shared.size) * rng.normal(size=rows)
-    found = Evidence(channel, None, data, np.zeros(0), np.zeros((rows, 0)), ()).score((), ())
+    found = SetEvidence(channel, None, data, np.zeros(0), np.zeros((rows, 0)), ()).score((), ())
 
     def minus_log(log_variance):
         total = 1.0 + np.exp(log_variance) * shared.size

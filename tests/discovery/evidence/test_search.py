@@ -11,7 +11,7 @@ from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.search import evidence_about, less, refit, search, threshold
 from pa10cal.discovery.linear import residual
 from pa10cal.terms.effects.effect import JointEffect
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 
 def names(effects):
@@ -31,7 +31,7 @@ class Proxy(JointEffect):
 
     @property
     def reported(self):
-        return (Parameter("A", "rad", 1e-5, plausible=3e-4),)
+        return (TermParameter("A", "rad", 1e-5, plausible=3e-4),)
 
     def derivative(self, states, x):
         return np.sin(100.0 * states.q_rad[:, 1:3])[:, :, None]

@@ -7,10 +7,20 @@ from made_up_robot import rebuilt
 from pa10cal.arm.description import Arm
 from pa10cal.errors import SettingsError
 from pa10cal.lab.cell.campaign import measure_campaign, simulate_campaign
-from pa10cal.lab.cell.effects.effect import Effect
-from pa10cal.lab.cell.effects.joint import Backlash, FrictionTorque, TorqueGain, TransmissionError
+from pa10cal.lab.cell.effects.effect import SimulatedEffect
+from pa10cal.lab.cell.effects.joint import (
+    SimulatedBacklash,
+    SimulatedFrictionTorque,
+    SimulatedTorqueGain,
+    SimulatedTransmissionError,
+)
 from pa10cal.lab.cell.effects.outside import BowedAxis, DressPack, Hysteresis
-from pa10cal.lab.cell.effects.structure import BaseDrift, CmmScale, ThermalGrowth, ToolSag
+from pa10cal.lab.cell.effects.structure import (
+    SimulatedBaseDrift,
+    SimulatedCmmScale,
+    SimulatedThermalGrowth,
+    SimulatedToolSag,
+)
 from pa10cal.lab.cell.options import CellNoiseOptions, SimulateOptions
 from pa10cal.lab.cell.robot import Departures
 
@@ -255,7 +265,7 @@ def hidden(arm, robot, short):
 
 
 def test_friction_shows_in_its_own_torque_by_arrival_and_nowhere_else(hidden):
-    plain, rubbing = hidden(), hidden(FrictionTorque(tau_c=4.0).at("joint 2"))
+    plain, rubbing = hidden(), hidden(SimulatedFrictionTorque(tau_c=4.0).at("joint 2"))
     assert rubbing.tables["cmm"].equals(plain.tables["cmm"])
     more = moving(rubbing, "tau2_Nm") - moving(plain, "tau2_Nm")
     s = plain.truth.schedule.arrival[:, [1]]
@@ -266,7 +276,7 @@ def test_friction_shows_in_its_own_torque_by_arrival_and_nowhere_else(hidden):
 
 
 def test_torque_gain_shows_in_its_own_torque_and_nowhere_else(hidden):
-    plain, loud = hidden(), hidden(TorqueGain(g=0.1).at("joint 3"))
+    plain, loud = hidden(), hidden(SimulatedTorqueGain(g=0.1).at("joint 3"))
     assert loud.tables["cmm"].equals(plain.tables["cmm"])
     assert moving(loud, "tau3_Nm") == pytest.approx(1.1 * moving(plain, "tau3_Nm"), abs=0.05)
 
@@ -294,7 +304,7 @@ def test_hysteresis_turns_the_link_and_the_motor_does_not_know(hidden, arm):
 
 
 def test_transmission_error_turns_the_link_and_the_motor_does_not_know(hidden):
-    effect = TransmissionError(A=3e-4, phi=0.5).at("joint 1")
+    effect = SimulatedTransmissionError(A=3e-4, phi=0.5).at("joint 1")
     plain, erring = hidden(), hidden(effect)
     assert (
         erring.tables["resolver"]
@@ -308,14 +318,14 @@ def test_transmission_error_turns_the_link_and_the_motor_does_not_know(hidden):
 
 
 def test_backlash_turns_the_link_by_arrival(hidden):
-    plain, loose = hidden(), hidden(Backlash(b=1e-4).at("joint 2"))
+    plain, loose = hidden(), hidden(SimulatedBacklash(b=1e-4).at("joint 2"))
     turned = loose.truth.rest.q[:, 1] - plain.truth.rest.q[:, 1]
     # The spring follows the torque of the turned posture by some percent of the turn.
     assert turned == pytest.approx(1e-4 * plain.truth.schedule.arrival[:, 1], rel=0.03, abs=1e-12)
 
 
 def test_several_joint_effects_add_up(hidden):
-    first, second = TransmissionError(A=3e-4, phi=0.5), Backlash(b=1e-4)
+    first, second = SimulatedTransmissionError(A=3e-4, phi=0.5), SimulatedBacklash(b=1e-4)
     both = hidden(first.at("joint 1"), second.at("joint 1"))
     apart = [hidden(effect.at("joint 1")).truth.rest.q for effect in (first, second)]
     plain = hidden().truth.rest.q
@@ -324,12 +334,12 @@ def test_several_joint_effects_add_up(hidden):
 
 def test_scale_and_sag_show_in_the_touches_alone(hidden):
     plain = hidden()
-    scaled = hidden(CmmScale(s=(1e-3, 0.0, -2e-3)).at("instrument"))
+    scaled = hidden(SimulatedCmmScale(s=(1e-3, 0.0, -2e-3)).at("instrument"))
     xyz = ["x_mm", "y_mm", "z_mm"]
     wanted = plain.tables["cmm"][xyz].to_numpy() * [1.001, 1.0, 0.998]
     assert scaled.tables["cmm"][xyz].to_numpy() == pytest.approx(wanted, abs=2e-4)
     assert scaled.tables["resolver"].equals(plain.tables["resolver"])
-    sagging = hidden(ToolSag(c=1e-3).at("tool"))
+    sagging = hidden(SimulatedToolSag(c=1e-3).at("tool"))
     shift = (centres(sagging) - centres(plain)).mean(axis=1)
     R = plain.truth.robot.T_instr_base[:3, :3] @ plain.truth.rest.T_base_ee[:, :3, :3]
     down = -plain.truth.robot.T_instr_base[:3, 2]
@@ -338,7 +348,7 @@ def test_scale_and_sag_show_in_the_touches_alone(hidden):
 
 
 def test_base_drift_grows_with_time(hidden):
-    plain, drifting = hidden(), hidden(BaseDrift(rate=(1e-3, 0.0, 0.0)).at("base"))
+    plain, drifting = hidden(), hidden(SimulatedBaseDrift(rate=(1e-3, 0.0, 0.0)).at("base"))
     moved = (centres(drifting) - centres(plain))[:, 0] @ plain.truth.robot.T_instr_base[:3, 0]
     hours = (plain.truth.schedule.start_s + 15.0) / 3600.0
     assert moved == pytest.approx(hours, abs=2e-3)
@@ -356,7 +366,7 @@ def test_temperature_stays_at_the_reference_unless_it_is_asked_to_drift(hidden):
 
 
 def test_growth_needs_a_drift_of_temperature(hidden):
-    growth = ThermalGrowth(alpha=2e-5).at("arm")
+    growth = SimulatedThermalGrowth(alpha=2e-5).at("arm")
     with pytest.raises(SettingsError, match="temperature_drift_C"):
         hidden(growth)
     cold, warm = hidden(temperature_drift_C=5.0), hidden(growth, temperature_drift_C=5.0)
@@ -377,7 +387,7 @@ def test_a_bow_shows_in_the_touches_alone(hidden):
 
 
 def test_an_effect_without_a_name_can_be_hidden_too(hidden):
-    class Wobble(Effect):
+    class Wobble(SimulatedEffect):
         """A machine that reads ripples."""
 
         places = ("instrument",)

@@ -7,7 +7,7 @@ import pytest
 
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.effects.joint import JointCompliance, SoftWindup
+from pa10cal.lab.cell.effects.joint import SimulatedJointCompliance, SimulatedSoftWindup
 from pa10cal.lab.cell.individual import PAPER_K_CUB, TABLE_1_K_LIN, draw_individual
 from pa10cal.lab.cell.instruments.instrument import rest_poses
 from pa10cal.lab.cell.options import TrackerOptions
@@ -63,8 +63,8 @@ def test_a_load_pulls_the_flange_down(robot):
 
 
 def test_windup_comes_on_top_of_the_spring(robot):
-    soft = SoftWindup(A=2e-4, tau0=10.0).at("joint 2")
-    yielding = JointCompliance(K=5e4).at("joint 4")
+    soft = SimulatedSoftWindup(A=2e-4, tau0=10.0).at("joint 2")
+    yielding = SimulatedJointCompliance(K=5e4).at("joint 4")
     found = rest(robot, (soft, yielding))
     delta = POSTURES - found.q
     tau = found.tau_Nm

@@ -16,7 +16,7 @@ from pa10cal.lab.cell.robot import (
     LOAD_POINT_M,
     Departures,
     Mechanism,
-    Payload,
+    SimulatedPayload,
     Strain,
 )
 
@@ -117,7 +117,7 @@ def test_any_arm_is_that_of_pinocchio(name, unloaded):
     arm = load_arm("ur10" if name == "displaced" else name)
     rng = np.random.default_rng(7)
     departures = Departures(*(rng.normal(0.0, 0.01, arm.n) for _ in range(5)))
-    payload = Payload(1.5, np.array([0.02, -0.01, 0.08]), LOAD_POINT_M)
+    payload = SimulatedPayload(1.5, np.array([0.02, -0.01, 0.08]), LOAD_POINT_M)
     mechanism = Mechanism.of(arm, departures, payload)
     mechanism = displaced(mechanism) if name == "displaced" else mechanism
     q = rng.uniform(*np.clip(arm.limits_rad.T, -2.5, 2.5), (5, arm.n))
@@ -184,8 +184,8 @@ def test_an_arm_whose_masses_are_not_known_carries_its_tool_alone(robot):
 
 
 def test_a_tool_pulls_at_its_centre_of_mass_as_a_load_at_its_own_point(robot):
-    heavier = replace(robot.mechanism, payload=Payload(10.0, LOAD_POINT_M, LOAD_POINT_M))
-    none = replace(robot.mechanism, payload=Payload(0.0, LOAD_POINT_M, LOAD_POINT_M))
+    heavier = replace(robot.mechanism, payload=SimulatedPayload(10.0, LOAD_POINT_M, LOAD_POINT_M))
+    none = replace(robot.mechanism, payload=SimulatedPayload(0.0, LOAD_POINT_M, LOAD_POINT_M))
     by_tool = heavier.statics(Q, NO_LOAD).torque_Nm
     by_load = none.statics(Q, np.array([98.0665])).torque_Nm
     assert by_tool == pytest.approx(by_load, abs=1e-10)

@@ -13,14 +13,18 @@ from pa10cal.curve.angles import chain_arm
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.lab.cell.campaign import measure_campaign
-from pa10cal.lab.cell.effects.joint import Backlash, FrictionTorque, TransmissionError
+from pa10cal.lab.cell.effects.joint import (
+    SimulatedBacklash,
+    SimulatedFrictionTorque,
+    SimulatedTransmissionError,
+)
 from pa10cal.lab.cell.effects.structure import (
-    BaseCompliance,
-    BaseDrift,
-    CmmScale,
-    LinkBending,
-    ThermalGrowth,
-    ToolSag,
+    SimulatedBaseCompliance,
+    SimulatedBaseDrift,
+    SimulatedCmmScale,
+    SimulatedLinkBending,
+    SimulatedThermalGrowth,
+    SimulatedToolSag,
 )
 from pa10cal.lab.cell.individual import draw_individual
 from pa10cal.lab.cell.instruments.instrument import rest_poses
@@ -250,7 +254,7 @@ CHAIN = chain_arm("chain", 6, 0.15, np.radians(75.0))
 def test_any_arm_shows_a_turn_of_its_joint_under_any_instrument(name, instrument):
     arm = CHAIN if name == "chain" else load_arm(name)
     plan = TrackerOptions(instrument=instrument, poses=20, flexible_joints=())
-    still, loose = moved(arm, plan, Backlash(b=1e-3).at("joint 2"))
+    still, loose = moved(arm, plan, SimulatedBacklash(b=1e-3).at("joint 2"))
     turned = loose.truth.rest.q - still.truth.rest.q
     assert turned[:, 1] == pytest.approx(1e-3 * still.truth.schedule.arrival[:, 1], abs=1e-12)
     read = [c for c in still.tables["poses"] if c[0] in "xdT"]
@@ -263,7 +267,10 @@ def test_any_arm_shows_a_turn_of_its_joint_under_any_instrument(name, instrument
 def test_links_bend_and_bases_tilt_of_any_arm(name):
     arm = load_arm(name)
     plan = TrackerOptions(poses=12, flexible_joints=(2, 3), loads_N=(0.0, 50.0))
-    for effect in (LinkBending(c=2e-6).at("forearm"), BaseCompliance(cx=1e-6, cy=2e-6).at("base")):
+    for effect in (
+        SimulatedLinkBending(c=2e-6).at("forearm"),
+        SimulatedBaseCompliance(cx=1e-6, cy=2e-6).at("base"),
+    ):
         still, bent = moved(arm, plan, effect)
         state = still.truth
         zero = np.zeros(12)
@@ -277,36 +284,38 @@ def test_links_bend_and_bases_tilt_of_any_arm(name):
 
 def test_a_base_that_drifts_and_links_that_grow_show_under_points(arm):
     plan = TrackerOptions(instrument="points", poses=12, seconds_a_pose=3600.0)
-    still, adrift = moved(arm, plan, BaseDrift(rate=(1e-5, 0.0, 0.0)).at("base"))
+    still, adrift = moved(arm, plan, SimulatedBaseDrift(rate=(1e-5, 0.0, 0.0)).at("base"))
     along = still.truth.robot.T_instr_base[:3, 0]
     hours = still.tables["poses"]["time_s"].to_numpy() / 3600.0
     off_m = seen_p(adrift) - seen_p(still)
     assert off_m[:, 0] == pytest.approx(1e-5 * np.outer(hours, along), abs=1e-9)
-    cold, warm = moved(arm, plan, ThermalGrowth(alpha=1e-5).at("arm"), temperature_drift_C=5.0)
+    cold, warm = moved(
+        arm, plan, SimulatedThermalGrowth(alpha=1e-5).at("arm"), temperature_drift_C=5.0
+    )
     assert np.abs(seen_p(warm) - seen_p(cold)).max() > 1e-6
 
 
 def test_scales_and_sagging_tools_show_in_what_is_read(arm):
     plan = TrackerOptions(poses=12)
-    still, scaled = moved(arm, plan, CmmScale(s=(1e-3, 0.0, -2e-3)).at("instrument"))
+    still, scaled = moved(arm, plan, SimulatedCmmScale(s=(1e-3, 0.0, -2e-3)).at("instrument"))
     T = seen_T(still)
     assert seen_T(scaled)[:, :3, 3] == pytest.approx(T[:, :3, 3] * [1.001, 1.0, 0.998], abs=1e-9)
     assert seen_T(scaled)[:, :3, :3] == pytest.approx(T[:, :3, :3], abs=1e-12)
-    still, sagging = moved(arm, plan, ToolSag(c=1e-4).at("tool"))
+    still, sagging = moved(arm, plan, SimulatedToolSag(c=1e-4).at("tool"))
     robot = still.truth.robot
     R = robot.T_instr_base[:3, :3] @ still.truth.rest.T_base_ee[:, :3, :3]
     down = -robot.T_instr_base[:3, 2]
     wanted = 1e-4 * (down - R[:, :, 2] * (R[:, :, 2] @ down)[:, None])
     assert (seen_T(sagging) - seen_T(still))[:, :3, 3] == pytest.approx(wanted, abs=1e-9)
     distance = plan.model_copy(update={"instrument": "distance"})
-    still, scaled = moved(arm, distance, CmmScale(s=(1e-3, 1e-3, 1e-3)).at("instrument"))
+    still, scaled = moved(arm, distance, SimulatedCmmScale(s=(1e-3, 1e-3, 1e-3)).at("instrument"))
     longer = scaled.tables["poses"]["d_mm"] / still.tables["poses"]["d_mm"]
     assert longer.to_numpy() == pytest.approx(1.001, abs=1e-7)
 
 
 def test_friction_shows_in_the_logged_torque_alone(arm):
     plan = TrackerOptions(poses=12, logs_torques=True, torque_fraction=0.0)
-    still, rubbing = moved(arm, plan, FrictionTorque(tau_c=4.0).at("joint 2"))
+    still, rubbing = moved(arm, plan, SimulatedFrictionTorque(tau_c=4.0).at("joint 2"))
     more = rubbing.tables["poses"]["tau2_Nm"] - still.tables["poses"]["tau2_Nm"]
     assert more.to_numpy() == pytest.approx(4.0 * still.truth.schedule.arrival[:, 1], abs=1e-9)
     others = [name for name in still.tables["poses"] if name != "tau2_Nm"]
@@ -316,4 +325,6 @@ def test_friction_shows_in_the_logged_torque_alone(arm):
 def test_a_transmission_error_needs_a_gear_ratio():
     arm = load_arm("iiwa14")
     with pytest.raises(SimulationError, match="gear ratio is not known"):
-        moved(arm, TrackerOptions(poses=3), TransmissionError(A=1e-4, phi=0.0).at("joint 1"))
+        moved(
+            arm, TrackerOptions(poses=3), SimulatedTransmissionError(A=1e-4, phi=0.0).at("joint 1")
+        )

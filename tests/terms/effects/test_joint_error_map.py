@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from pa10cal.arm.statics import PoseStates
 from pa10cal.terms.effects.joint_error_map import (
     TYPICAL,
-    Fading,
+    FadingPrior,
     GearError,
     JointErrorMap,
     SensorError,
@@ -21,7 +21,7 @@ from pa10cal.terms.effects.joint_error_map import (
     harmonics_at_knots,
 )
 
-FINE = JointErrorMap("joint 2", 36, Fading(1e-4, 4.0))
+FINE = JointErrorMap("joint 2", 36, FadingPrior(1e-4, 4.0))
 TURN = 2.0 * np.pi
 angles = arrays(float, 7, elements=st.floats(-20.0, 20.0))
 errors = arrays(float, 36, elements=st.floats(-1e-3, 1e-3))

@@ -13,7 +13,7 @@ from pa10cal.arm.chain import BASE, Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
-from pa10cal.calibration.general.fit import Fit, fit, reach_of
+from pa10cal.calibration.general.fit import GeneralSolution, fit, reach_of
 from pa10cal.calibration.general.problem import (
     Unknowns,
     check_enough,
@@ -58,7 +58,7 @@ class GeneralCalibration:
     torques_from: TorqueSource  # `logged`, `masses`, or `none`
     payload: Payload | None  # what the arm carried; None where that is not known
     problem: Problem  # what was solved
-    fit: Fit  # where it ended
+    fit: GeneralSolution  # where it ended
     prior: PriorPart | None = None  # what it started from, and what moved since; None for nothing
 
     def without_rows(self) -> GeneralCalibration:
@@ -128,11 +128,11 @@ def calibrate_general(
 
 def at_rest(
     problem: Problem,
-    found: Fit,
+    found: GeneralSolution,
     unweighed: PoseStates,
     payload: Payload | None,
-    fitted: Callable[..., Fit],
-) -> tuple[Problem, Fit]:
+    fitted: Callable[..., GeneralSolution],
+) -> tuple[Problem, GeneralSolution]:
     """Fit again, from where a fit ended, until the torques of weights move nothing any more.
 
     Args:
@@ -160,7 +160,7 @@ def _weighed(problem: Problem, x: Array, unweighed: PoseStates, payload: Payload
 
 def _not_shown(
     problem: Problem,
-    found: Fit,
+    found: GeneralSolution,
     springs: tuple[int, ...],
     sure: tuple[int, ...],
     *,
@@ -187,7 +187,7 @@ def _not_shown(
     }
 
 
-def _gain_of_spring(problem: Problem, found: Fit, joint: int) -> float:
+def _gain_of_spring(problem: Problem, found: GeneralSolution, joint: int) -> float:
     """Return by how much the weighted squares grow with a joint rigid, all else fitted anew.
 
     To first order, about the fit: the weights act through the joint no more, and their own columns
@@ -237,7 +237,7 @@ def _rigid_at(problem: Problem, joints: set[int]) -> tuple[Problem, NDArray[np.b
 _TILT = "delta_beta_"
 
 
-def tilts_not_shown(problem: Problem, fit: Fit) -> dict[str, CalibratedParameter]:
+def tilts_not_shown(problem: Problem, fit: GeneralSolution) -> dict[str, CalibratedParameter]:
     """Return the tilts of parallel axes that the readings do not show; none where they do."""
     names = [parameter.name for parameter in problem.parameters]
     at = np.array([k for k, name in enumerate(names) if name.startswith(_TILT)], dtype=np.intp)

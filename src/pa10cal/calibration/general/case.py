@@ -13,9 +13,9 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.calibrate import GeneralCalibration, base_motion, calibrate_general
-from pa10cal.calibration.general.fit import Fit, reach_of
+from pa10cal.calibration.general.fit import GeneralSolution, reach_of
 from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of
-from pa10cal.calibration.health import Evidence, FitSummary, health, names_of
+from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_of
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
     calibrated_parameters,
@@ -63,7 +63,7 @@ from pa10cal.terms.weights import Weights
 _LITTLE_WEIGHT = 0.5
 
 
-def suspected_outliers(problem: Problem, fit: Fit) -> tuple[SuspectedOutlier, ...]:
+def suspected_outliers(problem: Problem, fit: GeneralSolution) -> tuple[SuspectedOutlier, ...]:
     """List the poses a fit doubts, the worst first."""
     limit = suspect_beyond(problem.components_seen)
     rows = np.flatnonzero((fit.distance > limit) | (fit.weights < _LITTLE_WEIGHT))
@@ -145,7 +145,7 @@ def general_case(
     findings = case.findings if group is None else (*case.findings, *contradictions(group))
     rigid_left = fitted(geometry).deviations(grid)
     readings = single.take(case.rows(single.states.load_N))
-    evidence = Evidence(
+    evidence = GradeEvidence(
         ended=_fit_summary(full),
         train_rms_mm=summarise(found.take(trusted)).rms_mm,
         held_out=off,
@@ -405,7 +405,7 @@ def contradictions(group: GroupOfCampaigns) -> tuple[InputFinding, ...]:
     )
 
 
-def apart(problem: Problem, fit: Fit) -> GroupOfCampaigns | None:
+def apart(problem: Problem, fit: GeneralSolution) -> GroupOfCampaigns | None:
     """Compare the campaigns of a group; None for a single campaign, or where nothing is shared."""
     campaign = problem.observations.states.campaign
     names = [parameter.name for parameter in problem.parameters]

@@ -17,7 +17,7 @@ from scipy.linalg.lapack import dtrtri
 
 from pa10cal.arrays import Array
 from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, identify
-from pa10cal.fit.problem import Expected, Problem, Rows
+from pa10cal.fit.problem import GaussianPrior, Problem, Rows
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.terms.weights import Weights
@@ -36,7 +36,7 @@ _REACH = 30.0
 
 
 @dataclass(frozen=True)
-class Fit:
+class GeneralSolution:
     """Where a fit ended."""
 
     x: Array  # (k,) unknowns
@@ -63,7 +63,7 @@ class Fit:
     # by which factor standard uncertainties are wider for the readings being few
     widening: float = 1.0
 
-    def without_rows(self) -> Fit:
+    def without_rows(self) -> GeneralSolution:
         """Return the fit without its rows, the most of what it takes."""
         none = np.zeros(0)
         return replace(self, residual=none, jacobian=none, whitener=none)
@@ -76,8 +76,8 @@ def fit(
     robust: bool = True,
     max_iterations: int = 50,
     scatter_start: dict[str, float] | None = None,
-    expected: Expected | None = None,
-) -> Fit:
+    expected: GaussianPrior | None = None,
+) -> GeneralSolution:
     """Fit the general model.
 
     Args:
@@ -113,7 +113,7 @@ def fit(
     step = solve_normal(found.equations.normal[np.ix_(free, free)], gradient)
     # The length of the next step, in standard uncertainties.
     length = np.sqrt(max(0.0, float(gradient @ step)) / max(1, len(gradient)))
-    return Fit(
+    return GeneralSolution(
         x=x,
         at_bound=held,
         scatter=scatter.size,
@@ -153,7 +153,7 @@ class _Span:
     rows: Array  # (k, k) rows of unit variance that say so, those of the known first
 
     @classmethod
-    def about(cls, problem: Problem, x_start: Array, expected: Expected | None) -> _Span:
+    def about(cls, problem: Problem, x_start: Array, expected: GaussianPrior | None) -> _Span:
         bounds, reach = Bounds.of(problem.parameters), reach_of(problem)
         centre, rows, known = bounds.clip(x_start), np.diag(1.0 / reach), 0
         if expected is not None:

@@ -24,7 +24,7 @@ from pa10cal.calibration.general.calibrate import (
     base_motion,
     find_start,
 )
-from pa10cal.calibration.general.fit import Fit, fit
+from pa10cal.calibration.general.fit import GeneralSolution, fit
 from pa10cal.calibration.general.problem import check_enough, choose_unknowns, start_of_tool
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
@@ -43,7 +43,7 @@ from pa10cal.fit.moved import (
     hypotheses,
     sought,
 )
-from pa10cal.fit.problem import Disagreement, Expected, Problem
+from pa10cal.fit.problem import Disagreement, GaussianPrior, Problem
 from pa10cal.fit.uncertain_weights import unknown_tool, weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
@@ -74,7 +74,7 @@ class Prior:
 
     model: FittedModel  # the fitted model that says it
     terms: tuple[Term, ...]  # those of its terms that belong to the arm
-    expected: Expected  # of their parameters
+    expected: GaussianPrior  # of their parameters
 
 
 def refuse_unsound(model: FittedModel, *, force: bool = False) -> None:
@@ -133,7 +133,7 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     known[fresh] = known[:, fresh] = 0.0
     open_ = np.diag(known) <= 0.0
     known[open_, open_] = np.square(sizes)[open_]
-    return Prior(model, tuple(terms), Expected(mean, known))
+    return Prior(model, tuple(terms), GaussianPrior(mean, known))
 
 
 def _refuse_another_arm(model: FittedModel, arm: Arm) -> None:
@@ -278,7 +278,7 @@ def calibrate_from(
     )
 
 
-def _left(found: Fit, observations: Observations) -> tuple[float, float]:
+def _left(found: GeneralSolution, observations: Observations) -> tuple[float, float]:
     """Return what a fit leaves of a component, and what the instrument states of it [m]."""
     kind, part = observations.measured.component_kinds[0]
     variances = np.diagonal(observations.measured.stated_covariance, axis1=1, axis2=2)[:, part]
@@ -289,7 +289,7 @@ def _left(found: Fit, observations: Observations) -> tuple[float, float]:
 def _changed(
     prior: Prior,
     problem: Problem,
-    found: Fit,
+    found: GeneralSolution,
     released: Sequence[Found],
     possible: Sequence[Hypothesis],
 ) -> PriorPart:

@@ -25,7 +25,7 @@ from pa10cal.results.calibration import Redundant
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, OfCampaign
-from pa10cal.terms.term import Offsets, Parameter, base_frame, link_departures, tool_frame
+from pa10cal.terms.term import Offsets, TermParameter, base_frame, link_departures, tool_frame
 from pa10cal.terms.weights import Weights
 
 # Which parameters arm and instrument can identify: complete, since every one with an effect is
@@ -182,7 +182,7 @@ def _well_said(columns: Array, kept: list[int], first: int) -> tuple[list[int], 
 
 
 def _redundant(
-    parts: Array, kept: list[int], parameters: tuple[Parameter, ...]
+    parts: Array, kept: list[int], parameters: tuple[TermParameter, ...]
 ) -> tuple[Redundant, ...]:
     """Return the parameters omitted, and those kept that replace them."""
     others = [k for k in range(len(parameters)) if k not in kept]

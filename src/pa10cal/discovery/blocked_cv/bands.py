@@ -24,14 +24,14 @@ from pa10cal.discovery.blocked_cv.search import (
     products_by_kind,
     with_form,
 )
-from pa10cal.discovery.blocked_cv.survey import BLOCKS, Products, Rows, in_terms_of
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, Products, in_terms_of
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
 from pa10cal.results import maps as results
 from pa10cal.terms.effects.joint_error_map import (
     FINE,
     TYPICAL,
-    Band,
+    BandPrior,
     JointErrorMap,
     Spectrum,
     b_splines_by_knots,
@@ -55,7 +55,7 @@ class InBands:
     """Maps whose waves have a band, and what was left out to compare them."""
 
     level: Level  # the members, maps with their bands, by linear least squares
-    found: Bands  # the bands
+    found: BandEstimates  # the bands
     of_time: Array  # (B, 2) squared errors of stretches of time left out, before and with the bands
     of_angles: Array  # (S, 2) the same of stretches of angles
     widening: Widening  # how components scatter, and what orientations weigh
@@ -63,7 +63,7 @@ class InBands:
     @property
     def record(self) -> results.Bands:
         """Return the bands, how well they are known, and what was left out."""
-        names = [field.name for field in fields(Band)]
+        names = [field.name for field in fields(BandPrior)]
         return results.Bands(
             shared=self.found.shared,
             scatter=self.found.scatter,
@@ -83,7 +83,7 @@ def _left_out(squares: Array) -> results.LeftOut:
     return results.LeftOut(before=before, after=after)
 
 
-def in_bands(rows: Rows, fine: Level) -> InBands | None:
+def in_bands(rows: BlockedRows, fine: Level) -> InBands | None:
     """Give maps the bands that the data have, where left-out poses are predicted better so.
 
     None where no map of what the search found is as fine as helps, or the bands predict no better.
@@ -111,14 +111,14 @@ def in_bands(rows: Rows, fine: Level) -> InBands | None:
     counted = positions + share**2 * (int(seen.sum()) - positions)
     squares, count = float(total.squares), round(counted)
     found = most_likely(
-        Waves(total.gram, total.projection, squares, count, waves.known, waves.orders)
+        Waves(total.gram, total.projection, squares, count, waves.leading, waves.orders)
     )
     spectra: list[list[Spectrum | None]] = [[each.spectrum for each in maps], [*found.bands]]
     sizes = [waves.sizes(each, maps, found.scatter) for each in spectra]
-    of_time = np.array([[_left(total, out, out, each) for each in sizes] for out in blocks])
+    of_time = np.array([[_left(total, out, (out,), each)[0] for each in sizes] for out in blocks])
     of_angles = np.array(
         [
-            [_left(total, out, out, each) for each in sizes]
+            [_left(total, out, (out,), each)[0] for each in sizes]
             for out in _stretches(rows, members, waves, share)
         ]
     )
@@ -150,10 +150,7 @@ def _attitudes(by_kind: Sequence[tuple[Products, ...]], waves: _Waves, maps: int
         blocks = [_weighed(kinds, share) for kinds in by_kind]
         total = _sum(blocks)
         left = np.array(
-            [
-                [_left(total, out, kind, sizes) for kind in kinds]
-                for out, kinds in zip(blocks, by_kind, strict=True)
-            ]
+            [_left(total, out, kinds, sizes) for out, kinds in zip(blocks, by_kind, strict=True)]
         ).sum(axis=0)
         if left[1] <= 0.0:
             return 1.0
@@ -188,7 +185,7 @@ def _no_worse(of_time: Array, of_angles: Array) -> bool:
 class _Waves:
     """Products in terms of waves, without the model's parameters that are held at their bounds."""
 
-    def __init__(self, rows: Rows, maps: Sequence[JointErrorMap]) -> None:
+    def __init__(self, rows: BlockedRows, maps: Sequence[JointErrorMap]) -> None:
         dense = len(rows.own) + sum(each.effect.linear for each in rows.shaped)
         self._free = np.ones(dense + 2 * _HIGHEST * len(maps), dtype=bool)
         self._free[: len(rows.own)] = ~rows.pressing
@@ -198,7 +195,7 @@ class _Waves:
         self._bases = [b_splines_by_knots(FINE) @ waves] * len(maps)
 
     @property
-    def known(self) -> int:
+    def leading(self) -> int:
         """Return how many columns stand before the waves."""
         return int(self._free[: self._dense].sum())
 
@@ -219,7 +216,7 @@ class _Waves:
             before: maps whose own spectrum goes no further than their knots.
             scatter: of the rows.
         """
-        found = [np.ones(self.known)]
+        found = [np.ones(self.leading)]
         for k, spectrum in enumerate(spectra):
             assert spectrum is not None
             sizes = spectrum.sizes_rad(self.orders) / scatter
@@ -229,7 +226,7 @@ class _Waves:
         return np.concatenate(found)
 
 
-def _left(total: Products, out: Products, judged: Products, sizes: Array) -> float:
+def _left(total: Products, out: Products, judged: Sequence[Products], sizes: Array) -> list[float]:
     """Return the squared error of rows that are judged, predicted from all rows but those out.
 
     Columns are of the sizes given (N,).
@@ -237,11 +234,13 @@ def _left(total: Products, out: Products, judged: Products, sizes: Array) -> flo
     gram = (total.gram - out.gram) * (sizes[:, None] * sizes)
     projection = (total.projection - out.projection) * sizes
     x = sizes * solve(gram, projection, np.eye(len(sizes)))
-    return float(judged.squares - 2.0 * judged.projection @ x + x @ judged.gram @ x)
+    return [
+        float(each.squares - 2.0 * each.projection @ x + x @ (each.gram @ x)) for each in judged
+    ]
 
 
 def _stretches(
-    rows: Rows, members: tuple[Candidate, ...], waves: _Waves, share: float
+    rows: BlockedRows, members: tuple[Candidate, ...], waves: _Waves, share: float
 ) -> Iterator[Products]:
     """Yield the products of poses with a joint in a tenth of its visited angles."""
     maps = maps_among(members)
@@ -296,27 +295,27 @@ class Waves:
     projection: Array
     squares: float
     rows: int  # how many rows there were
-    known: int  # columns before the waves; each in its size
+    leading: int  # columns before the waves; each in its size
     orders: Array  # (M,) cycles a turn of the waves, the same for every map
 
     @property
     def maps(self) -> int:
         """Return how many maps there are."""
-        return (len(self.projection) - self.known) // len(self.orders)
+        return (len(self.projection) - self.leading) // len(self.orders)
 
 
 @dataclass(frozen=True, eq=False)
-class Bands:
+class BandEstimates:
     """The most likely bands."""
 
-    bands: tuple[Band, ...]  # one a map; all the same where the data ask for no more
+    bands: tuple[BandPrior, ...]  # one a map; all the same where the data ask for no more
     log_std: Array  # (maps, k) standard uncertainty of the logarithms of the numbers of each
     scatter: float  # of the rows, in their stated unit
     shared: bool  # whether all maps have one band
     nats: float  # log-likelihood at the maximum, up to a constant
 
 
-def most_likely(waves: Waves) -> Bands:
+def most_likely(waves: Waves) -> BandEstimates:
     """Return the bands under which the data are most likely, one for all maps or one for each."""
     together = _climb(_Cost(waves, own=False), np.append(_logs(TYPICAL), 0.0))
     if waves.maps == 1:
@@ -341,7 +340,7 @@ def minus_twice_log_likelihood(
         The value; the derivative by each of `log_sizes`; that by `log_scatter`; the second
         derivative (maps M, maps M) by `log_sizes` to be expected.
     """
-    sizes = np.concatenate([np.ones(waves.known), np.exp(log_sizes)])
+    sizes = np.concatenate([np.ones(waves.leading), np.exp(log_sizes)])
     precision = float(np.exp(-2.0 * log_scatter))
     gram = waves.gram * sizes[:, None]
     gram *= sizes * precision
@@ -357,7 +356,7 @@ def minus_twice_log_likelihood(
     value = 2.0 * waves.rows * log_scatter + data - float(projection @ x) + volume
     left = data - 2.0 * float(projection @ x) + float(x @ gram @ x)
     determined = len(x) - float(variance.sum())
-    of_waves = slice(waves.known, None)
+    of_waves = slice(waves.leading, None)
     told = -np.tril(inverse[of_waves, of_waves])
     told += np.tril(told, -1).T
     told[np.diag_indices_from(told)] += 1.0
@@ -436,7 +435,7 @@ def _minus_twice_log_evidence(point: _Point) -> float:
     return point.value + float(volume)
 
 
-def _bands(waves: Waves, point: _Point) -> Bands:
+def _bands(waves: Waves, point: _Point) -> BandEstimates:
     """Return the bands at a point, as uncertain as the expected curvature says."""
     own = len(point.at) > 1 + _NUMBERS
     covariance = 2.0 * np.linalg.inv(point.curvature[:-1, :-1])
@@ -447,7 +446,7 @@ def _bands(waves: Waves, point: _Point) -> Bands:
         if own:
             of_map[:, _NUMBERS * (k + 1) : _NUMBERS * (k + 2)] = np.diag(_OF_A_JOINT)
         log_std.append(np.sqrt(np.diag(of_map @ covariance @ of_map.T)))
-    return Bands(
+    return BandEstimates(
         bands=tuple(_band(each) for each in point.logs),
         log_std=np.array(log_std),
         scatter=float(np.exp(point.at[-1])),
@@ -456,14 +455,14 @@ def _bands(waves: Waves, point: _Point) -> Bands:
     )
 
 
-def _logs(band: Band) -> Array:
+def _logs(band: BandPrior) -> Array:
     """Return the logarithms of the numbers of a band."""
     return np.asarray(np.log(np.array(astuple(band))))
 
 
-def _band(logs: Array) -> Band:
+def _band(logs: Array) -> BandPrior:
     """Return the band of logarithms."""
-    return Band(*(float(each) for each in np.exp(logs)))
+    return BandPrior(*(float(each) for each in np.exp(logs)))
 
 
 def _log_sizes(logs: Array, orders: Array) -> Array:

@@ -14,7 +14,7 @@ from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.bands import InBands
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
 from pa10cal.discovery.blocked_cv.judge import (
-    Prediction,
+    BlockPrediction,
     found_in,
     remaining_error,
     slow_drift,
@@ -22,10 +22,10 @@ from pa10cal.discovery.blocked_cv.judge import (
     with_more,
 )
 from pa10cal.discovery.blocked_cv.refit import (
+    PartialFits,
     Refit,
     by_campaign,
     compare,
-    model_with,
     refit,
     seen_by_maps,
 )
@@ -48,7 +48,7 @@ from pa10cal.discovery.next_poses import (
 from pa10cal.discovery.noise import (
     AS_FOUND,
     Noise,
-    Scatter,
+    PoseDeviations,
     scatter_of,
     share_inside,
 )
@@ -56,7 +56,7 @@ from pa10cal.discovery.preparation import Prepared, complete_about, sought
 from pa10cal.discovery.short_forms import Arena
 from pa10cal.discovery.verdict import Plan, Searched
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit
@@ -75,7 +75,7 @@ _MOST_BY_CHANCE = 0.9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class VerdictByBlocks(Searched[Prediction]):
+class VerdictByBlocks(Searched[BlockPrediction]):
     """What became of a campaign of many different poses."""
 
     survey: Survey  # the campaign as it was judged
@@ -91,12 +91,12 @@ class VerdictByBlocks(Searched[Prediction]):
 
     @cached_property
     @override
-    def seen(self) -> AnglesSeen | None:
+    def seen(self) -> AngleCoverage | None:
         return seen_by_maps(self.survey, self.extended.effects)
 
     @cached_property
     @override
-    def scatter(self) -> Scatter | None:
+    def scatter(self) -> PoseDeviations | None:
         if not any(isinstance(effect, JointErrorMap) for effect in self.extended.effects):
             return None
         at, poses = self.extended.at, self.survey.poses
@@ -218,7 +218,7 @@ class VerdictByBlocks(Searched[Prediction]):
         )
 
     @override
-    def with_findings(self, findings: Sequence[Finding[Prediction]]) -> VerdictByBlocks:
+    def with_findings(self, findings: Sequence[Finding[BlockPrediction]]) -> VerdictByBlocks:
         return super().with_findings(findings).beside(self)
 
     @override
@@ -242,7 +242,11 @@ class VerdictByBlocks(Searched[Prediction]):
 
     @override
     def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
-        return model_with(self.survey, self.extended, effects)
+        return self._partial.model_with(effects)
+
+    @cached_property
+    def _partial(self) -> PartialFits:
+        return PartialFits(self.survey, self.extended)
 
     def beside(self, other: VerdictByBlocks) -> VerdictByBlocks:
         """Return the verdict with what another has that is in no model: motion and rivals."""
@@ -354,13 +358,13 @@ def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> Verdic
     extended = found.extended
     effects = (*extended.effects, *nameless)
     starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in nameless))
-    model = refit(found.survey, effects, starts, extended.weights).fitted()
+    model = refit(found.survey, effects, starts, extended.weights, own=extended.at).fitted()
 
-    def told(gap: PairedErrors) -> PairedErrors:
+    def with_remaining(gap: PairedErrors) -> PairedErrors:
         poses = complete_about(gap.poses, found.baseline, model, found.survey.setup)
         return replace(gap, with_rivals=left_by(model, poses))
 
-    return found.with_gaps(told)
+    return found.with_gaps(with_remaining)
 
 
 def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:

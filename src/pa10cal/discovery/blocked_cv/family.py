@@ -17,12 +17,12 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.blocked_cv.survey import Products, Rows, ShapedEffect, Survey
+from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products, ShapedEffect, Survey
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.preparation import computable, is_fault, sought, why_hidden
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap, harmonic_orders
+from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap, harmonic_orders
 
 #: Part of a parameter's own certainty that stands for a prior where it has none.
 _ROUNDING = 1e-12
@@ -160,25 +160,31 @@ class EffectSet:
         """Return the sum of squares of a block with each candidate added, (m,)."""
         there, here = self.at, self.solution[b]
         every = np.unique(np.concatenate([each.at for each in candidates]))
-        across = self._elsewhere(b, there, every)
-        followed = self.inverse[b] @ across
-        projection = self.total.projection[every] - self.products.projection[b, every]
-        open_ = projection - across.T @ here
-        steps = np.zeros((len(candidates), len(there)))
-        amounts = np.zeros((len(candidates), len(every)))
-        for k, candidate in enumerate(candidates):
-            own = np.searchsorted(every, candidate.at)
-            schur = self._elsewhere(b, candidate.at, candidate.at)
-            schur = schur - across[:, own].T @ followed[:, own]
-            amounts[k, own] = solve(schur, open_[own], candidate.prior)
-            steps[k] = -followed[:, own] @ amounts[k, own]
         gram, projection = self.products.gram[b], self.products.projection[b]
-        own_gram, across = gram[np.ix_(there, there)], gram[np.ix_(there, every)]
-        change = -2.0 * steps @ (projection[there] - own_gram @ here)
-        change -= 2.0 * amounts @ (projection[every] - across.T @ here)
-        change += np.sum(steps * (steps @ own_gram), axis=1)
-        change += 2.0 * np.sum((steps @ across) * amounts, axis=1)
-        change += np.sum(amounts * (amounts @ gram[np.ix_(every, every)]), axis=1)
+        own, across, corner = (
+            gram[np.ix_(*at)] for at in ((there, there), (there, every), (every, every))
+        )
+        elsewhere = self._elsewhere(b, there, every)
+        followed = self.inverse[b] @ elsewhere
+        beyond = self.total.gram[np.ix_(every, every)] - corner
+        open_ = self.total.projection[every] - projection[every] - elsewhere.T @ here
+        left, left_there = projection[every] - across.T @ here, projection[there] - own @ here
+        steps, change = np.zeros((len(candidates), len(there))), np.zeros(len(candidates))
+        known: dict[bytes, Array] = {}  # maps of several sizes have the same columns
+        for k, candidate in enumerate(candidates):
+            places = np.searchsorted(every, candidate.at)
+            in_one = bool(np.ptp(places) == len(places) - 1)  # then views are enough
+            at = slice(places[0], places[-1] + 1) if in_one else places
+            by_there = followed[:, at]
+            key = candidate.at.tobytes()
+            if key not in known:
+                known[key] = beyond[at][:, at] - elsewhere[:, at].T @ by_there
+            amounts = solve(known[key], open_[at], candidate.prior)
+            steps[k] = -by_there @ amounts
+            change[k] = amounts @ (
+                corner[at][:, at] @ amounts + 2.0 * (across[:, at].T @ steps[k] - left[at])
+            )
+        change += np.sum(steps * (steps @ own - 2.0 * left_there), axis=1)
         squares: Array = self.squares[b] + change
         return squares
 
@@ -255,11 +261,11 @@ SIZES_RAD = (3e-5, 1e-4, 3e-4)
 _SURELY_WORSE = 2.0
 
 
-def map_candidates(rows: Rows) -> list[Candidate]:
+def map_candidates(rows: BlockedRows) -> list[Candidate]:
     """Return maps of every revolute joint in all spacings, smoothnesses and sizes."""
     found = []
     for joint, (knots, half_order), size_rad in product(rows.joints, SPACINGS, SIZES_RAD):
-        spectrum = Fading(size_rad, half_order)
+        spectrum = FadingPrior(size_rad, half_order)
         # Of the highest order of an even number of knots only one part is there.
         harmonics = knots - (1 if knots == rows.knots else 2)
         sizes_rad = spectrum.sizes_rad(harmonic_orders(rows.knots)[1 : 1 + harmonics])
@@ -329,7 +335,7 @@ class Family:
     gains: dict[tuple[str, str], float]
 
 
-def family(rows: Rows, products: Products) -> Family:
+def family(rows: BlockedRows, products: Products) -> Family:
     """Return the candidates that these poses can show, and the effects that they cannot."""
     total = products.summed().gram
     own = rows.own
@@ -392,7 +398,7 @@ def _nearly_always(left: Array) -> float:
     return float(np.quantile(shares @ values, _RARELY))
 
 
-def _hidden(rows: Rows, candidate: Candidate, whole: Array, left: Array) -> str | None:
+def _hidden(rows: BlockedRows, candidate: Candidate, whole: Array, left: Array) -> str | None:
     """Return why the poses cannot show a candidate, None where they can."""
     if not np.trace(whole) > 0.0:
         return _why_silent(rows.survey.poses.states, candidate.shaped)

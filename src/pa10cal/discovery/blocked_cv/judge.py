@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -29,7 +29,7 @@ from pa10cal.discovery.blocked_cv.search import (
     finest,
     level,
 )
-from pa10cal.discovery.blocked_cv.survey import BLOCKS, Rows, ShapedEffect, Survey
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, ShapedEffect, Survey
 from pa10cal.discovery.finding import CARRIED, MayHaveCarrier, Untestable
 from pa10cal.discovery.in_time.channel import like_a_scan
 from pa10cal.discovery.linear import by_effects, by_own_terms, error_mm, rms, standard_error
@@ -50,7 +50,7 @@ _OVER_FLOOR = 1.15
 _SURELY = 3.0
 
 
-class Prediction(BlockedCrossValidation, MayHaveCarrier):
+class BlockPrediction(BlockedCrossValidation, MayHaveCarrier):
     """How well held-out blocks are predicted without an effect and with it."""
 
 
@@ -59,20 +59,20 @@ class Judged:
     """An effect that was found, with what speaks for it."""
 
     effect: Effect  # as the search has it; maps may be finer in the model
-    proof: Prediction  # how well it predicts what was held out
+    proof: BlockPrediction  # how well it predicts what was held out
     alternatives: tuple[Effect, ...]  # effects that predict that as well in its place
 
 
 def prediction(
     gain: Array, whole: float, rms_mm: tuple[float, float], carrier: str | None = None
-) -> Prediction:
+) -> BlockPrediction:
     """Return how well held-out blocks are predicted without an effect and with it.
 
     The weighed sum of squares of every block, `whole` in all without the effect, comes down by its
     gain (B,); root mean square errors are those without it and with it.
     """
     part, std = float(gain.sum()) / whole, standard_error(gain) / whole
-    return Prediction(
+    return BlockPrediction(
         rms_without_mm=rms_mm[0],
         rms_with_mm=rms_mm[1],
         blocks=BLOCKS,
@@ -85,7 +85,7 @@ def prediction(
 
 
 def judged_members(
-    rows: Rows, search: Search, chosen: EffectSet
+    rows: BlockedRows, search: Search, chosen: EffectSet
 ) -> tuple[tuple[Judged, ...], Array]:
     """Return the evidence of each member, and the position errors (P,) [mm] of held-out blocks."""
     solutions = np.stack(
@@ -102,6 +102,8 @@ def judged_members(
         whiteners = rows.weights.whiteners(np.flatnonzero(here))
         squares[here] = np.sum((whiteners @ left) ** 2, axis=1)
     rms = np.sqrt(np.mean(errors_mm**2, axis=0))
+    others = search.others(chosen)
+    beside = dict(zip(others, chosen.with_each(others), strict=True)) if others else {}
     found = []
     for k, without in enumerate(chosen.without_each()):
         gain = without - chosen.squares
@@ -109,11 +111,13 @@ def judged_members(
         carrier = _carrier(rows, by_pose, float(gain.sum()), search.least_gain)
         rms_mm = float(rms[k + 1]), float(rms[0])
         proof = prediction(gain, float(without.sum()), rms_mm, carrier)
-        found.append(Judged(chosen.members[k].effect, proof, alternatives(search, chosen, k)))
+        found.append(
+            Judged(chosen.members[k].effect, proof, alternatives(search, chosen, k, beside))
+        )
     return tuple(found), errors_mm[:, 0]
 
 
-def _carrier(rows: Rows, gain: Array, whole: float, least_gain: float) -> str | None:
+def _carrier(rows: BlockedRows, gain: Array, whole: float, least_gain: float) -> str | None:
     """Return the pose without which nearly nothing is gained (P,); None for none.
 
     The whole gain holds what uncertain weights would have to be, beside that of the poses.
@@ -127,7 +131,7 @@ def _carrier(rows: Rows, gain: Array, whole: float, least_gain: float) -> str | 
 
 
 def remaining_error(
-    rows: Rows, errors_mm: Array, floor_mm: float, others: tuple[Tried, ...]
+    rows: BlockedRows, errors_mm: Array, floor_mm: float, others: tuple[Tried, ...]
 ) -> Remaining:
     """Return the position error of held-out blocks, against noise, and what was tried on it."""
     means = np.array([errors_mm[rows.survey.block == b].mean() for b in range(BLOCKS)])
@@ -142,27 +146,29 @@ def remaining_error(
     )
 
 
-def alternatives(search: Search, chosen: EffectSet, member: int) -> tuple[Effect, ...]:
+def alternatives(
+    search: Search, chosen: EffectSet, member: int, beside: Mapping[Candidate, Array]
+) -> tuple[Effect, ...]:
     """Return the effects that predict as well in one's place, within a standard error.
 
     One that leaves it needed all the same is no alternative. The map of a joint can always do what
-    a named form of that joint does, and is none.
+    a named form of that joint does, and is none. The sums of squares of blocks with each of the
+    other candidates `beside` the set are given.
     """
     own = chosen.members[member]
     less = chosen.reduced(member)
     others = [
         other
-        for other in search.others(chosen)
+        for other in beside
         if not other.effect.generic
         and not (other.is_map and own.effect.coordinates == other.effect.coordinates)
     ]
     if not others:
         return ()
-    instead, beside = less.with_each(others), chosen.with_each(others)
     close: dict[tuple[str, str], Effect] = {}
-    for other, alone, both in zip(others, instead, beside, strict=True):
+    for other, alone in zip(others, less.with_each(others), strict=True):
         lost = alone - chosen.squares
-        if lost.sum() <= standard_error(lost) and not search.helps(alone, both):
+        if lost.sum() <= standard_error(lost) and not search.helps(alone, beside[other]):
             close.setdefault(other.name, other.effect)
     return tuple(close.values())
 
@@ -280,7 +286,8 @@ class HeldPoses:
         at, poses = found.at, survey.poses
         self._left = -survey.left_by(at)
         own = [term for term in at.model.terms if not isinstance(term, JointErrorMap | BaseDrift)]
-        self._own = np.concatenate(by_own_terms(at, poses, own), axis=2)
+        columns = np.concatenate(by_own_terms(at, poses, own), axis=2)
+        self._own = columns, self._whiteners @ columns
 
     def squares(self, effects: Sequence[Effect] = (), *, lag: bool = True) -> Squares:
         """Return what is left of held-out poses with effects beside the model.
@@ -316,17 +323,16 @@ class HeldPoses:
 
     def _predicted(self, effects: Sequence[Effect], lag: bool) -> Array:
         """Return what is left of each pose, its block held out, (P, b)."""
-        own, left = [self._own], self._left.copy()
-        if self._survey.lag is not None:
-            poses, of_lag = self._survey.poses, self._survey.lag
-            if lag:
-                own.append(of_lag.columns(self._at, poses))
-            elif of_lag.amounts is not None:
-                left += of_lag.shift(self._survey.baseline, poses)
+        left, poses, of_lag = self._left.copy(), self._survey.poses, self._survey.lag
         starts = [effect.starts[0] for effect in effects]
-        added = by_effects(self._at, self._survey.poses, effects, starts)
-        columns = np.concatenate([*own, *added], axis=2)
-        white = self._whiteners @ columns
+        added = by_effects(self._at, poses, effects, starts)
+        if of_lag is not None and lag:
+            added.append(of_lag.columns(self._at, poses))
+        elif of_lag is not None and of_lag.amounts is not None:
+            left += of_lag.shift(self._survey.baseline, poses)
+        own, own_white = self._own
+        columns = np.concatenate([own, *added], axis=2)
+        white = np.concatenate([own_white, *(self._whiteners @ each for each in added)], axis=2)
         data = self._whiteners @ left[:, :, None]
         blocks = [self._block == b for b in range(BLOCKS)]
         rows = [(white[here].reshape(-1, white.shape[2]), data[here].ravel()) for here in blocks]
@@ -339,7 +345,7 @@ class HeldPoses:
         return left
 
 
-def proof_of(before: Squares, after: Squares) -> Prediction:
+def proof_of(before: Squares, after: Squares) -> BlockPrediction:
     """Return how well held-out poses are predicted without something and with it."""
     gain = before.total - after.total
     return prediction(gain, float(before.total.sum()), (before.rms_mm, after.rms_mm))
@@ -398,7 +404,7 @@ class SearchOutcome:
     """What a survey comes to."""
 
     survey: Survey  # the campaign, with the motion of its base as these effects leave it
-    rows: Rows  # by which it was searched
+    rows: BlockedRows  # by which it was searched
     searched: SearchReport  # what the search found
     fine: Level  # the effects, by linear least squares
     bands: InBands | None = None  # of maps that have one; None where none has
@@ -553,7 +559,7 @@ class SearchReport:
     least_gain: float
 
 
-def searched_rows(rows: Rows) -> tuple[SearchReport, tuple[Candidate, ...]]:
+def searched_rows(rows: BlockedRows) -> tuple[SearchReport, tuple[Candidate, ...]]:
     """Search, and judge what was found: return it, and the members of the search."""
     products = rows.products()
     known = family(rows, products)

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import LinAlgError, block_diag, cho_factor
-from scipy.linalg.lapack import dpotri
+from scipy.linalg import LinAlgError, block_diag
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
-    Rows,
+    BlockedRows,
     ShapedEffect,
     Survey,
     in_terms_of,
@@ -27,9 +27,9 @@ from pa10cal.discovery.in_time.wander import moved_frames
 from pa10cal.discovery.linear import (
     ModelWithEffects,
     at_unknowns,
-    by_joints,
     by_targets,
     by_terms,
+    positions_of,
     possible_sizes,
     residual,
     rms,
@@ -37,7 +37,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.discovery.preparation import complete_about
-from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.observe.observations import Observations
@@ -50,7 +50,7 @@ from pa10cal.results.calibration import (
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
-    Fading,
+    FadingPrior,
     JointErrorMap,
     b_splines_by_knots,
     harmonic_orders,
@@ -63,14 +63,14 @@ from pa10cal.terms.term import Report, Term
 _REWEIGHTED = 2
 #: Maps of all joints by which poses are weighed: of middle spacing and smoothness.
 _KNOTS = 72
-_FADING = Fading(1e-4, 10.0)
+_FADING = FadingPrior(1e-4, 10.0)
 #: Part of the readings that what is fitted may take up; what is left of more says little of noise.
 _MOST_TAKEN = 0.6
 #: Size of a parameter that is not to be fitted.
 _NONE = 1e-9
 
 
-def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> Rows:
+def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> BlockedRows:
     """Return rows of effects and of maps of so many knots, weighed.
 
     By the scatter that all named effects and maps of all joints leave together: then no pose weighs
@@ -79,15 +79,15 @@ def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) 
     """
     measured = survey.poses.measured
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
-    rows = Rows(survey, unweighted(measured), named, _KNOTS)
+    rows = BlockedRows(survey, unweighted(measured), named, _KNOTS)
     weights = pose_weights(residual(rows.place, survey.poses), float(len(rows.own)), measured)
     for _ in range(_REWEIGHTED):
-        rows = Rows(survey, weights, named, _KNOTS)
+        rows = BlockedRows(survey, weights, named, _KNOTS)
         weights = pose_weights(*_left_by_everything(rows), measured)
-    return Rows(survey, weights, shaped, knots)
+    return BlockedRows(survey, weights, shaped, knots)
 
 
-def noise_squares(rows: Rows, noise: Noise) -> float:
+def noise_squares(rows: BlockedRows, noise: Noise) -> float:
     """Return the sum of squares of weighed rows that noise alone is expected to leave.
 
     No more than the whole scatter of a row: a stated uncertainty may be too large.
@@ -98,7 +98,7 @@ def noise_squares(rows: Rows, noise: Noise) -> float:
     return float(np.sum(rows.weights.weight[:, None] * seen * np.minimum(noisy, 1.0)))
 
 
-def _left_by_everything(rows: Rows) -> tuple[Array, float]:
+def _left_by_everything(rows: BlockedRows) -> tuple[Array, float]:
     """Return what all columns together leave, (P, b), and how many parameters that takes.
 
     The richest set of columns that leaves enough of the readings is taken.
@@ -142,6 +142,7 @@ def refit(
     starts: tuple[Array, ...],
     weights: PoseWeights,
     widening: Widening = AS_FOUND,
+    own: FittedModel | None = None,
 ) -> Refit:
     """Fit the calibrated model with effects to all poses of a survey.
 
@@ -151,10 +152,15 @@ def refit(
         starts: parameters of each to set out from.
         weights: what each pose counts at first.
         widening: how components scatter, where that is known better than by their median.
+        own: fit of the same model with fewer effects, of which all that belongs to no effect is
+            where to set out from; None for the calibrated model.
     """
-    fit = _Fit(survey, effects)
+    fit = _NormalFit(survey, effects)
     baseline = survey.baseline
-    x = np.concatenate([baseline.x, *starts, np.zeros(6), baseline.targets_m])
+    base, at = np.zeros(6), baseline
+    if own is not None:
+        base, at = own.x[-6:], own
+    x = np.concatenate([at.x[: len(baseline.x)], *starts, base, at.targets_m])
     bounds = fit.bounds
     counts = weights.widened(widening)
 
@@ -203,14 +209,14 @@ def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
     """
     fewer = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
     counts = PoseWeights(found.weights.whitener[rows], found.weights.weight[rows])
-    fit = _Fit(fewer, found.effects)
+    fit = _NormalFit(fewer, found.effects)
     there = fit.equations(found.x, counts)
     held = fit.bounds.held(found.x, there.gradient)
     covariance = _inverse(there.normal, fit.prior, ~held)
     return found.x - covariance @ there.gradient, covariance
 
 
-class _Fit:
+class _NormalFit:
     """Normal equations of the fit, in the order of the model's parameters."""
 
     def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
@@ -254,9 +260,12 @@ class _Fit:
         at, poses = self.place(x), self._survey.poses
         whiten = weights.whiteners()
         points = [x[place] for place in self._dense_at]
-        of_terms = by_terms(at, poses, self._dense, points)
-        dense = whiten @ np.concatenate([*of_terms, by_targets(at, poses)], axis=2)
-        screws = whiten @ by_joints(at, poses, [each.joint for each in self._maps])
+        # The maps' joints come last.
+        joints = positions_of(at, [each.joint for each in self._maps])
+        *of_terms, screws = by_terms(
+            at, poses, [*self._dense, joints], [*points, np.zeros(len(self._maps))], whiten
+        )
+        dense = np.concatenate([*of_terms, whiten @ by_targets(at, poses)], axis=2)
         q_rad = poses.states.q_rad[:, [each.joint - 1 for each in self._maps]]
         white = (whiten @ self._survey.left_by(at)[:, :, None]).ravel()
         gram, projection, _ = products(
@@ -293,12 +302,21 @@ def _inverse(information: Array, prior: Array, free: Mask) -> Array:
     scale = 1.0 / np.sqrt(np.diag(information)[free])
     inverse = np.zeros_like(information)
     try:
-        scales = np.outer(scale, scale)
-        factor, _ = cho_factor(information[own] * scales, overwrite_a=True)
-        upper, wrong = dpotri(factor)
+        unit = (information if free.all() else information[own]) * scale
+        unit *= scale[:, None]
+        factor, wrong = dpotrf(unit.T, overwrite_a=1)  # of zeros below its diagonal
         if wrong:
             raise LinAlgError
-        inverse[own] = (np.triu(upper) + np.triu(upper, 1).T) * scales
+        upper, wrong = dpotri(factor, overwrite_c=1)
+        if wrong:
+            raise LinAlgError
+        upper *= scale
+        upper *= scale[:, None]
+        whole = upper + upper.T
+        whole[np.diag_indices_from(whole)] = np.diag(upper)
+        if free.all():
+            return np.asarray(whole)
+        inverse[own] = whole
     except LinAlgError:
         inverse[own] = no_wider_than(information[own], prior[own])
     return inverse
@@ -306,8 +324,9 @@ def _inverse(information: Array, prior: Array, free: Mask) -> Array:
 
 # How far models are from measured poses: what a fit has seen, and name by name.
 
-#: Steps of a fit that sets out nearby.
-_STEPS = 3
+#: A fit that sets out nearby ends where a step gains no more than this part of what is left.
+_SETTLED = 1e-4
+_MOST_STEPS_NEARBY = 20
 
 
 def compare(
@@ -320,53 +339,100 @@ def compare(
     return gap(poses, campaign.baseline, after, noise_floor_mm, seen, T_moved)
 
 
-def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AnglesSeen | None:
+def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AngleCoverage | None:
     """Return the joint positions from which maps have learnt an error; None without a map."""
     maps = any(isinstance(effect, JointErrorMap) for effect in effects)
     return campaign.angles_seen if maps else None
 
 
-def model_with(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> FittedModel:
-    """Return the model with some of its effects, maps as they are, all else fitted again."""
-    poses, own = campaign.poses, extended.own_columns()
-    x = extended.x.copy()
-    for effect in extended.effects:
-        if effect not in some:
-            first = extended.columns_of(effect).start
-            x[first : first + effect.linear] = 0.0
-    # Maps stay as they are; an effect of few parameters takes other amounts beside others.
-    joined = [each for each in some if not isinstance(each, JointErrorMap)]
-    terms = [term for term in extended.model.terms if term not in extended.effects]
-    places = [
-        np.arange(first, first + each.linear)
-        for each in joined
-        for first in [extended.columns_of(each).start]
-    ]
-    baseline, measured = campaign.baseline, poses.measured
-    expected = np.diag(possible_sizes(with_base_term(campaign.baseline), measured))
-    middle = np.zeros(len(own) + sum(map(len, places)))
-    middle[: len(baseline.x)] = baseline.x
-    middle[len(own) - len(baseline.targets_m) : len(own)] = baseline.targets_m
-    sizes = block_diag(expected, *(each.prior_factor for each in joined))
-    free = np.concatenate([own, *places])
-    whiten = extended.weights.whiteners()
-    bounds = Bounds.of((*extended.model.parameters, *measured.target_parameters))
-    for _ in range(_STEPS):
-        at = at_unknowns(extended.at, x)
-        points = [at.x[at.model.columns_of(term)] for term in (*terms, *joined)]
-        found = by_terms(at, poses, (*terms, *joined), points)
+class PartialFits:
+    """The model with some of its effects: maps as they are, all else fitted again.
+
+    An effect of few parameters takes other amounts beside others. Taking effects out moves the
+    model by millimetres, over which its derivative is the same to a thousandth: one derivative,
+    at the model with all of them, serves every step of every fit.
+    """
+
+    def __init__(self, campaign: Survey, extended: Refit) -> None:
+        """Take the model with all effects, and linearise it in all but its maps."""
+        self._campaign, self._extended = campaign, extended
+        at, model, measured = extended.at, extended.model, campaign.poses.measured
+        effects = [each for each in extended.effects if not isinstance(each, JointErrorMap)]
+        own = [term for term in model.terms if term not in extended.effects]
+        points = [at.x[model.columns_of(term)] for term in (*own, *effects)]
+        found = by_terms(at, campaign.poses, (*own, *effects), points)
         amounts = [
             columns[:, :, : each.linear]
-            for columns, each in zip(found[len(terms) :], joined, strict=True)
+            for columns, each in zip(found[len(own) :], effects, strict=True)
         ]
-        columns = [*found[: len(terms)], by_targets(at, poses), *amounts]
-        rows = (whiten @ np.concatenate(columns, axis=2)).reshape(-1, len(free)) @ sizes
-        left = (whiten @ campaign.left_by(at)[:, :, None]).ravel()
-        off = np.linalg.solve(sizes, x[free] - middle)
-        step = np.linalg.solve(rows.T @ rows + np.eye(len(free)), rows.T @ left + off)
-        x[free] -= sizes @ step
-        x = bounds.clip(x)
-    return replace(extended, at=at_unknowns(extended.at, x)).fitted()
+        columns = np.concatenate(
+            [*found[: len(own)], by_targets(at, campaign.poses), *amounts], axis=2
+        )
+        self._whiten = whiten = extended.weights.whiteners()
+        white = (whiten @ columns).reshape(-1, columns.shape[2])
+        self._gram = white.T @ white
+        self._towards = (np.swapaxes(whiten, 1, 2) @ white.reshape(columns.shape)).reshape(
+            white.shape
+        )
+        # Where each column stands among the unknowns, and which effect it is of.
+        unknown, baseline = extended.own_columns(), campaign.baseline
+        first = [extended.columns_of(each).start for each in effects]
+        self._at = np.concatenate(
+            [
+                unknown,
+                *(np.arange(k, k + each.linear) for k, each in zip(first, effects, strict=True)),
+            ]
+        )
+        self._effect = np.repeat(
+            np.arange(-1, len(effects)), [len(unknown), *(each.linear for each in effects)]
+        )
+        self._effects = effects
+        expected = np.diag(possible_sizes(with_base_term(baseline), measured))
+        sizes = block_diag(expected, *(each.prior_factor for each in effects))
+        inverse = np.linalg.inv(sizes)
+        self._prior = inverse.T @ inverse
+        self._middle = np.zeros(len(self._at))
+        self._middle[: len(baseline.x)] = baseline.x
+        self._middle[len(unknown) - len(baseline.targets_m) : len(unknown)] = baseline.targets_m
+        self._bounds = Bounds.of((*model.parameters, *measured.target_parameters))
+
+    def model_with(self, some: tuple[Effect, ...]) -> FittedModel:
+        """Return the model with some of its effects."""
+        extended, x = self._extended, self._extended.x.copy()
+        for effect in extended.effects:
+            if effect not in some:
+                first = extended.columns_of(effect).start
+                x[first : first + effect.linear] = 0.0
+        there = np.flatnonzero(
+            np.isin(
+                self._effect, [-1, *(k for k, each in enumerate(self._effects) if each in some)]
+            )
+        )
+        free, own = self._at[there], np.ix_(there, there)
+        bounds = Bounds(self._bounds.lower[free], self._bounds.upper[free])
+        prior, middle = self._prior[own], self._middle[there]
+        normal = self._gram[own] + prior
+
+        def at(values: Array) -> FittedModel:
+            x[free] = values
+            return at_unknowns(extended.at, x)
+
+        def equations(values: Array) -> Equations:
+            left, off = self._campaign.left_by(at(values)), values - middle
+            white = self._whiten @ left[:, :, None]
+            cost = float(np.sum(white**2) + off @ prior @ off)
+            return Equations(cost, (left.ravel() @ self._towards)[there] + prior @ off, normal)
+
+        found = minimise(
+            bounds.clip(x[free]),
+            equations,
+            lambda values, step: bounds.clip(values + step),
+            lambda _, taken: taken.gained <= _SETTLED * taken.before.cost,
+            most_steps=_MOST_STEPS_NEARBY,
+            held=bounds.held,
+            beyond=bounds.beyond,
+        )
+        return replace(extended, at=at(found.at)).fitted()
 
 
 # Each effect fitted to each campaign of a group alone, and how well campaigns agree.

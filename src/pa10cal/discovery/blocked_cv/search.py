@@ -30,9 +30,9 @@ from pa10cal.discovery.blocked_cv.family import (
 )
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
+    BlockedRows,
     BlockRows,
     Products,
-    Rows,
     ShapedEffect,
     map_columns,
     products,
@@ -262,7 +262,7 @@ class Level:
         )
 
 
-def finest(rows: Rows, members: tuple[Candidate, ...]) -> Level:
+def finest(rows: BlockedRows, members: tuple[Candidate, ...]) -> Level:
     """Make maps of the search's finest spacing finer, all at once, while held-out blocks gain."""
     rows = replace(rows, shaped=tuple(member.shaped for member in members if not member.is_map))
     best, left = _held_out(rows, members)
@@ -279,12 +279,12 @@ def finest(rows: Rows, members: tuple[Candidate, ...]) -> Level:
     return best
 
 
-def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
+def level(rows: BlockedRows, members: tuple[Candidate, ...]) -> Level:
     """Return members with their products; rows hold their effects, in their order."""
     return level_of(products_of(rows, members).summed(), rows, members)
 
 
-def _held_out(rows: Rows, members: tuple[Candidate, ...]) -> tuple[Level, Array]:
+def _held_out(rows: BlockedRows, members: tuple[Candidate, ...]) -> tuple[Level, Array]:
     """Return the level of members, and the squared error of each block held out, (B,)."""
     inside = products_of(rows, members)
     found = level_of(inside.summed(), rows, members)
@@ -296,7 +296,7 @@ def _held_out(rows: Rows, members: tuple[Candidate, ...]) -> tuple[Level, Array]
     return found, squares
 
 
-def level_of(total: Products, rows: Rows, members: tuple[Candidate, ...]) -> Level:
+def level_of(total: Products, rows: BlockedRows, members: tuple[Candidate, ...]) -> Level:
     """Return members with the products of all blocks."""
     maps = maps_among(members)
     dense = len(total.projection) - sum(each.knots for each in maps)
@@ -311,7 +311,7 @@ def level_of(total: Products, rows: Rows, members: tuple[Candidate, ...]) -> Lev
     return Level(members, total, prior, at)
 
 
-def products_of(rows: Rows, members: tuple[Candidate, ...]) -> Products:
+def products_of(rows: BlockedRows, members: tuple[Candidate, ...]) -> Products:
     """Return the products of own parameters, effects, and B-splines of maps, block by block."""
     maps, found = maps_among(members), []
     for b in range(BLOCKS):
@@ -321,7 +321,9 @@ def products_of(rows: Rows, members: tuple[Candidate, ...]) -> Products:
     return Products(np.stack(gram), np.stack(projection), np.array(squares))
 
 
-def products_by_kind(rows: Rows, maps: Sequence[JointErrorMap], b: int) -> tuple[Products, ...]:
+def products_by_kind(
+    rows: BlockedRows, maps: Sequence[JointErrorMap], b: int
+) -> tuple[Products, ...]:
     """Return the products of one block: of its rows of positions, and of the others."""
     block, splines = _columns(rows, maps, b)
     found = []
@@ -331,7 +333,9 @@ def products_by_kind(rows: Rows, maps: Sequence[JointErrorMap], b: int) -> tuple
     return tuple(found)
 
 
-def _columns(rows: Rows, maps: Sequence[JointErrorMap], b: int) -> tuple[BlockRows, csr_array]:
+def _columns(
+    rows: BlockedRows, maps: Sequence[JointErrorMap], b: int
+) -> tuple[BlockRows, csr_array]:
     """Return the rows of a block, and the columns of the B-splines of some maps."""
     at, block = [rows.joints.index(each.joint) for each in maps], rows.block(b)
     knots = [each.knots for each in maps]

@@ -13,11 +13,11 @@ from scipy.sparse import csr_array
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.in_time.wander import Wander
 from pa10cal.discovery.linear import (
-    by_effects,
     by_joints,
-    by_own_terms,
     by_targets,
+    by_terms,
     of_weights,
+    positions_of,
     possible_sizes,
     residual,
     unknowns,
@@ -31,13 +31,14 @@ from pa10cal.discovery.noise import (
 )
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
+from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import CandidateContext, Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots, harmonics_at_knots
+from pa10cal.terms.term import Term
 
 #: Blocks of poses, each held out in turn.
 BLOCKS = 10
@@ -72,7 +73,7 @@ class Survey:
         return self.poses
 
     @property
-    def angles_seen(self) -> AnglesSeen:
+    def angles_seen(self) -> AngleCoverage:
         """Return the joint positions that the poses visit."""
         return angles_seen(self.poses.states.q_rad, ~self.context.arm.prismatic)
 
@@ -90,12 +91,19 @@ class Survey:
             at: the model.
             poses: P complete poses of the campaign; None for all of the survey.
         """
-        poses = self.poses if poses is None else poses
-        left = residual(at, poses)
-        for own in self.nuisances:
-            if own.amounts is not None:
-                left = left + own.shift(self.baseline, poses)
-        return left
+        if poses is None:
+            return residual(at, self.poses) + self._beside
+        return residual(at, poses) + self._shift(poses)
+
+    @cached_property
+    def _beside(self) -> Array | float:
+        return self._shift(self.poses)
+
+    def _shift(self, poses: Observations) -> Array | float:
+        """Return what motion of the base and lag come to in the components of poses, (P, b)."""
+        return sum(
+            each.shift(self.baseline, poses) for each in self.nuisances if each.amounts is not None
+        )
 
     def noise_about(self, at: FittedModel) -> Noise:
         """Return the noise of single readings by nearly equal poses, else as stated, of a model."""
@@ -322,19 +330,19 @@ def in_terms_of(
         bases: (K1, h1), (K2, h2), … coefficients of the B-splines that each map's new parameters
             stand for.
     """
-    old = list(pairwise(dense + np.cumsum([0, *(len(basis) for basis in bases)])))
-    new = list(pairwise(dense + np.cumsum([0, *(basis.shape[1] for basis in bases)])))
+    old = pairwise(dense + np.cumsum([0, *(len(basis) for basis in bases)]))
+    new = pairwise(dense + np.cumsum([0, *(basis.shape[1] for basis in bases)]))
+    maps = list(zip(bases, old, new, strict=True))
     total = dense + sum(basis.shape[1] for basis in bases)
-    half = np.empty((total, len(gram)))
-    half[:dense] = gram[:dense]
     turned, found = np.empty((total, total)), np.empty(total)
-    found[:dense] = projection[:dense]
-    for basis, (first, last), (own, end) in zip(bases, old, new, strict=True):
-        half[own:end] = basis.T @ gram[first:last]
+    turned[:dense, :dense], found[:dense] = gram[:dense, :dense], projection[:dense]
+    for k, (basis, (first, last), (own, end)) in enumerate(maps):
         found[own:end] = basis.T @ projection[first:last]
-    turned[:, :dense] = half[:, :dense]
-    for basis, (first, last), (own, end) in zip(bases, old, new, strict=True):
-        turned[:, own:end] = half[:, first:last] @ basis
+        beside = basis.T @ gram[first:last, :last]  # itself, and all that stands before it
+        turned[own:end, :dense] = beside[:, :dense]
+        for other, (start, stop), (its, its_end) in maps[: k + 1]:
+            turned[own:end, its:its_end] = beside[:, start:stop] @ other
+        turned[:own, own:end] = turned[own:end, :own].T
     return turned, found
 
 
@@ -396,7 +404,7 @@ class BlockRows:
 
 
 @dataclass(frozen=True)
-class Rows:
+class BlockedRows:
     """Rows about the calibrated model, in columns: own parameters, effects, harmonics of maps."""
 
     survey: Survey  # the campaign
@@ -490,12 +498,34 @@ class Rows:
         """Return the rows of one block."""
         here = np.flatnonzero(self.survey.block == b)
         poses, whiten = self.survey.poses.take(here), self.weights.whiteners(here)
-        effects, starts = [s.effect for s in self.shaped], [s.start for s in self.shaped]
-        found = by_effects(self.place, poses, effects, starts)
-        dense = whiten @ np.concatenate([self._own(poses), *found], axis=2)
-        screws = whiten @ by_joints(self.place, poses, self.joints)
+        at, model = self.place, self.place.model
+        terms: list[Term] = [*model.terms, *(shaped.effect for shaped in self.shaped)]
+        points = [at.x[model.columns_of(term)] for term in model.terms]
+        points += [shaped.start for shaped in self.shaped]
+        joints = positions_of(at, self.joints)
+        *found, screws = by_terms(
+            at, poses, [*terms, joints], [*points, np.zeros(len(self.joints))], whiten
+        )
+        own = len(model.terms)
+        sizes = possible_sizes(model, poses.measured)
+        beside = [by_targets(at, poses) * sizes[len(at.x) :]]
+        beside += [each.columns(at, poses) for each in self.survey.nuisances]
+        dense = np.concatenate(
+            [
+                *(
+                    columns * sizes[model.columns_of(term)]
+                    for term, columns in zip(model.terms, found[:own], strict=True)
+                ),
+                *(whiten @ columns for columns in beside),
+                *(
+                    columns[:, :, : shaped.effect.linear] @ shaped.effect.prior_factor
+                    for shaped, columns in zip(self.shaped, found[own:], strict=True)
+                ),
+            ],
+            axis=2,
+        )
         q_rad = poses.states.q_rad[:, [joint - 1 for joint in self.joints]]
-        data = -whiten @ residual(self.place, poses)[:, :, None]
+        data = -whiten @ residual(at, poses)[:, :, None]
         return BlockRows(data.ravel(), dense.reshape(-1, dense.shape[2]), screws, q_rad)
 
     def left_of(self, b: int, x: Array) -> Array:
@@ -514,13 +544,6 @@ class Rows:
         whiteners = self.weights.whiteners(np.flatnonzero(self.survey.block == b))
         found: Array = np.linalg.solve(whiteners, left_over.reshape(*whiteners.shape[:2], -1))
         return found
-
-    def _own(self, poses: Observations) -> Array:
-        at = self.place
-        sizes = possible_sizes(at.model, poses.measured)[len(at.x) :]
-        own = by_own_terms(at, poses, at.model.terms)
-        beside = [each.columns(at, poses) for each in self.survey.nuisances]
-        return np.concatenate([*own, by_targets(at, poses) * sizes, *beside], axis=2)
 
     def kinds(self, count: int) -> tuple[Index, Index]:
         """Return which of so many rows are of positions, and which of orientations."""

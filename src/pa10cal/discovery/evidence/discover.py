@@ -15,7 +15,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.evidence.fit import (
-    Fit,
+    EvidenceFit,
     apparatus_m,
     covariance_of,
     fit,
@@ -30,7 +30,7 @@ from pa10cal.discovery.evidence.judge import (
     shared_error_mm,
     weighed_rows,
 )
-from pa10cal.discovery.evidence.problem import NoiseModel, Problem, prepare
+from pa10cal.discovery.evidence.problem import EvidenceProblem, NoiseModel, prepare
 from pa10cal.discovery.evidence.search import (
     evidence_about,
     refit,
@@ -81,10 +81,10 @@ _OF_STATED = 0.1
 class VerdictByRepeats(Searched[Confirmation]):
     """What became of a campaign whose poses are repeated."""
 
-    problem: Problem  # the campaign as it was weighed
-    start: Fit  # the baseline, fitted as everything else is
+    problem: EvidenceProblem  # the campaign as it was weighed
+    start: EvidenceFit  # the baseline, fitted as everything else is
     judgement: Judgement  # what the verdict rests on
-    extended: Fit  # the model with the effects found
+    extended: EvidenceFit  # the model with the effects found
 
     method: ClassVar[str] = "evidence of repeats"
 
@@ -256,7 +256,7 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
     )
 
 
-def _with_time(readings: Observations, campaign: Prepared) -> tuple[Problem, Fit]:
+def _with_time(readings: Observations, campaign: Prepared) -> tuple[EvidenceProblem, EvidenceFit]:
     """Return the problem and its fit with what the readings show of time, where they do.
 
     The noise is that of repeats without what moved between them: running medians show it at first,
@@ -293,7 +293,10 @@ def _with_time(readings: Observations, campaign: Prepared) -> tuple[Problem, Fit
 
 
 def compare(
-    problem: Problem, extended: Fit, poses: Observations, searched: Fit | None = None
+    problem: EvidenceProblem,
+    extended: EvidenceFit,
+    poses: Observations,
+    searched: EvidenceFit | None = None,
 ) -> PairedErrors:
     """Return the gap of baseline and extended model on averaged poses.
 
@@ -317,12 +320,14 @@ def compare(
     return replace(found, with_rivals=left_by(_exported(problem, searched), poses))
 
 
-def _exported(problem: Problem, found: Fit) -> FittedModel:
+def _exported(problem: EvidenceProblem, found: EvidenceFit) -> FittedModel:
     """Return a fit as the model that is exported, its covariance aside."""
     return replace(found.fitted(), targets_off_m=apparatus_m(problem, found))
 
 
-def model_with(problem: Problem, extended: Fit, effects: tuple[Effect, ...]) -> FittedModel:
+def model_with(
+    problem: EvidenceProblem, extended: EvidenceFit, effects: tuple[Effect, ...]
+) -> FittedModel:
     """Return an extended model with some of its effects, all fitted again."""
     sizes = tuple(extended.size_of[effect] for effect in effects)
     return _exported(problem, fit(problem, effects, sizes, extended.variances, extended))
@@ -334,7 +339,7 @@ def model_with(problem: Problem, extended: Fit, effects: tuple[Effect, ...]) -> 
 _NO_PART = 1e-9
 
 
-def evidence_lack_of_fit(problem: Problem, found: Fit) -> LackOfFit:
+def evidence_lack_of_fit(problem: EvidenceProblem, found: EvidenceFit) -> LackOfFit:
     """Compute where a fit and the data disagree.
 
     Two channels: poses, measured against predicted, and torques, logged against the weights. Errors
@@ -352,7 +357,7 @@ def evidence_lack_of_fit(problem: Problem, found: Fit) -> LackOfFit:
     return lack_of_fit(left, (pose, torque), torques)
 
 
-def channel_tests(problem: Problem, found: Fit) -> tuple[Channel, Channel | None]:
+def channel_tests(problem: EvidenceProblem, found: EvidenceFit) -> tuple[Channel, Channel | None]:
     """Test both channels, the parameters' part of every row taken off its freedom."""
     channels = [(problem.pose, pose_rows(problem, found.at))]
     if problem.torque is not None:
@@ -408,7 +413,9 @@ _MOST_ROUNDS = 4
 _USUAL = 1
 
 
-def fit_given(problem: Problem, effects: tuple[Effect, ...]) -> tuple[Problem, Fit]:
+def fit_given(
+    problem: EvidenceProblem, effects: tuple[Effect, ...]
+) -> tuple[EvidenceProblem, EvidenceFit]:
     """Fit the baseline with effects, whether or not the data speak for them.
 
     Sizes expected and errors of unknown cause are those of the greatest evidence; noise and weights

@@ -8,7 +8,7 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.likelihood import SIZES
-from pa10cal.discovery.evidence.problem import Problem
+from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.linear import (
     ModelWithEffects,
     at_unknowns,
@@ -30,7 +30,7 @@ _FIRST_DAMPING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(ModelWithEffects):
+class EvidenceFit(ModelWithEffects):
     """The calibrated model with effects, fitted as the evidence weighs."""
 
     sizes: tuple[int, ...]  # index in `likelihood.SIZES` of the size expected of each effect
@@ -50,12 +50,12 @@ class Fit(ModelWithEffects):
 
 
 def fit(
-    problem: Problem,
+    problem: EvidenceProblem,
     effects: tuple[Effect, ...],
     sizes: tuple[int, ...],
     variances: tuple[float, float],
-    start: Fit | None = None,
-) -> Fit:
+    start: EvidenceFit | None = None,
+) -> EvidenceFit:
     """Fit the model with some effects; from several shapes where an effect has them, the best.
 
     Each effect has the index of the size expected of it; variances are those of the shared errors
@@ -71,7 +71,7 @@ def fit(
         own, known = start.x[start.own_columns()], {e: start.of(e) for e in start.effects}
     # An effect that the start has keeps its shape: only those that join have shapes to try.
     shapes = max((len(effect.starts) for effect in effects if effect not in known), default=1)
-    best: tuple[float, Fit] | None = None
+    best: tuple[float, EvidenceFit] | None = None
     for shape in range(shapes):
         parts = [
             known[effect] if effect in known else effect.starts[min(shape, len(effect.starts) - 1)]
@@ -93,13 +93,15 @@ def fit(
             first_damping=_FIRST_DAMPING,
         )
         if best is None or found.equations.cost < best[0]:
-            fitted = Fit(effects, at_unknowns(at, found.at), found.converged, sizes, *variances)
+            fitted = EvidenceFit(
+                effects, at_unknowns(at, found.at), found.converged, sizes, *variances
+            )
             best = found.equations.cost, fitted
     assert best is not None
     return best[1]
 
 
-def covariance_of(problem: Problem, found: Fit) -> Array:
+def covariance_of(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     """Return the covariance (k, k) that data and expected sizes leave of all parameters."""
     weighed = _Weighed(problem, found.effects, found.sizes, found.variances, found.at)
     information = weighed.equations(found.x).normal
@@ -108,7 +110,7 @@ def covariance_of(problem: Problem, found: Fit) -> Array:
     return inverse
 
 
-def apparatus_m(problem: Problem, found: Fit) -> Array:
+def apparatus_m(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     """Return the fitted positions of the targets on the apparatus, (a,) [m].
 
     They are integrated out in the fit, and are known best once it is done: the error of their
@@ -129,7 +131,7 @@ class _Weighed:
 
     def __init__(
         self,
-        problem: Problem,
+        problem: EvidenceProblem,
         effects: tuple[Effect, ...],
         sizes: tuple[int, ...],
         variances: tuple[float, float],
@@ -188,13 +190,13 @@ class _Weighed:
         return Equations.of(everything[:, 0], everything[:, 1:])
 
 
-def pose_rows(problem: Problem, at: FittedModel) -> Array:
+def pose_rows(problem: EvidenceProblem, at: FittedModel) -> Array:
     """Return predicted minus measured and its derivative side by side, (C, b, 1 + k + t)."""
     left, jacobian = residual_and_jacobian(at, problem.cells)
     return np.concatenate([left[:, :, None], jacobian], axis=2)
 
 
-def torque_rows(problem: Problem, at: FittedModel) -> Array:
+def torque_rows(problem: EvidenceProblem, at: FittedModel) -> Array:
     """Return predicted minus logged torque and its derivative side by side, (C, n, 1 + k + t)."""
     states, model = problem.cells.states, at.model
     left = torque_left(problem, at)
@@ -204,6 +206,6 @@ def torque_rows(problem: Problem, at: FittedModel) -> Array:
     )
 
 
-def torque_left(problem: Problem, at: FittedModel) -> Array:
+def torque_left(problem: EvidenceProblem, at: FittedModel) -> Array:
     """Return predicted minus logged torque, (C, n)."""
     return at.model.torque_Nm(problem.cells.states, at.x) - problem.torque_left_Nm

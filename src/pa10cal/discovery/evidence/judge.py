@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.evidence.fit import Fit, covariance_of, fit
-from pa10cal.discovery.evidence.likelihood import SIZES, Block, Score
-from pa10cal.discovery.evidence.problem import NoiseModel, Problem, Whitening
+from pa10cal.discovery.evidence.fit import EvidenceFit, covariance_of, fit
+from pa10cal.discovery.evidence.likelihood import SIZES, CandidateRows, Score
+from pa10cal.discovery.evidence.problem import EvidenceProblem, NoiseModel, Whitening
 from pa10cal.discovery.evidence.search import (
     EndOfSearch,
     ended_at,
@@ -62,7 +62,9 @@ class WeighedRows:
     cell: Index  # (R,) the cell of each row
 
 
-def confirm(problem: Problem, found: EndOfSearch, needed: float = 0.0) -> tuple[Confirmation, ...]:
+def confirm(
+    problem: EvidenceProblem, found: EndOfSearch, needed: float = 0.0
+) -> tuple[Confirmation, ...]:
     """Confirm every effect that the search found; a name needs so much log evidence."""
     if not found.fit.effects:
         return ()
@@ -88,7 +90,7 @@ def confirm(problem: Problem, found: EndOfSearch, needed: float = 0.0) -> tuple[
 
 
 def weighed_rows(
-    problem: Problem, found: EndOfSearch, family: tuple[Effect, ...], *, turned: bool = True
+    problem: EvidenceProblem, found: EndOfSearch, family: tuple[Effect, ...], *, turned: bool = True
 ) -> WeighedRows:
     """Return all rows by independent errors of unit variance.
 
@@ -113,7 +115,7 @@ def weighed_rows(
             parts.append(rows_of(problem.torque, score.torque_variance, torque_rows))
         return np.concatenate(parts)
 
-    def block(candidate: Block, scale: float) -> Array:
+    def block(candidate: CandidateRows, scale: float) -> Array:
         factor = scale * candidate.factor
         return both(candidate.pose @ factor, candidate.torque @ factor)
 
@@ -298,7 +300,7 @@ def _rivals(found: EndOfSearch, effect: Effect) -> tuple[Effect, ...]:
 
 def _refitted(
     found: EndOfSearch, effect: Effect, family: tuple[Effect, ...]
-) -> list[tuple[Fit, Score]]:
+) -> list[tuple[EvidenceFit, Score]]:
     """Return full refits with another effect in one's place that are about as good, best first.
 
     If a rival is the truth, the chance that it falls behind by more than `worse` is below
@@ -366,13 +368,13 @@ def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ..
     return whole - without < threshold(effects_in(found.family), MISSED_RATE)
 
 
-def shared_error_mm(problem: Problem, variance: float) -> float:
+def shared_error_mm(problem: EvidenceProblem, variance: float) -> float:
     """Return the position error that a shared variance amounts to, root mean square over poses."""
     position = np.trace(_position_noise(problem), axis1=1, axis2=2).mean()
     return float(1e3 * np.sqrt(variance * position))
 
 
-def floor_mm(problem: Problem, repeats: NDArray[np.int64] | None = None) -> float:
+def floor_mm(problem: EvidenceProblem, repeats: NDArray[np.int64] | None = None) -> float:
     """Return the mean position error that the repeatability alone leaves in averaged poses.
 
     Of so many readings (P,) each; None for those of the poses fitted.
@@ -386,5 +388,5 @@ def floor_mm(problem: Problem, repeats: NDArray[np.int64] | None = None) -> floa
     return float(1e3 * np.mean(mean_length(variance)))
 
 
-def _position_noise(problem: Problem) -> Array:
+def _position_noise(problem: EvidenceProblem) -> Array:
     return position_noise(problem.readings.measured, problem.noise.cov)

@@ -29,7 +29,7 @@ SIZES = (0.1, 1.0, 10.0)
 
 
 @dataclass(frozen=True)
-class Block:
+class CandidateRows:
     """Linearised rows of one candidate."""
 
     # pose and torque: (R, k), (R', k) whitened rows a unit of each parameter
@@ -80,7 +80,7 @@ class _Given:
         return found
 
 
-class Evidence:
+class SetEvidence:
     """Evidence of sets of candidates, about one linearisation."""
 
     def __init__(
@@ -90,7 +90,7 @@ class Evidence:
         pose_data: Array,
         torque_data: Array,
         own: Array,
-        blocks: tuple[Block, ...],
+        blocks: tuple[CandidateRows, ...],
     ) -> None:
         """Reduce the rows of both channels, of torques where any is logged.
 

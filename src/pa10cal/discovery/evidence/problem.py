@@ -171,7 +171,7 @@ MM = 1e-3
 
 
 @dataclass(frozen=True)
-class Problem:
+class EvidenceProblem:
     """Everything that the search weighs effects by."""
 
     baseline: FittedModel  # the calibrated model
@@ -199,7 +199,7 @@ def prepare(
     torques_logged: bool = True,
     in_time: InTime = STILL,
     moved: Array | None = None,
-) -> Problem:
+) -> EvidenceProblem:
     """Make a campaign ready, by single readings with the instrument's covariance.
 
     Noise and weights are computed about the baseline, or a better model, whose effects may need
@@ -230,7 +230,7 @@ def prepare(
     pose, torque, of_weights_Nm = noise_models(
         cells, cell_cov, about, setup, torque_u_Nm, load_N, in_time
     )
-    return Problem(
+    return EvidenceProblem(
         baseline=baseline,
         setup=setup,
         readings=readings,

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pa10cal.arrays import Array, Mask
-from pa10cal.discovery.evidence.fit import Fit, fit, pose_rows, torque_rows
-from pa10cal.discovery.evidence.likelihood import SIZES, Block, Evidence, Score
-from pa10cal.discovery.evidence.problem import Problem, prepare
+from pa10cal.discovery.evidence.fit import EvidenceFit, fit, pose_rows, torque_rows
+from pa10cal.discovery.evidence.likelihood import SIZES, CandidateRows, Score, SetEvidence
+from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import by_end, of_weights, possible_sizes
 from pa10cal.discovery.preparation import computable, effects_in, why_hidden
@@ -26,7 +26,7 @@ INDISTINGUISHABLE = 0.999
 
 
 @dataclass(frozen=True)
-class Linearised:
+class LinearisedCandidates:
     """The rows of a fit and of candidates about it."""
 
     # pose_data and torque_data: whitened rows of measured minus predicted, with the linear part of
@@ -34,10 +34,12 @@ class Linearised:
     pose_data: Array
     torque_data: Array
     own: Array  # (R, k) whitened rows of the model's own parameters, at their possible size
-    blocks: tuple[Block, ...]  # of each candidate requested, in order
+    blocks: tuple[CandidateRows, ...]  # of each candidate requested, in order
 
 
-def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> Linearised:
+def linearise(
+    problem: EvidenceProblem, found: EvidenceFit, candidates: tuple[Effect, ...]
+) -> LinearisedCandidates:
     """Linearise the model about a fit, by its own parameters and by candidates.
 
     Those of the fit's effects that are among the candidates are put back.
@@ -50,7 +52,7 @@ def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> L
     if problem.torque is not None:
         torque = problem.torque.rows(torque_rows(problem, found.at))
         torque_data, torque_by_x = -torque[:, 0], torque[:, 1:]
-    blocks: dict[Effect, Block] = {}
+    blocks: dict[Effect, CandidateRows] = {}
     for effect in found.effects:
         at = found.columns_of(effect)
         linear = slice(at.start, at.start + effect.linear)
@@ -59,14 +61,14 @@ def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> L
         # Its shape may be anything near.
         factor = np.diag(np.abs(found.of(effect)))
         factor[: effect.linear, : effect.linear] = effect.prior_factor
-        blocks[effect] = Block(by_x[:, at], torque_by_x[:, at], factor)
+        blocks[effect] = CandidateRows(by_x[:, at], torque_by_x[:, at], factor)
     # Weights are expected about what is described, not about the fit.
     weights = np.flatnonzero(of_weights(found.model))
     pose_data = pose_data + by_x[:, weights] @ found.x[weights]
     others = tuple(effect for effect in candidates if effect not in blocks)
     if others:
         blocks |= zip(others, _blocks(problem, found, others), strict=True)
-    return Linearised(
+    return LinearisedCandidates(
         pose_data,
         torque_data,
         by_x[:, own_columns] * possible,
@@ -74,14 +76,16 @@ def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> L
     )
 
 
-def _blocks(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> list[Block]:
+def _blocks(
+    problem: EvidenceProblem, found: EvidenceFit, effects: tuple[Effect, ...]
+) -> list[CandidateRows]:
     """Return the rows of effects that the fit has not, at each of their shapes."""
     states, at = problem.cells.states, found.at
     terms = [effect for effect in effects for _ in effect.starts]
     starts = [start for effect in effects for start in effect.starts]
-    in_base = at.model.by_terms(states, at.x, terms, starts)
+    T, in_base = at.model.by_terms(states, at.x, terms, starts)
     linear = [values[:, :, : term.linear] for values, term in zip(in_base, terms, strict=True)]
-    turn = by_end(at, problem.cells, at.model.predict(states, at.x))
+    turn = by_end(at, problem.cells, T)
     pose = problem.pose.rows(turn @ np.concatenate(linear, axis=2))
     torque = np.zeros((0, pose.shape[1]))
     if problem.torque is not None:
@@ -97,13 +101,13 @@ def _blocks(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> list[B
         shapes = len(effect.starts)
         columns = slice(first, first + shapes * effect.linear)
         factor = np.asarray(np.kron(np.eye(shapes), effect.prior_factor), dtype=float)
-        blocks.append(Block(pose[:, columns], torque[:, columns], factor))
+        blocks.append(CandidateRows(pose[:, columns], torque[:, columns], factor))
         first = columns.stop
     return blocks
 
 
 def testable(
-    problem: Problem, found: Fit, effects: tuple[Effect, ...]
+    problem: EvidenceProblem, found: EvidenceFit, effects: tuple[Effect, ...]
 ) -> tuple[tuple[Effect, ...], tuple[Untestable, ...]]:
     """Divide effects into those that these data can show and those that they cannot."""
     states = problem.cells.states
@@ -135,7 +139,7 @@ def testable(
 
 
 def _beside_own(
-    problem: Problem, found: Fit, effects: tuple[Effect, ...]
+    problem: EvidenceProblem, found: EvidenceFit, effects: tuple[Effect, ...]
 ) -> Iterator[tuple[Array, Array, Array, Array]]:
     """Yield rows of each effect: of poses, what own parameters leave of these, of torques.
 
@@ -151,7 +155,9 @@ def _beside_own(
         yield rows, rows - own @ (own.T @ rows), bare, bare if torque is None else torque(bare)
 
 
-def indistinguishable(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> Mask:
+def indistinguishable(
+    problem: EvidenceProblem, found: EvidenceFit, effects: tuple[Effect, ...]
+) -> Mask:
     """Return which effects look the same in these poses, whatever is measured, (m, m).
 
     Two do when every canonical cosine of what the model's own parameters leave of them is close to
@@ -188,9 +194,9 @@ _MOST_ROUNDS = 6
 class EndOfSearch:
     """Where the search ended."""
 
-    problem: Problem  # the campaign, noise and weights computed about that fit
-    fit: Fit  # the model with the effects found
-    evidence: Evidence  # about that fit, over the whole family
+    problem: EvidenceProblem  # the campaign, noise and weights computed about that fit
+    fit: EvidenceFit  # the model with the effects found
+    evidence: SetEvidence  # about that fit, over the whole family
     family: tuple[Effect, ...]  # the candidates, in the order of the evidence's blocks
     same: Mask  # (m, m) which of them look the same in these poses
     score: Score  # evidence of the set found
@@ -212,14 +218,16 @@ def threshold(family: int, error_rate: float) -> float:
     return float(np.log(max(family, 1) / error_rate))
 
 
-def evidence_about(problem: Problem, found: Fit, family: tuple[Effect, ...]) -> Evidence:
+def evidence_about(
+    problem: EvidenceProblem, found: EvidenceFit, family: tuple[Effect, ...]
+) -> SetEvidence:
     """Return the evidence of sets of a family, linear about a fit."""
     lin, pose, torque = linearise(problem, found, family), problem.pose, problem.torque
-    return Evidence(pose, torque, lin.pose_data, lin.torque_data, lin.own, lin.blocks)
+    return SetEvidence(pose, torque, lin.pose_data, lin.torque_data, lin.own, lin.blocks)
 
 
 def search(
-    problem: Problem, family: tuple[Effect, ...], error_rate: float, start: Fit
+    problem: EvidenceProblem, family: tuple[Effect, ...], error_rate: float, start: EvidenceFit
 ) -> EndOfSearch:
     """Find the set of effects of a family that the data support, from the model without effects."""
     needed = threshold(effects_in(family), error_rate)
@@ -240,7 +248,9 @@ def search(
     return ended_at(problem, current, family, same)
 
 
-def ended_at(problem: Problem, current: Fit, family: tuple[Effect, ...], same: Mask) -> EndOfSearch:
+def ended_at(
+    problem: EvidenceProblem, current: EvidenceFit, family: tuple[Effect, ...], same: Mask
+) -> EndOfSearch:
     """Return what the search has found where it ends at a fit, with the evidence about it."""
     evidence, sizes = evidence_about(problem, current, family), current.sizes
     members = tuple(map(family.index, current.effects))
@@ -250,12 +260,12 @@ def ended_at(problem: Problem, current: Fit, family: tuple[Effect, ...], same: M
 
 
 def refit(
-    problem: Problem,
+    problem: EvidenceProblem,
     effects: tuple[Effect, ...],
     sizes: tuple[int, ...],
     variances: tuple[float, float],
-    start: Fit,
-) -> tuple[Problem, Fit]:
+    start: EvidenceFit,
+) -> tuple[EvidenceProblem, EvidenceFit]:
     """Fit a set of effects, compute noise and weights about it, and fit again.
 
     A large effect that the baseline lacks bends it: the posture, hence the moments, are then a
@@ -274,7 +284,11 @@ def refit(
 
 
 def _improve(
-    evidence: Evidence, same: Mask, members: tuple[int, ...], sizes: tuple[int, ...], needed: float
+    evidence: SetEvidence,
+    same: Mask,
+    members: tuple[int, ...],
+    sizes: tuple[int, ...],
+    needed: float,
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Add, exchange and drop effects until nothing helps; each that stays must be needed."""
     forbidden: set[int] = set()
@@ -289,7 +303,7 @@ def _improve(
 
 
 def _forward(
-    evidence: Evidence,
+    evidence: SetEvidence,
     same: Mask,
     members: tuple[int, ...],
     sizes: tuple[int, ...],
@@ -315,7 +329,7 @@ def _forward(
 
 
 def _best_addition(
-    evidence: Evidence,
+    evidence: SetEvidence,
     same: Mask,
     members: tuple[int, ...],
     sizes: tuple[int, ...],
@@ -337,7 +351,7 @@ def _best_addition(
 
 
 def _weakest(
-    evidence: Evidence, members: tuple[int, ...], sizes: tuple[int, ...], needed: float
+    evidence: SetEvidence, members: tuple[int, ...], sizes: tuple[int, ...], needed: float
 ) -> tuple[int | None, float, tuple[int, ...]]:
     """Return which member the set would miss least, how much, and the sizes of those left.
 
@@ -357,7 +371,7 @@ def _weakest(
 
 
 def resized(
-    evidence: Evidence, members: tuple[int, ...], sizes: tuple[int, ...]
+    evidence: SetEvidence, members: tuple[int, ...], sizes: tuple[int, ...]
 ) -> tuple[float, tuple[int, ...]]:
     """Return the evidence of a set with the size of each member chosen anew, and the sizes."""
     best = evidence.score(members, sizes).log_evidence, sizes

@@ -12,8 +12,8 @@ import pandas as pd
 from pa10cal.figures import published
 from pa10cal.figures.published import SOURCES, is_of_papers_arm, reduction_percent
 from pa10cal.figures.registry import picture
-from pa10cal.figures.repeats import Scatter, incompleteness, places, scatter_by_load
-from pa10cal.figures.table import Table, figures, frame_of
+from pa10cal.figures.repeats import GridScatter, incompleteness, places, scatter_by_load
+from pa10cal.figures.table import ResultTable, figures, frame_of
 from pa10cal.reports.blocks import Grid, grid
 from pa10cal.reports.formatting import KINDS, written, written_load
 from pa10cal.reports.results_bundle import COMBINED, ResultsBundle
@@ -61,7 +61,7 @@ have stand below those it has. Agreement shows that the method is implemented as
 says nothing about the robot of the authors.
 """,
 )
-def tabulate_paper_against_ours(results: ResultsBundle) -> Table:
+def tabulate_paper_against_ours(results: ResultsBundle) -> ResultTable:
     """Return the paper's values with ours, in `_COLUMNS`."""
     scatter = scatter_by_load(places(results))
     rows = [
@@ -74,10 +74,10 @@ def tabulate_paper_against_ours(results: ResultsBundle) -> Table:
     lacking = incompleteness(results.paper_calibration(), scatter)
     notes = _NOTES if lacking is None else (*_NOTES, lacking)
     data = pd.DataFrame(rows).astype(str)[list(_COLUMNS)]
-    return Table("The paper's values beside ours", data, notes=notes)
+    return ResultTable("The paper's values beside ours", data, notes=notes)
 
 
-def _grid_rows(results: ResultsBundle, scatter: Mapping[str, Scatter]) -> Iterator[_Row]:
+def _grid_rows(results: ResultsBundle, scatter: Mapping[str, GridScatter]) -> Iterator[_Row]:
     """Yield errors before and after, and the scatter within one configuration, at each load."""
     combined, cases = results.paper_calibration(), results.load_cases()
     before = {load: errors.before for load, errors in combined.errors.items()}
@@ -151,7 +151,7 @@ def _twist_remark(results: ResultsBundle, model: HeldOutModel) -> str:
     )
 
 
-def _monte_carlo_rows(results: ResultsBundle, scatter: Mapping[str, Scatter]) -> Iterator[_Row]:
+def _monte_carlo_rows(results: ResultsBundle, scatter: Mapping[str, GridScatter]) -> Iterator[_Row]:
     """Yield what resolver uncertainty alone does to the position."""
     planes, source = (
         {of.plane_mm: of for of in results.planes_of_settings()},
@@ -324,7 +324,7 @@ paper's values belong to the arm that its authors measured. The arm of the shipp
 lightcap2008 is simulated with Table I, so a difference there is an estimation error.
 """,
 )
-def tabulate_table1_parameters(results: ResultsBundle) -> Table:
+def tabulate_table1_parameters(results: ResultsBundle) -> ResultTable:
     """Return every link and spring parameter of every calibration, the paper's beside the first."""
     combined, of_papers_arm = results.paper_calibration(), is_of_papers_arm(results)
     cases = {COMBINED: combined} | results.load_cases()
@@ -357,7 +357,7 @@ def tabulate_table1_parameters(results: ResultsBundle) -> Table:
             "synthetic campaign need not share them.",
         ]
     lacking = incompleteness(combined, scatter_by_load(places(results)))
-    return Table(
+    return ResultTable(
         title="Parameters beside Table I of the paper",
         data=frame_of(_HEADER_OF_TABLE1, rows),
         shown=tuple(

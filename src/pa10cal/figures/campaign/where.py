@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from pa10cal.figures import style
 from pa10cal.figures.registry import picture
-from pa10cal.figures.table import Table, frame_of
+from pa10cal.figures.table import ResultTable, frame_of
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.theme import AFTER, BEFORE, BLACK, BLUE, GREY, ORANGE
 from pa10cal.reports.trust import outliers_grid
@@ -280,14 +280,14 @@ be a wrong reading. Several of them at neighbouring positions or joint angles ar
 effect that the model lacks.
 """,
 )
-def tabulate_suspected_outliers(results: ResultsBundle) -> Table:
+def tabulate_suspected_outliers(results: ResultsBundle) -> ResultTable:
     """Return every suspected outlier, the worst first."""
     case = results.general_calibration()
     rows = [
         (of.pose, of.load_N, round(of.distance, 2), round(of.weight, 3), of.why)
         for of in case.suspected_outliers
     ]
-    return Table(
+    return ResultTable(
         title="Suspected outliers",
         data=frame_of(("pose", "load_N", "distance", "weight", "why"), rows),
         shown=(outliers_grid(case),),

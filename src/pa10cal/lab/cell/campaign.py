@@ -13,10 +13,10 @@ from pa10cal.arm.description import Arm
 from pa10cal.errors import SettingsError
 from pa10cal.lab.cell import instruments
 from pa10cal.lab.cell.classes import classes_in
-from pa10cal.lab.cell.effects.effect import Effect, Motion, with_added
+from pa10cal.lab.cell.effects.effect import JointState, SimulatedEffect, with_added
 from pa10cal.lab.cell.effects.vocabulary import make_effects
 from pa10cal.lab.cell.individual import KcubReading, build_robot
-from pa10cal.lab.cell.instruments.instrument import Instrument, Truth, rest_poses
+from pa10cal.lab.cell.instruments.instrument import SimulatedInstrument, Truth, rest_poses
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.robot import Robot
 
@@ -25,12 +25,12 @@ _DRIFT_PERIOD_S = 24 * 3600.0
 
 
 @dataclass(frozen=True)
-class Campaign:
+class SimulatedCampaign:
     """What a campaign's folder holds, and what it must not."""
 
     name: str
     settings: SimulateOptions  # the request to the cell
-    instrument: Instrument  # what measured it
+    instrument: SimulatedInstrument  # what measured it
     # raw tables by their key in campaign.yaml, as in the raw-data contract
     tables: Mapping[str, pd.DataFrame]
     truth: Truth  # what is hidden; never written beside the rest
@@ -41,7 +41,7 @@ def simulate_campaign(
     arm: Arm,
     settings: SimulateOptions,
     kcub_reading: KcubReading = "text_e7",
-) -> Campaign:
+) -> SimulatedCampaign:
     """Measure one robot in the virtual cell; the same settings give the same campaign.
 
     Args:
@@ -67,8 +67,8 @@ def measure_campaign(
     name: str,
     settings: SimulateOptions,
     robot: Robot,
-    effects: Sequence[Effect] = (),
-) -> Campaign:
+    effects: Sequence[SimulatedEffect] = (),
+) -> SimulatedCampaign:
     """Measure a robot that is already there; see `simulate_campaign`.
 
     Args:
@@ -85,7 +85,7 @@ def measure_campaign(
     swing = np.sin(2.0 * np.pi * at_rest_s / _DRIFT_PERIOD_S + phase)
     temperature_C = REFERENCE_TEMPERATURE_C + settings.temperature_drift_C * swing
     q_motor, drive = instrument.motors(schedule, streams)
-    motion = Motion(q_motor, schedule.arrival, robot.arm.gear_ratio)
+    motion = JointState(q_motor, schedule.arrival, robot.arm.gear_ratio)
     rest = rest_poses(
         robot,
         effects,
@@ -96,28 +96,28 @@ def measure_campaign(
         schedule.arrival,
     )
     truth = Truth(robot, tuple(effects), poses, schedule, q_motor, rest, temperature_C)
-    return Campaign(name, settings, instrument, instrument.measure(truth, streams), truth)
+    return SimulatedCampaign(name, settings, instrument, instrument.measure(truth, streams), truth)
 
 
 @cache
-def instrument_kinds() -> dict[str, type[Instrument]]:
+def instrument_kinds() -> dict[str, type[SimulatedInstrument]]:
     """Return the instruments that can be simulated, by kind."""
-    return classes_in(instruments, Instrument, "kind")
+    return classes_in(instruments, SimulatedInstrument, "kind")
 
 
-def instrument_of(settings: SimulateOptions) -> Instrument:
+def instrument_of(settings: SimulateOptions) -> SimulatedInstrument:
     """Return the instrument of some settings."""
     plan = settings.without_touches
     return instrument_kinds()["touch_trigger_cmm" if plan is None else plan.instrument](settings)
 
 
-def _streams(instrument: Instrument, seed: int) -> dict[str, np.random.Generator]:
+def _streams(instrument: SimulatedInstrument, seed: int) -> dict[str, np.random.Generator]:
     """Return one stream of random numbers a purpose: changing one leaves the others alone."""
     children = np.random.SeedSequence(seed).spawn(len(instrument.streams))
     return dict(zip(instrument.streams, map(np.random.default_rng, children), strict=True))
 
 
-def _need_a_drift(effects: Sequence[Effect], settings: SimulateOptions) -> None:
+def _need_a_drift(effects: Sequence[SimulatedEffect], settings: SimulateOptions) -> None:
     """Refuse to hide an effect of temperature where temperature does not change."""
     idle = [effect.id for effect in effects if effect.by_temperature]
     if idle and settings.temperature_drift_C == 0.0:

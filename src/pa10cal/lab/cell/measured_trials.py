@@ -21,7 +21,7 @@ from pa10cal.lab.cell.effects.vocabulary import all_effects, places_of
 from pa10cal.lab.cell.individual import described, draw_unstated, nominal
 from pa10cal.lab.cell.options import UnstatedOptions
 from pa10cal.lab.cell.poses import joint_bounds
-from pa10cal.lab.cell.robot import Departures, Mechanism, Statics, tool_payload
+from pa10cal.lab.cell.robot import Departures, Mechanism, SimulatedStatics, tool_payload
 from pa10cal.lab.cell.scenario import (
     ATTITUDE_RAD,
     POSITION_MM,
@@ -108,14 +108,14 @@ class _OwnArm:
     mechanism: Mechanism  # as described, with the true weights
 
     @classmethod
-    def drawn(cls, shipped: Arm, rng: np.random.Generator) -> _OwnArm:
+    def draw(cls, shipped: Arm, rng: np.random.Generator) -> _OwnArm:
         """Draw lengths and weights of an arm of a kind."""
         weights, tool_kg = draw_unstated(shipped, rng)
         mechanism = nominal(shipped, weights, tool_kg)
         return cls(weights, tool_kg, described(shipped, weights), mechanism)
 
     @cached_property
-    def usual(self) -> Statics:
+    def usual(self) -> SimulatedStatics:
         """What the weights do in usual poses."""
         rng = np.random.default_rng(0)
         q = rng.uniform(*joint_bounds(self.arm), (_TYPICAL_POSES, self.arm.n))
@@ -157,7 +157,7 @@ def draw_measured(
         raise idle(subject, benches, "an arm with a joint that weights load among them")
     bench = benches[str(rng.choice(fitting))]
     scenario = Scenario(kind, rng, bench, int(rng.integers(2**31)))
-    own = _OwnArm.drawn(bench.arm, rng)
+    own = _OwnArm.draw(bench.arm, rng)
     plan: dict[str, Any] = {
         "instrument": bench.instrument,
         "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),

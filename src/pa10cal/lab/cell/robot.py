@@ -31,9 +31,9 @@ RING_HEIGHTS_M = (0.100, 0.140)
 TOOL_COM_M = np.array([0.0, 0.0, 0.060])
 
 
-def apparatus_payload() -> Payload:
+def apparatus_payload() -> SimulatedPayload:
     """Return the weight of the tooling-ball apparatus."""
-    return Payload(APPARATUS_MASS_KG, APPARATUS_COM_M, LOAD_POINT_M)
+    return SimulatedPayload(APPARATUS_MASS_KG, APPARATUS_COM_M, LOAD_POINT_M)
 
 
 def make_balls(measured_to_mm: float, rng: np.random.Generator) -> Targets:
@@ -47,9 +47,9 @@ def make_balls(measured_to_mm: float, rng: np.random.Generator) -> Targets:
     return Targets(BALL_NAMES, balls_m, balls_m + error_m)
 
 
-def tool_payload(mass_kg: float) -> Payload:
+def tool_payload(mass_kg: float) -> SimulatedPayload:
     """Return the weight of a tool with reflectors."""
-    return Payload(mass_kg, TOOL_COM_M, LOAD_POINT_M)
+    return SimulatedPayload(mass_kg, TOOL_COM_M, LOAD_POINT_M)
 
 
 def ring_of_targets(count: int) -> Targets:
@@ -130,7 +130,7 @@ class Springs:
 
 
 @dataclass(frozen=True)
-class Payload:
+class SimulatedPayload:
     """What an arm carries; points in the end-effector frame."""
 
     mass_kg: float  # mass of the tool
@@ -232,7 +232,7 @@ class Strain:
 
 
 @dataclass(frozen=True)
-class Statics:
+class SimulatedStatics:
     """What weights do to an arm at rest in P poses."""
 
     torque_Nm: Array  # (P, n) what the motors exert (forces [N] of prismatic joints)
@@ -253,11 +253,15 @@ class Mechanism:
     slides: NDArray[np.bool_]  # (n,) whether the joint slides along its z axis
     mass_kg: Array  # (n,) masses of the links, zero where they are not known
     com_m: Array  # (n, 3) their centres of mass in the frame that their joint carries along
-    payload: Payload  # what the arm carries
+    payload: SimulatedPayload  # what the arm carries
 
     @classmethod
     def of(
-        cls, arm: Arm, departures: Departures, payload: Payload, mass_kg: Array | None = None
+        cls,
+        arm: Arm,
+        departures: Departures,
+        payload: SimulatedPayload,
+        mass_kg: Array | None = None,
     ) -> Mechanism:
         """Lay out the rows of an arm.
 
@@ -319,7 +323,7 @@ class Mechanism:
             frames.append(T)
         return np.array(frames)
 
-    def statics(self, q: Array, load_N: Array, strain: Strain | None = None) -> Statics:
+    def statics(self, q: Array, load_N: Array, strain: Strain | None = None) -> SimulatedStatics:
         """Return torques and moments (P, …) that go with the links at rest at `q` (P, n).
 
         Args:
@@ -348,7 +352,7 @@ class Mechanism:
             R, p = placements[joint][..., :3, :3], placements[joint][..., :3, 3]
             force = np.einsum("...ij,...j->...i", R, force)
             moment = np.einsum("...ij,...j->...i", R, moment) + np.cross(p, force)
-        return Statics(tau, link_Nm, -moment)
+        return SimulatedStatics(tau, link_Nm, -moment)
 
     def _strained(self, strain: Strain | None) -> tuple[list[Array], Array]:
         """Return placements of the joints and the end-effector's, (4, 4) or (P, 4, 4) each."""

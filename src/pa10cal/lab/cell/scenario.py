@@ -15,7 +15,7 @@ from pa10cal.arrays import Array
 from pa10cal.errors import SettingsError
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import robot_of
-from pa10cal.lab.cell.effects.effect import Effect, Site, TorqueLogEffect
+from pa10cal.lab.cell.effects.effect import SimulatedEffect, Site, TorqueLogEffect
 from pa10cal.lab.cell.effects.vocabulary import all_effects, places_of
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.poses import joint_bounds
@@ -175,7 +175,7 @@ class Bench:
             }
         return Site(of, **of_joint, half_m=self.half_m, middle_m=self.middle_m(robot))
 
-    def places(self, effect: type[Effect]) -> list[str]:
+    def places(self, effect: type[SimulatedEffect]) -> list[str]:
         """Return where an effect does something at this bench."""
         if effect.by_weights and self.arm.mass_kg is None:
             return []
@@ -266,7 +266,7 @@ class Scenario:
         """The robot of the campaign, once its plan is drawn."""
         return robot_of(self.bench.arm, self.options)
 
-    def hide(self, effect: type[Effect], size: float, site: Site | None = None) -> None:
+    def hide(self, effect: type[SimulatedEffect], size: float, site: Site | None = None) -> None:
         """Hide an effect at some times its usual size, none twice at one place.
 
         Args:
@@ -286,7 +286,7 @@ class Scenario:
         self.sizes.append(size)
 
     @property
-    def effects(self) -> list[type[Effect]]:
+    def effects(self) -> list[type[SimulatedEffect]]:
         """The kinds of the hidden effects."""
         return [all_effects()[entry["id"]] for entry in self.hidden]
 
@@ -296,8 +296,8 @@ class Scenario:
         return Trial(f"{name}-{self.seed:08x}", self.kind, self.bench.name, self.options, sizes)
 
 
-def trial_places(effect: type[Effect]) -> tuple[str, ...]:
-    """Return where trials put an effect, in the words of `Effect.places`."""
+def trial_places(effect: type[SimulatedEffect]) -> tuple[str, ...]:
+    """Return where trials put an effect, in the words of `SimulatedEffect.places`."""
     return effect.trial_places or effect.places
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from pa10cal.arm.description import Arm
 from pa10cal.errors import SettingsError
 from pa10cal.lab.cell.disturbances import DISTURBANCES, Disturbance, Need
-from pa10cal.lab.cell.effects.effect import Effect, Site, TorqueLogEffect
+from pa10cal.lab.cell.effects.effect import SimulatedEffect, Site, TorqueLogEffect
 from pa10cal.lab.cell.effects.reading import drawn_cogs, drawn_ratio
 from pa10cal.lab.cell.effects.vocabulary import all_effects, nameless, outside, vocabulary
 from pa10cal.lab.cell.instruments.touch_trigger_cmm import UNCERTAINTY_MM
@@ -221,7 +221,7 @@ def _draw_hidden(
 
 def _bench_in_turn(
     kind: str, number: int, benches: Sequence[Bench]
-) -> tuple[Bench, dict[str, type[Effect]], type[Effect] | None]:
+) -> tuple[Bench, dict[str, type[SimulatedEffect]], type[SimulatedEffect] | None]:
     """Return the bench of a trial, the effects that may be hidden there, and whose turn it is."""
     known = outside() if kind == "outside" else vocabulary()
     if kind in ("single", "outside"):
@@ -328,7 +328,7 @@ def _has(bench: Bench, use: Mapping[str, Any]) -> dict[Need, bool]:
     }
 
 
-def _hides(bench: Bench, use: Mapping[str, Any], effect: type[Effect]) -> bool:
+def _hides(bench: Bench, use: Mapping[str, Any], effect: type[SimulatedEffect]) -> bool:
     """Return whether an effect does something at a bench that is used so."""
     if bench.touched:
         return not effect.wild
@@ -339,7 +339,7 @@ def _hides(bench: Bench, use: Mapping[str, Any], effect: type[Effect]) -> bool:
 def _draw_wild_tracked(
     scenario: Scenario,
     use: Mapping[str, Any],
-    effect: type[Effect] | None,
+    effect: type[SimulatedEffect] | None,
     put: Sequence[Disturbance],
 ) -> Trial:
     """Draw the campaign of a tracker."""
@@ -375,7 +375,7 @@ def _draw_wild_tracked(
 def _draw_wild_touched(
     scenario: Scenario,
     _use: Mapping[str, Any],
-    effect: type[Effect] | None,
+    effect: type[SimulatedEffect] | None,
     put: Sequence[Disturbance],
 ) -> Trial:
     """Draw the campaign of touched balls: one of the other trials, shorter and disturbed."""
@@ -408,7 +408,7 @@ def _parameters(
     put: Sequence[Disturbance], joints: int, rng: np.random.Generator
 ) -> list[dict[str, Any]]:
     """Draw the parameters of disturbances, for an arm of so many joints."""
-    return [{"id": each.id, "parameters": each.drawn(joints, rng)} for each in put]
+    return [{"id": each.id, "parameters": each.draw_parameters(joints, rng)} for each in put]
 
 
 # Drives: sensors or gears that err in some joints of any arm, and their motors' ripple.

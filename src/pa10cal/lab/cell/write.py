@@ -16,7 +16,7 @@ import yaml
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, arm_text
 from pa10cal.files.output import whole_file, write_text
-from pa10cal.lab.cell.campaign import REFERENCE_TEMPERATURE_C, Campaign
+from pa10cal.lab.cell.campaign import REFERENCE_TEMPERATURE_C, SimulatedCampaign
 from pa10cal.lab.cell.disturbances import disturb
 from pa10cal.lab.cell.raw_log import RawLog
 from pa10cal.lab.cell.robot import GRAVITY_M_S2, Robot
@@ -34,7 +34,7 @@ PROVENANCE = (
 )
 
 
-def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) -> Places:
+def write_campaign(campaign: SimulatedCampaign, folder: Path, truth: Path | None = None) -> Places:
     """Write a campaign's folder and, where requested, its truth elsewhere.
 
     An arm that is not shipped is described in the folder. The campaign's description comes last,
@@ -68,7 +68,7 @@ def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) 
     return places
 
 
-def campaign_description(campaign: Campaign) -> dict[str, Any]:
+def campaign_description(campaign: SimulatedCampaign) -> dict[str, Any]:
     """Return the content of campaign.yaml, as in the raw-data contract."""
     robot = campaign.truth.robot
     return {
@@ -83,7 +83,7 @@ def campaign_description(campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def truth_record(campaign: Campaign, places: Places = ()) -> TruthRecord:
+def truth_record(campaign: SimulatedCampaign, places: Places = ()) -> TruthRecord:
     """Return all that a campaign hides; no estimate reads it.
 
     Args:

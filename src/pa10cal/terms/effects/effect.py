@@ -19,7 +19,7 @@ from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms import effects
-from pa10cal.terms.term import Parameter, Report, Term, report_as_solved
+from pa10cal.terms.term import Report, Term, TermParameter, report_as_solved
 
 #: A joint that never carried this share of its rated torque cannot show how it winds up.
 _LOADED_SHARE = 0.01
@@ -128,11 +128,11 @@ class Effect(ABC):
 
     @property
     @abstractmethod
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         """Return its parameters under the names readers know, each with its plausible size."""
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[TermParameter, ...]:
         """Return the k parameters it is solved in: by default those reported."""
         start = f"{self.id}_{self.of.removeprefix('joint ')}_"
         return tuple(replace(known, name=start + known.name) for known in self.reported)

@@ -12,7 +12,7 @@ from pa10cal.arm.chain import BASE, TOOL, Chain, long_links
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, Effect, seen_in, time_in
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 _SECONDS_AN_HOUR = 3600.0
 #: Amplitude expected of the slowest wave of a base that drifts; of others a part as of a random
@@ -51,10 +51,10 @@ class BaseDrift(Effect):
         return (context.time_span_s[0],)
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
-        rates = [Parameter(f"rate_{axis}", "m/h", 1e-6, plausible=3e-5) for axis in "xyz"]
+    def reported(self) -> tuple[TermParameter, ...]:
+        rates = [TermParameter(f"rate_{axis}", "m/h", 1e-6, plausible=3e-5) for axis in "xyz"]
         waves = [
-            Parameter(f"wave_{k}_{axis}", "m", 1e-6, plausible=_WAVE_M / k)
+            TermParameter(f"wave_{k}_{axis}", "m", 1e-6, plausible=_WAVE_M / k)
             for k in range(1, self.waves + 1)
             for axis in "xyz"
         ]
@@ -83,7 +83,7 @@ class ThermalGrowth(Effect):
     sits = "arm"
     positive = True
     goes_with_time = True
-    reported = (Parameter("alpha", "1/K", 5e-7, plausible=2e-5),)
+    reported = (TermParameter("alpha", "1/K", 5e-7, plausible=2e-5),)
 
     @property
     def formula(self) -> str:
@@ -147,7 +147,7 @@ class CmmScale(FalseReading):
 
     id = "cmm_scale"
     words = "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"
-    reported = tuple(Parameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz")
+    reported = tuple(TermParameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz")
 
     def field(self, p_instr_m: Array) -> Array:
         return p_instr_m[..., None] * np.eye(3)
@@ -159,7 +159,7 @@ class CmmSquareness(FalseReading):
 
     id = "cmm_squareness"
     words = "reading of x = x + xy y"
-    reported = (Parameter("xy", "rad", 3e-6, plausible=1e-4),)
+    reported = (TermParameter("xy", "rad", 3e-6, plausible=1e-4),)
 
     def field(self, p_instr_m: Array) -> Array:
         field: Array = p_instr_m[..., 1:2] * np.array([1.0, 0.0, 0.0])

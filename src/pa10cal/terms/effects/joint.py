@@ -19,7 +19,7 @@ from pa10cal.terms.effects.effect import (
     turning_joints,
 )
 from pa10cal.terms.of_campaign import of_campaign
-from pa10cal.terms.term import JointTorqueOnly, Parameter, Report
+from pa10cal.terms.term import JointTorqueOnly, Report, TermParameter
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class GearRatioError(JointEffect):
 
     id = "gear_ratio_error"
     words = "theta_{0.joint} += eps q_{0.joint}"
-    reported = (Parameter("eps", "1", 1e-5, plausible=3e-4),)
+    reported = (TermParameter("eps", "1", 1e-5, plausible=3e-4),)
 
     def per_unit(self, states: PoseStates) -> Array:
         return states.q_rad[:, self.joint - 1]
@@ -41,7 +41,7 @@ class Backlash(JointEffect):
     id = "backlash"
     positive = True
     words = "theta_{0.joint} += b s_{0.joint}"
-    reported = (Parameter("b", "rad", 1e-5, plausible=3e-4),)
+    reported = (TermParameter("b", "rad", 1e-5, plausible=3e-4),)
 
     def per_unit(self, states: PoseStates) -> Array:
         return states.arrival[:, self.joint - 1]
@@ -67,10 +67,10 @@ class ArrivalError(JointEffect):
         return (context.campaigns,) if context.commanded else None
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         """Return how far beyond its command the joint stops, in every campaign."""
         names = [of_campaign("c", name) for name in self.campaigns] or ["c"]
-        return tuple(Parameter(name, "rad", 1e-5, plausible=1e-4) for name in names)
+        return tuple(TermParameter(name, "rad", 1e-5, plausible=1e-4) for name in names)
 
     def per_unit(self, states: PoseStates) -> Array:
         """Return the direction moved, in the column of the pose's campaign."""
@@ -87,7 +87,7 @@ class WristCoupling(Effect):
     id = "wrist_coupling"
     sits = "wrist"
     words = "theta_{0.last} += c q_{0.before}"
-    reported = (Parameter("c", "1", 3e-5, plausible=1e-3),)
+    reported = (TermParameter("c", "1", 3e-5, plausible=1e-3),)
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -125,10 +125,11 @@ class JointHarmonic(AtJoint):
         return (cls.order_stated,)
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         """Return the parts it is solved in, and not what `report` makes of them."""
         return tuple(
-            Parameter(part, "rad", 1e-5, plausible=self.plausible_rad) for part in ("sin", "cos")
+            TermParameter(part, "rad", 1e-5, plausible=self.plausible_rad)
+            for part in ("sin", "cos")
         )
 
     def per_unit(self, states: PoseStates) -> Array:
@@ -147,7 +148,7 @@ def amplitude_and_phase(x: Array, unit: str) -> Report:
     jacobian = np.array(
         [[np.cos(phase), np.sin(phase)], [-np.sin(phase) / size, np.cos(phase) / size]]
     )
-    names = (Parameter("A", unit, 1e-5), Parameter("phi", "rad", 1.0))
+    names = (TermParameter("A", unit, 1e-5), TermParameter("phi", "rad", 1.0))
     return Report(names, np.array([amplitude, phase]), jacobian)
 
 
@@ -212,7 +213,7 @@ class PeriodicError(JointHarmonic):
 
     def report(self, x: Array) -> Report:
         known = super().report(x)
-        order = Parameter("k", "1", 1.0)
+        order = TermParameter("k", "1", 1.0)
         return replace(
             known,
             parameters=(*known.parameters, order),
@@ -241,8 +242,10 @@ class FrictionTorque(FalseTorque):
     positive = True
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
-        return (Parameter("tau_c", "N m", 1e-3 * self.rated_Nm, plausible=0.03 * self.rated_Nm),)
+    def reported(self) -> tuple[TermParameter, ...]:
+        return (
+            TermParameter("tau_c", "N m", 1e-3 * self.rated_Nm, plausible=0.03 * self.rated_Nm),
+        )
 
     def per_unit(self, states: PoseStates) -> Array:
         return states.arrival[:, self.joint - 1]
@@ -257,7 +260,7 @@ class TorqueGain(FalseTorque):
 
     id = "torque_gain"
     words = "logged tau_{0.joint} = (1 + g) tau_{0.joint}"
-    reported = (Parameter("g", "1", 1e-3, plausible=0.05),)
+    reported = (TermParameter("g", "1", 1e-3, plausible=0.05),)
 
     def per_unit(self, states: PoseStates) -> Array:
         return static_loads_in(states, self).joint_Nm[:, self.joint - 1]
@@ -287,10 +290,10 @@ class JointCompliance(JointEffect):
         return None if joint in context.flexible_joints else super().fields_at(context, joint)
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         """Return the compliance it is solved in; `report` makes the stiffness of it."""
         size = 1.0 / (100.0 * self.rated_Nm)
-        return (Parameter("compliance", "rad/(N m)", 0.01 * size, lower=0.0, plausible=size),)
+        return (TermParameter("compliance", "rad/(N m)", 0.01 * size, lower=0.0, plausible=size),)
 
     def per_unit(self, states: PoseStates) -> Array:
         return -states.tau_Nm[:, self.joint - 1]
@@ -300,7 +303,7 @@ class JointCompliance(JointEffect):
 
     def report(self, x: Array) -> Report:
         stiffness = 1.0 / max(float(x[0]), _RIGID)
-        known = Parameter("K", "N m/rad", 100.0 * self.rated_Nm)
+        known = TermParameter("K", "N m/rad", 100.0 * self.rated_Nm)
         return Report((known,), np.array([stiffness]), np.array([[-(stiffness**2)]]))
 
 
@@ -319,11 +322,11 @@ class SoftWindup(JointEffect):
     linear = 1  # proportional to A; tau0 shapes it
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         span_Nm = self.span_Nm
         return (
-            Parameter("A", "rad", 1e-5, plausible=3e-4),
-            Parameter("tau0", "N m", 0.1 * span_Nm, lower=1e-3 * span_Nm, upper=3.0 * span_Nm),
+            TermParameter("A", "rad", 1e-5, plausible=3e-4),
+            TermParameter("tau0", "N m", 0.1 * span_Nm, lower=1e-3 * span_Nm, upper=3.0 * span_Nm),
         )
 
     def shift(self, states: PoseStates, x: Array) -> Array:

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import JointEffect
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import TermParameter
 
 # How large the harmonics of a joint's error are expected to be: its spectrum, a Gaussian prior.
 
@@ -23,7 +23,7 @@ _SLOW = 2
 
 
 @dataclass(frozen=True)
-class Fading:
+class FadingPrior:
     """Sizes expected of a map's harmonics: the finer, the less.
 
     Sine and cosine part of m cycles a turn have the standard deviation
@@ -40,7 +40,7 @@ class Fading:
 
 
 @dataclass(frozen=True)
-class Band:
+class BandPrior:
     """Sizes expected of a map's harmonics: a band of orders, less above it, down to a floor.
 
     Sine and cosine part of m cycles a turn have the variance
@@ -67,7 +67,7 @@ class Band:
         return sizes
 
 
-Spectrum = Fading | Band
+Spectrum = FadingPrior | BandPrior
 
 
 KNOTS = 12
@@ -101,12 +101,12 @@ class JointErrorMap(JointEffect):
     )
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         width = max(2, len(str(self.knots - 1)))
         plausible = _PLAUSIBLE_RAD
         if self.spectrum is not None:
             plausible = float(np.linalg.norm(self.prior_factor[0]))
-        parameter = Parameter("", "rad", 1e-5, plausible=plausible)
+        parameter = TermParameter("", "rad", 1e-5, plausible=plausible)
         return tuple(replace(parameter, name=f"knot_{k:0{width}d}") for k in range(self.knots))
 
     def shift(self, states: PoseStates, x: Array) -> Array:
@@ -200,7 +200,7 @@ def _spline_of_knots(knots: int) -> CubicSpline[np.float64]:
 #: Knots a turn that follow every order in which such errors were ever found.
 FINE = 360
 #: Sizes found on a measured arm (a UR10 in two campaigns): where a search finds its own, those.
-TYPICAL = Band(
+TYPICAL = BandPrior(
     slow_rad=1.2e-4,
     below_rad=4.5e-5,
     level_rad=7.5e-5,

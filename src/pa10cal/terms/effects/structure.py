@@ -12,7 +12,7 @@ from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, Effect, static_loads_in
-from pa10cal.terms.term import OPTIONAL, Parameter
+from pa10cal.terms.term import OPTIONAL, TermParameter
 
 _LONG_LINKS = ("upper_arm", "forearm")
 GRAVITY_M_S2 = 9.81
@@ -27,11 +27,13 @@ def _moment_of_arm_Nm(arm: Arm) -> float | None:
     return 0.5 * GRAVITY_M_S2 * float(arm.mass_kg.sum()) * arm.reach_m
 
 
-def _compliance(name: str, scale: float, plausible: float, of_arm_Nm: float | None) -> Parameter:
+def _compliance(
+    name: str, scale: float, plausible: float, of_arm_Nm: float | None
+) -> TermParameter:
     """Return a compliance [rad/(N m)], as large as is plausible of its arm."""
     if of_arm_Nm is not None:
         plausible, scale = _TURN_RAD / of_arm_Nm, _TURN_RAD / of_arm_Nm * scale / plausible
-    return Parameter(name, "rad/(N m)", scale, plausible=plausible)
+    return TermParameter(name, "rad/(N m)", scale, plausible=plausible)
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class LinkEffect(Effect):
         return bend_coordinates(self.row)
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         return (_compliance("c", *self.scale_and_size, self.moment_of_arm_Nm),)
 
     @property
@@ -141,7 +143,7 @@ class BaseCompliance(Effect):
         return (_moment_of_arm_Nm(context.arm),)
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         of_arm_Nm = self.moment_of_arm_Nm
         return tuple(_compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("cx", "cy"))
 
@@ -157,7 +159,7 @@ class ToolSag(Effect):
     id = "tool_sag"
     sits = "tool"
     words = "tool.x, tool.y += c times the part of the unit vector of gravity along them"
-    reported = (Parameter("c", "m", 3e-6, plausible=1e-4),)
+    reported = (TermParameter("c", "m", 3e-6, plausible=1e-4),)
     coordinates = ("tool.x", "tool.y")
     positive = True
 

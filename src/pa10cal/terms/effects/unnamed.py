@@ -20,7 +20,7 @@ from pa10cal.terms.effects.effect import (
     time_in,
 )
 from pa10cal.terms.effects.in_time import FalseReading
-from pa10cal.terms.term import JointTorqueOnly, Parameter
+from pa10cal.terms.term import JointTorqueOnly, TermParameter
 
 #: A campaign that was shorter shows no shape [s].
 _LEAST_SPAN = 1e-3
@@ -47,10 +47,10 @@ class PlaceMap(FalseReading):
         return (tuple(context.p_instr_middle_m.tolist()),)
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         """Return 19 monomials for the reading of x, then of y, then of z."""
         return tuple(
-            Parameter(
+            TermParameter(
                 f"{axis}_by_{''.join('xyz'[k] for k in factors)}",
                 "m",
                 3e-6,
@@ -89,7 +89,7 @@ class TorqueMap(JointTorqueOnly, JointEffect):
     degrees = 4
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         return _by_degree(self.degrees, "N m", 1e-3 * self.rated_Nm, 0.02 * self.rated_Nm)
 
     def per_unit(self, states: PoseStates) -> Array:
@@ -110,7 +110,7 @@ class WindupMap(JointEffect):
     degrees = 5
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         return _by_degree(self.degrees, "rad", 1e-5, 2e-4)
 
     def per_unit(self, states: PoseStates) -> Array:
@@ -143,11 +143,11 @@ class DirectionMap(JointEffect):
         return (context.carried_at(joint), span_rad) if span_rad else None
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         """Return the part that is always there, those with torque, and those with angle."""
         of_torque = ("torque_1", "torque_2", "torque_3") if self.span_Nm else ()
         names = ("constant", *of_torque, "angle_1", "angle_2")
-        return tuple(Parameter(name, "rad", 1e-5, plausible=2e-4) for name in names)
+        return tuple(TermParameter(name, "rad", 1e-5, plausible=2e-4) for name in names)
 
     def per_unit(self, states: PoseStates) -> Array:
         q_rad = states.q_rad[:, self.joint - 1]
@@ -190,10 +190,10 @@ class DriftMap(Effect):
         return ((first, last),) if last - first > _LEAST_SPAN else None
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         """Return three degrees of the first motion, then of the second, …"""
         return tuple(
-            Parameter(
+            TermParameter(
                 f"{name.removeprefix('base.')}_degree_{k}",
                 "rad" if ".r" in name else "m",
                 1e-6,
@@ -208,10 +208,12 @@ class DriftMap(Effect):
         return np.asarray(np.eye(len(BASE))[:, :, None] * values[:, None, None, :])
 
 
-def _by_degree(degrees: int, unit: str, scale: float, plausible: float) -> tuple[Parameter, ...]:
+def _by_degree(
+    degrees: int, unit: str, scale: float, plausible: float
+) -> tuple[TermParameter, ...]:
     """Return a parameter a degree, from 1, the less plausible the higher."""
     return tuple(
-        Parameter(f"degree_{k}", unit, scale, plausible=plausible / k)
+        TermParameter(f"degree_{k}", unit, scale, plausible=plausible / k)
         for k in range(1, degrees + 1)
     )
 

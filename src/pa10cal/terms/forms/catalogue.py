@@ -23,8 +23,17 @@ from pa10cal.terms.effects.effect import (
     turning_joints,
 )
 from pa10cal.terms.effects.in_time import FalseReading
-from pa10cal.terms.forms.form import AngleForm, Form, Numbers, PullForm, Shape, beyond, sines, sized
-from pa10cal.terms.term import Parameter, Report
+from pa10cal.terms.forms.form import (
+    AngleForm,
+    Form,
+    FormShape,
+    Numbers,
+    PullForm,
+    beyond,
+    sines,
+    sized,
+)
+from pa10cal.terms.term import Report, TermParameter
 
 #: Cycles a turn that are tried: as many as there are positions, within these.
 _FEWEST_CYCLES, _MOST_CYCLES = 12, 360
@@ -176,25 +185,25 @@ class TiltForm(Form):
     """The base tilts about x and y by a short form of its overturning moment M."""
 
     coordinates = ("base.rx", "base.ry")
-    shapes: ClassVar[Mapping[str, Shape]] = {
-        "moment_abs_moment": Shape(
+    shapes: ClassVar[Mapping[str, FormShape]] = {
+        "moment_abs_moment": FormShape(
             "base.rx += cx M_x |M_x|, base.ry += cy M_y |M_y|, M the overturning moment",
             lambda at: tuple(M * np.abs(M) for M in at.moments),
             sized("cx cy", "rad/(N m)²", _TILT_RAD / _MOMENT_NM**2),
         ),
-        "moment_cubed": Shape(
+        "moment_cubed": FormShape(
             "base.rx += cx M_x^3, base.ry += cy M_y^3, M the overturning moment",
             lambda at: tuple(M**3 for M in at.moments),
             sized("cx cy", "rad/(N m)³", _TILT_RAD / _MOMENT_NM**3),
         ),
-        "moment_beyond": Shape(
+        "moment_beyond": FormShape(
             "base.rx += cx sgn(M_x) max(|M_x| - {0:.4g}, 0), base.ry likewise with cy and M_y, "
             "M the overturning moment",
             lambda at: tuple(beyond(M, at.numbers[0]) for M in at.moments),
             sized("cx cy", "rad/(N m)", _TILT_RAD / _MOMENT_NM),
             ("threshold",),
         ),
-        "sign_of_moment": Shape(
+        "sign_of_moment": FormShape(
             "base.rx += cx sgn(M_x), base.ry += cy sgn(M_y), M the overturning moment",
             lambda at: tuple(np.sign(M) for M in at.moments),
             sized("cx cy", "rad", _TILT_RAD),
@@ -212,14 +221,14 @@ class ShiftForm(Form):
     """The base shifts by a short form of time."""
 
     coordinates = BASE[:3]
-    shapes: ClassVar[Mapping[str, Shape]] = {
-        "settling": Shape(
+    shapes: ClassVar[Mapping[str, FormShape]] = {
+        "settling": FormShape(
             "base.x, y, z += (dx, dy, dz) exp(-(t - {1:.6g}) / {0:.4g}), t in s",
             lambda at: (np.exp(-(at.states.time_s - at.numbers[1]) / at.numbers[0]),) * 3,
             sized("dx dy dz", "m", _SHIFT_M),
             ("time",),
         ),
-        "wave_in_time": Shape(
+        "wave_in_time": FormShape(
             "base.x, y, z += (dx, dy, dz) sin(2 pi t / {0:.4g}) "
             "+ (ex, ey, ez) cos(2 pi t / {0:.4g}), t in s",
             lambda at: tuple(
@@ -253,14 +262,14 @@ class ReadingForm(Form, FalseReading):
 
     # where the coordinates are counted from
     middle_instr_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shapes: ClassVar[Mapping[str, Shape]] = {
-        "quadratic": Shape(
+    shapes: ClassVar[Mapping[str, FormShape]] = {
+        "quadratic": FormShape(
             "reading of {a} += c ({b} - {b}0)^2",
             lambda at: (at.u**2, at.u),
             (*sized("c", "1/m", _READING_M / _FROM_MIDDLE_M**2), *sized("d", "1", 1e-4)),
             ("axis", "along"),
         ),
-        "cubic": Shape(
+        "cubic": FormShape(
             "reading of {a} += c3 u^3 + c2 u^2 + c1 u, u = {b} {b0} m",
             lambda at: (at.u**3, at.u**2, at.u),
             (
@@ -270,13 +279,13 @@ class ReadingForm(Form, FalseReading):
             ),
             ("axis", "along"),
         ),
-        "product": Shape(
+        "product": FormShape(
             "reading of {a} += c ({b} {b0} m) ({c} {c0} m)",
             lambda at: (at.u * at.v,),
             sized("c", "1/m", _READING_M / _FROM_MIDDLE_M**2),
             ("axis", "along", "along"),
         ),
-        "wave": Shape(
+        "wave": FormShape(
             "reading of {a} += A sin(2 pi ({b} {b0} m) / ({2:.4g} m) + phi)",
             lambda at: sines(2.0 * np.pi * at.u / at.numbers[2]),
             sized("s c", "m", _READING_M),
@@ -318,5 +327,5 @@ class ReadingForm(Form, FalseReading):
         along = int(self.numbers[1])
         vertex = self.middle_instr_m[along] - 0.5 * x[1] / c
         jacobian = np.array([[1.0, 0.0], [0.5 * x[1] / c**2, -0.5 / c]])
-        names = (self.shape.solved[0], Parameter(f"{'xyz'[along]}0", "m", 1.0))
+        names = (self.shape.solved[0], TermParameter(f"{'xyz'[along]}0", "m", 1.0))
         return Report(names, np.array([x[0], vertex]), jacobian)

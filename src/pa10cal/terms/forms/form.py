@@ -15,7 +15,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, Effect, joint_of
 from pa10cal.terms.effects.joint import amplitude_and_phase
-from pa10cal.terms.term import JointTorqueOnly, Parameter, Report, report_as_solved
+from pa10cal.terms.term import JointTorqueOnly, Report, TermParameter, report_as_solved
 
 Numbers = tuple[float, ...]
 
@@ -52,13 +52,13 @@ class At(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Shape:
+class FormShape:
     """One kind of form."""
 
     words: str  # the formula, with `{j}` for the joint and `{0}`, `{1}`, … for the numbers
     # what each parameter is multiplied with: (P,) each of an `At`; of readings see `ReadingForm`
     columns: Callable[[Any], tuple[Array, ...]]
-    solved: tuple[Parameter, ...]  # the parameters it is solved in
+    solved: tuple[TermParameter, ...]  # the parameters it is solved in
     numbers: tuple[str, ...] = ()  # names of the numbers that fix it and a reader has to be given
 
     @property
@@ -74,7 +74,7 @@ class Form(Effect):
     form: str  # which of `shapes`
     numbers: Numbers = ()  # what fixes it: orders, thresholds, other joints
     id = "short_form"
-    shapes: ClassVar[Mapping[str, Shape]]
+    shapes: ClassVar[Mapping[str, FormShape]]
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -82,7 +82,7 @@ class Form(Effect):
         return ()
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> FormShape:
         """Return the kind of form it is."""
         return self.shapes[self.form]
 
@@ -112,7 +112,7 @@ class Form(Effect):
         return replace(self, numbers=(*self.numbers[:place], value, *self.numbers[place + 1 :]))
 
     @property
-    def reported(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[TermParameter, ...]:
         return self.shape.solved
 
     @property
@@ -159,10 +159,10 @@ def beyond(value: Array, threshold: float) -> Array:
     return np.asarray(np.sign(value) * np.maximum(np.abs(value) - threshold, 0.0))
 
 
-def sized(names: str, unit: str, plausible: float) -> tuple[Parameter, ...]:
+def sized(names: str, unit: str, plausible: float) -> tuple[TermParameter, ...]:
     """Return parameters, their names with blanks between them, by their plausible size."""
     scale = 0.03 * plausible
-    return tuple(Parameter(name, unit, scale, plausible=plausible) for name in names.split())
+    return tuple(TermParameter(name, unit, scale, plausible=plausible) for name in names.split())
 
 
 # Short forms at a joint.
@@ -196,108 +196,110 @@ _PULL = sized("k", "N m/rad", _TORQUE_NM)
 class AngleForm(Form):
     """The joint's angle is off by a short form."""
 
-    shapes: ClassVar[Mapping[str, Shape]] = {
-        "harmonic": Shape(
+    shapes: ClassVar[Mapping[str, FormShape]] = {
+        "harmonic": FormShape(
             "theta_{j} += A sin({0:g} q_{j} + phi)",
             lambda at: sines(at.numbers[0] * at.q),
             _SINES,
             ("order",),
         ),
-        "two_harmonics": Shape(
+        "two_harmonics": FormShape(
             "theta_{j} += s1 sin({0:g} q_{j}) + c1 cos({0:g} q_{j}) + s2 sin({1:g} q_{j}) "
             "+ c2 cos({1:g} q_{j})",
             lambda at: (*sines(at.numbers[0] * at.q), *sines(at.numbers[1] * at.q)),
             sized("s1 c1 s2 c2", "rad", _ANGLE_RAD),
             ("order", "order"),
         ),
-        "sawtooth": Shape(
+        "sawtooth": FormShape(
             "theta_{j} += A (2 frac({0:g} q_{j} / (2 pi) - {1:.4g}) - 1)",
             lambda at: (_saw(at),),
             _A,
             ("teeth", "start"),
         ),
-        "square": Shape(
+        "square": FormShape(
             "theta_{j} += A sgn sin({0:g} q_{j} - 2 pi {1:.4g})",
             lambda at: (np.sign(-_saw(at)),),
             _A,
             ("teeth", "start"),
         ),
-        "step": Shape(
+        "step": FormShape(
             "theta_{j} += A where q_{j} > {0:.4g}",
             lambda at: ((at.q > at.numbers[0]).astype(float),),
             _A,
             ("threshold",),
         ),
-        "torque_squared": Shape(
+        "torque_squared": FormShape(
             "theta_{j} -= c tau_{j}^2",
             lambda at: (-(at.tau**2),),
             sized("c", "rad/(N m)²", _PER_NM2),
         ),
-        "torque_abs_torque": Shape(
+        "torque_abs_torque": FormShape(
             "theta_{j} -= c tau_{j} |tau_{j}|",
             lambda at: (-at.tau * np.abs(at.tau),),
             sized("c", "rad/(N m)²", _PER_NM2),
         ),
-        "torque_cubed": Shape(
+        "torque_cubed": FormShape(
             "theta_{j} -= c tau_{j}^3",
             lambda at: (-(at.tau**3),),
             sized("c", "rad/(N m)³", _PER_NM3),
         ),
-        "sign_of_torque": Shape("theta_{j} -= A sgn(tau_{j})", lambda at: (-np.sign(at.tau),), _A),
-        "torque_beyond": Shape(
+        "sign_of_torque": FormShape(
+            "theta_{j} -= A sgn(tau_{j})", lambda at: (-np.sign(at.tau),), _A
+        ),
+        "torque_beyond": FormShape(
             "theta_{j} -= c sgn(tau_{j}) max(|tau_{j}| - {0:.4g}, 0)",
             lambda at: (-beyond(at.tau, at.numbers[0]),),
             sized("c", "rad/(N m)", _A_NM),
             ("threshold",),
         ),
-        "torque_by_angle": Shape(
+        "torque_by_angle": FormShape(
             "theta_{j} -= tau_{j} A sin({0:g} q_{j} + phi)",
             lambda at: sines(at.numbers[0] * at.q, -at.tau),
             sized("s c", "rad/(N m)", _A_NM),
             ("order",),
         ),
-        "arrival_by_torque": Shape(
+        "arrival_by_torque": FormShape(
             "theta_{j} += h s_{j} |tau_{j}|",
             lambda at: (at.arrival * np.abs(at.tau),),
             sized("h", "rad/(N m)", _A_NM),
         ),
-        "arrival_by_torque_squared": Shape(
+        "arrival_by_torque_squared": FormShape(
             "theta_{j} += h s_{j} tau_{j}^2",
             lambda at: (at.arrival * at.tau**2,),
             sized("h", "rad/(N m)²", _PER_NM2),
         ),
-        "arrival_by_angle": Shape(
+        "arrival_by_angle": FormShape(
             "theta_{j} += s_{j} A sin({0:g} q_{j} + phi)",
             lambda at: sines(at.numbers[0] * at.q, at.arrival),
             _SINES,
             ("order",),
         ),
-        "other_angle": Shape(
+        "other_angle": FormShape(
             "theta_{j} += A sin({1:g} q_{0:g} + phi)",
             lambda at: sines(at.numbers[1] * at.q_of(at.numbers[0])),
             _SINES,
             ("joint", "order"),
         ),
-        "product_of_angles": Shape(
+        "product_of_angles": FormShape(
             "theta_{j} += c q_{j} q_{0:g}",
             lambda at: (at.q * at.q_of(at.numbers[0]),),
             sized("c", "1/rad", _ANGLE_RAD),
             ("joint",),
         ),
-        "product_of_sines": Shape(
+        "product_of_sines": FormShape(
             "theta_{j} += a sin q_{j} sin q_{0:g} + b sin q_{j} cos q_{0:g} "
             "+ c cos q_{j} sin q_{0:g} + d cos q_{j} cos q_{0:g}",
             _product_of_sines,
             sized("a b c d", "rad", _ANGLE_RAD),
             ("joint",),
         ),
-        "other_torque": Shape(
+        "other_torque": FormShape(
             "theta_{j} += c tau_{0:g}",
             lambda at: (at.tau_of(at.numbers[0]),),
             sized("c", "rad/(N m)", _A_NM),
             ("joint",),
         ),
-        "settling": Shape(
+        "settling": FormShape(
             "theta_{j} += A exp(-(t - {1:.6g}) / {0:.4g}), t in s",
             lambda at: (np.exp(-(at.states.time_s - at.numbers[1]) / at.numbers[0]),),
             _A,
@@ -318,25 +320,25 @@ class PullForm(JointTorqueOnly, Form):
     """The joint carries, beyond the weights, a torque of a short form."""
 
     carried = True
-    shapes: ClassVar[Mapping[str, Shape]] = {
-        "pull": Shape(
+    shapes: ClassVar[Mapping[str, FormShape]] = {
+        "pull": FormShape(
             "tau_{j} += k (q_{j} - q0)",
             lambda at: (at.q, np.ones(len(at.states))),
             (*_PULL, *sized("q0", "rad", _TORQUE_NM)),
         ),
-        "pull_beyond": Shape(
+        "pull_beyond": FormShape(
             "tau_{j} += k max(q_{j} - {0:.4g}, 0)",
             lambda at: (np.maximum(at.q - at.numbers[0], 0.0),),
             _PULL,
             ("threshold",),
         ),
-        "pull_below": Shape(
+        "pull_below": FormShape(
             "tau_{j} += k min(q_{j} - {0:.4g}, 0)",
             lambda at: (np.minimum(at.q - at.numbers[0], 0.0),),
             _PULL,
             ("threshold",),
         ),
-        "pull_harmonic": Shape(
+        "pull_harmonic": FormShape(
             "tau_{j} += A sin({0:g} q_{j} + phi)",
             lambda at: sines(at.numbers[0] * at.q),
             sized("s c", "N m", _TORQUE_NM),

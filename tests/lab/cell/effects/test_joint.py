@@ -7,22 +7,22 @@ from hypothesis import strategies as st
 
 from pa10cal.errors import SimulationError
 from pa10cal.lab.cell.effects import joint
-from pa10cal.lab.cell.effects.effect import Motion
+from pa10cal.lab.cell.effects.effect import JointState
 
 RNG = np.random.default_rng(3)
 Q = RNG.uniform(-3.0, 3.0, (40, 6))
 S = RNG.choice([-1.0, 0.0, 1.0], (40, 6))
 GEARS = np.array([50.0, 50.0, 100.0, 50.0, 50.0, 50.0])
-MOTION = Motion(Q, S, GEARS)
+MOTION = JointState(Q, S, GEARS)
 A, PHI = 3e-4, 0.7
 
 FORMS = [
-    (joint.TransmissionError(A=A, phi=PHI), 2, lambda q, s: A * np.sin(200 * q + PHI)),
-    (joint.TransmissionError(A=A, phi=PHI), 1, lambda q, s: A * np.sin(100 * q + PHI)),
-    (joint.EncoderEccentricity(A=A, phi=PHI), 0, lambda q, s: A * np.sin(q + PHI)),
-    (joint.EncoderEllipticity(A=A, phi=PHI), 4, lambda q, s: A * np.sin(2 * q + PHI)),
-    (joint.GearRatioError(eps=1e-4), 3, lambda q, s: 1e-4 * q),
-    (joint.Backlash(b=1e-4), 1, lambda q, s: 1e-4 * s),
+    (joint.SimulatedTransmissionError(A=A, phi=PHI), 2, lambda q, s: A * np.sin(200 * q + PHI)),
+    (joint.SimulatedTransmissionError(A=A, phi=PHI), 1, lambda q, s: A * np.sin(100 * q + PHI)),
+    (joint.SimulatedEncoderEccentricity(A=A, phi=PHI), 0, lambda q, s: A * np.sin(q + PHI)),
+    (joint.SimulatedEncoderEllipticity(A=A, phi=PHI), 4, lambda q, s: A * np.sin(2 * q + PHI)),
+    (joint.SimulatedGearRatioError(eps=1e-4), 3, lambda q, s: 1e-4 * q),
+    (joint.SimulatedBacklash(b=1e-4), 1, lambda q, s: 1e-4 * s),
 ]
 
 
@@ -36,32 +36,32 @@ def test_turns_its_own_joint_by_its_form(effect, j, form):
 @settings(deadline=None, max_examples=30)
 @given(q=st.floats(-3.0, 3.0), turns=st.integers(-3, 3))
 def test_transmission_error_repeats_twice_a_turn_of_the_wave_generator(q, turns):
-    effect = joint.TransmissionError(A=A, phi=PHI).at("joint 1")
+    effect = joint.SimulatedTransmissionError(A=A, phi=PHI).at("joint 1")
     later = q + turns * np.pi / GEARS[0]
-    both = Motion(np.array([[q] * 6, [later] * 6]), S[:2], GEARS)
+    both = JointState(np.array([[q] * 6, [later] * 6]), S[:2], GEARS)
     assert effect.added(both)[0, 0] == pytest.approx(effect.added(both)[1, 0], abs=1e-12)
 
 
 def test_a_transmission_error_needs_the_gear_ratio():
-    motion = Motion(Q, S, np.where(np.arange(6) == 1, np.nan, GEARS))
-    effect = joint.TransmissionError(A=A, phi=PHI)
+    motion = JointState(Q, S, np.where(np.arange(6) == 1, np.nan, GEARS))
+    effect = joint.SimulatedTransmissionError(A=A, phi=PHI)
     assert np.isfinite(effect.at("joint 1").added(motion)).all()
     with pytest.raises(SimulationError, match=r"transmission_error of joint 2: the gear ratio"):
         effect.at("joint 2").added(motion)
 
 
 def test_wrist_coupling_turns_the_last_joint_with_the_one_before():
-    turn = joint.WristCoupling(c=2e-4).at("wrist").added(MOTION)
+    turn = joint.SimulatedWristCoupling(c=2e-4).at("wrist").added(MOTION)
     assert turn[:, 5] == pytest.approx(2e-4 * Q[:, 4], abs=1e-17)
     assert np.abs(turn[:, :5]).max() == 0.0
 
 
 def test_joint_error_map_goes_through_its_knots_and_is_smooth_across_the_turn():
     knots = tuple(1e-4 * RNG.standard_normal(9))
-    effect = joint.JointErrorMap(knots=knots).at("joint 1")
+    effect = joint.SimulatedJointErrorMap(knots=knots).at("joint 1")
 
     def value(q):
-        return effect.added(Motion(np.outer(q, np.ones(6)), np.zeros((len(q), 6)), GEARS))[:, 0]
+        return effect.added(JointState(np.outer(q, np.ones(6)), np.zeros((len(q), 6)), GEARS))[:, 0]
 
     at_knots = np.arange(9) * 2 * np.pi / 9
     assert value(at_knots) == pytest.approx(knots, abs=1e-16)
@@ -81,17 +81,17 @@ TAU = RNG.normal(0.0, 40.0, 6)
 
 def under(tau_Nm):
     """One posture, all joints at 0, under these torques."""
-    return Motion(np.zeros((1, 6)), np.zeros((1, 6)), GEARS, np.array([tau_Nm]))
+    return JointState(np.zeros((1, 6)), np.zeros((1, 6)), GEARS, np.array([tau_Nm]))
 
 
 def test_joint_compliance_yields_in_proportion():
-    deflection = joint.JointCompliance(K=2e4).at("joint 4").added(under(TAU))[0]
+    deflection = joint.SimulatedJointCompliance(K=2e4).at("joint 4").added(under(TAU))[0]
     assert deflection[3] == -TAU[3] / 2e4
     assert np.count_nonzero(deflection) == 1
 
 
 def test_soft_windup_is_softer_near_zero_and_then_full():
-    effect = joint.SoftWindup(A=1e-4, tau0=5.0).at("joint 2")
+    effect = joint.SimulatedSoftWindup(A=1e-4, tau0=5.0).at("joint 2")
 
     def at(tau):
         return -effect.added(under([1.0, tau, 1, 1, 1, 1]))[0]
@@ -105,9 +105,9 @@ def test_soft_windup_is_softer_near_zero_and_then_full():
 
 def test_friction_and_gain_touch_the_log_of_their_joint_alone():
     tau = RNG.normal(0.0, 40.0, (40, 6))
-    motion = Motion(Q, S, GEARS, tau)
-    friction = joint.FrictionTorque(tau_c=4.0).at("joint 2").added(motion)
-    gain = joint.TorqueGain(g=0.05).at("joint 3").added(motion)
+    motion = JointState(Q, S, GEARS, tau)
+    friction = joint.SimulatedFrictionTorque(tau_c=4.0).at("joint 2").added(motion)
+    gain = joint.SimulatedTorqueGain(g=0.05).at("joint 3").added(motion)
     assert friction[:, 1] == pytest.approx(4.0 * S[:, 1])
     assert gain[:, 2] == pytest.approx(0.05 * tau[:, 2])
     assert np.abs(np.delete(friction, 1, axis=1)).max() == 0.0

@@ -5,8 +5,8 @@ import pytest
 
 from pa10cal.errors import SettingsError
 from pa10cal.lab.cell.effects import outside
-from pa10cal.lab.cell.effects.effect import Motion
-from pa10cal.lab.cell.effects.structure import LinkBending
+from pa10cal.lab.cell.effects.effect import JointState
+from pa10cal.lab.cell.effects.structure import SimulatedLinkBending
 from pa10cal.lab.cell.effects.vocabulary import make_effects, vocabulary
 from pa10cal.lab.cell.effects.vocabulary import outside as without_name
 from pa10cal.lab.cell.instruments.instrument import rest_poses
@@ -64,7 +64,7 @@ def test_refuses_what_cannot_be_hidden(robot, bad, words):
 
 
 def test_third_harmonic_turns_its_joint_three_times_a_turn():
-    turn = outside.ThirdHarmonic(A=3e-4, phi=0.7).at("joint 5").added(Motion(Q, S, np.ones(6)))
+    turn = outside.ThirdHarmonic(A=3e-4, phi=0.7).at("joint 5").added(JointState(Q, S, np.ones(6)))
     assert turn[:, 4] == pytest.approx(3e-4 * np.sin(3 * Q[:, 4] + 0.7), abs=1e-17)
     assert np.abs(np.delete(turn, 4, axis=1)).max() == 0.0
 
@@ -114,6 +114,6 @@ def test_dress_pack_deflects_a_spring_with_the_weights(robot, plain):
 
 
 def test_dress_pack_runs_along_the_joint_so_links_bend_no_more(rigid):
-    bending = LinkBending(c=1e-6).at("forearm")
+    bending = SimulatedLinkBending(c=1e-6).at("forearm")
     pack = outside.DressPack(k=5.0, q0=-0.4).at("joint 4")
     assert np.array_equal(rest(rigid, bending, pack).T_base_ee, rest(rigid, bending).T_base_ee)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from pa10cal.errors import SettingsError
-from pa10cal.lab.cell.effects.effect import Motion, Site
+from pa10cal.lab.cell.effects.effect import JointState, Site
 from pa10cal.lab.cell.effects.vocabulary import all_effects, make_effects, nameless, vocabulary
 from pa10cal.lab.cell.options import HiddenEffectOptions
 
 RNG = np.random.default_rng(8)
 Q = RNG.uniform(-3.0, 3.0, (40, 6))
 S = RNG.choice([-1.0, 0.0, 1.0], (40, 6))
-MOTION = Motion(Q, S, np.full(6, np.nan))
+MOTION = JointState(Q, S, np.full(6, np.nan))
 RIPPLE = {"ratio": 101.0, "cogs": [4, 20], "ripple": [2e-5, 1e-5], "ripple_phi": [0.3, -1.0]}
 ERROR = {"orders": [6, 11], "A": [2e-4, 1e-4], "phi": [0.1, 2.0]}
 

@@ -63,7 +63,7 @@ def test_link_bending(rigid, plain, name, near, far):
         turn = TINY * (moment - axis * (axis @ moment))
         return turn, 2 / 3 * length * np.cross(turn, axis)
 
-    effect = structure.LinkBending(c=TINY).at(name)
+    effect = structure.SimulatedLinkBending(c=TINY).at(name)
     assert_same(moved(rigid, effect), link_moved(rigid, plain, near, far, turn_of))
 
 
@@ -71,21 +71,21 @@ def test_link_torsion(rigid, plain):
     def turn_of(moment, length, axis):
         return TINY * axis * (axis @ moment), np.zeros(3)
 
-    effect = structure.LinkTorsion(c=TINY).at("forearm")
+    effect = structure.SimulatedLinkTorsion(c=TINY).at("forearm")
     assert_same(moved(rigid, effect), link_moved(rigid, plain, 3, 4, turn_of))
 
 
 def test_a_weight_beyond_the_elbow_bends_the_upper_arm_down(rigid):
     level = np.array([[0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0]])  # straight out
     state = (level, np.array([44.0]), np.zeros(1), np.zeros(1))
-    bending = structure.LinkBending(c=1e-6).at("upper_arm")
+    bending = structure.SimulatedLinkBending(c=1e-6).at("upper_arm")
     stiff, bent = (rest_poses(rigid, effects, *state).T_base_ee[0] for effects in ((), (bending,)))
     assert bent[2, 3] < stiff[2, 3] - 1e-5
 
 
 def test_base_compliance_tilts_about_x_and_y(rigid, plain):
     other = plain(rigid)
-    effect = structure.BaseCompliance(cx=TINY, cy=3 * TINY).at("base")
+    effect = structure.SimulatedBaseCompliance(cx=TINY, cy=3 * TINY).at("base")
     turns = np.array(
         [
             np.array([TINY, 3 * TINY, 0.0]) * other.moment(q, load_N, 0, np.zeros(3))
@@ -98,7 +98,7 @@ def test_base_compliance_tilts_about_x_and_y(rigid, plain):
 
 def test_base_drift_moves_the_base_at_its_rate(rigid):
     rate = np.array([1e-5, -2e-5, 3e-6])
-    shift, turn = moved(rigid, structure.BaseDrift(rate=tuple(rate)).at("base"))
+    shift, turn = moved(rigid, structure.SimulatedBaseDrift(rate=tuple(rate)).at("base"))
     assert shift == pytest.approx(np.outer(HOURS, rate), abs=1e-15)
     assert np.abs(turn).max() < 1e-15
 
@@ -108,14 +108,14 @@ def test_thermal_growth_stretches_pedestal_upper_arm_and_forearm(rigid, plain):
     spans = sum(
         frames[:, far, :3, 3] - frames[:, near, :3, 3] for near, far in ((0, 1), (1, 2), (3, 4))
     )
-    shift, turn = moved(rigid, structure.ThermalGrowth(alpha=2e-5).at("arm"))
+    shift, turn = moved(rigid, structure.SimulatedThermalGrowth(alpha=2e-5).at("arm"))
     assert shift == pytest.approx(2e-5 * WARMING[:, None] * spans, abs=1e-14)
     assert np.abs(turn).max() < 1e-15
 
 
 def test_springs_and_structure_yield_together(robot, plain):
     """The moment is that of the posture at rest, springs and bent link included."""
-    effect = structure.LinkBending(c=1e-6).at("upper_arm")
+    effect = structure.SimulatedLinkBending(c=1e-6).at("upper_arm")
     zero = np.zeros(8)
     rest = rest_poses(robot, (effect,), Q, LOADS, zero, zero)
     delta = Q - rest.q

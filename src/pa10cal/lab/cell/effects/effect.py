@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr
 
 from pa10cal.arrays import Array
-from pa10cal.lab.cell.robot import Mechanism, Statics, Strain
+from pa10cal.lab.cell.robot import Mechanism, SimulatedStatics, Strain
 from pa10cal.options import Section
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -28,7 +28,7 @@ LONG_LINKS = ("upper_arm", "forearm")
 
 
 @dataclass(frozen=True)
-class Motion:
+class JointState:
     """How joints stand in P configurations; (P, n) of all, (P,) of one."""
 
     q_rad: Array  # positions: of the motors, under load of the links
@@ -38,12 +38,12 @@ class Motion:
     # (n,) rated torques; (1,) of one joint
     rated_Nm: Array = field(default_factory=lambda: np.full((), np.nan))
 
-    def of(self, joint: int) -> Motion:
+    def of(self, joint: int) -> JointState:
         """Return how one joint, from 0, stands."""
         q_rad, tau_Nm = np.broadcast_arrays(self.q_rad, self.tau_Nm)
         gear_ratio, rated_Nm = np.broadcast_arrays(self.gear_ratio, self.rated_Nm)
         one = slice(joint, joint + 1)
-        return Motion(
+        return JointState(
             q_rad[:, joint],
             self.arrival[:, joint],
             gear_ratio[one],
@@ -57,7 +57,7 @@ class Loading:
     """What the structure bears in P configurations."""
 
     mechanism: Mechanism  # the links
-    statics: Statics  # what weights bend them with
+    statics: SimulatedStatics  # what weights bend them with
     time_s: Array  # (P,) times since the start of the campaign
     warming_K: Array  # (P,) temperatures above the reference
 
@@ -123,7 +123,7 @@ def directed(usual: float) -> Draw:
 Quantity = Literal["drive", "windup", "carried", "log"]
 
 
-class Effect(Section):
+class SimulatedEffect(Section):
     """Something that moves the arm, its log or its measurement off the paper's model.
 
     Its fields are its parameters; `at` puts it in its place. It is asked for all that an effect
@@ -182,7 +182,7 @@ class Effect(Section):
         """Index (from 0) of the joint in which the effect sits."""
         return int(self.of.removeprefix("joint ")) - 1
 
-    def added_to(self, _quantity: Quantity, _motion: Motion) -> Array | None:
+    def added_to(self, _quantity: Quantity, _motion: JointState) -> Array | None:
         """Return what it adds to a quantity of the joints, (P, n); None where nothing."""
         return None
 
@@ -203,7 +203,7 @@ class Effect(Section):
         return None
 
 
-class JointsEffect(Effect):
+class JointsEffect(SimulatedEffect):
     """Something in the joints: adds to one of four quantities.
 
     `drive`: the turn of the links against the motors, whatever the torque; `windup`: the same by
@@ -215,29 +215,29 @@ class JointsEffect(Effect):
     places: ClassVar[tuple[str, ...]] = ("turning joint",)
 
     @abstractmethod
-    def added(self, motion: Motion) -> Array:
+    def added(self, motion: JointState) -> Array:
         """Return what is added by how the joints stand, (P, n) [rad or N m]."""
 
-    def added_to(self, quantity: Quantity, motion: Motion) -> Array | None:
+    def added_to(self, quantity: Quantity, motion: JointState) -> Array | None:
         """Return what is added to its quantity."""
         return self.added(motion) if quantity == self.adds_to else None
 
 
-class JointEffect(JointsEffect):
+class SimulatedJointEffect(JointsEffect):
     """Something in the joint it sits in."""
 
     @abstractmethod
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         """Return what is added by how that joint stands, (P,) [rad or N m]."""
 
-    def added(self, motion: Motion) -> Array:
+    def added(self, motion: JointState) -> Array:
         """Return that in the column of the joint."""
         columns = np.zeros_like(motion.q_rad)
         columns[:, self.joint] = self.at_joint(motion.of(self.joint))
         return columns
 
 
-class LoadedJointEffect(JointEffect):
+class LoadedJointEffect(SimulatedJointEffect):
     """Something in a joint that only shows under weights."""
 
     adds_to: ClassVar[Quantity] = "windup"
@@ -251,7 +251,9 @@ class TorqueLogEffect(LoadedJointEffect):
     by_spring: ClassVar[bool] = True
 
 
-def with_added(values: Array, to: Quantity, effects: Sequence[Effect], motion: Motion) -> Array:
+def with_added(
+    values: Array, to: Quantity, effects: Sequence[SimulatedEffect], motion: JointState
+) -> Array:
     """Return values (P, n) with what effects add to such a quantity, one after the other."""
     for effect in effects:
         if (added := effect.added_to(to, motion)) is not None:

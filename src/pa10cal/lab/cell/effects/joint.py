@@ -14,10 +14,10 @@ from pa10cal.lab.cell.effects.effect import (
     ARC_SECOND,
     Finite,
     FinitePositive,
-    JointEffect,
     JointsEffect,
+    JointState,
     LoadedJointEffect,
-    Motion,
+    SimulatedJointEffect,
     Site,
     TorqueLogEffect,
     draws,
@@ -34,7 +34,7 @@ _MAP_ORDERS = 3
 STIFFNESS_PER_RATED = 120.0
 
 
-class Harmonic(JointEffect):
+class Harmonic(SimulatedJointEffect):
     """A sine of the joint's angle, of the usual amplitude and in any phase."""
 
     usual_arc_seconds: ClassVar[float] = 30.0
@@ -51,15 +51,15 @@ class Harmonic(JointEffect):
             "phi": float(rng.uniform(-np.pi, np.pi)),
         }
 
-    def cycles_of(self, _joint: Motion) -> float:
+    def cycles_of(self, _joint: JointState) -> float:
         return self.cycles
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         error: Array = self.A * np.sin(self.cycles_of(joint) * joint.q_rad + self.phi)
         return error
 
 
-class TransmissionError(Harmonic):
+class SimulatedTransmissionError(Harmonic):
     """Kinematic error of a harmonic drive: two cycles a turn of the wave generator."""
 
     id = "transmission_error"
@@ -67,7 +67,7 @@ class TransmissionError(Harmonic):
     usual_arc_seconds = 20.0
     plausible_size = 3.1
 
-    def cycles_of(self, joint: Motion) -> float:
+    def cycles_of(self, joint: JointState) -> float:
         """Return twice the gear ratio.
 
         Raises:
@@ -84,7 +84,7 @@ class TransmissionError(Harmonic):
         return 2.0 * ratio
 
 
-class EncoderEccentricity(Harmonic):
+class SimulatedEncoderEccentricity(Harmonic):
     """An encoder disk off its centre: one cycle a turn of the joint."""
 
     id = "encoder_eccentricity"
@@ -92,7 +92,7 @@ class EncoderEccentricity(Harmonic):
     plausible_size = 2.1
 
 
-class EncoderEllipticity(Harmonic):
+class SimulatedEncoderEllipticity(Harmonic):
     """An encoder disk out of round: two cycles a turn of the joint."""
 
     id = "encoder_ellipticity"
@@ -100,7 +100,7 @@ class EncoderEllipticity(Harmonic):
     plausible_size = 2.1
 
 
-class JointErrorMap(JointEffect):
+class SimulatedJointErrorMap(SimulatedJointEffect):
     """An error that depends on the joint's angle, smooth and periodic in a turn.
 
     The knots are evenly spaced over one turn from q_j = 0; a cubic spline joins them.
@@ -121,7 +121,7 @@ class JointErrorMap(JointEffect):
         waves = np.cos(np.outer(angle, np.arange(1, _MAP_ORDERS + 1)) + phase).sum(axis=1)
         return {"knots": (size * 30.0 * ARC_SECOND * waves / np.abs(waves).max()).tolist()}
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         closed = [*self.knots, self.knots[0]]
         angles = np.linspace(0.0, 2.0 * np.pi, len(closed))
         spline = CubicSpline(angles, closed, bc_type="periodic")
@@ -129,7 +129,7 @@ class JointErrorMap(JointEffect):
         return error
 
 
-class GearRatioError(JointEffect):
+class SimulatedGearRatioError(SimulatedJointEffect):
     """A joint that turns by a little more than its ratio says."""
 
     id = "gear_ratio_error"
@@ -138,11 +138,11 @@ class GearRatioError(JointEffect):
 
     eps: Finite = Field(description="relative excess")
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         return self.eps * joint.q_rad
 
 
-class Backlash(JointEffect):
+class SimulatedBacklash(SimulatedJointEffect):
     """Lost motion: the link turns on by the direction in which the joint arrived."""
 
     id = "backlash"
@@ -152,11 +152,11 @@ class Backlash(JointEffect):
 
     b: Finite = Field(description="half the lost motion [rad]")
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         return self.b * joint.arrival
 
 
-class FrictionTorque(TorqueLogEffect):
+class SimulatedFrictionTorque(TorqueLogEffect):
     """Friction holds part of the load or adds to it, by the direction of arrival.
 
     It usually is a part of the joint's Coulomb friction.
@@ -168,11 +168,11 @@ class FrictionTorque(TorqueLogEffect):
 
     tau_c: Finite = Field(description="torque that friction holds [N m]")
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         return self.tau_c * joint.arrival
 
 
-class TorqueGain(TorqueLogEffect):
+class SimulatedTorqueGain(TorqueLogEffect):
     """The motor's torque constant is not what the log assumes."""
 
     id = "torque_gain"
@@ -182,11 +182,11 @@ class TorqueGain(TorqueLogEffect):
 
     g: Finite = Field(description="relative excess of the logged torque")
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         return self.g * joint.tau_Nm
 
 
-class JointCompliance(LoadedJointEffect):
+class SimulatedJointCompliance(LoadedJointEffect):
     """A joint held rigid by the paper's model yields after all.
 
     It usually is as stiff as joints known to yield are, for its rated torque.
@@ -200,11 +200,11 @@ class JointCompliance(LoadedJointEffect):
 
     K: FinitePositive = Field(description="stiffness [N m/rad]")
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         return -joint.tau_Nm / self.K
 
 
-class SoftWindup(LoadedJointEffect):
+class SimulatedSoftWindup(LoadedJointEffect):
     """Extra deflection, softer near zero torque: most of it below a fifth of the typical one."""
 
     id = "soft_windup"
@@ -218,12 +218,12 @@ class SoftWindup(LoadedJointEffect):
     A: Finite = Field(description="extra deflection under large torque [rad]")
     tau0: FinitePositive = Field(description="torque by which most of it has come [N m]")
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         bent: Array = self.A * np.tanh(joint.tau_Nm / self.tau0)
         return -bent
 
 
-class WristCoupling(JointsEffect):
+class SimulatedWristCoupling(JointsEffect):
     """The last joint turns along with the joint before it."""
 
     id = "wrist_coupling"
@@ -233,7 +233,7 @@ class WristCoupling(JointsEffect):
 
     c: Finite = Field(description="turn of the last joint a turn of the one before")
 
-    def added(self, motion: Motion) -> Array:
+    def added(self, motion: JointState) -> Array:
         turn = np.zeros_like(motion.q_rad)
         turn[:, -1] = self.c * motion.q_rad[:, -2]
         return turn

@@ -11,13 +11,13 @@ from pydantic import Field, ValidationInfo, field_validator
 from pa10cal.arrays import Array
 from pa10cal.lab.cell.effects.effect import (
     ARC_SECOND,
-    Effect,
     Finite,
     FinitePositive,
-    JointEffect,
+    JointState,
     LoadedJointEffect,
     Loading,
-    Motion,
+    SimulatedEffect,
+    SimulatedJointEffect,
     Site,
     draws,
     either_sign,
@@ -41,7 +41,7 @@ class ThirdHarmonic(Harmonic):
     cycles = 3.0
 
 
-class BowedAxis(Effect):
+class BowedAxis(SimulatedEffect):
     """A guideway that is not straight: one axis reads a bow along another."""
 
     id = "bowed_axis"
@@ -99,7 +99,7 @@ class DressPack(LoadedJointEffect):
     k: FinitePositive = Field(description="stiffness of the pull [N m/rad]")
     q0: Finite = Field(description="angle of the joint without pull [rad]")
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         return self.k * (joint.q_rad - self.q0)
 
 
@@ -113,7 +113,7 @@ class Hysteresis(LoadedJointEffect):
 
     h: Finite = Field(description="lag under the rated torque [rad]")
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         return self.h * joint.arrival * np.abs(joint.tau_Nm / joint.rated_Nm)
 
 
@@ -138,12 +138,12 @@ class SoftByAngle(LoadedJointEffect):
     cycles: FinitePositive = Field(description="cycles a turn of the joint")
     phi: Finite = Field(description="phase [rad]")
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         compliance = self.compliance * joint.tau_Nm * np.sin(self.cycles * joint.q_rad + self.phi)
         return np.asarray(-compliance)
 
 
-class Sawtooth(JointEffect):
+class Sawtooth(SimulatedJointEffect):
     """An error that grows along a sector of the joint's turn and jumps back at its end."""
 
     id = "sawtooth"
@@ -157,13 +157,13 @@ class Sawtooth(JointEffect):
     A: Finite = Field(description="amplitude [rad]")
     sector: FinitePositive = Field(description="sector [rad]")
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         turns = joint.q_rad / self.sector
         error: Array = self.A * (2.0 * (turns - np.floor(turns)) - 1.0)
         return error
 
 
-class PedestalTilt(Effect):
+class PedestalTilt(SimulatedEffect):
     """A pedestal that tilts with the cube of its moment, as one bolted down loosely does."""
 
     id = "pedestal_tilt"

@@ -18,8 +18,8 @@ from pa10cal.lab.cell.effects.effect import (
     ARC_SECOND,
     Finite,
     FinitePositive,
-    JointEffect,
-    Motion,
+    JointState,
+    SimulatedJointEffect,
     Site,
 )
 
@@ -52,7 +52,7 @@ def drawn_cogs(ratio: float, count: int, rng: np.random.Generator) -> list[int]:
     return sorted(int(_COGS[k]) for k in chosen)
 
 
-class MotorRipple(JointEffect):
+class SimulatedMotorRipple(SimulatedJointEffect):
     """A joint stops where the cogging of its motor lets it."""
 
     id = "motor_ripple"
@@ -86,11 +86,11 @@ class MotorRipple(JointEffect):
             raise ValueError(f"as many as {of}")
         return values
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         """Return sum a sin(cogs ratio angle + phi) where the joint moved, at the motor's angle."""
         return self.stops_off_rad(joint, joint.q_rad)
 
-    def stops_off_rad(self, joint: Motion, stands_rad: Array) -> Array:
+    def stops_off_rad(self, joint: JointState, stands_rad: Array) -> Array:
         """Return how far the joint stops off, (P,).
 
         Args:
@@ -101,7 +101,7 @@ class MotorRipple(JointEffect):
         return np.where(joint.arrival == 0.0, 0.0, off)
 
 
-class _ErrsByAngle(MotorRipple):
+class _ErrsByAngle(SimulatedMotorRipple):
     """A drive with an error of many cycles a turn, besides its ripple."""
 
     #: Whether the motor stands by the true angle; else by the angle commanded.
@@ -124,7 +124,7 @@ class _ErrsByAngle(MotorRipple):
             "phi": rng.uniform(-np.pi, np.pi, len(orders)).tolist(),
         }
 
-    def at_joint(self, joint: Motion) -> Array:
+    def at_joint(self, joint: JointState) -> Array:
         """Return the error by the angle, and what cogging adds at the motor's angle."""
         phase = np.outer(joint.q_rad, self.orders) + np.array(self.phi)
         error: Array = np.sin(phase) @ np.array(self.A)
@@ -132,7 +132,7 @@ class _ErrsByAngle(MotorRipple):
         return error + self.stops_off_rad(joint, stands_rad)
 
 
-class SensorError(_ErrsByAngle):
+class SimulatedSensorError(_ErrsByAngle):
     """The sensor at the joint's output errs, and the controller follows it."""
 
     id = "sensor_error"
@@ -140,7 +140,7 @@ class SensorError(_ErrsByAngle):
     by_sensor = True
 
 
-class GearError(_ErrsByAngle):
+class SimulatedGearError(_ErrsByAngle):
     """The gear errs, behind a motor that stands where it was commanded to."""
 
     id = "gear_error"

@@ -11,9 +11,9 @@ from pydantic import Field
 from pa10cal.arrays import Array
 from pa10cal.lab.cell.effects.effect import (
     LONG_LINKS,
-    Effect,
     Finite,
     Loading,
+    SimulatedEffect,
     Triple,
     directed,
     draws,
@@ -25,14 +25,14 @@ from pa10cal.lab.cell.robot import GRAVITY_M_S2, Strain
 SECONDS_PER_HOUR = 3600.0
 
 
-class LinkEffect(Effect):
+class SimulatedLinkEffect(SimulatedEffect):
     """A long link gives way under the moment that it carries at its far joint."""
 
     strains = True
     by_weights = True
 
     @abstractmethod
-    def moved(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
+    def end_motion(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
         """Return by how much the link's end turns (P, 3) [rad] and shifts (P, 3) [m].
 
         Args:
@@ -48,11 +48,13 @@ class LinkEffect(Effect):
         axis = span_m / np.linalg.norm(span_m)
         none = loading.none
         turn, shift = none.turn_rad.copy(), none.shift_m.copy()
-        turn[:, link], shift[:, link] = self.moved(loading.statics.link_Nm[:, link], axis, span_m)
+        turn[:, link], shift[:, link] = self.end_motion(
+            loading.statics.link_Nm[:, link], axis, span_m
+        )
         return replace(none, turn_rad=turn, shift_m=shift)
 
 
-class LinkBending(LinkEffect):
+class SimulatedLinkBending(SimulatedLinkEffect):
     """A long link bends under the moment across its axis at its far joint."""
 
     id = "link_bending"
@@ -62,13 +64,13 @@ class LinkBending(LinkEffect):
 
     c: Finite = Field(description="turn of the link's end a moment [rad/(N m)]")
 
-    def moved(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
+    def end_motion(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
         """Turn the end by c M, shift it by (2/3) L (c M) x axis, as for a force at the end."""
         turn = self.c * (moment_Nm - np.outer(moment_Nm @ axis, axis))
         return turn, 2.0 / 3.0 * np.cross(turn, span_m)
 
 
-class LinkTorsion(LinkEffect):
+class SimulatedLinkTorsion(SimulatedLinkEffect):
     """The forearm twists under the moment about its axis at its far joint."""
 
     id = "link_torsion"
@@ -78,12 +80,12 @@ class LinkTorsion(LinkEffect):
 
     c: Finite = Field(description="twist of the link a moment [rad/(N m)]")
 
-    def moved(self, moment_Nm: Array, axis: Array, _span_m: Array) -> tuple[Array, Array]:
+    def end_motion(self, moment_Nm: Array, axis: Array, _span_m: Array) -> tuple[Array, Array]:
         turn = self.c * np.outer(moment_Nm @ axis, axis)
         return turn, np.zeros_like(turn)
 
 
-class BaseCompliance(Effect):
+class SimulatedBaseCompliance(SimulatedEffect):
     """The base tilts under the overturning moment."""
 
     id = "base_compliance"
@@ -101,7 +103,7 @@ class BaseCompliance(Effect):
         return replace(loading.none, base_turn_rad=turn)
 
 
-class BaseDrift(Effect):
+class SimulatedBaseDrift(SimulatedEffect):
     """The base creeps at a constant rate."""
 
     id = "base_drift"
@@ -117,7 +119,7 @@ class BaseDrift(Effect):
         return replace(loading.none, base_shift_m=shift)
 
 
-class ThermalGrowth(Effect):
+class SimulatedThermalGrowth(SimulatedEffect):
     """Pedestal (the first link) and long links grow with temperature, usually as steel does."""
 
     id = "thermal_growth"
@@ -140,7 +142,7 @@ class ThermalGrowth(Effect):
 # Effects that sit in the tool on the flange and in the measuring instrument.
 
 
-class ToolSag(Effect):
+class SimulatedToolSag(SimulatedEffect):
     """The tool sags across its axis, the flange's z."""
 
     id = "tool_sag"
@@ -156,7 +158,7 @@ class ToolSag(Effect):
         return shift
 
 
-class CmmScale(Effect):
+class SimulatedCmmScale(SimulatedEffect):
     """Scales of the instrument's axes are off, by 5e-5 an axis in the mean."""
 
     id = "cmm_scale"
@@ -171,7 +173,7 @@ class CmmScale(Effect):
         return extra
 
 
-class CmmSquareness(Effect):
+class SimulatedCmmSquareness(SimulatedEffect):
     """The instrument's y axis is not square to its x axis."""
 
     id = "cmm_squareness"

@@ -13,34 +13,36 @@ import numpy as np
 from pa10cal.errors import SettingsError, remedy_for
 from pa10cal.lab.cell import effects
 from pa10cal.lab.cell.classes import classes_in
-from pa10cal.lab.cell.effects.effect import LONG_LINKS, Effect
+from pa10cal.lab.cell.effects.effect import LONG_LINKS, SimulatedEffect
 from pa10cal.lab.cell.options import HiddenEffectOptions
 from pa10cal.lab.cell.robot import Robot
 from pa10cal.settings_reading import parse_section
 
 
 @cache
-def all_effects() -> dict[str, type[Effect]]:
+def all_effects() -> dict[str, type[SimulatedEffect]]:
     """Return every effect by its id, module by module, each in the order of its file."""
-    return classes_in(effects, Effect)
+    return classes_in(effects, SimulatedEffect)
 
 
-def vocabulary() -> dict[str, type[Effect]]:
+def vocabulary() -> dict[str, type[SimulatedEffect]]:
     """Return the effects of the vocabulary that trials draw."""
     return {name: each for name, each in all_effects().items() if each.drawn and each.named}
 
 
-def nameless() -> dict[str, type[Effect]]:
+def nameless() -> dict[str, type[SimulatedEffect]]:
     """Return all effects that trials draw and that have no name in the vocabulary."""
     return {name: each for name, each in all_effects().items() if each.drawn and not each.named}
 
 
-def outside() -> dict[str, type[Effect]]:
+def outside() -> dict[str, type[SimulatedEffect]]:
     """Return those of them that every kind of trial may hide."""
     return {name: each for name, each in nameless().items() if not each.wild}
 
 
-def make_effects(entries: Sequence[HiddenEffectOptions], robot: Robot) -> tuple[Effect, ...]:
+def make_effects(
+    entries: Sequence[HiddenEffectOptions], robot: Robot
+) -> tuple[SimulatedEffect, ...]:
     """Turn settings entries into effects of this robot.
 
     Raises:
@@ -71,7 +73,7 @@ def places_of(names: Sequence[str], robot: Robot, loaded: Sequence[int] = ()) ->
     return places
 
 
-def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> Effect:
+def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> SimulatedEffect:
     known = all_effects()
     if entry.id not in known:
         raise SettingsError(

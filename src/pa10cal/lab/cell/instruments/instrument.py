@@ -14,9 +14,9 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import SimulationError
 from pa10cal.lab.cell.effects.effect import (
-    Effect,
+    JointState,
     Loading,
-    Motion,
+    SimulatedEffect,
     with_added,
 )
 from pa10cal.lab.cell.options import SimulateOptions
@@ -41,7 +41,7 @@ class Rest:
 
 def rest_poses(
     robot: Robot,
-    effects: Sequence[Effect],
+    effects: Sequence[SimulatedEffect],
     drive: Array,
     load_N: Array,
     time_s: Array,
@@ -82,7 +82,7 @@ def rest_poses(
             for structure in structures:
                 strain = strain + structure.strain(loading)
             moved = strain.distance(before)
-        motion = Motion(q, arrived, gear_ratio)
+        motion = JointState(q, arrived, gear_ratio)
         tau = with_added(tau, "carried", effects, motion)
         delta = springs.step(delta, tau)
         under_load = replace(motion, tau_Nm=tau, rated_Nm=rated_Nm)
@@ -112,7 +112,7 @@ class Truth:
     """Everything that a campaign hides."""
 
     robot: Robot  # the robot as built
-    effects: tuple[Effect, ...]  # what it does beyond the paper's model
+    effects: tuple[SimulatedEffect, ...]  # what it does beyond the paper's model
     # commanded joint positions by purpose; None where they were drawn one by one
     poses: Poses | None
     schedule: Schedule  # the C configurations in the order of time
@@ -144,11 +144,11 @@ class Truth:
 
     def as_logged(self, tau_Nm: Array, arrival: Array) -> Array:
         """Return torques (P, n) with what the log adds to them."""
-        motion = Motion(np.zeros_like(tau_Nm), arrival, self.robot.arm.gear_ratio, tau_Nm)
+        motion = JointState(np.zeros_like(tau_Nm), arrival, self.robot.arm.gear_ratio, tau_Nm)
         return with_added(tau_Nm, "log", self.effects, motion)
 
 
-class Instrument(ABC):
+class SimulatedInstrument(ABC):
     """How a robot is brought to its poses and measured there."""
 
     kind: ClassVar[str]  # the word of `instrument.kind` in campaign.yaml

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from pa10cal.arrays import Array
-from pa10cal.lab.cell.effects.effect import Motion, with_added
+from pa10cal.lab.cell.effects.effect import JointState, with_added
 from pa10cal.lab.cell.instruments.instrument import (
-    Instrument,
+    SimulatedInstrument,
     Streams,
     Truth,
     points_mm,
@@ -38,7 +38,7 @@ TORQUE_STEPS = 4096
 _TEMPERATURE_NOISE_C = 0.01
 
 
-class TouchTriggerCmm(Instrument):
+class TouchTriggerCmm(SimulatedInstrument):
     """Touches on tooling balls, and a log of every approach and dwell."""
 
     kind: ClassVar[str] = "touch_trigger_cmm"
@@ -163,7 +163,7 @@ def _moving_torques(truth: Truth, q: Array) -> Array:
     loads_N = np.repeat(truth.schedule.load_N, q.shape[1])
     flat = q.reshape(-1, q.shape[2])
     tau_Nm = truth.robot.mechanism.statics(flat, loads_N).torque_Nm
-    motion = Motion(flat, np.zeros_like(flat), truth.robot.arm.gear_ratio)
+    motion = JointState(flat, np.zeros_like(flat), truth.robot.arm.gear_ratio)
     return with_added(tau_Nm, "carried", truth.effects, motion).reshape(q.shape)
 
 

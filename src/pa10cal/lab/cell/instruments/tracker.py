@@ -11,11 +11,11 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
-from pa10cal.lab.cell.effects.structure import BaseDrift
+from pa10cal.lab.cell.effects.structure import SimulatedBaseDrift
 from pa10cal.lab.cell.individual import need_masses, refuse_unrated
 from pa10cal.lab.cell.instruments.instrument import (
     MM_DECIMALS,
-    Instrument,
+    SimulatedInstrument,
     Streams,
     Truth,
     as_written,
@@ -31,7 +31,7 @@ _TEMPERATURE_NOISE_C = 0.01
 _BASE_RADIUS_M = (0.3, 0.6)
 
 
-class Tracker(Instrument):
+class Tracker(SimulatedInstrument):
     """An instrument that measures targets from afar, while the arm stands in pose after pose.
 
     Poses are drawn evenly in joint space; whether an arm or its targets collide, or can be seen, is
@@ -166,7 +166,7 @@ class Tracker(Instrument):
             [radius_m * np.cos(around), radius_m * np.sin(around), rng.uniform(0.0, 0.1, count)]
         )
         hours = (truth.schedule.start_s + self.at_rest_s) / 3600.0
-        rates = [effect.rate for effect in truth.effects if isinstance(effect, BaseDrift)]
+        rates = [effect.rate for effect in truth.effects if isinstance(effect, SimulatedBaseDrift)]
         moved_m = np.outer(hours, np.sum(rates, axis=0)) if rates else np.zeros((len(hours), 3))
         p_m = p_base_m + moved_m[:, None]
         p_m = p_m @ robot.T_instr_base[:3, :3].T + robot.T_instr_base[:3, 3]
@@ -199,7 +199,7 @@ def xyz_columns(prefix: str) -> dict[str, list[str]]:
 # An instrument that measures the distance of one target from a fixed point.
 
 
-class Distance(Tracker):
+class SimulatedDistances(Tracker):
     """The fixed point is the origin of its frame."""
 
     kind: ClassVar[str] = "distance"
@@ -216,7 +216,7 @@ class Distance(Tracker):
 # A tracker of positions of several targets.
 
 
-class Points(Tracker):
+class SimulatedPoints(Tracker):
     """Some targets are not seen in some poses."""
 
     kind: ClassVar[str] = "points"
@@ -243,7 +243,7 @@ class Points(Tracker):
 _QUATERNION = ("qw", "qx", "qy", "qz")
 
 
-class Pose(Tracker):
+class SimulatedPoses(Tracker):
     """Its orientation is measured apart from its position: errors of the scales do not turn it."""
 
     kind: ClassVar[str] = "pose"
