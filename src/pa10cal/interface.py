@@ -71,7 +71,7 @@ def calibrate(
     """Calibrate the arm of a campaign.
 
     Touched balls are calibrated with the paper's model on two levels, other instruments with the
-    general model, unless `options.model` says otherwise.
+    general model, unless `options.model` states another.
 
     Args:
         campaign: from `read_campaign`.
@@ -84,8 +84,8 @@ def calibrate(
         base_frame: what straight-line moves must satisfy; None for the defaults.
 
     Returns:
-        The calibrated model; `grade` says in a word how good it is, `fitted_to.health` why and what
-        to do, in one sentence.
+        The calibrated model; `grade` rates it in a word, `fitted_to.health` states the reason and
+        the remedy, in one sentence.
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
@@ -155,14 +155,14 @@ def discover(
 def compare(
     first: FittedModel, second: FittedModel, names: tuple[str, str] = ("first", "second")
 ) -> ComparisonRecord:
-    """Say what differs between two models of the same arm, and whether it matters.
+    """Compare two models of the same arm: what differs, and whether that is significant.
 
     Args:
         first, second: from `calibrate`, `discover` or `load_model`.
         names: what they are called in the record.
 
     Returns:
-        The comparison: `line` says in one sentence whether they agree within their uncertainty,
+        The comparison: `line` states in a sentence whether they agree within their uncertainty,
         `parameters` lists every parameter of both, `frames["flange"]` how far apart they put the
         flange over the joint angles that both have seen.
 
@@ -202,7 +202,7 @@ def plan(
 
 
 def report(results: Path | str, out: Path | str, campaign_dir: Path | str | None = None) -> None:
-    """Write the report of a campaign: one page for its reader, that needs no network.
+    """Write the report of a campaign: one page that needs no network.
 
     Args:
         results: results of a campaign, as `pa10cal run` leaves them.

@@ -100,10 +100,10 @@ def test_an_amount_within_its_uncertainty_is_no_name(wave):
 
 def test_what_uncertain_weights_take_up_is_no_comfort(monkeypatch, wave, nothing_hidden):
     """Any term that is there stands for uncertain weights; here the effect lowers the error."""
-    assert "the weights may be other than described" not in "".join(doubts(wave.discovery))
+    assert "the weights may differ from the description" not in "".join(doubts(wave.discovery))
     kind = type(wave.discovery.model.model.terms[0])
     monkeypatch.setattr(gates, "Weights", kind)
-    assert "the weights may be other than described" in "".join(doubts(wave.discovery))
+    assert "the weights may differ from the description" in "".join(doubts(wave.discovery))
     assert [*doubts(nothing_hidden.discovery)] == []
 
 
@@ -145,7 +145,7 @@ def test_an_alternative_that_passes_stands_in(monkeypatch, soft_wrist):
     monkeypatch.setattr(gates, "unfit", lambda _each, _model: iter(["it is made up"]))
     neither = gated(found)
     assert neither.verdict == "unexplained"
-    assert why(neither) == "link_torsion of forearm fits best, and is no name: it is made up"
+    assert why(neither) == "link_torsion of forearm fits best, but is not named: it is made up"
 
 
 class TestNone:

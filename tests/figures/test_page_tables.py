@@ -144,7 +144,7 @@ class TestHealth:
     def test_is_that_of_the_record(self, results):
         case = results.paper_calibration()
         found = lines(trust, results)
-        assert any(line.startswith("What the grade of the calibration stands on") for line in found)
+        assert any(line.startswith("Basis of the grade of the calibration") for line in found)
         rank = f"| rank {case.health.rank} of {case.health.unknowns}, condition number"
         assert any(rank in line for line in found)
 

@@ -123,7 +123,7 @@ LEADS = {
     "ambiguous": "The calibrated model lacks encoder eccentricity at joint 2 or gear ratio error "
     "at joint 2.",
     "unexplained": "An error remains at joint 3 that no effect of the vocabulary explains.",
-    "check_the_log": "Check the log first: joint sign (q3_deg). Whatever becomes of that, the "
+    "check_the_log": "Check the log first: joint sign (q3_deg). Independent of that, the "
     "calibrated model lacks encoder eccentricity at joint 2.",
     "not_sought": "Effects were not sought: 36 poses are too few.",
 }
@@ -187,7 +187,7 @@ def test_leads_with_what_is_explained_and_by_what(copied, page, word, answer):
         assert FALL in top
         assert "Verdict: ambiguous." in top
     # The one that takes most away comes first, though it was found last.
-    table = rest[rest.index("Effects, those that take most away first") :]
+    table = rest[rest.index("Effects, those that remove most error first") :]
     assert table.index("joint compliance") < table.index("encoder eccentricity")
     assert "0.360 → 0.170 90 %" in " ".join(table.split())
 

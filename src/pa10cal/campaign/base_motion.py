@@ -53,7 +53,7 @@ _refusal = refusals(
             "remove one of them, or correct its columns",
         ),
         "new set-up": (
-            "the instrument was set up anew while the campaign lasted",
+            "the instrument was set up anew during the campaign",
             f"up to {1e3 * _LARGEST_M:g} mm and {1e3 * _LARGEST_RAD:g} mrad",
             "make a campaign of each set-up",
         ),
@@ -155,15 +155,15 @@ def steadied(
             "them: they are not used; check what they are fixed to"
         )
         return replace(every, base=None), (), (warning,)
-    warnings = [f"a target on the base moved: {target}; it is left out" for target in knocked]
+    warnings = [f"a target on the base moved: {target}; it is not used" for target in knocked]
     gross_mm = 1e3 * _GROSS * float(np.nanmedian(base.u_m))
     warnings += [
-        f"a target on the base was read wrongly: {target}; such readings are left out"
+        f"a target on the base was read wrongly: {target}; such readings are not used"
         for target in misread
         if target.off_mm > gross_mm
     ]
     if found.form == "still":
-        note = f"targets on the base ({names}) stand still: nothing is taken out of the readings"
+        note = f"targets on the base ({names}) did not move: the readings are not corrected"
     else:
         turned, open_turn = f" and {1e3 * turn_rad:.3f} mrad", ""
         if not found.turns:

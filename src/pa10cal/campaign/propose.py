@@ -163,7 +163,7 @@ def _proposal(
         "provenance and gravity_m_s2: state them; instrument.uncertainty_mm is "
         + ("that of the file" if making.stated_mm is not None else f"{ASSUMED_MM} mm, assumed")
     )
-    checks.append("tool: state its mass and centre of mass; a mass of 0 is one that is not known")
+    checks.append("tool: state its mass and centre of mass; a mass of 0 means not stated")
     names = " and ".join(file for file, _, _ in files.values())
     content = {
         "schema": SCHEMA,

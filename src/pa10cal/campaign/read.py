@@ -161,9 +161,9 @@ def read_campaign(
             poses = pd.unique(pd.Series(every.pose[both]))
             warnings = (
                 *warnings,
-                f"held-out poses at joint positions that are calibrated with too: {len(poses)}, "
-                f"the first {poses[0]}: what they say of accuracy is too good; hold out whole "
-                "places, as holdout: {every: 5} in campaign.yaml does",
+                f"held-out poses at joint positions of calibration poses: {len(poses)}, the first "
+                f"{poses[0]}: their error is too small; hold out poses with all their repeats, as "
+                "holdout: {every: 5} in campaign.yaml does",
             )
     recorded = ingested.timed and description.time_recorded
     every, of_time = with_what_tells_time(every, arm.prismatic, recorded=recorded)
@@ -305,7 +305,7 @@ def wrong_rows(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:
             remedy = "correct the labels of this configuration"
         elif row.reason in _WRONG:
             kind, what = "outlier", row.reason
-            remedy = "look at the raw reading, and measure it again or leave it out"
+            remedy = "check the raw reading; measure it again or exclude it"
         else:
             continue
         what = f"{what}; its rows are quarantined"

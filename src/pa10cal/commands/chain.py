@@ -22,8 +22,8 @@ def chain(
     """Take a campaign, or a group of several, from raw files to its model in one process.
 
     Writes the same files as the single stages, as one of many: a campaign that is refused, or that
-    a fault of the program ends, stops no other. `chain.json` says so, and what earlier runs left of
-    the stages that did not come about is removed.
+    a fault of the program ends, stops no other. `chain.json` states its outcome, and files that
+    earlier runs wrote for stages that did not run are removed.
 
     Args:
         campaign_dir: folder of raw files; of a group several, whose results lie beside --results.

@@ -22,9 +22,9 @@ def columns(
 
     Encoding, separator, decimal sign and columns are recognised by the header and the numbers; with
     --robot units and the convention of orientations by the kinematics of the nominal arm too, and
-    the file is read once so. Of a log of joints and a log of readings the two are joined, by
-    labels, by time (the clocks may differ) or by row. Every column is listed with what it is read
-    as. Save what is printed as campaign.yaml beside the file, correct it, and use pa10cal run.
+    the file is read once with them. A log of joints and a log of readings are joined by labels, by
+    time (the clocks may differ) or by row. The output lists the meaning of every column. Save it as
+    campaign.yaml beside the file, correct it, and use pa10cal run.
 
     Args:
         files: one with a row a configuration, joint positions and what was measured; or two, the
@@ -168,7 +168,7 @@ def import_data(
 def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
     """Fetch a public data set from its owner, of the pinned version, and check it.
 
-    Under which licence it is, or that none is stated, is said before anything is fetched.
+    Its licence, or that none is stated, is printed before anything is fetched.
 
     Args:
         dataset: name of the data set.

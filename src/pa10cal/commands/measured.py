@@ -14,7 +14,7 @@ def measured(
 ) -> None:
     """Carry models between measured campaigns that are done, and write one table of all.
 
-    A campaign that was refused, and a model that cannot be carried over, stand in the table with
+    A campaign that was refused, and a model that cannot be carried over, are in the table with
     their message.
 
     Args:

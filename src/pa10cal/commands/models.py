@@ -91,7 +91,7 @@ def predict(
     arrival: tuple[float, ...] | None = None,
     force: bool = False,
 ) -> None:
-    """Say where a calibrated robot is, at joint positions that it never was measured at.
+    """Predict the poses of a calibrated robot at any joint positions.
 
     Poses are in the robot's base frame, with the standard uncertainty of each position and whether
     the fit has seen such joint angles. Lost motion counts in it unless the side from which a joint
@@ -143,12 +143,12 @@ def compensate(
     tcp: tuple[float, ...] | None = None,
     force: bool = False,
 ) -> None:
-    """Find the joint positions to command so that a calibrated robot comes to its targets.
+    """Compute the joint positions to command so that a calibrated robot reaches its targets.
 
     Every target has a row, in order, with a status: ok, outside_limits, unreachable or
     near_singular. Of several branches the nearest to the row's seed is taken, without a seed the
-    nearest to the row before. With --write cartesian each row has the pose too that a controller
-    with the nominal model must be sent. docs/using-the-model.md explains the columns.
+    nearest to the row before. With --write cartesian each row also has the pose to send to a
+    controller with the nominal model. docs/using-the-model.md explains the columns.
 
     Args:
         model: model.yaml of a calibration, or the results that hold it.
@@ -233,10 +233,10 @@ _SHOWN, _WORTH_SHOWING = 5, 3.0
 
 
 def compare(first: Path, second: Path, *, out: Path | None = None) -> None:
-    """Say what differs between two models of one arm, and whether it matters.
+    """Compare two models of one arm: what differs, and whether that is significant.
 
-    Models are judged by where they put the flange, over the joint angles that both have seen, once
-    base and tool are taken off. docs/using-the-model.md explains the figures.
+    Models are compared by their flange poses, over the joint angles that both have seen, after base
+    and tool are aligned. docs/using-the-model.md explains the figures.
 
     Args:
         first: model.yaml of a calibration, or the results that hold it.
@@ -309,7 +309,7 @@ def _row(title: str, rms: float, peak: float | None = None, deg: float | None = 
 
 
 def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -> None:
-    """Show how the parameters of one arm went over campaigns, and what moved between them.
+    """Show the parameters of one arm over its campaigns, and what moved between them.
 
     Args:
         models: model.yaml of every campaign, or the results that hold it, in order of time.

@@ -34,9 +34,9 @@ def plan(
 ) -> None:
     """Choose which poses to measure, before any is measured.
 
-    Out of poses within the joint limits, the workspace and the line of sight, those are chosen that
-    say most of the model's parameters and of effects that it may lack. docs/plan.md explains the
-    limits, the files, and how to go on from there.
+    Of the poses within the joint limits, the workspace and the line of sight, the command chooses
+    those with the most information on the model's parameters and on effects that it may lack.
+    docs/plan.md explains the limits, the files, and how to go on from there.
 
     Args:
         robot: name of a shipped arm, or the file of a description (.yaml).

@@ -21,9 +21,9 @@ def run(
 ) -> None:
     """Run a folder of raw files to its grade, verdict, model, report, figures and tables.
 
-    Several folders of one robot are calibrated as one, a group, with the same results. What is up
-    to date is not made again. On a terminal the stages are shown while they run. Where a stage
-    refuses, the report says so, with what there is before it.
+    Several folders of one robot are calibrated as one, a group, with the same results. Results that
+    are up to date are not computed again. On a terminal the stages are shown while they run. If a
+    stage refuses, the report names it, with the results before it.
 
     Args:
         folders: raw files of a campaign, with campaign.yaml; of a group, one folder a campaign.
@@ -149,8 +149,9 @@ def reproduce(
 ) -> None:
     """Run the whole workflow in this folder, a line a stage, and end with one table.
 
-    The campaigns are those of config.yaml. `make reproduce` and `make figures` call it. What is up
-    to date is not made again, so the same command goes on where a run was interrupted or killed.
+    The campaigns are those of config.yaml. `make reproduce` and `make figures` call it. Results
+    that are up to date are not computed again, so the same command continues a run that was
+    interrupted or killed.
 
     Args:
         cores: how many to use; 0 for all.
@@ -200,10 +201,10 @@ def reproduce(
 def report(
     results: Path, *, out: Path, campaign_dir: Path | None = None, calibration: str = "combined"
 ) -> None:
-    """Write the report of a campaign: one page for its reader, that needs no network.
+    """Write the report of a campaign: one page that needs no network.
 
-    What is missing among the results is named on the page, with the reason. Of a folder of all
-    results the page leads to every campaign's, and shows the pictures of studies.
+    The page names missing results, with the reason. For a folder of all results it links to the
+    page of every campaign, and shows the pictures of studies.
 
     Args:
         results: results of a campaign, RESULTS_DIR/CAMPAIGN; or RESULTS_DIR.
@@ -231,9 +232,9 @@ def fleet(
 ) -> None:
     """Run many campaigns of many arms to models, and summarise them: which arms need attention.
 
-    What is up to date is not made again. A campaign that is refused stops no other: it is in the
-    summary with its message. Figures and reports of single campaigns are made by `run`, or by
-    `snakemake` for those that are asked for.
+    Results that are up to date are not computed again. A campaign that is refused stops no other:
+    it is in the summary with its message. `run` makes figures and reports of single campaigns,
+    `snakemake` those that are requested.
 
     Args:
         campaigns: table of campaigns (.csv) with the column campaign and, where known, arm and

@@ -62,7 +62,7 @@ roll that its joints allow. Upper right, the position error of each pose before 
 calibration; hollow markers are held-out poses. Dashed: the noise floor, the mean error that the
 stated noise alone leaves. Lower left, the mean error of every arm relative to that floor;
 dotted, the limit. The two-level model is the paper's, with some or all poses on its inner
-level; it has no tool parameters and cannot represent a flange that departs in any way. Lower
+level; it has no tool parameters and cannot represent a flange that deviates in any way. Lower
 right, the errors of its parameters in standard uncertainties.
 """,
 )

@@ -106,7 +106,7 @@ def _without_names_that_move_nothing(found: V) -> V:
         return safe
     before_mm, after_mm = found.train.before.mean_mm, found.train.after.mean_mm
     why = (
-        f"it takes nothing away, {before_mm:.4g} mm before and "
+        f"it removes no error, {before_mm:.4g} mm before and "
         f"{after_mm:.4g} mm with it at the poses of the fit, and no less at others"
     )
     safe = harmless(found.with_findings([one for one in found.findings if one not in names]))
@@ -123,7 +123,7 @@ def of_order(finding: Finding[object], campaign: Prepared) -> Iterator[str]:
     along = [str(one) for one in drivers(states, slides) if one.joint and slow[one.joint - 1]]
     if along:
         joints = " and ".join(along)
-        yield f"the order of the poses goes with {joints}, of which an error may be alike"
+        yield f"the order of the poses follows {joints}, whose error may look the same"
 
 
 def with_pulls(found: V) -> V:
@@ -210,9 +210,9 @@ def doubts(found: Searched[object]) -> Iterator[str]:
     before_mm, after_mm = train.before.mean_mm, train.after.mean_mm
     if weights and after_mm < MOST_LEFT * before_mm and train.reduction.interval95_mm[0] > 0.0:
         yield (
-            f"the error falls from {before_mm:.3g} to {after_mm:.3g} mm where the weights may be "
-            "other than described: they are, or an effect that goes with gravity (such as "
-            "encoder_eccentricity of a joint that lifts) is there; logged torques would tell"
+            f"the error falls from {before_mm:.3g} to {after_mm:.3g} mm if the weights may differ "
+            "from the description: they do, or an effect of gravity is present (such as "
+            "encoder_eccentricity of a joint that lifts); logged torques would show which"
         )
     torque = found.torque_test
     if torque is not None and torque.F > MOST_TORQUE_RATIO and torque.p_value < SURELY:

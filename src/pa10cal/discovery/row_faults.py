@@ -99,7 +99,7 @@ def of_wrong_row(finding: InputFinding) -> DiagnosedFault:
 def carries(pose: str, name: str, gain: float | None) -> DiagnosedFault:
     """Return the fault of a pose that carried a name alone."""
     what = (
-        f"without this pose nothing speaks for {name}: one pose is no evidence of what acts in all"
+        f"without this pose there is no evidence of {name}: one pose cannot show an effect of all"
     )
     return _outlier(pose, what, gain=gain, decides=True)
 
@@ -107,7 +107,7 @@ def carries(pose: str, name: str, gain: float | None) -> DiagnosedFault:
 def _outlier(
     pose: str, what: str, *, gain: float | None = None, decides: bool = False
 ) -> DiagnosedFault:
-    where, look = f"pose {pose}", "look at the readings of this pose: joints, load, labels"
+    where, look = f"pose {pose}", "check the readings of this pose: joints, load, labels"
     return DiagnosedFault(
         kind="outlier", where=where, what=what, remedy=look, gain=gain, decides=decides
     )
@@ -153,7 +153,7 @@ def _of_readings(
     for k, row in enumerate(rows.tolist()):
         kind: FaultKind = "outlier"
         what = f"{gross.off_mm[row]:.3g} mm off, {gross.times[row]:.3g} times the usual scatter"
-        remedy = "look at the raw reading, and measure it again or leave it out"
+        remedy = "check the raw reading; measure it again or exclude it"
         if k in order_of:
             moved = " and ".join(names[b] for b, other in enumerate(order_of[k]) if other != b)
             kind, what = "label", f"the labels of targets {moved} seem exchanged"

@@ -336,7 +336,7 @@ def label_of(effect: Effect, rival: Effect | None) -> str:
 
 def no_name(finding: Finding[object], left_mm: float, why: str) -> Unexplained:
     """Return what a finding is that fits best and is no name, by the mean error left without it."""
-    said = f"{label_of(finding.effect, None)} fits best, and is no name: {why}"
+    said = f"{label_of(finding.effect, None)} fits best, but is not named: {why}"
     return Unexplained(of=finding.of, form=finding.id, shared_error_mm=left_mm, why=said)
 
 

@@ -313,15 +313,15 @@ _FOUND_IN = ("effect", "beyond", "unstated_masses", "sorted_rows")
 
 
 @picture(
-    title="What became of each stressor, fault and effect",
+    title="Outcome for each stressor, fault and effect",
     needs=(),
     caption="""
 Wild trials by what was put into their raw files ({name}): how many there are, and how many crashed,
 were refused before calibration, were given a false name (a confident one where a fault or an effect
-outside the vocabulary is in them), were told of the fault or named the effect, got *none* where
-something above three times the noise is wrong, predict held-out poses worse than before, were left
-unexplained, or were called suspect. Of unstated masses and sorted rows, effects count as above the
-noise where they leave half as much again, and as told where they are named or listed. Synthetic
+outside the vocabulary is in them), had the fault reported or the effect named, got *none* although
+an error above three times the noise is in them, predict held-out poses worse than before, were left
+unexplained, or were called suspect. For unstated masses and sorted rows, effects count as above the
+noise if they add half of it to the residual, and as told if they are named or listed. Synthetic
 data.
 """,
 )
@@ -343,7 +343,7 @@ def tabulate_trials_subjects(scores: TrialScoresRecord) -> ResultTable:
         if trial.failings
     )
     data = frame_of(("kind", "put in", "trials", *_COLUMNS), rows)
-    return ResultTable("Wild trials: what became of each", data, notes=notes)
+    return ResultTable("Wild trials: outcomes", data, notes=notes)
 
 
 def _inside(trial: JudgedTrial) -> tuple[str, ...]:
@@ -367,14 +367,14 @@ _NOTES_WILD = (
     "A fault is above the noise where it moves the residual of the calibrated model by more than "
     "three times what repeatability leaves, against the same campaign without it; faults of single "
     "rows, signs, zeros and units always are.",
-    "Told: by kind and place in the faults of the verdict, by suspect_input, by a refusal before "
-    "calibration, or, of a single reading, by its quarantine or among the suspected outliers.",
+    "Told: reported by kind and place in the faults of the verdict, by suspect_input, by a refusal "
+    "before calibration, or, of a single reading, by quarantine or among the suspected outliers.",
     "A refusal after calibration counts as a crash.",
 )
 _NOTES_MEASURED = (
-    "What an effect leaves is worked out from the truth: the readings without noise, with the "
-    "effect and without it, less all motions of base, joint frames and tool; with the noise it "
-    "makes the residual of so many times the noise.",
+    "The residual of an effect is computed from the truth: the readings without noise, with the "
+    "effect and without it, less all motions of base, joint frames and tool; together with the "
+    "noise it gives the ratio of residual to noise.",
     "Listed: as the name of an effect of the verdict, or among its alternatives. A name is wrong "
     "where neither it nor one of its alternatives is hidden.",
     "A motion is a fact where no joint, rail, load or order of the rows is named as another cause.",

@@ -55,8 +55,8 @@ def accuracy(results: ResultsBundle) -> Iterator[PageBlock]:
     )
     yield Paragraph(
         f"{'' if results.words is None else f'{results.words.of} '}"
-        "Repeats of a configuration are averaged. Held-out poses are only used "
-        "to judge."
+        "Repeats of a configuration are averaged. Held-out poses are used "
+        "for evaluation only."
     )
     title = "Position error [mm] and orientation error [deg]"
     header = (
@@ -82,8 +82,8 @@ def accuracy(results: ResultsBundle) -> Iterator[PageBlock]:
     elif not results.held_out.models:
         yield Callout(
             "missing",
-            f"Nothing was held out ({results.held_out.note or 'no such rows'}): how well the model "
-            "predicts new poses is not tested. Measure some poses more and mark them as held out.",
+            f"Nothing was held out ({results.held_out.note or 'no such rows'}): the error at new "
+            "poses is not known. Measure some more poses and mark them as held out.",
         )
     else:
         models = results.held_out.models
@@ -134,7 +134,7 @@ def gap_grid(record: VerdictRecord) -> Grid:
             if within is not None:
                 add(f"{poses}, {part}", ALL, within.before, within.after)
         if gap.with_rivals is not None:
-            name = f"{poses}, with what has no name, not written"
+            name = f"{poses}, with rivals without a name, not written"
             add(name, ALL, gap.before, gap.with_rivals)
     header = ["poses", "load"]
     for error in ("mean", "rms", "peak"):
@@ -174,9 +174,9 @@ def parameters(results: ResultsBundle) -> Iterator[PageBlock]:
     if results.extended is not None and results.extended.named:
         shown, of = results.extended.parameters, "model with the effects found"
     yield Paragraph(
-        f"Parameters of the {of}, with 95 % intervals. An interval holds what the noise of the "
-        "measurement leaves open; it holds no effect that the model lacks. A tolerance is what a "
-        "maker is expected to keep."
+        f"Parameters of the {of}, with 95 % intervals. An interval includes the noise of the "
+        "measurement, but no effect that the model lacks. A tolerance is the deviation expected of "
+        "a maker."
     )
     shifts = []
     if results.analysis is not None and results.analysis.effects:
@@ -194,8 +194,8 @@ def parameters(results: ResultsBundle) -> Iterator[PageBlock]:
         shown = {name: each for name, each in shown.items() if name not in weights}
         yield Paragraph(
             f"Weights: {len(weights)} departures of masses, of their moments and of the "
-            "base's level stay near the values described, within what a description is "
-            "usually off. The poses fitted do not identify them."
+            "base's level stay near the described values, within the usual error of a description. "
+            "The fitted poses do not identify them."
         )
     remaining = dict(shown)
     header: tuple[str, ...] = ("parameter", "value, 95 % interval", "unit", "tolerance", "remark")
@@ -276,7 +276,7 @@ def _campaign_grids(group: GroupOfCampaigns) -> Iterator[Grid]:
         )
     yield grid(
         "Each campaign against the others: they contradict each other where chance does not "
-        "explain the difference and parameters of its own take away a tenth of the squared error",
+        "explain the difference and separate parameters remove a tenth of the squared error",
         ("campaign", "poses", "rms [mm]", "alone [mm]", "χ²", "p", "most by", "contradicts"),
         rows,
         (1, 2, 3),

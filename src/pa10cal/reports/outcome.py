@@ -24,7 +24,7 @@ from pa10cal.results.health import UNRESERVED, Health
 _GRADES = {
     "good": "The calibration is good.",
     "few_poses": "The calibration is as good as its poses allow; more poses would help.",
-    "incomplete": "The model is incomplete: it leaves more error than the noise explains.",
+    "incomplete": "The model is incomplete: its error is larger than the noise explains.",
     "suspect_input": "Something in the input is probably wrong.",
     "not_converged": "The fit did not converge.",
 }
@@ -129,8 +129,8 @@ def verdict(results: ResultsBundle) -> Iterator[PageBlock]:
         yield grid("Unexplained: a gap without a name", ("at", "why"), rows)
     if record.proposed:
         yield grid(
-            "Formulas proposed for it: they do as well, and name nothing",
-            ("at", "formula", "size", "does as well as", "takes away of the squared error"),
+            "Formulas proposed for it: they fit as well, and name no effect",
+            ("at", "formula", "size", "fits as well as", "removes of the squared error"),
             [
                 (
                     unbroken(formula.of.replace("_", " ")),
@@ -145,8 +145,8 @@ def verdict(results: ResultsBundle) -> Iterator[PageBlock]:
     if record.falls_back is not None:
         yield Callout(
             "note",
-            "The model leaves effects out where held-out poses are predicted worse with them: "
-            "see what is not trusted below.",
+            "The model omits effects where held-out poses are predicted worse with them: "
+            "see “How far to trust it” below.",
         )
 
 
@@ -161,7 +161,10 @@ def _effects_grid(results: ResultsBundle, record: VerdictRecord) -> PageBlock:
     header: tuple[str, ...] = ("effect", "at", "size", "what it adds", "could also be")
     takes: dict[tuple[str, str], tuple[str, str]] = {}
     if (explained := record.explained) is not None:
-        header += (f"takes away, over {explained.over} [mm rms]", "of the error beyond noise")
+        header += (
+            f"error without → with it, over {explained.over} [mm rms]",
+            "of the error beyond noise",
+        )
         for part in explained.of:
             fall = unbroken(f"{mm(part.before_mm)} → {mm(part.after_mm)}")
             takes.setdefault((part.ids[0], part.of), (fall, unbroken(percent(part.share))))
@@ -177,7 +180,7 @@ def _effects_grid(results: ResultsBundle, record: VerdictRecord) -> PageBlock:
         )
         taken = takes.get(key, (NOT_KNOWN, NOT_KNOWN)) if explained is not None else ()
         rows.append((*row, *taken))
-    title = "Effects, those that take most away first, with 95 % intervals"
+    title = "Effects, those that remove most error first, with 95 % intervals"
     return grid(title, header, rows)
 
 
@@ -205,7 +208,7 @@ def verdict_sentence(record: VerdictRecord) -> str:
         faults = listed(
             f"{fault.kind.replace('_', ' ')} ({fault.where})" for fault in record.faults
         )
-        besides = f" Whatever becomes of that, {lacks[0].lower()}{lacks[1:]}"
+        besides = f" Independent of that, {lacks[0].lower()}{lacks[1:]}"
         return f"Check the log first: {faults}.{besides if record.effects else ''}"
     if record.verdict == "unexplained":
         where = "" if unexplained is None or unexplained.of is None else f" at {unexplained.of}"

@@ -29,7 +29,7 @@ def trust(results: ResultsBundle) -> Iterator[PageBlock]:
     if case is None:
         yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
         return
-    title = f"What the grade of the calibration stands on: {case.health.grade.replace('_', ' ')}"
+    title = f"Basis of the grade of the calibration: {case.health.grade.replace('_', ' ')}"
     yield grid(title, ("check", "found", "passes"), _checks(case))
     if isinstance(case, GeneralCalibrationRecord):
         if case.prior:
@@ -58,11 +58,11 @@ def trust(results: ResultsBundle) -> Iterator[PageBlock]:
     limits.append(
         f"The heaviest load of the fit is {heaviest_N:g} N: beyond it is extrapolation."
         if heaviest_N > 0.0
-        else "The fit has seen no external load: any is extrapolation."
+        else "The fit has seen no external load: any load is extrapolation."
     )
     limits.append(
         "Outside the joint positions of the table below a prediction is an extrapolation; the "
-        "column inside of pa10cal predict says so row by row."
+        "column inside of pa10cal predict shows it for each row."
     )
     yield Items(tuple(limits))
     if seen := tuple(_angles_seen(case if results.extended is None else results.extended)):
@@ -202,7 +202,7 @@ def missing(results: ResultsBundle) -> Iterator[PageBlock]:
             names = listed(map(written, case.health.not_identifiable))
             texts.append(f"Not identifiable from these poses: {names}.")
         if not case.health.repeats:
-            texts.append("No pose is repeated often enough to know how readings scatter.")
+            texts.append("No pose is repeated often enough to estimate the scatter of readings.")
         if not case.torques_logged:
             texts.append(
                 "Joint torques were not logged: springs use those of the described masses."
@@ -277,7 +277,7 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
         if poses.wanted_mm is None:
             enough = "would add hardly anything to the remaining error"
         if poses.u_model_mm is None:
-            yield Paragraph("How uncertain predictions are is not known.")
+            yield Paragraph("The uncertainty of predictions is not known.")
         elif poses.needed is None:
             yield Paragraph(
                 f"{now}; {mm(poses.u_needed_mm)} mm {enough}, and no number of such poses "
@@ -297,7 +297,7 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
         yield Callout("missing", results.why_absent(discovery.VerdictRecord.FILE))
         return
     if not record.suggested_poses:
-        yield Paragraph("No further poses are suggested to tell effects apart.")
+        yield Paragraph("No further poses are suggested to separate effects.")
         return
     rows = []
     for number, pose in enumerate(record.suggested_poses[:_MOST_POSES], start=1):
@@ -308,8 +308,8 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
         rows.append((str(number), *angles, f"{pose.load_N:g}", _aim(pose)))
     joints = range(1, len(record.suggested_poses[0].q_deg) + 1)
     yield grid(
-        f"The {count(len(rows), 'pose')} that tell most, in "
-        "discovery/suggested_poses.csv too. An arrow says whether the joint arrives from smaller "
+        f"The {count(len(rows), 'pose')} with most information, also in "
+        "discovery/suggested_poses.csv. An arrow: the joint arrives from smaller "
         "(↑) or from larger (↓) angles.",
         ("order", *(f"q{joint} [deg]" for joint in joints), "load [N]", "what for"),
         rows,

@@ -14,7 +14,7 @@ def evaluate(
     extended: Path | None = None,
     iso9283: Path | None = None,
 ) -> None:
-    """Judge uncalibrated, calibrated and extended models on held-out points and loads.
+    """Evaluate uncalibrated, calibrated and extended models on held-out points and loads.
 
     Args:
         campaign_dir: folder of raw files.
@@ -75,10 +75,10 @@ def transfer(
     out: Path,
     extended: Path | None = None,
 ) -> None:
-    """Judge a model of one campaign in another; only base and tool are fitted there.
+    """Evaluate a model of one campaign in another; only base and tool are fitted there.
 
-    Where the calibration poses show that instrument or base moved at once, every part before and
-    after has a base of its own.
+    Where the calibration poses show that instrument or base moved suddenly, the parts before and
+    after have separate base frames.
 
     Args:
         calibration: combined calibration of the campaign that the model is of (.json).

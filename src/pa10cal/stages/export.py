@@ -22,11 +22,11 @@ def export(
 ) -> None:
     """Write a calibrated model for other programs: model.yaml, robot.urdf and its rows as a table.
 
-    `robot.urdf` is the rigid part of the model. Beside it goes the best rigid model
+    `robot.urdf` is the rigid part of the model. With it comes the best rigid model
     (`robot_rigid_fit.urdf`, `dh_rigid_fit.csv`): its geometry alone is fitted to the whole model
-    over the measured poses with their loads. Each has its error over these poses in the file.
-    Where the arm was imported from a URDF, that URDF is written with calibrated origins. An arm of
-    Universal Robots' layout gets the file of kinematics that their driver reads, beside the model.
+    over the measured poses with their loads. Each file states its error over these poses. Where the
+    arm was imported from a URDF, that URDF is written with calibrated origins. An arm of Universal
+    Robots' layout gets the file of kinematics that their driver reads, beside the model.
 
     Args:
         calibration: calibration to export (.json).

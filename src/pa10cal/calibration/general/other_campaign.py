@@ -89,7 +89,7 @@ def refuse_unsound(model: FittedModel, *, force: bool = False) -> None:
             where="prior",
             value="" if model.fitted_to is None else model.fitted_to.health,
             allowed="a model graded good, few_poses or incomplete",
-            remedy="follow the remedy of its grade, or take it all the same with --force",
+            remedy="follow the remedy of its grade, or override with --force",
         )
 
 
@@ -317,11 +317,11 @@ def _changed(
     told = list(map(_words, moved))
     if factor > 1.0:
         told.append(
-            "links and springs depart by more than noise explains: their variances count "
-            f"{factor:.0f} times, as under a model that lacks an effect"
+            "links and springs changed by more than noise explains: their variances are "
+            f"multiplied by {factor:.0f}, as under a model that lacks an effect"
         )
     if anew:
-        told.insert(0, "more moved than can be told apart: all joints, links and springs are anew")
+        told.insert(0, "more moved than can be separated: all joints, links and springs are anew")
     said = "; ".join(told) or "nothing in it moved, within its uncertainty"
     line = f"started from the model of {campaign or 'an unnamed campaign'}: {said}"
     return PriorPart(campaign=campaign, moved=tuple(moved), factor=factor, line=line)

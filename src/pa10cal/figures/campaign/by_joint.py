@@ -120,7 +120,7 @@ Below, how much of it a sine of the angle explains, order by order (Lomb-Scargle
 many orders the highest in each band). Upright lines with markers: the orders at which joints are
 known to err, once and twice a turn of the joint and, where the gear ratio is known, once and
 twice a turn of the motor. A red marker far above its neighbours that is low in blue is an error
-of that joint that was found. Grey: orders that so few different angles cannot tell apart; an
+of that joint that was found. Grey: orders that so few different angles cannot separate; an
 error at one of them appears at many, so only the known orders are drawn there. An error elsewhere
 in the arm appears in several joints.
 """,
@@ -159,7 +159,7 @@ def draw_where_joints(results: ResultsBundle) -> Figure:
         axes.set_ylim(0.0, 1.1 * highest or 1.0)
     handles = [
         Line2D([], [], color=BEFORE, marker="s", label="before: without the effects"),
-        Patch(color=SEPARATOR, alpha=0.35, label="orders that these poses cannot tell apart"),
+        Patch(color=SEPARATOR, alpha=0.35, label="orders that these poses cannot separate"),
         Line2D([], [], color=AFTER, marker="o", label="after: with the named effects"),
     ]
     legend_at(figure, _LEFT_MM, 6.0, handles, ncols=2)

@@ -55,10 +55,10 @@ class _Row(NamedTuple):
     caption="""
 Every value that the paper states, with its place there, beside the same quantity from
 ``{name}``. Where the paper draws a conclusion from its own values, the column *recomputed*
-holds what they give. *Remark* says how our value was obtained and what limits the comparison; a
-quantity that the campaign does not state is called not measured. Loads that the paper does not
-have stand below those it has. Agreement shows that the method is implemented as published; it
-says nothing about the robot of the authors.
+has the value that follows from them. *Remark* states how our value was obtained and what limits
+the comparison; a quantity that the campaign does not state is called not measured. Loads that are
+not in the paper follow below. Agreement shows that the method is implemented as published; it says
+nothing about the robot of the authors.
 """,
 )
 def tabulate_paper_against_ours(results: ResultsBundle) -> ResultTable:

@@ -206,7 +206,7 @@ mean, the bar on the line the root mean square, the end of the line the largest 
 is logarithmic. Dashed: the mean error that noise alone leaves, as successive readings from one
 direction of arrival scatter (unidirectional repeatability) or, without repeats, as stated; an
 error common to all poses, such as a target position, adds to it. Effects that mask each other
-may bring little one by one and much together. Where orange falls with blue, the names hold
+may bring little one by one and much together. If orange falls with blue, the names are valid
 beyond the fitted poses.
 """,
 )
