@@ -50,14 +50,13 @@ candidates or like the grid.
 """
 
 TAIL = """
-## What it says
-The first row of each cell is what a plan gains that has no more room than the grid's own box: the
-tool is known at every orientation there. The orientations of the grid hardly differ, so that its
-model extrapolates as soon as the tool turns further. The second row allows the plan no more of any
-joint than the grid uses. The other two judge both at orientations of the grid alone. There is
-little to gain
-there: the mean variance that a calibration leaves in the readings of its own poses is the number of
-unknowns over the number of poses, whichever poses these are.
+## How to read it
+The first row of each cell is the gain of a plan that stays within the grid's own box: the tool is
+known at every orientation there. The orientations of the grid hardly differ, so that its model
+extrapolates as soon as the tool turns further. In the second row the plan moves each joint no
+further than the grid does. The other two rows judge both at orientations of the grid alone. There
+is little to gain there: the mean variance of the readings that a calibration predicts at its own
+poses is the number of unknowns over the number of poses, whichever poses these are.
 """
 
 
