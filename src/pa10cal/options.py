@@ -69,7 +69,7 @@ class DiscoveryOptions(Section):
     """The search for missing effects. Uncertainties are standard uncertainties."""
 
     error_rate: Annotated[FiniteFloat, Field(gt=0, lt=1)] = Field(
-        0.01, description="probability allowed of a name where nothing is missing"
+        0.01, description="allowed probability of a name where no effect is missing"
     )
     load_uncertainty: NonNegative = Field(0.005, description="of an external load, relative")
     load_point_uncertainty_mm: NonNegative = Field(

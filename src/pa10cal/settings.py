@@ -79,7 +79,7 @@ class Settings(Section):
     )
     coverage: CoverageOptions = Field(
         CoverageOptions(),
-        description="do 95 % intervals hold the truth of simulated campaigns in 95 % of cases?",
+        description="do 95 % intervals contain the truth of simulated campaigns in 95 % of cases?",
     )
     curve: CurveStudyOptions = Field(
         CurveStudyOptions(),

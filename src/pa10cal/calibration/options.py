@@ -71,8 +71,7 @@ class CalibrationOptions(Section):
     )
     wanted_uncertainty_mm: Positive | None = Field(
         None,
-        description="standard uncertainty that predicted positions are to have; null: none is "
-        "asked for",
+        description="required standard uncertainty of predicted positions; null: none",
     )
     epsilon: NonNegative = Field(1.6e-4, description="weight of the tolerance terms")
     epsilon_acts_on: Literal["residual", "cost"] = Field(

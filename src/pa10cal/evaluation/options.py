@@ -57,12 +57,12 @@ class WildCounts(options.Section):
 
 
 class DriveCounts(options.Section):
-    """How many trials of sensors and gears that err, by what errs."""
+    """How many trials of errors of sensors and gears, by what errs."""
 
     sensor: NonNegativeInt = Field(40, description="sensors behind gears")
     gear: NonNegativeInt = Field(40, description="gears")
     both: NonNegativeInt = Field(20, description="sensor and gear of the same joint")
-    neither: NonNegativeInt = Field(40, description="none; motors ripple all the same")
+    neither: NonNegativeInt = Field(40, description="no error; motors still ripple")
 
 
 class UnstatedCounts(options.Section):
@@ -112,7 +112,7 @@ class BlindTrialsOptions(options.Section):
     )
     drives: DriveCounts = Field(
         DriveCounts(),
-        description="what `snakemake --cores 2 drive_trials` runs: sensors and gears that err",
+        description="what `snakemake --cores 2 drive_trials` runs: errors of sensors and gears",
     )
     unstated: UnstatedCounts = Field(
         UnstatedCounts(),
@@ -165,10 +165,10 @@ class CurveStudyOptions(options.Section):
         0.25, description="share of them held out, the last ones"
     )
     position_mm: Annotated[FiniteFloat, Field(ge=1e-5)] = Field(
-        0.05, description="noise of a coordinate, stated as it is"
+        0.05, description="noise of a coordinate, and its stated uncertainty"
     )
     attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
-        2e-4, description="noise of an orientation about each axis, stated as it is"
+        2e-4, description="noise of an orientation about each axis, and its stated uncertainty"
     )
 
     @model_validator(mode="after")
@@ -190,10 +190,10 @@ class CoverageOptions(options.Section):
     )
     poses: Annotated[int, Field(ge=1)] = Field(60, description="poses in each of these")
     position_mm: Annotated[FiniteFloat, Field(ge=1e-5)] = Field(
-        0.05, description="noise of a coordinate or a distance, stated as it is"
+        0.05, description="noise of a coordinate or a distance, and its stated uncertainty"
     )
     attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
-        2e-4, description="noise of an orientation about each axis, stated as it is"
+        2e-4, description="noise of an orientation about each axis, and its stated uncertainty"
     )
     cases: tuple[CoverageCaseOptions, ...] = Field(
         (
@@ -248,7 +248,7 @@ Discovery = Annotated[
     options.DiscoveryOptions,
     Field(description="the search for missing effects; standard uncertainties"),
 ]
-Figures = Annotated[FigureOptions, Field(description="looks shared by all figures")]
+Figures = Annotated[FigureOptions, Field(description="style shared by all figures")]
 
 
 class PictureOptions(options.Section):

@@ -115,7 +115,7 @@ class TrackerOptions(Section):
 
     instrument: TrackerKind = Field(
         "pose",
-        description="what measures, a word of docs/instruments.md that is not of touches",
+        description="kind of instrument from docs/instruments.md, other than touches",
     )
     poses: Annotated[int, Field(ge=1)] = Field(
         60, description="configurations, at random within the joint limits"
@@ -129,7 +129,7 @@ class TrackerOptions(Section):
         0.25, description="share of them held out, the last ones"
     )
     repeat_every: NonNegativeInt = Field(
-        0, description="one in so many calibration poses is measured once more; 0: none"
+        0, description="every n-th calibration pose is measured once more; 0: none"
     )
     repeats: Annotated[int, Field(ge=1)] = Field(
         1, description="how often every calibration pose is measured"
@@ -168,7 +168,7 @@ class TrackerOptions(Section):
     )
     base_targets: NonNegativeInt = Field(
         0,
-        description="targets bolted to the plate that the base stands on, read with every "
+        description="targets bolted to the plate under the base, read with every "
         "configuration; of instruments of positions or poses",
     )
     states_targets: bool = Field(
@@ -184,10 +184,10 @@ class TrackerOptions(Section):
         0.1, description="share of several targets not seen, at least one a pose is"
     )
     position_mm: Annotated[FiniteFloat, Field(ge=1e-5)] = Field(
-        0.05, description="noise of one coordinate or one distance, stated as it is"
+        0.05, description="noise of one coordinate or one distance, and its stated uncertainty"
     )
     attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
-        2e-4, description="noise of an orientation about each axis, stated as it is"
+        2e-4, description="noise of an orientation about each axis, and its stated uncertainty"
     )
     unseen_rad: NonNegative = Field(
         0.0, description="links about their motors, which no log shows [rad; m of a sliding joint]"
@@ -201,7 +201,7 @@ class TrackerOptions(Section):
         "torques and gear ratios, under a name of its own, with a tool of unknown mass",
     )
     clock: Literal["time", "row", "none"] = Field(
-        "time", description="what stands for the time of a row: it, its number, or no column"
+        "time", description="column for the time of a row: the time, the row's number, or none"
     )
     holdout_every: Annotated[int, Field(ge=0)] = Field(
         0, description="every n-th pose is held out, in place of the last ones; 0: none"
