@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
@@ -62,6 +62,12 @@ class Problem:
     def components_seen(self) -> NDArray[np.bool_]:
         """Return which components were seen, (P, b)."""
         return self.measured.components_seen
+
+    @cached_property
+    def numbers_seen(self) -> tuple[Index, Index]:
+        """Return the numbers of components that poses have, and which of them each has (P,)."""
+        numbers, at = np.unique(self.components_seen.sum(axis=1), return_inverse=True)
+        return numbers, at
 
     @cached_property
     def readings(self) -> int:

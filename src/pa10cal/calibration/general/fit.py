@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtri
 
 from pa10cal.arrays import Array
-from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, identify
+from pa10cal.fit.identifiability import NULL_RATIO, Identifiability
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
@@ -189,10 +189,13 @@ class _WeightedProblem:
         rows = self.rows(start)
         first = first_scatter(problem, rows)
         self.scatter = first if scatter is None else replace(first, size=scatter)
-        self.weighted = weighted_rows(problem, rows, self.scatter, robust)
         self._before = self.scatter
         self._length = np.inf
         self._settled = self._turns = False
+        if scatter is None:
+            self.weighted = weighted_rows(problem, rows, self.scatter, robust)
+        else:
+            self._renew(start)
         valley = any(isinstance(t, Weights) and t.held is not None for t in problem.model.terms)
         #: How much longer than usual the last step may be.
         self.patience = _ALONG_A_VALLEY if valley else 1.0
@@ -223,6 +226,13 @@ class _WeightedProblem:
         return float(np.sum(white**2) + self._span.pull(x)[0])
 
     def renewed(self, x: Array, taken: Step) -> Equations:
+        """Renew scatter and weights about a point that a step led to."""
+        self._renew(x)
+        gained = max(0.0, -float(taken.before.gradient @ taken.step))
+        self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
+        return self.equations(x)
+
+    def _renew(self, x: Array) -> None:
         """Renew scatter and weights about a point."""
         problem, span, rows = self._problem, self._span, self.rows(x)
         weighted = self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
@@ -237,9 +247,6 @@ class _WeightedProblem:
         self._before = self.scatter
         self.scatter = found.halfway(self.scatter) if self._turns else found
         self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
-        gained = max(0.0, -float(taken.before.gradient @ taken.step))
-        self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
-        return self.equations(x)
 
     def arrived(self, x: Array, taken: Step) -> bool:
         """Return whether step and weights have converged."""
@@ -253,8 +260,9 @@ def _identified(rows: Array, scale: Array, reach: Array, known: int) -> Identifi
     Of the first unknowns so many are known before; the others are identified by what readings say
     beyond these. A null direction counts for those unknowns whose uncertainty it mostly causes.
     """
-    triangle: Array = np.asarray(np.linalg.qr(rows, mode="r"))
-    values = identify(triangle, scale).singular_values
+    triangle = np.asarray(np.linalg.qr(rows, mode="r")) if known else rows
+    values = np.zeros(len(scale))
+    values[: len(triangle)] = np.linalg.svd(triangle * scale, compute_uv=False)
     reach_of_others, others = reach[known:], slice(known, None)
     beyond: Array = triangle[known:, known:] * reach_of_others
     _, found, right = np.linalg.svd(beyond)
