@@ -114,8 +114,8 @@ class TargetProblem:
     def in_base(self, p_ee_m: Array) -> Array:
         """Return the modelled places (K, 3) of the targets in the base frame."""
         pose, target = self.seen
-        carried = np.einsum("kij,kj->ki", self._R_rows, p_ee_m[target])
-        return np.asarray(self.p_base_m[pose] + carried)
+        carried = self._R_rows @ p_ee_m[target, :, None]
+        return np.asarray(self.p_base_m[pose] + carried[..., 0])
 
     @cached_property
     def by_places(self) -> Array:
@@ -336,11 +336,12 @@ def _best(
     ends: list[tuple[Guess, Linearised, Split]] = []
     for start in starts:
         if not any(_leads_to(start, guess) for guess, _, _ in ends):
-            ends.append(refined(few, first_guess(few, *start), roughly=True))
-    best, _, split = min(ends, key=lambda end: end[1].cost)
+            ends.append(refined(few, first_guess(few, *start), roughly=few is not problem))
+    guess, at, split = min(ends, key=lambda end: end[1].cost)
     if split.unidentified.size:
-        best = replace(best, p_ee_m=problem.p_ee_stated_m)
-    guess, at, split = refined(problem, best)
+        guess = replace(guess, p_ee_m=problem.p_ee_stated_m)
+    if split.unidentified.size or few is not problem:
+        guess, at, split = refined(problem, guess)
     turning = problem.turning
     residuals_m, residuals_rad = _residuals(problem, guess, problem.in_base(guess.p_ee_m))
     spare = max(len(at.residual) - at.by_step.shape[1], 1)

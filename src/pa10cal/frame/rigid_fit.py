@@ -54,7 +54,7 @@ def by_small_motion(arms: Array) -> Array:
     """
     by_motion = np.zeros((*arms.shape, 6))
     by_motion[..., :3] = np.eye(3)
-    by_motion[..., 3:] = -cross_matrix(arms)
+    by_motion[..., 3:] = cross_matrix(-arms)
     return by_motion
 
 

@@ -69,7 +69,7 @@ class Model:
         return PoseJacobian(
             T,
             lambda: self.jacobian_at(
-                states, x, EndPose(T, screws(self._moved_columns(self.terms)))
+                states, x, EndPose(T, screws(self._own_columns))
             ),
         )
 
@@ -207,6 +207,10 @@ class Model:
                 shift = self.kept.shift(term, carried, x[columns])
             coordinates[:, self.chain.columns(term.coordinates)] += shift
         return coordinates
+
+    @cached_property
+    def _own_columns(self) -> list[int]:
+        return self._moved_columns(self.terms)
 
     def _moved_columns(self, terms: Sequence[Term]) -> list[int]:
         names = {name for term in terms for name in term.coordinates}

@@ -246,7 +246,8 @@ class _WeightedProblem:
         self._turns |= not self._settled and found.is_about(self._before)
         self._before = self.scatter
         self.scatter = found.halfway(self.scatter) if self._turns else found
-        self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
+        if self.scatter.size != self._before.size:
+            self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
 
     def arrived(self, x: Array, taken: Step) -> bool:
         """Return whether step and weights have converged."""
