@@ -68,9 +68,7 @@ class Model:
         T, screws = end_pose_and_screws(self.chain, self.chain_coordinates(states, x))
         return PoseJacobian(
             T,
-            lambda: self.jacobian_at(
-                states, x, EndPose(T, screws(self._own_columns))
-            ),
+            lambda: self.jacobian_at(states, x, EndPose(T, screws(self._own_columns))),
         )
 
     def jacobian_at(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtri
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.fit.identifiability import NULL_RATIO, Identifiability
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
@@ -26,6 +26,8 @@ from pa10cal.terms.weights import Weights
 _ARRIVED = 1e-4
 #: ... and so does one that leads nowhere if it is this small.
 _NEARLY = 1e-3
+#: A point from which the next step is this small is where it leads.
+_THERE = 1e-5
 #: Weights that nobody stated and springs make a curved valley, along which stiffness and weights
 #: change and no prediction does: there steps a little longer than these end the search.
 _ALONG_A_VALLEY = 200.0
@@ -109,10 +111,7 @@ def fit(
     root = np.linalg.inv(np.linalg.qr(np.concatenate([triangle, span.rows])[:, free], mode="r"))
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(free, free)] = root @ root.T
-    gradient = found.equations.gradient[free]
-    step = solve_normal(found.equations.normal[np.ix_(free, free)], gradient)
-    # The length of the next step, in standard uncertainties.
-    length = np.sqrt(max(0.0, float(gradient @ step)) / max(1, len(gradient)))
+    length = _step_ahead(found.equations, free)
     return GeneralSolution(
         x=x,
         at_bound=held,
@@ -131,6 +130,13 @@ def fit(
         reason=found.reason,
         widening=scatter.widening,
     )
+
+
+def _step_ahead(here: Equations, free: Mask) -> float:
+    """Return the length of the next step of the unknowns that are free, in standard uncertainties."""
+    gradient = here.gradient[free]
+    step = solve_normal(here.normal[np.ix_(free, free)], gradient)
+    return float(np.sqrt(max(0.0, float(gradient @ step)) / max(1, len(gradient))))
 
 
 def reach_of(problem: Problem) -> Array:
@@ -190,7 +196,7 @@ class _WeightedProblem:
         first = first_scatter(problem, rows)
         self.scatter = first if scatter is None else replace(first, size=scatter)
         self._before = self.scatter
-        self._length = np.inf
+        self._length = self._ahead = np.inf
         self._settled = self._turns = False
         if scatter is None:
             self.weighted = weighted_rows(problem, rows, self.scatter, robust)
@@ -230,7 +236,9 @@ class _WeightedProblem:
         self._renew(x)
         gained = max(0.0, -float(taken.before.gradient @ taken.step))
         self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
-        return self.equations(x)
+        here = self.equations(x)
+        self._ahead = _step_ahead(here, ~self._span.bounds.held(x, here.gradient))
+        return here
 
     def _renew(self, x: Array) -> None:
         """Renew scatter and weights about a point."""
@@ -252,7 +260,8 @@ class _WeightedProblem:
     def arrived(self, x: Array, taken: Step) -> bool:
         """Return whether step and weights have converged."""
         del x, taken
-        return bool(self._length < _ARRIVED * self.patience and self._settled)
+        near = self._length < _ARRIVED * self.patience or self._ahead < _THERE
+        return bool(near and self._settled)
 
 
 def _identified(rows: Array, scale: Array, reach: Array, known: int) -> Identifiability:
