@@ -103,8 +103,8 @@ class Problem:
         """Return residuals and exact derivatives."""
         predicted = self.model.predict_with_jacobian(self.observations.states, self.of_model(x))
         found = self.measured.compare(self.T_instr_base @ predicted.T_base_ee, self.places_at(x))
-        R = self.T_instr_base[:3, :3]
-        by_end = np.concatenate([found.by_end[..., :3] @ R, found.by_end[..., 3:] @ R], axis=2)
+        by_end = found.by_end.reshape(-1, 3) @ self.T_instr_base[:3, :3]
+        by_end = by_end.reshape(found.by_end.shape)
         of_model = predicted.jacobian.shape[2]
         jacobian = np.empty((*found.residual.shape, of_model + len(self.places)))
         jacobian[..., :of_model] = 0.0  # what other campaigns of a group see

@@ -78,6 +78,7 @@ def fit(
     robust: bool = True,
     max_iterations: int = 50,
     scatter_start: dict[str, float] | None = None,
+    about: Array | None = None,
     expected: GaussianPrior | None = None,
 ) -> GeneralSolution:
     """Fit the general model.
@@ -85,9 +86,10 @@ def fit(
     Args:
         x_start: (k,) where to set out.
         scatter_start: scatter of each kind to set out with [m, rad]; None for that at the start.
+        about: (k,) where unknowns are within their reach; None for where it sets out.
         expected: what is known of the first unknowns before any reading; None for nothing.
     """
-    span = _Span.about(problem, x_start, expected)
+    span = _Span.about(problem, x_start if about is None else about, expected)
     start = span.bounds.clip(x_start)
     weighting = _WeightedProblem(problem, span, robust, start, scatter_start)
     found = minimise(
@@ -133,9 +135,9 @@ def fit(
 
 
 def _step_ahead(here: Equations, free: Mask) -> float:
-    """Return the length of the next step of the unknowns that are free, in standard uncertainties."""
+    """Return the length of the next step of those that are free, in standard uncertainties."""
     gradient = here.gradient[free]
-    step = solve_normal(here.normal[np.ix_(free, free)], gradient)
+    step = solve_normal(here.normal[free][:, free], gradient)
     return float(np.sqrt(max(0.0, float(gradient @ step)) / max(1, len(gradient))))
 
 
