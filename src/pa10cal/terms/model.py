@@ -139,11 +139,8 @@ class Model:
                 by_parameter = term.derivative(carried, point)
             else:
                 by_parameter = self.kept.derivative(term, carried, point)
-            unit = identity(by_parameter.shape[2])
-            if len(by_parameter) == 1 and np.array_equal(by_parameter[0], unit):
-                found = screws
-            else:
-                found = screws @ by_parameter
+            plain = by_parameter.base is identity(by_parameter.shape[2])  # offsets, mostly
+            found = screws if plain else screws @ by_parameter
             if yielding and shows_torque(term) and not term.carried:
                 if by_torque is None:  # how the pose follows the torques of joints that yield
                     turned = [
