@@ -83,7 +83,7 @@ class TargetProblem:
         return 0 if self.R_cmm is None else len(self.R_cmm)
 
     def thinned(self) -> TargetProblem:
-        """Return the problem of few poses, drawn at random, always the same; itself if it is."""
+        """Return the problem of few poses, drawn at random, always the same; itself if few."""
         if len(self.weights) <= MOST_POSES:
             return self
         # Drawn, not every n-th: what was seen may alternate.
@@ -330,7 +330,7 @@ def _best(
 ) -> Located:
     """Refine every start, given as the rotations of base and target, and return the best.
 
-    Some of the poses decide which is best.
+    Some of the poses decide which is best. A start is omitted where another led near it.
     """
     few = problem.thinned()
     ends: list[tuple[Guess, Linearised, Split]] = []

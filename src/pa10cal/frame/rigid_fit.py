@@ -53,7 +53,7 @@ def by_small_motion(arms: Array) -> Array:
         arms: (..., 3) way to the points from where it turns about.
     """
     by_motion = np.zeros((*arms.shape, 6))
-    x, y, z = np.moveaxis(arms, -1, 0)
+    x, y, z = arms[..., 0], arms[..., 1], arms[..., 2]
     for axis in range(3):
         by_motion[..., axis, axis] = 1.0
     by_motion[..., 0, 4], by_motion[..., 0, 5] = z, -y
