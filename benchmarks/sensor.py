@@ -23,7 +23,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.datasets.campaign_folder import write_campaigns
 from pa10cal.datasets.importing import import_campaigns
 from pa10cal.datasets.readers import dataset_named
-from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
+from pa10cal.discovery.blocked_cv.by_blocks import VerdictByBlocks
 from pa10cal.discovery.noise import share_inside
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.holdout import prepared

@@ -25,7 +25,7 @@ from pa10cal.lab.cell.options import DisturbanceOptions, SimulateOptions, Tracke
 from pa10cal.lab.cell.write import write_campaign
 from pa10cal.lab.simulated import (
     draw_by_unknowns,
-    measured,
+    measure,
     observations_of,
     parameter_scores,
 )
@@ -66,7 +66,7 @@ def campaign_of(seed: int, base_targets: int, walk_mm: float) -> Watched:
     )
     options = CalibrationOptions()
     rng = np.random.default_rng(seed)
-    seen = observations_of(measured(draw_individual(arm, plan, rng), _plain(plan), seed))
+    seen = observations_of(measure(draw_individual(arm, plan, rng), _plain(plan), seed))
     start = find_start(arm, seen)
     unknowns = choose_unknowns(
         arm, options.tolerances, seen.measured, start.T_instr_base, start.targets_m

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload, PoseStates, statics
-from pa10cal.discovery.evidence.discover import VerdictByRepeats, discover_by_repeats
+from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats, discover_by_repeats
 from pa10cal.discovery.evidence.fit import EvidenceFit, fit
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, testable

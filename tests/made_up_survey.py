@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks, discover_by_blocks
+from pa10cal.discovery.blocked_cv.by_blocks import VerdictByBlocks, discover_by_blocks
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
 from pa10cal.files.arms import load_arm

@@ -497,3 +497,10 @@ def test_no_line_of_prose_is_longer_than_120_characters(page):
     prose = [line for line in text.splitlines() if not line.startswith("|")]
     shown = [re.sub(r"\]\([^)]*\)", "]", line) for line in prose]
     assert not [line for line in shown if len(line) > 120]
+
+
+def test_the_picture_of_the_architecture_shows_every_package():
+    picture = (ROOT / "docs/architecture.svg").read_text("utf-8")
+    packages = {path.parent.relative_to(PACKAGE).parts[0] for path in PACKAGE.glob("*/*.py")}
+    missing = [name for name in packages - {"stages"} if f">{name}/<" not in picture]
+    assert not missing, "draw it anew: python docs/_site/structure.py"

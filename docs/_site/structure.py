@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2] / "src/pa10cal"
 PICTURE = Path(__file__).parents[1] / "architecture.svg"
 #: What proves the product, and what is a room of its own beside it.
 BESIDE = {"lab", "curve", "datasets"}
-WIDTH, LAYER = 2.6, 1.0  # of a box and of a layer, in inches
+WIDTH, STAGE, LAYER = 2.6, 1.9, 0.85  # of a package, of a stage and of a layer, in inches
 COLOURS = {"stage": "#0072B2", "product": "#DCE9F2", "beside": "#F3E3C3"}
 
 Graph = dict[str, set[str]]
@@ -110,7 +110,7 @@ def main() -> None:
     at_layer: dict[int, list[str]] = defaultdict(list)
     for package, layer in layers(graph).items():
         at_layer[layer].append(package)
-    widest = max(len(row) for row in at_layer.values())
+    width = max(*(WIDTH * len(row) for row in at_layer.values()), STAGE * len(way))
     place: dict[str, tuple[float, float]] = {}
     arrows = reduced(graph)
     for layer, row in sorted(at_layer.items()):
@@ -118,14 +118,14 @@ def main() -> None:
         below = {p: [place[q][0] for q in arrows[p]] for p in row}
         row.sort(key=lambda p: (sum(below[p]) / len(below[p]) if below[p] else 0.0, p))
         for n, package in enumerate(row):
-            place[package] = ((n - (len(row) - 1) / 2) * WIDTH * widest / (len(row) + 0.3), layer)
+            place[package] = ((n - (len(row) - 1) / 2) * width / len(row), layer)
     top = max(at_layer) + 1.9
     mpl.rcParams |= {
         "svg.hashsalt": "pa10cal",
         "font.family": "DejaVu Sans",
         "svg.fonttype": "none",
     }
-    figure, axes = plt.subplots(figsize=(WIDTH * widest + 1.0, LAYER * (top + 1.5)))
+    figure, axes = plt.subplots(figsize=(width, LAYER * (top + 1.5)))
     axes.set_axis_off()
     for package, below in arrows.items():
         for other in below:
@@ -138,7 +138,7 @@ def main() -> None:
     for package, at in place.items():
         box(axes, at, f"{package}/", COLOURS["beside" if package in BESIDE else "product"], False)
     for n, (stage, used) in enumerate(way.items()):
-        at = ((n - (len(way) - 1) / 2) * WIDTH * widest / (len(way) + 0.3), top)
+        at = ((n - (len(way) - 1) / 2) * width / len(way), top)
         box(axes, at, stage, COLOURS["stage"], True)
         names = ", ".join(sorted(used - {"files", "results"}))
         axes.text(at[0], top - 0.33, textwrap.fill(names, 20), ha="center", va="top", fontsize=9)
@@ -146,10 +146,10 @@ def main() -> None:
             axes.annotate(
                 "",
                 (at[0] - 0.62, top),
-                (at[0] - WIDTH * widest / (len(way) + 0.3) + 0.62, top),
+                (at[0] - width / len(way) + 0.62, top),
                 arrowprops={"arrowstyle": "-|>", "color": COLOURS["stage"], "lw": 1.5},
             )
-    axes.set_xlim(-WIDTH * widest / 2, WIDTH * widest / 2)
+    axes.set_xlim(-width / 2, width / 2)
     axes.set_ylim(-0.5, top + 0.4)
     figure.savefig(PICTURE, bbox_inches="tight", metadata={"Date": None})
 

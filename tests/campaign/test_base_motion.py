@@ -96,7 +96,7 @@ def test_the_noise_of_the_motion_is_shared_by_the_targets_of_a_pose(usual):
     T[:3, 3] = [0.5, -0.2, 1.0]
     R = np.kron(np.eye(3), T[:3, :3])
     np.testing.assert_allclose(
-        measured.moved(T).stated_covariance[7], R @ cov[7] @ R.T, rtol=1e-6, atol=1e-18
+        measured.in_frame(T).stated_covariance[7], R @ cov[7] @ R.T, rtol=1e-6, atol=1e-18
     )
 
 

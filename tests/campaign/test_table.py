@@ -66,7 +66,7 @@ def test_the_same_readings_give_the_same_bytes(campaign, tmp_path):
     assert (tmp_path / "first").read_bytes() == (tmp_path / "second").read_bytes()
 
 
-def test_columns_are_those_of_the_architecture_page(table):
+def test_columns_are_those_of_the_page_of_results(table):
     expected = ["kind", "pose", "load_N", "repeat", "time_s"]
     for names in ("q{}_rad", "q{}_u_rad", "tau{}_Nm", "tau{}_u_Nm", "s{}"):
         expected += [names.format(j) for j in range(1, 7)]

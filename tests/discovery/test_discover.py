@@ -7,7 +7,7 @@ from calibrated import calibrated
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.discover import discover
-from pa10cal.discovery.evidence.discover import VerdictByRepeats
+from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.records import discovery_records, verdict_keys, warnings_of
 from pa10cal.files.arms import load_arm

@@ -38,7 +38,7 @@ class Shift(LogFault):
     def derivative(self, states, x):
         raise AssertionError("what a verdict does with a fault takes no derivative of it")
 
-    def told(self, x, std):
+    def fault_text(self, x, std):
         return FaultText("base", f"off by {1e3 * x[0]:.2f} ± {1e3 * std[0]:.2f} mm", "look")
 
 

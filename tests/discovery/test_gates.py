@@ -9,7 +9,7 @@ import pytest
 
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.discovery import gates
-from pa10cal.discovery.evidence.discover import VerdictByRepeats
+from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats
 from pa10cal.discovery.gates import MOST_ALTERNATIVES, MOST_SIZES, doubts, gated, unfit, with_pulls
 from pa10cal.discovery.lack_of_fit import pure_error_test
 from pa10cal.fit.fitted import FittedTo

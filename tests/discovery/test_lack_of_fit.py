@@ -9,7 +9,7 @@ import pytest
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload, PoseStates, statics
-from pa10cal.discovery.evidence.discover import compare, evidence_lack_of_fit, model_with
+from pa10cal.discovery.evidence.by_repeats import compare, evidence_lack_of_fit, model_with
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.gap import in_order

@@ -7,7 +7,7 @@ import pytest
 
 from made_up_arm import Missing, measure
 from pa10cal.discovery.discover import attitudes_off, discover, too_little
-from pa10cal.discovery.evidence.discover import evidence_lack_of_fit
+from pa10cal.discovery.evidence.by_repeats import evidence_lack_of_fit
 from pa10cal.discovery.gap import left_by
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.records import discovery_records, summary

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
-from pa10cal.evaluation.holdout import constant_tool_twist, judged
+from pa10cal.evaluation.holdout import constant_tool_twist, held_out_errors
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.model import Model
@@ -45,7 +45,7 @@ def test_judges_by_load_and_by_point():
     zeros = np.zeros((4, 6))
     states = PoseStates(q_rad, zeros, zeros, load, np.zeros(4), np.zeros(4))
     labels = np.array(["H01", "H01", "H02", "H02"])
-    found = judged(model, measured_poses(labels, states, T, np.zeros((4, 6, 6))))
+    found = held_out_errors(model, measured_poses(labels, states, T, np.zeros((4, 6, 6))))
     assert found.mean_mm == pytest.approx(3.0)
     assert found.peak_mm == pytest.approx(6.0)
     assert found.per_load["90N"].mean_mm == pytest.approx(4.0)
@@ -64,6 +64,6 @@ def test_poses_beyond_what_was_learnt_are_judged_apart():
     zeros, zero = np.zeros((4, 6)), np.zeros(4)
     states = PoseStates(q_rad, zeros, zeros, zero, zero, zero)
     poses = measured_poses(np.array(["H1", "H2", "H3", "H4"]), states, T, np.zeros((4, 6, 6)))
-    found = judged(model, poses, np.array([False, False, False, True]))
+    found = held_out_errors(model, poses, np.array([False, False, False, True]))
     assert found.inside.rms_mm == pytest.approx(1.0)
     assert found.outside.rms_mm == pytest.approx(5.0)

@@ -23,7 +23,7 @@ from pa10cal.evaluation.compared import (
 from pa10cal.evaluation.holdout import worth_cutting
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.options import TrackerOptions
-from pa10cal.lab.simulated import measured, observations_of, payload_of_individual
+from pa10cal.lab.simulated import measure, observations_of, payload_of_individual
 
 ARM = load_arm("ur10")
 CAMPAIGN = SimpleNamespace(name="b", provenance="p", robot="ur10")
@@ -36,7 +36,7 @@ def _carried():
     """Return a model of an arm, and a campaign of the same arm mounted anew."""
     plan = TrackerOptions(poses=POSES, holdout_share=0.0, flexible_joints=(2,), hardening=False)
     robots = draw_changed(ARM, plan, Change(place=True), np.random.default_rng(4))
-    before, after = (observations_of(measured(robot, plan, k)) for k, robot in enumerate(robots))
+    before, after = (observations_of(measure(robot, plan, k)) for k, robot in enumerate(robots))
     payload = payload_of_individual(robots[0])
     model = fitted(calibrate_general(ARM, before, find_start(ARM, before), payload))
     after = after.take(np.argsort(after.states.time_s))

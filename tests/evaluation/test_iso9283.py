@@ -12,7 +12,7 @@ from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.evaluation import iso9283
-from pa10cal.evaluation.holdout import judged
+from pa10cal.evaluation.holdout import held_out_errors
 from pa10cal.evaluation.iso9283 import LEAST_REPEATS, iso9283_record, repeatability
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
@@ -59,7 +59,7 @@ def repeated(repeats, *, arrival=1.0):
     states = PoseStates(q_rad, np.zeros((count, 6)), arrivals, zero, zero, zero)
     labels = np.array(["P1"] * repeats + ["P2"])
     every = measured_poses(labels, states, T, np.zeros((count, 6, 6)))
-    return every, {"grid": {"linear": judged(model, average_repeats(every))}}
+    return every, {"grid": {"linear": held_out_errors(model, average_repeats(every))}}
 
 
 def test_accuracy_is_the_mean_attained_less_the_commanded_pose():

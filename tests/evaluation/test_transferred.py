@@ -16,7 +16,7 @@ from pa10cal.evaluation.compared import Evaluation
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.lab.cell.options import TrackerOptions
-from pa10cal.lab.simulated import measured, observations_of, payload_of_individual
+from pa10cal.lab.simulated import measure, observations_of, payload_of_individual
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.model import Model
 
@@ -28,7 +28,7 @@ def campaigns():
     """Return a model of an arm, and a campaign of the same arm mounted anew."""
     plan = TrackerOptions(poses=80, holdout_share=0.0, flexible_joints=(2,), hardening=False)
     robots = draw_changed(ARM, plan, Change(place=True), np.random.default_rng(3))
-    before, after = (observations_of(measured(robot, plan, k)) for k, robot in enumerate(robots))
+    before, after = (observations_of(measure(robot, plan, k)) for k, robot in enumerate(robots))
     payload = payload_of_individual(robots[0])
     model = fitted(calibrate_general(ARM, before, find_start(ARM, before), payload))
     kind = np.where(np.arange(len(after)) < 50, "grid", "holdout")

@@ -14,7 +14,7 @@ from pa10cal.calibration.general.case import fitted
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.options import TrackerOptions
-from pa10cal.lab.simulated import measured, observations_of, payload_of_individual
+from pa10cal.lab.simulated import measure, observations_of, payload_of_individual
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 
@@ -40,7 +40,7 @@ def pair():
             robots = draw_changed(ARM, plan, change, np.random.default_rng(seed))
             models = []
             for number, robot in enumerate(robots):
-                seen = observations_of(measured(robot, plan, 100 * seed + number))
+                seen = observations_of(measure(robot, plan, 100 * seed + number))
                 start = find_start(ARM, seen)
                 payload = payload_of_individual(robot)
                 models.append(fitted(calibrate_general(ARM, seen, start, payload)))

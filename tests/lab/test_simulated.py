@@ -19,7 +19,7 @@ from pa10cal.lab.simulated import (
     class_of,
     draw_by_unknowns,
     exact_observations,
-    measured,
+    measure,
     observations_of,
     parameter_scores,
     payload_of_individual,
@@ -56,7 +56,7 @@ def drawn(arm, plan):
         arm, CalibrationOptions().tolerances, first.measured, start.T_instr_base, start.targets_m
     )
     individual = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(4))
-    seen = observations_of(measured(individual, plan, 4))
+    seen = observations_of(measure(individual, plan, 4))
     return individual, seen
 
 
@@ -102,7 +102,7 @@ def test_predictions_of_an_arm_off_in_any_way_are_held_to_what_it_does():
     arm = load_arm("ur10")
     plan = TrackerOptions(instrument="points", targets=1, poses=60, holdout_share=0.0)
     individual = draw_individual(arm, plan, np.random.default_rng(1))
-    seen = observations_of(measured(individual, plan, 1))
+    seen = observations_of(measure(individual, plan, 1))
     found = calibrate_general(arm, seen, find_start(arm, seen))
     scores = prediction_scores(found, exact_observations(individual, plan, 50, 2))
     assert scores.shape == (150,)

@@ -36,7 +36,7 @@ def test_what_is_measured_does_not_go_by_the_frame(kind):
     rng = np.random.default_rng(5)
     T, moved = frames(rng, 6), frames(rng, 1)[0]
     found, targets_m = measured(kind, T, rng)
-    there = found.moved(moved)
+    there = found.in_frame(moved)
     before, after = found.compare(T, targets_m), there.compare(moved @ T, targets_m)
     whitener = np.linalg.inv(np.linalg.cholesky(found.stated_covariance))
     turned = np.linalg.inv(np.linalg.cholesky(there.stated_covariance))

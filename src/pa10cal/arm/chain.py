@@ -61,7 +61,7 @@ class Motion:
     axis: Axis  # 0, 1, 2 for x, y, z of the moving frame
     turns: bool  # whether it rotates (else it translates)
 
-    def moved(self, value: float) -> Array:
+    def frame_at(self, value: float) -> Array:
         """Return the frame (4, 4) so far along or about its axis [m, rad]."""
         if self.turns:
             R = Rotation.from_euler("xyz"[self.axis], value).as_matrix()
@@ -357,7 +357,7 @@ def carried_frames(chain: Chain, coordinates: Array) -> tuple[Array, Array]:
     found = frames(chain, at[None])
     carried = found.T_base_joints[:, 0].copy()
     for joint, column in enumerate(chain.joint_columns):
-        carried[joint] = carried[joint] @ chain.motions[column].moved(at[column])
+        carried[joint] = carried[joint] @ chain.motions[column].frame_at(at[column])
     return carried, found.T_base_ee[0]
 
 

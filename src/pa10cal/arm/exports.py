@@ -76,7 +76,7 @@ def urdf_text(
                 velocity="1.0",
             )
             constant, parent = np.eye(4), child
-        constant = constant @ motion.moved(value)
+        constant = constant @ motion.frame_at(value)
     _joint(robot, "to_flange", "fixed", parent, "flange", constant)
     for link, T in (frames or {}).items():
         _joint(robot, f"to_{link}", "fixed", "flange", link, T)

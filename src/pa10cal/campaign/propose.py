@@ -132,7 +132,7 @@ def _at_joints(
         two = TwoLogs.of(description, files[0].parent, arm, IngestOptions().still_speed_deg_s)
         two = replace(two, joints=replace(two.joints, path=files[0]))
         two = replace(two, readings=replace(two.readings, path=files[1]))
-        raw = two.read([*LABELS[:-1], *two.measured.names])
+        raw = two.read([*LABELS[:-1], *two.measured_columns.names])
     except RawDataError:
         return None
     row = {line: k for k, line in enumerate(sniffed.lines)}

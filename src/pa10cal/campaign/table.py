@@ -133,7 +133,7 @@ def _metadata(path: Path) -> Mapping[bytes, bytes]:
 
 
 def read_pose_table(path: Path, campaign: str | None = None) -> pd.DataFrame:
-    """Read the table of poses; see the column list in docs/architecture.md.
+    """Read the table of poses; see the column list in docs/results.md.
 
     The name of the campaign is in `table.attrs["campaign"]`; it must be the one given, if any.
 

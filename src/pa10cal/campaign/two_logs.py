@@ -379,7 +379,7 @@ class TwoLogs:
         return list(dict.fromkeys((*self.readings.names, *self.joints.names)))
 
     @property
-    def measured(self) -> RawColumns:
+    def measured_columns(self) -> RawColumns:
         """Return the columns that hold what was measured."""
         names = [name for name in self.readings.names if base_target_names([name]) == ()]
         return self.campaign.instrument.type.raw_columns(names)
@@ -523,7 +523,7 @@ class TwoLogs:
 
     def _fit(self, read: RawRows, stations: Stations) -> Fit:
         """Return how far readings are from the nominal arm, base and target fitted."""
-        measured, instrument = self.measured, self.campaign.instrument.type
+        measured, instrument = self.measured_columns, self.campaign.instrument.type
         values = read.numbers_of(measured.names)
         usable = np.asarray(measured.may_be_blank | np.isfinite(values).all(axis=1))
         for unusable in instrument.unusable(measured, values):

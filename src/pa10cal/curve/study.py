@@ -125,17 +125,17 @@ def _individual(
     models = {name: tuple(models_of(found, name).values())[-1] for name, found in records.items()}
     setup = setup_of(campaign.description, campaign.arm, options, DiscoveryOptions())
 
-    def judged(campaign: Campaign, kind: str) -> dict[str, HeldOutModel]:
+    def errors_of(campaign: Campaign, kind: str) -> dict[str, HeldOutModel]:
         found = Evaluation(campaign.observations, models, None, setup).judge(kind=kind)
         return {_NOMINAL if name == UNCALIBRATED else name: of for name, of in found.items()}
 
     def distances(of: HeldOutModel) -> Distances:
         return Distances(mean_mm=of.mean_mm, peak_mm=of.peak_mm, rms_mm=of.rms_mm)
 
-    fitted, held_out = judged(campaign, "grid"), judged(campaign, "holdout")
+    fitted, held_out = errors_of(campaign, "grid"), errors_of(campaign, "holdout")
     without_noise = settings.model_copy(update={"without_touches": plan.model_copy(update=_EXACT)})
     exact = as_read(simulate_campaign(made.name, arm, without_noise))
-    true = judged(exact, "holdout")
+    true = errors_of(exact, "holdout")
     truth = truth_record(made).parameters
     both = [(fitted[name].rows, held_out[name].rows) for name in fitted]
     return results.Individual(

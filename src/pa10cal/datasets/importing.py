@@ -46,7 +46,7 @@ class Published:
         address = f"https://raw.githubusercontent.com/{stated['repository']}/{commit}/"
         return cls(commit, address, sha256, stated)
 
-    def told(self, **more: object) -> str:
+    def provenance_text(self, **more: object) -> str:
         """Return the provenance with repository, commit and what else it names in their places."""
         text: str = self.stated["provenance"]
         return text.format(**{**self.stated, **more})

@@ -123,7 +123,7 @@ def _justin(
             ImportedCampaign(
                 name=f"justin-{side}",
                 robot=f"justin_{side}",
-                provenance=published.told(side=side, file=file),
+                provenance=published.provenance_text(side=side, file=file),
                 instrument="points",
                 uncertainty_mm=published.stated["uncertainty_mm"],
                 readings=pd.DataFrame(_numbered("q#_deg", q_deg) | places),
@@ -169,7 +169,7 @@ def _irb120(
     campaign = ImportedCampaign(
         name="irb120",
         robot="irb120",
-        provenance=published.told(),
+        provenance=published.provenance_text(),
         instrument="points",
         uncertainty_mm=published.stated["uncertainty_mm"],
         holdout={"last_fraction": 0.3},
@@ -207,7 +207,7 @@ def _iiwa7(folder: Path, max_left_out: float, published: Published) -> tuple[Imp
             ImportedCampaign(
                 name=name,
                 robot="iiwa7",
-                provenance=published.told(file=file, kg=kg),
+                provenance=published.provenance_text(file=file, kg=kg),
                 instrument="pose",
                 uncertainty_mm=published.stated["uncertainty_mm"],
                 readings=pd.DataFrame(columns),
@@ -237,7 +237,7 @@ def _ur10(folder: Path, _: float, published: Published) -> tuple[ImportedCampaig
             ImportedCampaign(
                 name=name,
                 robot="ur10",
-                provenance=f"{published.told(file=file)} {stated['provenance']}",
+                provenance=f"{published.provenance_text(file=file)} {stated['provenance']}",
                 instrument="pose",
                 uncertainty_mm=stated["uncertainty_mm"],
                 reference_temperature_C=stated["reference_temperature_C"],
@@ -280,7 +280,7 @@ def _titan(folder: Path, max_left_out: float, published: Published) -> tuple[Imp
             ImportedCampaign(
                 name=name,
                 robot=robot,
-                provenance=published.told(file=file, own=own_mm),
+                provenance=published.provenance_text(file=file, own=own_mm),
                 instrument="points",
                 uncertainty_mm=published.stated["uncertainty_mm"],
                 readings=pd.DataFrame(columns),
@@ -322,7 +322,7 @@ def _motoman(
             ImportedCampaign(
                 name=name,
                 robot="ma2010",
-                provenance=published.told(date=Path(of_joints).parent.name),
+                provenance=published.provenance_text(date=Path(of_joints).parent.name),
                 instrument="pose",
                 uncertainty_mm=published.stated["uncertainty_mm"],
                 readings=pd.DataFrame(columns),

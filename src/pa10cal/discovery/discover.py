@@ -163,7 +163,7 @@ def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:
     if any(isinstance(term, JointErrorMap) for term in model.model.terms):
         return not_sought(campaign, model, _HAS_MAPS)
     if judged_by_blocks(campaign.trusted):
-        from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
+        from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 
         found = discover_by_blocks(campaign)
         poses = found.survey.poses
@@ -172,7 +172,7 @@ def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:
     check_torques(campaign.baseline.model, campaign.readings)
     if lacking := too_little(campaign.trusted, campaign.baseline):
         return not_sought(campaign, model, lacking)
-    from pa10cal.discovery.evidence.discover import discover_by_repeats
+    from pa10cal.discovery.evidence.by_repeats import discover_by_repeats
 
     try:
         return discover_by_repeats(campaign)

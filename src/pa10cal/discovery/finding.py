@@ -22,7 +22,7 @@ from pa10cal.results.discovery import (
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.health import InputFinding
 from pa10cal.results.maps import JointWitness, MapForm
-from pa10cal.results.record import EffectName, FaultKind, Numbers, Part
+from pa10cal.results.record import HALF_WIDTH_95, EffectName, FaultKind, Numbers, Part
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import BandPrior, JointErrorMap
 from pa10cal.terms.log_faults import LogFault
@@ -131,7 +131,7 @@ def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, Effe
 def sized(parameters: Mapping[str, EffectParameter]) -> str:
     """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
     return ", ".join(
-        f"{key} = {entry.value:.4g} ± {2.0 * entry.std:.1g} {entry.unit}"
+        f"{key} = {entry.value:.4g} ± {HALF_WIDTH_95 * entry.std:.1g} {entry.unit}"
         for key, entry in parameters.items()
         if not key.startswith("knot")
     )
@@ -201,7 +201,7 @@ def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:
 
 def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) -> DiagnosedFault:
     """Return a fault found as a term, which explains a part of the squared error."""
-    told = term.told(x, np.sqrt(np.diag(covariance)))
+    told = term.fault_text(x, np.sqrt(np.diag(covariance)))
     return DiagnosedFault(
         kind=term.kind, where=told.where, what=told.what, remedy=told.remedy, gain=gain
     )

@@ -239,7 +239,7 @@ def _off_repeats(
     left = left - moved_between_repeats(readings, left, group)
     further = np.linalg.norm(by_stated(readings, left), axis=1)
 
-    def judged(whitener: Array, without: Mask, least: float) -> GrossErrors:
+    def exclude_gross_errors(whitener: Array, without: Mask, least: float) -> GrossErrors:
         """Exclude the reading furthest from the others of its group, group by group, anew.
 
         What is usual is found without some readings, and is at least this part of what was thought.
@@ -276,7 +276,7 @@ def _off_repeats(
         return GrossErrors(out, out & beyond, times, nothing)
 
     stated = readings.measured.stated_covariance
-    found = judged(whitener_of(stated), nobody, LEAST_STATED)
+    found = exclude_gross_errors(whitener_of(stated), nobody, LEAST_STATED)
     try:
         apart, _ = _less_others(left, group, seen, found.excluded)
         plain = np.where(found.excluded[:, None], left - apart, left)
@@ -285,7 +285,7 @@ def _off_repeats(
     except (DiscoveryError, np.linalg.LinAlgError):
         pass
     else:
-        found = judged(whitener, found.excluded, _LEAST_NOISE)
+        found = exclude_gross_errors(whitener, found.excluded, _LEAST_NOISE)
     apart, _ = _less_others(left, group, seen, found.excluded)
     return replace(found, off_mm=_position_mm(readings, apart))
 

@@ -74,7 +74,7 @@ class Evaluation:
         ) -> results.HeldOutModel:
             poses = holdout.prepared(every, kind, model, setup, cuts_s)
             beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
-            return holdout.judged(model, poses, beyond, suspected)
+            return holdout.held_out_errors(model, poses, beyond, suspected)
 
         def there(model: FittedModel, every: Observations) -> tuple[FittedModel, float]:
             """Return a model as it is judged, and what it leaves of poses it is placed by."""

@@ -63,7 +63,7 @@ def prepared(
     return poses.with_states(complete_about(turned, model.nominal(), model, setup).states)
 
 
-def judged(
+def held_out_errors(
     model: FittedModel,
     held_out: Observations,
     extrapolated: NDArray[np.bool_] | None = None,

@@ -175,7 +175,7 @@ def refined(
 def _moving(free: Array) -> Callable[[Guess, Array], Guess]:
     """Return how a guess moves: origin and turn of the base, along its axes, then the targets."""
 
-    def moved(guess: Guess, step: Array) -> Guess:
+    def apply_step(guess: Guess, step: Array) -> Guess:
         of_targets = free @ step[6:]
         places = guess.p_ee_m.size
         R_ee_target = guess.R_ee_target
@@ -188,7 +188,7 @@ def _moving(free: Array) -> Callable[[Guess, Array], Guess]:
             R_ee_target,
         )
 
-    return moved
+    return apply_step
 
 
 def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[Array, Array]:

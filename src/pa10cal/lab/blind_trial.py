@@ -384,7 +384,7 @@ class BlindTrial:
             outcome=self.outcome(hidden),
         )
 
-    def judged(self, failings: tuple[str, ...]) -> results.JudgedTrial:
+    def score_row(self, failings: tuple[str, ...]) -> results.JudgedTrial:
         """Return its row of the scores.
 
         Args:

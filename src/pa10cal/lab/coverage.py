@@ -223,7 +223,7 @@ def _scores(
 
 def _seen(robot: Robot, plan: TrackerOptions, seed: int) -> tuple[Observations, Start]:
     """Measure a robot, and return what a calibration starts from."""
-    seen = simulated.observations_of(simulated.measured(robot, plan, seed))
+    seen = simulated.observations_of(simulated.measure(robot, plan, seed))
     return seen, find_start(robot.arm, seen)
 
 

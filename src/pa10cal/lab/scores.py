@@ -259,7 +259,7 @@ def scores_record(trials: Sequence[BlindTrial]) -> results.TrialScoresRecord:
         subjects=_subjects(trials),
         parameter_scores=tuple(parameter_scores(trials)),
         power=study_power(tables["effects"]),
-        per_trial=tuple(t.judged(tuple(failings.get(t.truth.campaign, ()))) for t in trials),
+        per_trial=tuple(t.score_row(tuple(failings.get(t.truth.campaign, ()))) for t in trials),
     )
 
 

@@ -41,7 +41,7 @@ _TEMPERATURE_C = 20.0
 _EXACT = {"position_mm": 1e-5, "attitude_rad": 1e-8, "unseen_share": 0.0}
 
 
-def measured(robot: Robot, plan: TrackerOptions, random_seed: int) -> SimulatedCampaign:
+def measure(robot: Robot, plan: TrackerOptions, random_seed: int) -> SimulatedCampaign:
     """Measure a robot with a tracker, nothing hidden; see `cell.campaign.measure_campaign`."""
     options = SimulateOptions(random_seed=random_seed, without_touches=plan)
     return measure_campaign("simulated", options, robot)
@@ -92,7 +92,7 @@ def exact_observations(
 ) -> Observations:
     """Return other poses of an individual, seen all but exactly."""
     wanted = plan.model_copy(update={"poses": poses, **_EXACT})
-    return observations_of(measured(individual, wanted, random_seed))
+    return observations_of(measure(individual, wanted, random_seed))
 
 
 def payload_of_individual(individual: Robot) -> Payload | None:

@@ -84,7 +84,7 @@ class Distance(Instrument):
         return Distance(d_m, np.full(len(d_m), stated.uncertainty_m), name, place_m)
 
     @override
-    def moved(self, T: Array) -> Self:
+    def in_frame(self, T: Array) -> Self:
         return replace(self, p_instr_point_m=T[:3, :3] @ self.p_instr_point_m + T[:3, 3])
 
     @property

@@ -100,7 +100,7 @@ class Instrument(ABC):
         return (self.kind,)
 
     @abstractmethod
-    def moved(self, T: Array) -> Self:
+    def in_frame(self, T: Array) -> Self:
         """Return what was measured, in a frame in which the instrument's stands at T (4, 4)."""
 
     def steadied(self, base: BaseTargets) -> Self:  # noqa: ARG002 - most see no target on the base

@@ -171,8 +171,8 @@ class Joined(Instrument):
         return replace(self, parts=tuple(parts), campaign=campaign)
 
     @override
-    def moved(self, T: Array) -> Self:
-        return self._with(part.moved(T) for part in self.parts)
+    def in_frame(self, T: Array) -> Self:
+        return self._with(part.in_frame(T) for part in self.parts)
 
     @override
     def turned(self, R_ee_target: Array) -> Self:
@@ -402,7 +402,7 @@ def join(members: Sequence[Member]) -> Observations[Joined]:
     for member in members:
         every, own = member.observations, member.start
         if own is not first:
-            measured = every.measured.moved(first.T_instr_base @ np.linalg.inv(own.T_instr_base))
+            measured = every.measured.in_frame(first.T_instr_base @ np.linalg.inv(own.T_instr_base))
             measured = measured.turned(first.R_ee_target.T @ own.R_ee_target)
             every = replace(every, measured=measured)
         every = with_arrivals(every)[0]

@@ -105,7 +105,7 @@ class Points(Instrument):
         return Points(names, p_instr_m, np.broadcast_to(cov_m2, (*p_instr_m.shape, 3)), places_m)
 
     @override
-    def moved(self, T: Array) -> Self:
+    def in_frame(self, T: Array) -> Self:
         R = T[:3, :3]
         along = np.block([[R, cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
         return replace(

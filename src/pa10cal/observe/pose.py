@@ -200,7 +200,7 @@ class Pose(Instrument):
         return Misfit(length_m[:, None], np.asarray(turn.magnitude()))
 
     @override
-    def moved(self, T: Array) -> Self:
+    def in_frame(self, T: Array) -> Self:
         both = block_diag(T[:3, :3], T[:3, :3])
         return replace(
             self,

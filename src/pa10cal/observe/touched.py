@@ -112,10 +112,10 @@ class Touched(Pose):
         )
 
     @override
-    def moved(self, T: Array) -> Self:
+    def in_frame(self, T: Array) -> Self:
         R = T[:3, :3]
         return replace(
-            super().moved(T),
+            super().in_frame(T),
             p_instr_balls_m=self.p_instr_balls_m @ R.T + T[:3, 3],
             cov_balls_m2=R @ self.cov_balls_m2 @ R.T,
         )

@@ -43,7 +43,7 @@ _FRAMES = {
 _NOT_SOUGHT = "; rows give an order alone, and no step, drift or wander is sought"
 
 
-def measured(results: ResultsBundle) -> Iterator[PageBlock]:
+def measurement_section(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield what was measured, and where the data come from."""
     facts, poses, frame = [("Campaign", results.campaign)], results.poses, results.base_frame
     words = None if results.provenance is None else " ".join(results.provenance.split())

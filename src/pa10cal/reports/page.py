@@ -32,7 +32,7 @@ from pa10cal.reports.blocks import (
 )
 from pa10cal.reports.errors import headline
 from pa10cal.reports.formatting import count, mm
-from pa10cal.reports.measured import measured, use
+from pa10cal.reports.measured import measurement_section, use
 from pa10cal.reports.outcome import errors_by_angle, grade, grade_sentence, verdict, verdict_glance
 from pa10cal.reports.pictures import fleet_drawing
 from pa10cal.reports.residuals import residuals
@@ -45,7 +45,7 @@ from pa10cal.results.fleet import FleetCampaign, FleetRecord, PicturesRecord
 #: The sections in the order of reading: id in the page, heading, and what yields their blocks.
 SECTIONS = (
     ("angles", "Error of each joint over its angle", errors_by_angle),
-    ("measured", "What was measured", measured),
+    ("measured", "What was measured", measurement_section),
     ("grade", "Grade of the calibration", grade),
     ("verdict", "Verdict: what the model lacks", verdict),
     ("accuracy", "Before and after", accuracy),
@@ -261,11 +261,11 @@ def fleet_page_text(fleet: FleetRecord) -> str:
         Glance("Arms", str(len(fleet.arms)), f"{count(len(fleet.campaigns), 'campaign')} of them."),
         Glance("Need attention", str(len(urgent)), f"{', '.join(kinds) or 'None of them'}."),
     ]
-    if fleet.judged:
-        drawing = fleet_drawing(fleet.judged)
+    if fleet.by_accuracy:
+        drawing = fleet_drawing(fleet.by_accuracy)
         sections.append(PageSection("errors", "Errors before and after", (drawing,)))
         before, after = (
-            median(getattr(campaign.became, name) for campaign in fleet.judged)
+            median(getattr(campaign.became, name) for campaign in fleet.by_accuracy)
             for name in ("before_mm", "after_mm")
         )
         glances.append(

@@ -33,62 +33,53 @@ Verdict = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", 
 class CrossValidation(Part):
     """What an effect explains of the error of poses that its fit did not see."""
 
-    explained: float = Field(description="part of the squared error that the effect explains")
-    z: float = Field(description="mean gain over poses, in standard errors")
+    explained: float  # part of the squared error that the effect explains
+    z: float  # mean gain over poses, in standard errors
 
 
 class EvidenceByRepeats(Part):
     """Statistics that decided about an effect, against the scatter of repeats."""
 
-    lost_without_it_nats: float = Field(description="log evidence lost without the effect")
-    needed_nats: float = Field(description="log evidence needed")
-    p_sign_flips_max_t: float = Field(description="p value of the sign-flip test")
-    p_needed: float = Field(description="p value needed")
-    cross_validation_over_poses: CrossValidation = Field(description="cross-validation over poses")
-    cross_validation_over_loads: CrossValidation | None = Field(
-        description="cross-validation over loads; null where there is one load only"
-    )
+    lost_without_it_nats: float  # log evidence lost without the effect
+    needed_nats: float  # log evidence needed
+    p_sign_flips_max_t: float  # p value of the sign-flip test
+    p_needed: float  # p value needed
+    cross_validation_over_poses: CrossValidation  # cross-validation over poses
+    # cross-validation over loads; null where there is one load only
+    cross_validation_over_loads: CrossValidation | None
 
 
 class BlockedCrossValidation(Part):
     """How well blocks of poses that the fit did not see are predicted."""
 
-    rms_without_mm: float = Field(description="root mean square error without the effect [mm]")
-    rms_with_mm: float = Field(description="root mean square error with it [mm]")
-    blocks: int = Field(description="blocks of poses")
-    improved: int = Field(description="blocks that the effect predicts better")
-    gain: float = Field(description="part of the weighted squared error that it explains")
-    gain_std: float = Field(description="standard error of the gain")
-    z: float = Field(description="gain in standard errors")
+    rms_without_mm: float  # root mean square error without the effect [mm]
+    rms_with_mm: float  # root mean square error with it [mm]
+    blocks: int  # blocks of poses
+    improved: int  # blocks that the effect predicts better
+    gain: float  # part of the weighted squared error that it explains
+    gain_std: float  # standard error of the gain
+    z: float  # gain in standard errors
 
 
 class EvidenceByBlocks(Part):
     """Statistics that decided about an effect, by blocks of poses."""
 
-    cross_validation_over_blocks: BlockedCrossValidation = Field(
-        description="cross-validation over blocks of poses"
-    )
+    cross_validation_over_blocks: BlockedCrossValidation  # cross-validation over blocks of poses
 
 
 class EvidenceOfSag(Part):
     """Statistics that decided about a joint that gives way under weights that nobody stated."""
 
-    lost_without_it_nats: float = Field(description="log evidence lost with the joint rigid")
-    needed_nats: float = Field(description="log evidence needed")
-    sag_mrad: float = Field(description="largest deflection over the poses fitted [mrad]")
-    sag_u_mrad: float = Field(description="its standard uncertainty [mrad]")
-    rigid_mm: float = Field(
-        description="root mean square position error of the poses fitted, the joint rigid [mm]"
-    )
-    gives_way_mm: float = Field(description="the same as the joint is [mm]")
-    held_out_rigid_mm: float | None = Field(
-        description="of held-out poses, the joint rigid [mm]; null without any"
-    )
-    held_out_gives_way_mm: float | None = Field(description="the same as the joint is [mm]")
-    all_rigid_mm: float = Field(
-        description="of held-out poses, or else of those fitted, with all joints rigid that give "
-        "way [mm]"
-    )
+    lost_without_it_nats: float  # log evidence lost with the joint rigid
+    needed_nats: float  # log evidence needed
+    sag_mrad: float  # largest deflection over the poses fitted [mrad]
+    sag_u_mrad: float  # its standard uncertainty [mrad]
+    rigid_mm: float  # root mean square position error of the poses fitted, the joint rigid [mm]
+    gives_way_mm: float  # the same as the joint is [mm]
+    held_out_rigid_mm: float | None  # of held-out poses, the joint rigid [mm]; null without any
+    held_out_gives_way_mm: float | None  # the same as the joint is [mm]
+    # of held-out poses, or else of those fitted, with all joints rigid that give way [mm]
+    all_rigid_mm: float
 
     @property
     def words(self) -> str:
@@ -108,10 +99,8 @@ class EvidenceOfSag(Part):
 class NamedEffect(EffectName):
     """An effect that was named."""
 
-    parameters: Mapping[ParameterKey, EffectParameter] = Field(description="its parameters")
-    alternatives: tuple[EffectName, ...] = Field(
-        description="effects that explain the data as well in its place"
-    )
+    parameters: Mapping[ParameterKey, EffectParameter]  # its parameters
+    alternatives: tuple[EffectName, ...]  # effects that explain the data as well in its place
 
     @property
     def all_names(self) -> tuple[Name, ...]:
@@ -127,44 +116,36 @@ class NamedEffect(EffectName):
 class FoundEffect(NamedEffect):
     """An effect that was named, with what decided."""
 
-    form: MapForm | None = Field(
-        description="form of a map that has its own; null for every other effect"
-    )
-    evidence: EvidenceByRepeats | EvidenceByBlocks | EvidenceOfSag = Field(
-        description="the statistics that decided"
-    )
-    witness: JointWitness | None = optional(
-        "whether the joint's sensor or its gear errs; of errors by its angle, where anything is "
-        "known of it"
-    )
-    weights: Literal["assumed", "total", "logged"] | None = optional(
-        "where the weights come from under which a joint gives way, where the arm's description "
-        "states none: its stiffness is known relative to assumed ones"
-    )
+    form: MapForm | None  # form of a map that has its own; null for every other effect
+    evidence: EvidenceByRepeats | EvidenceByBlocks | EvidenceOfSag  # the statistics that decided
+    # whether the joint's sensor or its gear errs; of errors by its angle, where anything is known
+    # of it
+    witness: JointWitness | None = optional()
+    # where the weights come from under which a joint gives way, where the arm's description states
+    # none: its stiffness is known relative to assumed ones
+    weights: Literal["assumed", "total", "logged"] | None = optional()
 
 
 class Unexplained(Part):
     """Something without a name."""
 
-    of: str | None = Field(description="where it sits; null where the data do not say")
-    form: str | None = Field(description="the smooth function that predicts it; null if none does")
-    shared_error_mm: float | None = Field(
-        description="its position error [mm]; null where it has been modelled by a map"
-    )
-    why: str = Field(description="why it has no name")
+    of: str | None  # where it sits; null where the data do not say
+    form: str | None  # the smooth function that predicts it; null if none does
+    # its position error [mm]; null where it has been modelled by a map
+    shared_error_mm: float | None
+    why: str  # why it has no name
 
 
 class Fault(Part):
     """Something in the log that is wrong."""
 
-    kind: FaultKind = Field(description="which fault")
-    where: str = Field(description="column, joint, load, pose, row or time")
-    what: str = Field(description="what is wrong and by how much")
-    remedy: str = Field(description="what to do about it")
-    gain: float | None = Field(
-        description="part of the weighted squared error that putting it right takes away; null "
-        "where that was not tried"
-    )
+    kind: FaultKind  # which fault
+    where: str  # column, joint, load, pose, row or time
+    what: str  # what is wrong and by how much
+    remedy: str  # what to do about it
+    # part of the weighted squared error that putting it right takes away; null where that was not
+    # tried
+    gain: float | None
 
     def __str__(self) -> str:
         return f"{self.where}: {self.what}; {self.remedy}"
@@ -173,52 +154,46 @@ class Fault(Part):
 class AllUnexplained(Unexplained):
     """Everything without a name; the keys beside `all` are those of the largest."""
 
-    all: tuple[Unexplained, ...] = Field(description="every place, the largest first")
+    all: tuple[Unexplained, ...]  # every place, the largest first
 
 
 class NotTestable(EffectName):
     """An effect that the data cannot show."""
 
-    why: str = Field(description="why not")
+    why: str  # why not
 
 
 class Reduction(Part):
     """Mean reduction of the position error, poses being the unit."""
 
-    mean_mm: float = Field(description="mean reduction [mm]")
-    interval95_mm: tuple[float, float] = Field(description="its 95 % interval [mm]")
-    poses: int = Field(description="number of poses")
+    mean_mm: float  # mean reduction [mm]
+    interval95_mm: tuple[float, float]  # its 95 % interval [mm]
+    poses: int  # number of poses
 
 
 class LoadGap(BeforeAfter):
     """The gap at one load."""
 
-    reduction: Reduction = Field(description="mean reduction of the error")
+    reduction: Reduction  # mean reduction of the error
 
 
 class SetGap(LoadGap):
     """The gap over some configurations."""
 
-    noise_floor_mm: float = Field(
-        description="mean position error that repeatability alone leaves [mm]"
-    )
-    per_load: Mapping[LoadKey, LoadGap] = Field(description="the gap at each load")
-    inside: BeforeAfter | None = Field(
-        description="inside the joint angles that maps have learnt from; null where effects were "
-        "judged by repeats, no map was found, or no configuration is"
-    )
-    outside: BeforeAfter | None = Field(description="outside them; null likewise")
-    trusted: BeforeAfter | None = optional(
-        "without configurations that have a suspected reading (`faults`); not given where none has"
-    )
-    without_motion: BeforeAfter | None = optional(
-        "the same with the motion of base or instrument that was found taken out of the readings: "
-        "no model holds it, and no other number here is without it; not given where none was found"
-    )
-    with_rivals: Accuracy | None = optional(
-        "errors of a model that is not written: with the smooth unknown functions, too, that the "
-        "search held and that are no names; not given where it held none"
-    )
+    noise_floor_mm: float  # mean position error that repeatability alone leaves [mm]
+    per_load: Mapping[LoadKey, LoadGap]  # the gap at each load
+    # inside the joint angles that maps have learnt from; null where effects were judged by repeats,
+    # no map was found, or no configuration is
+    inside: BeforeAfter | None
+    outside: BeforeAfter | None  # outside them; null likewise
+    # without configurations that have a suspected reading (`faults`); not given where none has
+    trusted: BeforeAfter | None = optional()
+    # the same with the motion of base or instrument that was found taken out of the readings: no
+    # model holds it, and no other number here is without it; not given where none was found
+    without_motion: BeforeAfter | None = optional()
+    # errors of a model that is not written: with the smooth unknown functions, too, that the search
+    # held and that are no names; not given where it held none
+    with_rivals: Accuracy | None = optional()
 
 
 class Gap(Part):
@@ -228,18 +203,15 @@ class Gap(Part):
     were not sought, both are those of the calibrated model.
     """
 
-    noise_floor_mm: float = Field(
-        description="mean position error of averaged poses that noise alone leaves [mm]: what "
-        "successive readings of a pose, load and direction of arrival scatter by (unidirectional "
-        "repeatability), or as `noise_floor_from` says"
-    )
-    noise_floor_from: str | None = optional(
-        "what the noise floor was found from, where not from repeats"
-    )
-    train: SetGap = Field(description="over the poses fitted")
-    holdout: SetGap | None = Field(
-        description="over held-out poses, which are never used to choose or fit; null without any"
-    )
+    # mean position error of averaged poses that noise alone leaves [mm]: what successive readings
+    # of a pose, load and direction of arrival scatter by (unidirectional repeatability), or as
+    # `noise_floor_from` says
+    noise_floor_mm: float
+    # what the noise floor was found from, where not from repeats
+    noise_floor_from: str | None = optional()
+    train: SetGap  # over the poses fitted
+    # over held-out poses, which are never used to choose or fit; null without any
+    holdout: SetGap | None
 
     @property
     def floor_is(self) -> str:
@@ -250,157 +222,135 @@ class Gap(Part):
 class Tried(EffectName):
     """An effect tried on the remaining error."""
 
-    gain: float = Field(description="part of the remaining squared error that it explains")
-    gain_std: float = Field(description="standard error of the gain")
-    helps: bool = Field(description="whether the gain is significant")
-    positions_and_attitudes_agree: bool | None = Field(
-        description="whether both gain by it; null where that was not looked at"
-    )
+    gain: float  # part of the remaining squared error that it explains
+    gain_std: float  # standard error of the gain
+    helps: bool  # whether the gain is significant
+    # whether both gain by it; null where that was not looked at
+    positions_and_attitudes_agree: bool | None
 
 
 class Remaining(Part):
     """The error that remains of blocks held out of the fit, against the noise."""
 
-    mean_mm: float = Field(description="mean position error [mm]")
-    std_mm: float = Field(description="standard error of the mean over blocks [mm]")
-    rms_mm: float = Field(description="root mean square position error [mm]")
-    floor_mm: float = Field(description="mean position error that noise leaves [mm]")
-    over_floor: bool = Field(description="whether it is significantly above the noise")
-    tried: tuple[Tried, ...] = Field(description="what else was tried, the best first")
+    mean_mm: float  # mean position error [mm]
+    std_mm: float  # standard error of the mean over blocks [mm]
+    rms_mm: float  # root mean square position error [mm]
+    floor_mm: float  # mean position error that noise leaves [mm]
+    over_floor: bool  # whether it is significantly above the noise
+    tried: tuple[Tried, ...]  # what else was tried, the best first
 
 
 class SharedError(Part):
     """Position error that all readings of a pose share."""
 
-    before: float = Field(description="of the calibrated model [mm]")
-    after: float = Field(description="with the effects [mm]")
+    before: float  # of the calibrated model [mm]
+    after: float  # with the effects [mm]
 
 
 class SearchKeys(Part):
     """How effects were searched for."""
 
-    candidates: int = Field(description="effects tried")
-    error_rate: float = Field(description="rate of false names allowed")
+    candidates: int  # effects tried
+    error_rate: float  # rate of false names allowed
 
 
 class SearchByRepeats(SearchKeys):
     """How effects were searched for, against the scatter of repeats."""
 
-    needed_nats: float = Field(description="log evidence needed of an effect")
-    shared_error_mm: SharedError = Field(description="position error shared by readings of a pose")
-    readings_excluded: int = Field(description="readings suspected of a gross error")
+    needed_nats: float  # log evidence needed of an effect
+    shared_error_mm: SharedError  # position error shared by readings of a pose
+    readings_excluded: int  # readings suspected of a gross error
 
 
 class Needed(Part):
     """What an effect must bring."""
 
-    standard_errors: float = Field(description="gain in its standard errors, at least")
-    sum_of_squares: float = Field(description="gain in the weighted sum of squares, at least")
-    part_of_remaining_error_over_noise: float = Field(
-        description="gain as part of the remaining error above noise, at least"
-    )
+    standard_errors: float  # gain in its standard errors, at least
+    sum_of_squares: float  # gain in the weighted sum of squares, at least
+    # gain as part of the remaining error above noise, at least
+    part_of_remaining_error_over_noise: float
 
 
 class SearchByBlocks(SearchKeys):
     """How effects were searched for, by blocks of poses."""
 
-    blocks: int = Field(description="blocks of poses")
-    needed: Needed = Field(description="what an effect must bring")
-    poses_down_weighted: int = Field(description="poses with a robust weight below 1")
-    refit_converged: bool = Field(description="whether the last refit converged")
+    blocks: int  # blocks of poses
+    needed: Needed  # what an effect must bring
+    poses_down_weighted: int  # poses with a robust weight below 1
+    refit_converged: bool  # whether the last refit converged
 
 
 class SuggestedPose(Part):
     """A configuration to measure next."""
 
-    q_deg: Numbers = Field(description="joint angles [deg]")
-    q_rad: Numbers = Field(description="joint angles [rad]")
-    load_N: float = Field(description="load [N]")
-    arrive_from: Numbers | None = optional(
-        "side from which each joint arrives: -1 from smaller angles, +1 from larger ones"
-    )
-    separation_nats: float | None = optional(
-        "expected log evidence between the alternatives, with all configurations up to this one"
-    )
-    for_: tuple[str, ...] = Field(alias="for", description="what it serves")
+    q_deg: Numbers  # joint angles [deg]
+    q_rad: Numbers  # joint angles [rad]
+    load_N: float  # load [N]
+    # side from which each joint arrives: -1 from smaller angles, +1 from larger ones
+    arrive_from: Numbers | None = optional()
+    # expected log evidence between the alternatives, with all configurations up to this one
+    separation_nats: float | None = optional()
+    for_: tuple[str, ...] = Field(alias="for")  # what it serves
 
 
 class Separation(Part):
     """How far apart two explanations are expected to come."""
 
-    pair: str = Field(description="the explanations")
-    before_nats: float = Field(description="log evidence between them now")
-    after_nats: float = Field(description="expected with the suggested poses")
-    possible_nats: float = Field(description="expected with all poses considered")
-    can_be_split: bool = Field(description="whether poses can separate them at all")
+    pair: str  # the explanations
+    before_nats: float  # log evidence between them now
+    after_nats: float  # expected with the suggested poses
+    possible_nats: float  # expected with all poses considered
+    can_be_split: bool  # whether poses can separate them at all
 
 
 class VerdictKeys(Part):
     """The verdict on a campaign."""
 
-    verdict: Verdict = Field(
-        description="`named` when every effect found stands alone; `ambiguous` when one at least "
-        "has alternatives; `unexplained` when a significant gap remains that no effect closes; "
-        "`none` when model and data agree within the repeatability; `check_the_log` when what fits "
-        "best is a fault of the data; `not_sought` when the campaign "
-        "has too few poses or repeats for a search"
-    )
-    why: str | None = optional("why effects cannot be sought, where `not_sought`")
-    remedy: str | None = optional("what would do, where `not_sought`")
-    method: Literal["evidence of repeats", "cross-validation over blocks"] | None = Field(
-        description="how effects were judged; null where they were not sought"
-    )
-    explained: Explained | None = optional(
-        "how much of the position error beyond noise the effects found take away, and each of "
-        "them; not given where the calibrated model errs by no more than noise, the verdict is "
-        "`none`, or effects were not sought"
-    )
-    effects: tuple[FoundEffect, ...] = Field(description="effects named, in the order found")
-    faults: tuple[Fault, ...] = Field(
-        description="faults of the log; `effects` then holds those that stand whatever becomes of "
-        "them, and single readings with a gross error alone leave the verdict as it is where "
-        "effects stand"
-    )
-    unexplained: AllUnexplained | None = Field(
-        description="what has no name; null if nothing remains"
-    )
-    proposed: tuple[ProposedFormula, ...] | None = optional(
-        "short formulas that do as well as a map or as what has no name; they name nothing, and "
-        "are not in the extended model"
-    )
-    not_testable: tuple[NotTestable, ...] = Field(
-        description="effects that these data cannot show, found before residuals are looked at"
-    )
-    below_detection_limit: tuple[NotTestable, ...] | None = optional(
-        "effects that are sought, but would be missed in more than 5 of 100 such campaigns at "
-        "their plausible size; found likewise"
-    )
-    indistinguishable: tuple[tuple[EffectName, ...], ...] = Field(
-        description="effects that these poses cannot separate, found likewise"
-    )
-    gap: Gap = Field(description="the error before and after")
-    remaining: Remaining | None = optional("remaining error of blocks held out of the fit")
-    search: SearchByRepeats | SearchByBlocks | None = Field(
-        description="how effects were searched for; null where they were not"
-    )
-    bands: Bands | None = optional("bands of maps, found from the data, where they have some")
-    scatter: PoseScatter | None = optional(
-        "what single poses scatter by about the extended model, where maps have a band"
-    )
-    angles_seen: tuple[AnglesSeen, ...] | None = optional(
-        "values of each joint seen by the fit, where effects were judged by blocks and a map was "
-        "found: it holds there"
-    )
-    falls_back: FallsBack | None = optional(
-        "where the extended model leaves the effects out, because held-out poses are predicted "
-        "worse with them than before"
-    )
-    suggested_poses: tuple[SuggestedPose, ...] = Field(
-        description="configurations to measure next, the most useful first"
-    )
-    separations: tuple[Separation, ...] | None = optional(
-        "how far apart the suggested poses are expected to bring each pair"
-    )
+    # `named` when every effect found stands alone; `ambiguous` when one at least has alternatives;
+    # `unexplained` when a significant gap remains that no effect closes; `none` when model and data
+    # agree within the repeatability; `check_the_log` when what fits best is a fault of the data;
+    # `not_sought` when the campaign has too few poses or repeats for a search
+    verdict: Verdict
+    why: str | None = optional()  # why effects cannot be sought, where `not_sought`
+    remedy: str | None = optional()  # what would do, where `not_sought`
+    # how effects were judged; null where they were not sought
+    method: Literal["evidence of repeats", "cross-validation over blocks"] | None
+    # how much of the position error beyond noise the effects found take away, and each of them; not
+    # given where the calibrated model errs by no more than noise, the verdict is `none`, or effects
+    # were not sought
+    explained: Explained | None = optional()
+    effects: tuple[FoundEffect, ...]  # effects named, in the order found
+    # faults of the log; `effects` then holds those that stand whatever becomes of them, and single
+    # readings with a gross error alone leave the verdict as it is where effects stand
+    faults: tuple[Fault, ...]
+    unexplained: AllUnexplained | None  # what has no name; null if nothing remains
+    # short formulas that do as well as a map or as what has no name; they name nothing, and are not
+    # in the extended model
+    proposed: tuple[ProposedFormula, ...] | None = optional()
+    # effects that these data cannot show, found before residuals are looked at
+    not_testable: tuple[NotTestable, ...]
+    # effects that are sought, but would be missed in more than 5 of 100 such campaigns at their
+    # plausible size; found likewise
+    below_detection_limit: tuple[NotTestable, ...] | None = optional()
+    # effects that these poses cannot separate, found likewise
+    indistinguishable: tuple[tuple[EffectName, ...], ...]
+    gap: Gap  # the error before and after
+    remaining: Remaining | None = optional()  # remaining error of blocks held out of the fit
+    # how effects were searched for; null where they were not
+    search: SearchByRepeats | SearchByBlocks | None
+    bands: Bands | None = optional()  # bands of maps, found from the data, where they have some
+    # what single poses scatter by about the extended model, where maps have a band
+    scatter: PoseScatter | None = optional()
+    # values of each joint seen by the fit, where effects were judged by blocks and a map was found:
+    # it holds there
+    angles_seen: tuple[AnglesSeen, ...] | None = optional()
+    # where the extended model leaves the effects out, because held-out poses are predicted worse
+    # with them than before
+    falls_back: FallsBack | None = optional()
+    # configurations to measure next, the most useful first
+    suggested_poses: tuple[SuggestedPose, ...]
+    # how far apart the suggested poses are expected to bring each pair
+    separations: tuple[Separation, ...] | None = optional()
 
     @property
     def effects_by_share(self) -> tuple[FoundEffect, ...]:
@@ -418,42 +368,32 @@ class VerdictKeys(Part):
 class VerdictRecord(VerdictKeys, MeasuredRecord):
     """`discovery/verdict.json`."""
 
-    arrival_from_order: bool = Field(
-        description="whether directions of arrival come from the order of the poses"
-    )
-    seconds: float | None = Field(
-        description="null: the time taken stands in the log, so that equal runs have equal results"
-    )
-    by_campaign: tuple[EffectByCampaign, ...] | None = optional(
-        "of a group, every effect found as each campaign alone has it"
-    )
+    arrival_from_order: bool  # whether directions of arrival come from the order of the poses
+    # null: the time taken stands in the log, so that equal runs have equal results
+    seconds: float | None
+    # of a group, every effect found as each campaign alone has it
+    by_campaign: tuple[EffectByCampaign, ...] | None = optional()
 
 
 @filed("pa10cal-extended/1", "discovery/extended.json", by="discover")
 class ExtendedRecord(MeasuredRecord):
     """`discovery/extended.json`."""
 
-    parameters: Mapping[ParameterKey, Parameter] = Field(
-        description="every parameter of the calibrated model and the base frame, with the effects"
-    )
-    T_instr_base: PoseMatrix = Field(description="base frame in the instrument's frame [m]")
-    fitted_model: Mapping[Annotated[str, Key("key")], JsonValue] = Field(
-        description="the fitted model as `model.yaml` holds it (schema pa10cal-model/2); its "
-        "covariance is in `extended.covariance.npz`"
-    )
-    angles_seen: tuple[AnglesSeen, ...] | None = optional(
-        "values of each joint seen by the fit, where effects were judged by blocks and a map was "
-        "found: it holds there"
-    )
-    robot: str = Field(description="name of the arm")
-    calibration: str = Field(description="load case of the calibration it began with")
-    verdict: Verdict = Field(description="the verdict")
-    arrival_from_order: bool = Field(
-        description="whether directions of arrival come from the order of the poses"
-    )
-    steps_s: tuple[float, ...] | None = optional(
-        "times at which instrument or base moved at once, the most certain first [s]; not given "
-        "where they did not"
-    )
-    named: tuple[NamedEffect, ...] = Field(description="effects named, with uncertainties")
-    warnings: tuple[str, ...] = Field(description="what to know before the model is trusted")
+    # every parameter of the calibrated model and the base frame, with the effects
+    parameters: Mapping[ParameterKey, Parameter]
+    T_instr_base: PoseMatrix  # base frame in the instrument's frame [m]
+    # the fitted model as `model.yaml` holds it (schema pa10cal-model/2); its covariance is in
+    # `extended.covariance.npz`
+    fitted_model: Mapping[Annotated[str, Key("key")], JsonValue]
+    # values of each joint seen by the fit, where effects were judged by blocks and a map was found:
+    # it holds there
+    angles_seen: tuple[AnglesSeen, ...] | None = optional()
+    robot: str  # name of the arm
+    calibration: str  # load case of the calibration it began with
+    verdict: Verdict  # the verdict
+    arrival_from_order: bool  # whether directions of arrival come from the order of the poses
+    # times at which instrument or base moved at once, the most certain first [s]; not given where
+    # they did not
+    steps_s: tuple[float, ...] | None = optional()
+    named: tuple[NamedEffect, ...]  # effects named, with uncertainties
+    warnings: tuple[str, ...]  # what to know before the model is trusted

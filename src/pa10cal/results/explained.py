@@ -19,42 +19,32 @@ class ProposedEvidence(Part):
     Squared errors are weighed: where repeats are the judge, a row of noise alone leaves 1.
     """
 
-    blocks: int = Field(description="blocks of poses, each left out in turn")
-    rows: int = Field(description="weighed components of all of them")
-    squared_error_without: float = Field(description="their squared error with nothing instead")
-    squared_error_with: float = Field(description="their squared error with the formula")
-    squared_error_held: float | None = Field(
-        description="their squared error with what it does as well as; null where that is noise"
-    )
-    gain_std: float = Field(description="standard error of `gain`")
+    blocks: int  # blocks of poses, each left out in turn
+    rows: int  # weighed components of all of them
+    squared_error_without: float  # their squared error with nothing instead
+    squared_error_with: float  # their squared error with the formula
+    # their squared error with what it does as well as; null where that is noise
+    squared_error_held: float | None
+    gain_std: float  # standard error of `gain`
 
 
 class ProposedFormula(Part):
     """A short formula that does as well as something without a name; no effect is named by it."""
 
-    formula: str = Field(description="the form, in words a reader can type")
-    of: str = Field(description="where it sits")
-    form: str = Field(description="which of the forms tried, as `harmonic` or `torque_cubed`")
-    numbers: tuple[float, ...] = Field(
-        description="what fixes the form besides its parameters: orders, thresholds, axes from 0"
-    )
-    orders: tuple[int, int] | None = optional(
-        "lowest and highest order, in cycles a turn, that does as well"
-    )
-    parameters: Mapping[Annotated[str, Key("parameter")], EffectParameter] = Field(
-        description="its parameters"
-    )
-    gain: float = Field(
-        description="part of the squared error of blocks of poses left out that it takes away"
-    )
-    does_as_well_as: tuple[EffectName, ...] = Field(
-        description="maps and smooth unknown functions in whose place it was tried; none where it "
-        "leaves no more than noise"
-    )
-    others: tuple[str, ...] = Field(
-        description="other formulas, none of them shorter, that do as well"
-    )
-    evidence: ProposedEvidence = Field(description="what decided")
+    formula: str  # the form, in words a reader can type
+    of: str  # where it sits
+    form: str  # which of the forms tried, as `harmonic` or `torque_cubed`
+    # what fixes the form besides its parameters: orders, thresholds, axes from 0
+    numbers: tuple[float, ...]
+    # lowest and highest order, in cycles a turn, that does as well
+    orders: tuple[int, int] | None = optional()
+    parameters: Mapping[Annotated[str, Key("parameter")], EffectParameter]  # its parameters
+    gain: float  # part of the squared error of blocks of poses left out that it takes away
+    # maps and smooth unknown functions in whose place it was tried; none where it leaves no more
+    # than noise
+    does_as_well_as: tuple[EffectName, ...]
+    others: tuple[str, ...]  # other formulas, none of them shorter, that do as well
+    evidence: ProposedEvidence  # what decided
 
 
 #: Short nouns of effects whose id is none, in the plural where they have one.
@@ -118,42 +108,31 @@ _DECIMALS = 4
 class ExplainedEffect(Part):
     """What one effect takes away of the error."""
 
-    ids: tuple[str, ...] = Field(
-        description="id of the effect, then of its alternatives at the same place"
-    )
-    of: str = Field(description="where it sits: `joint 2`, `forearm`, `base`, ...")
-    elsewhere: tuple[EffectName, ...] = Field(
-        default=(),
-        exclude_if=lambda value: not value,
-        description="alternatives at other places; not given where there is none",
-    )
-    weights: Literal["assumed"] | None = optional(
-        "`assumed` where its size is known relative to weights that nobody stated"
-    )
-    share: float = Field(
-        description="part of the variance of the error beyond noise that it takes away, 0 to 1"
-    )
-    before_mm: float = Field(description="root mean square error without it [mm]")
-    after_mm: float = Field(description="root mean square error with it [mm]")
+    ids: tuple[str, ...]  # id of the effect, then of its alternatives at the same place
+    of: str  # where it sits: `joint 2`, `forearm`, `base`, ...
+    # alternatives at other places; not given where there is none
+    elsewhere: tuple[EffectName, ...] = Field(default=(), exclude_if=lambda value: not value)
+    # `assumed` where its size is known relative to weights that nobody stated
+    weights: Literal["assumed"] | None = optional()
+    share: float  # part of the variance of the error beyond noise that it takes away, 0 to 1
+    before_mm: float  # root mean square error without it [mm]
+    after_mm: float  # root mean square error with it [mm]
 
 
 class Explained(Part):
     """How much of the error beyond noise is explained, and by what."""
 
-    share: float = Field(
-        description="part of the variance of the position error beyond noise that the model loses "
-        "by the effects, 0 to 1"
-    )
-    of: tuple[ExplainedEffect, ...] = Field(
-        description="what each effect takes away, the largest share first; shares sum to `share`"
-    )
-    without_a_name: float = Field(description="part that remains, 1 less `share`")
-    over: Literal["held-out poses", "fitted poses"] = Field(
-        description="poses that it is counted over: held out, where any were"
-    )
-    before_mm: float = Field(description="root mean square error of the model without them [mm]")
-    after_mm: float = Field(description="root mean square error of the model with all of them [mm]")
-    noise_mm: float = Field(description="root mean square error that noise alone would leave [mm]")
+    # part of the variance of the position error beyond noise that the model loses by the effects, 0
+    # to 1
+    share: float
+    # what each effect takes away, the largest share first; shares sum to `share`
+    of: tuple[ExplainedEffect, ...]
+    without_a_name: float  # part that remains, 1 less `share`
+    # poses that it is counted over: held out, where any were
+    over: Literal["held-out poses", "fitted poses"]
+    before_mm: float  # root mean square error of the model without them [mm]
+    after_mm: float  # root mean square error of the model with all of them [mm]
+    noise_mm: float  # root mean square error that noise alone would leave [mm]
 
     @property
     def percent(self) -> str:

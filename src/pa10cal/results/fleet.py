@@ -68,7 +68,7 @@ class FleetRecord(Record):
     campaigns: tuple[FleetCampaign, ...]  # every campaign, in the table's order
 
     @property
-    def judged(self) -> list[FleetCampaign]:
+    def by_accuracy(self) -> list[FleetCampaign]:
         """Return the last campaign of every arm of which errors are known, most accurate first."""
         last = {each.last for each in self.arms}
         known = [

@@ -15,19 +15,17 @@ from pa10cal.results.record import Key, Numbers, ParameterKey, Part, Shape, opti
 class AnglesSeen(Part):
     """Values of a joint that the fit has seen."""
 
-    turns: bool = Field(description="whether the joint turns; else it slides")
-    stretches: Annotated[NDArray[np.float64], Shape("stretches", 2)] = Field(
-        description="intervals seen [rad; m of a sliding joint]"
-    )
+    turns: bool  # whether the joint turns; else it slides
+    # intervals seen [rad; m of a sliding joint]
+    stretches: Annotated[NDArray[np.float64], Shape("stretches", 2)]
 
 
 class FallsBack(Part):
     """Where the effects found do not hold: there the extended model is the calibrated one."""
 
-    within: tuple[AnglesSeen, ...] = Field(
-        description="values of each joint in which the effects hold; no stretches: nowhere"
-    )
-    why: str = Field(description="what held-out poses show, one sentence")
+    # values of each joint in which the effects hold; no stretches: nowhere
+    within: tuple[AnglesSeen, ...]
+    why: str  # what held-out poses show, one sentence
 
 
 # Spacing and smoothness of a map of a joint's error, in the records of discovery.
@@ -36,30 +34,28 @@ class FallsBack(Part):
 class Fading(Part):
     """How the amplitudes of a map fade with their order."""
 
-    size_rad: float = Field(description="standard deviation of an amplitude of low order [rad]")
-    half_order: float = Field(description="order at which amplitudes are half as large")
+    size_rad: float  # standard deviation of an amplitude of low order [rad]
+    half_order: float  # order at which amplitudes are half as large
 
 
 class Band(Part):
     """How large the amplitudes of a map are in a band of orders, below it and above it."""
 
-    slow_rad: float = Field(
-        description="standard deviation of an amplitude of one or two cycles a turn [rad]"
-    )
-    below_rad: float = Field(description="standard deviation of an amplitude below the band [rad]")
-    level_rad: float = Field(description="standard deviation of an amplitude in the band [rad]")
-    first_order: float = Field(description="order at which the band begins")
-    last_order: float = Field(description="order at which the band ends")
-    decay: float = Field(description="power of the order by which amplitudes fall above the band")
-    floor_rad: float = Field(description="size that no amplitude is expected to fall below [rad]")
+    slow_rad: float  # standard deviation of an amplitude of one or two cycles a turn [rad]
+    below_rad: float  # standard deviation of an amplitude below the band [rad]
+    level_rad: float  # standard deviation of an amplitude in the band [rad]
+    first_order: float  # order at which the band begins
+    last_order: float  # order at which the band ends
+    decay: float  # power of the order by which amplitudes fall above the band
+    floor_rad: float  # size that no amplitude is expected to fall below [rad]
 
 
 class MapForm(Part):
     """Spacing and smoothness of a map that has its own."""
 
-    knots: int = Field(description="knots a turn")
-    fading: Fading | None = optional("how its amplitudes fade with their order, where they do")
-    band: Band | None = optional("the band that its amplitudes have, where they do not fade")
+    knots: int  # knots a turn
+    fading: Fading | None = optional()  # how its amplitudes fade with their order, where they do
+    band: Band | None = optional()  # the band that its amplitudes have, where they do not fade
 
 
 # The bands that maps were given, and what single poses scatter by, in the records of discovery.
@@ -68,45 +64,39 @@ class MapForm(Part):
 class BandOfMap(Part):
     """How well the band of one map is known; its numbers stand with the effect, as `form.band`."""
 
-    of: str = Field(description="joint of the map")
-    log_std: Mapping[ParameterKey, float] = Field(
-        description="standard uncertainty of the logarithm of each number of the band"
-    )
+    of: str  # joint of the map
+    # standard uncertainty of the logarithm of each number of the band
+    log_std: Mapping[ParameterKey, float]
 
 
 class LeftOut(Part):
     """Weighed squared error of poses left out, before maps had a band and with it."""
 
-    before: float = Field(description="with sizes that fade with the order")
-    after: float = Field(description="with the band")
+    before: float  # with sizes that fade with the order
+    after: float  # with the band
 
 
 class Bands(Part):
     """Bands found by marginal likelihood."""
 
-    shared: bool = Field(description="whether all maps have one band")
-    scatter: float = Field(description="scatter of the weighed rows that goes with them")
-    maps: tuple[BandOfMap, ...] = Field(description="map by map")
-    of_time: LeftOut = Field(description="stretches of time left out")
-    of_angles: LeftOut = Field(description="stretches of angles of one joint left out")
+    shared: bool  # whether all maps have one band
+    scatter: float  # scatter of the weighed rows that goes with them
+    maps: tuple[BandOfMap, ...]  # map by map
+    of_time: LeftOut  # stretches of time left out
+    of_angles: LeftOut  # stretches of angles of one joint left out
 
 
 class PoseScatter(Part):
     """What single poses scatter by about the extended model."""
 
-    joints: tuple[float, ...] = Field(
-        description="standard deviation of each joint's position [rad, m]: where it comes to stand"
-    )
-    kinds: Mapping[Annotated[str, Key("kind")], float] = Field(
-        description="standard deviation of each kind of component [m, rad]"
-    )
-    inside95_train: float = Field(
-        description="part of the coordinates of positions fitted that lie in their 95 % intervals, "
-        "by this scatter and the uncertainty of the model"
-    )
-    inside95_holdout: float | None = Field(
-        description="the same of held-out poses; null where there are none"
-    )
+    # standard deviation of each joint's position [rad, m]: where it comes to stand
+    joints: tuple[float, ...]
+    # standard deviation of each kind of component [m, rad]
+    kinds: Mapping[Annotated[str, Key("kind")], float]
+    # part of the coordinates of positions fitted that lie in their 95 % intervals, by this scatter
+    # and the uncertainty of the model
+    inside95_train: float
+    inside95_holdout: float | None  # the same of held-out poses; null where there are none
 
 
 # What the motor's ripple says of a joint's error, in the records of discovery.
@@ -120,9 +110,9 @@ LEAST_ARCS = 15
 class Agreement(Part):
     """How well campaigns, or turns of the joint, agree on its error where two of them were."""
 
-    correlation: float = Field(description="of their means in arcs of 3 deg, noise taken off")
-    slope: float = Field(description="of one by the other")
-    arcs: int = Field(description="pairs of means compared")
+    correlation: float  # of their means in arcs of 3 deg, noise taken off
+    slope: float  # of one by the other
+    arcs: int  # pairs of means compared
 
     @property
     def holds(self) -> bool:
@@ -146,20 +136,17 @@ LEAST_NATS = 4.0
 class MotorRipple(Part):
     """Lines of the residual at multiples of the gear ratio: who errs, the sensor or the gear."""
 
-    ratio: float = Field(description="motor turns a joint turn")
-    orders: tuple[int, ...] = Field(description="multiples of the ratio at which there are lines")
-    alpha: float = Field(
-        description="share of the error that the motor followed: 0 where the gear errs, 1 where "
-        "the sensor does"
-    )
-    interval95: tuple[float, float] = Field(description="its 95 % interval, by profile likelihood")
-    gain_nats: float = Field(description="log-likelihood over alpha = 0")
-    gain_over_one_nats: float = Field(description="log-likelihood over alpha = 1")
-    beta_rad_Nm: float | None = Field(
-        description="turn of the motor a torque [rad/(N m)]; null where torques do not vary"
-    )
-    alphas: Numbers = Field(description="shares tried")
-    profile_nats: Numbers = Field(description="log-likelihood of each, less that of the best")
+    ratio: float  # motor turns a joint turn
+    orders: tuple[int, ...]  # multiples of the ratio at which there are lines
+    # share of the error that the motor followed: 0 where the gear errs, 1 where the sensor does
+    alpha: float
+    interval95: tuple[float, float]  # its 95 % interval, by profile likelihood
+    gain_nats: float  # log-likelihood over alpha = 0
+    gain_over_one_nats: float  # log-likelihood over alpha = 1
+    # turn of the motor a torque [rad/(N m)]; null where torques do not vary
+    beta_rad_Nm: float | None
+    alphas: Numbers  # shares tried
+    profile_nats: Numbers  # log-likelihood of each, less that of the best
 
     @property
     def excludes_gear(self) -> bool:
@@ -195,10 +182,9 @@ class MotorRipple(Part):
 class JointWitness(Part):
     """What says whose error a joint's error by its angle is."""
 
-    ripple: MotorRipple | None = Field(description="of its motor; null where it shows none")
-    agreement: Agreement | None = Field(
-        description="of campaigns or turns; null where no angle was seen in two of them"
-    )
+    ripple: MotorRipple | None  # of its motor; null where it shows none
+    # of campaigns or turns; null where no angle was seen in two of them
+    agreement: Agreement | None
 
     @property
     def cause(self) -> Cause | None:

@@ -210,11 +210,11 @@ class Record(Part):
 def filed(schema: str, file: str, *, by: str) -> Callable[[type[_R]], type[_R]]:
     """Say of a record its schema, where it lies, and the command that writes it."""
 
-    def said(record: type[_R]) -> type[_R]:
+    def mark(record: type[_R]) -> type[_R]:
         record.SCHEMA, record.FILE, record.COMMAND = schema, file, by
         return record
 
-    return said
+    return mark
 
 
 _R = TypeVar("_R", bound=Record)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.results.record import FaultKind
+from pa10cal.results.record import HALF_WIDTH_95, FaultKind
 from pa10cal.terms.effects.effect import (
     CandidateContext,
     Effect,
@@ -43,7 +43,7 @@ class LogFault(Effect):
     kind: ClassVar[FaultKind]
 
     @abstractmethod
-    def told(self, x: Array, std: Array) -> FaultText:
+    def fault_text(self, x: Array, std: Array) -> FaultText:
         """Return it in words, by its reported parameters and their standard uncertainties."""
 
 
@@ -93,11 +93,11 @@ class LoadStated(WeightStated):
         load_N = np.where(states.load_N == self.load_N, self.load_N, 0.0)
         return (load_N[:, None] * static_loads_in(states, self).by_load)[..., None]
 
-    def told(self, x: Array, std: Array) -> FaultText:
+    def fault_text(self, x: Array, std: Array) -> FaultText:
         true_N, std_N = self.load_N * (1.0 + x[0]), self.load_N * std[0]
         return FaultText(
             f"load_N = {self.load_N:g}",
-            f"the load stated as {self.load_N:g} N seems to be {true_N:.1f} ± {2 * std_N:.1f} N",
+            f"the load stated as {self.load_N:g} N seems to be {true_N:.1f} ± {HALF_WIDTH_95 * std_N:.1f} N",
             "weigh the load, and correct load_N in its rows",
         )
 
@@ -130,14 +130,14 @@ class ToolStated(WeightStated):
         last = 4 * self.n
         return static_loads_in(states, self).by_weights[..., [last, last - 3, last - 2, last - 1]]
 
-    def told(self, x: Array, std: Array) -> FaultText:
+    def fault_text(self, x: Array, std: Array) -> FaultText:
         true_kg = self.tool_kg + x[0]
         off_mm = 1e3 * x[1:] / max(true_kg, 0.1 * self.tool_kg)
         axis = int(np.argmax(np.abs(off_mm)))
         return FaultText(
             "tool.mass_kg, tool.com_mm",
             f"the tool stated as {self.tool_kg:.3g} kg seems to be {true_kg:.3g} ± "
-            f"{2 * std[0]:.1g} kg, its centre {off_mm[axis]:+.0f} mm along {'xyz'[axis]}",
+            f"{HALF_WIDTH_95 * std[0]:.1g} kg, its centre {off_mm[axis]:+.0f} mm along {'xyz'[axis]}",
             "weigh the tool, and correct its mass and centre in campaign.yaml",
         )
 

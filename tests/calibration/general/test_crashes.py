@@ -13,7 +13,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.options import TrackerOptions
 from pa10cal.lab.simulated import (
     exact_observations,
-    measured,
+    measure,
     observations_of,
     payload_of_individual,
 )
@@ -68,8 +68,8 @@ def after(change, seed):
     )
     before, crashed = draw_changed(ARM, plan, change, np.random.default_rng(seed))
     payload = payload_of_individual(before)
-    seen = observations_of(measured(before, plan, seed))
-    ten = observations_of(measured(crashed, plan, seed + 1)).take(np.arange(0, 120, 12))
+    seen = observations_of(measure(before, plan, seed))
+    ten = observations_of(measure(crashed, plan, seed + 1)).take(np.arange(0, 120, 12))
     model = fitted(calibrate_general(ARM, seen, find_start(ARM, seen), payload))
     start = find_start(ARM, ten)
     found = calibrate_from(prior_of(model, ARM, payload), ARM, ten, start, payload)

@@ -21,7 +21,7 @@ from pa10cal.fit.problem import Disagreement, GaussianPrior
 from pa10cal.lab.cell.options import TrackerOptions
 from pa10cal.lab.simulated import (
     exact_observations,
-    measured,
+    measure,
     observations_of,
     payload_of_individual,
 )
@@ -55,8 +55,8 @@ def arms():
             plan = of_plan(kind)
             before, after = draw_changed(ARM, plan, change, np.random.default_rng(seed))
             payload = payload_of_individual(before)
-            seen = observations_of(measured(before, plan, seed))
-            again = observations_of(measured(after, plan, seed + 1))
+            seen = observations_of(measure(before, plan, seed))
+            again = observations_of(measure(after, plan, seed + 1))
             start = find_start(ARM, seen)
             model = fitted(calibrate_general(ARM, seen, start, payload))
             exact = exact_observations(after, plan, 60, seed + 2)

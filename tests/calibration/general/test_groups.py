@@ -30,7 +30,7 @@ def elsewhere(every, seed):
     T = np.eye(4)
     T[:3, :3] = Rotation.random(random_state=seed).as_matrix()
     T[:3, 3] = np.random.default_rng(seed).uniform(-1.0, 1.0, 3)
-    return replace(every, measured=every.measured.moved(T))
+    return replace(every, measured=every.measured.in_frame(T))
 
 
 def touched(points, noise_m):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_survey import ATTITUDE_RAD, POSITION_M, Hidden, observe
-from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
+from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.terms.effects.joint import ArrivalError
 

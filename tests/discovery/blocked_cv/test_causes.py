@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pa10cal
-from pa10cal.discovery.blocked_cv import discover as by_blocks
+from pa10cal.discovery.blocked_cv import by_blocks
 from pa10cal.discovery.blocked_cv.bands import in_bands
 from pa10cal.discovery.blocked_cv.family import Candidate
 from pa10cal.discovery.blocked_cv.refit import weighted_rows

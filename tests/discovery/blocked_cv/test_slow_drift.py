@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_survey import POSITION_M, observe
-from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
+from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import model_from_plain, model_to_plain

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from made_up_arm import TARGETS_M, Missing, at_joint, measure
-from pa10cal.discovery.evidence.discover import compare
+from pa10cal.discovery.evidence.by_repeats import compare
 from pa10cal.discovery.evidence.fit import (
     EvidenceFit,
     apparatus_m,

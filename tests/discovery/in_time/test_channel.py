@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_survey import POSITION_M, observe
-from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
+from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.in_time.channel import in_time_of, told_with_rivals
 from pa10cal.discovery.linear import with_base_term
 from pa10cal.discovery.noise import unweighted

@@ -63,12 +63,12 @@ def test_a_tool_stated_wrongly_is_held_everywhere():
     (tool,) = of(ToolStated)
     x = np.array([0.6, 0.0, 3.0 * 0.02, 0.0])
     np.testing.assert_allclose(tool.torque_Nm(found(), x), held_Nm, atol=1e-12)
-    told = tool.told(x, np.full(4, 0.01))
+    told = tool.fault_text(x, np.full(4, 0.01))
     assert "seems to be 3 ± 0.02 kg, its centre +20 mm along y" in told.what
 
 
 def test_a_load_is_told_as_it_seems_to_be():
-    told = LoadStated("load 40 N", False, 40.0).told(np.array([0.1]), np.array([0.005]))
+    told = LoadStated("load 40 N", False, 40.0).fault_text(np.array([0.1]), np.array([0.005]))
     assert told.where == "load_N = 40"
     assert "44.0 ± 0.4 N" in told.what
 

@@ -346,7 +346,9 @@ def _words(moved: Moved) -> str:
     if moved.by is None or moved.std is None:
         return f"{what}{moved.of} changed"
     if moved.kind == STIFFNESS:
-        part = f"{100.0 * moved.by:+.0f} % (95 % interval ±{196.0 * moved.std:.0f} %)"
+        part = (
+            f"{100.0 * moved.by:+.0f} % (95 % interval ±{100.0 * HALF_WIDTH_95 * moved.std:.0f} %)"
+        )
         return f"the windup of {moved.of} changed by {part}"
     times, unit = {"rad": (1e3, "mrad"), "m": (1e3, "mm")}.get(moved.unit, (1.0, moved.unit))
     by, half = times * moved.by, HALF_WIDTH_95 * times * moved.std

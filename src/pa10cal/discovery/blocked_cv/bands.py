@@ -111,7 +111,7 @@ def in_bands(rows: BlockedRows, fine: Level) -> InBands | None:
     counted = positions + share**2 * (int(seen.sum()) - positions)
     squares, count = float(total.squares), round(counted)
     found = most_likely(
-        Waves(total.gram, total.projection, squares, count, waves.known, waves.orders)
+        Waves(total.gram, total.projection, squares, count, waves.leading, waves.orders)
     )
     spectra: list[list[Spectrum | None]] = [[each.spectrum for each in maps], [*found.bands]]
     sizes = [waves.sizes(each, maps, found.scatter) for each in spectra]
@@ -195,7 +195,7 @@ class _Waves:
         self._bases = [b_splines_by_knots(FINE) @ waves] * len(maps)
 
     @property
-    def known(self) -> int:
+    def leading(self) -> int:
         """Return how many columns stand before the waves."""
         return int(self._free[: self._dense].sum())
 
@@ -216,7 +216,7 @@ class _Waves:
             before: maps whose own spectrum goes no further than their knots.
             scatter: of the rows.
         """
-        found = [np.ones(self.known)]
+        found = [np.ones(self.leading)]
         for k, spectrum in enumerate(spectra):
             assert spectrum is not None
             sizes = spectrum.sizes_rad(self.orders) / scatter
@@ -295,13 +295,13 @@ class Waves:
     projection: Array
     squares: float
     rows: int  # how many rows there were
-    known: int  # columns before the waves; each in its size
+    leading: int  # columns before the waves; each in its size
     orders: Array  # (M,) cycles a turn of the waves, the same for every map
 
     @property
     def maps(self) -> int:
         """Return how many maps there are."""
-        return (len(self.projection) - self.known) // len(self.orders)
+        return (len(self.projection) - self.leading) // len(self.orders)
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,7 +340,7 @@ def minus_twice_log_likelihood(
         The value; the derivative by each of `log_sizes`; that by `log_scatter`; the second
         derivative (maps M, maps M) by `log_sizes` to be expected.
     """
-    sizes = np.concatenate([np.ones(waves.known), np.exp(log_sizes)])
+    sizes = np.concatenate([np.ones(waves.leading), np.exp(log_sizes)])
     precision = float(np.exp(-2.0 * log_scatter))
     gram = waves.gram * sizes[:, None]
     gram *= sizes * precision
@@ -356,7 +356,7 @@ def minus_twice_log_likelihood(
     value = 2.0 * waves.rows * log_scatter + data - float(projection @ x) + volume
     left = data - 2.0 * float(projection @ x) + float(x @ gram @ x)
     determined = len(x) - float(variance.sum())
-    of_waves = slice(waves.known, None)
+    of_waves = slice(waves.leading, None)
     told = -np.tril(inverse[of_waves, of_waves])
     told += np.tril(told, -1).T
     told[np.diag_indices_from(told)] += 1.0

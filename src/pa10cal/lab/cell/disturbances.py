@@ -56,7 +56,7 @@ class Disturbance:
     needs: tuple[Need, ...]  # what the campaign must have
     draws: Mapping[str, Draw]  # how a trial draws parameters, in turn; the others have defaults
 
-    def drawn(self, joints: int, rng: Rng) -> dict[str, Any]:
+    def draw_parameters(self, joints: int, rng: Rng) -> dict[str, Any]:
         """Return parameters drawn for a trial, for an arm of so many joints."""
         drawn = {name: draw(joints, rng) for name, draw in self.draws.items()}
         return {name: drawn[name] for name in self.parameters.model_fields if name in drawn}

@@ -108,7 +108,7 @@ class _OwnArm:
     mechanism: Mechanism  # as described, with the true weights
 
     @classmethod
-    def drawn(cls, shipped: Arm, rng: np.random.Generator) -> _OwnArm:
+    def draw(cls, shipped: Arm, rng: np.random.Generator) -> _OwnArm:
         """Draw lengths and weights of an arm of a kind."""
         weights, tool_kg = draw_unstated(shipped, rng)
         mechanism = nominal(shipped, weights, tool_kg)
@@ -157,7 +157,7 @@ def draw_measured(
         raise idle(subject, benches, "an arm with a joint that weights load among them")
     bench = benches[str(rng.choice(fitting))]
     scenario = Scenario(kind, rng, bench, int(rng.integers(2**31)))
-    own = _OwnArm.drawn(bench.arm, rng)
+    own = _OwnArm.draw(bench.arm, rng)
     plan: dict[str, Any] = {
         "instrument": bench.instrument,
         "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),

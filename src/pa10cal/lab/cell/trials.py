@@ -408,7 +408,7 @@ def _parameters(
     put: Sequence[Disturbance], joints: int, rng: np.random.Generator
 ) -> list[dict[str, Any]]:
     """Draw the parameters of disturbances, for an arm of so many joints."""
-    return [{"id": each.id, "parameters": each.drawn(joints, rng)} for each in put]
+    return [{"id": each.id, "parameters": each.draw_parameters(joints, rng)} for each in put]
 
 
 # Drives: sensors or gears that err in some joints of any arm, and their motors' ripple.

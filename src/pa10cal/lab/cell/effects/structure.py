@@ -32,7 +32,7 @@ class SimulatedLinkEffect(SimulatedEffect):
     by_weights = True
 
     @abstractmethod
-    def moved(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
+    def end_motion(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
         """Return by how much the link's end turns (P, 3) [rad] and shifts (P, 3) [m].
 
         Args:
@@ -48,7 +48,9 @@ class SimulatedLinkEffect(SimulatedEffect):
         axis = span_m / np.linalg.norm(span_m)
         none = loading.none
         turn, shift = none.turn_rad.copy(), none.shift_m.copy()
-        turn[:, link], shift[:, link] = self.moved(loading.statics.link_Nm[:, link], axis, span_m)
+        turn[:, link], shift[:, link] = self.end_motion(
+            loading.statics.link_Nm[:, link], axis, span_m
+        )
         return replace(none, turn_rad=turn, shift_m=shift)
 
 
@@ -62,7 +64,7 @@ class SimulatedLinkBending(SimulatedLinkEffect):
 
     c: Finite = Field(description="turn of the link's end a moment [rad/(N m)]")
 
-    def moved(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
+    def end_motion(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
         """Turn the end by c M, shift it by (2/3) L (c M) x axis, as for a force at the end."""
         turn = self.c * (moment_Nm - np.outer(moment_Nm @ axis, axis))
         return turn, 2.0 / 3.0 * np.cross(turn, span_m)
@@ -78,7 +80,7 @@ class SimulatedLinkTorsion(SimulatedLinkEffect):
 
     c: Finite = Field(description="twist of the link a moment [rad/(N m)]")
 
-    def moved(self, moment_Nm: Array, axis: Array, _span_m: Array) -> tuple[Array, Array]:
+    def end_motion(self, moment_Nm: Array, axis: Array, _span_m: Array) -> tuple[Array, Array]:
         turn = self.c * np.outer(moment_Nm @ axis, axis)
         return turn, np.zeros_like(turn)
 

@@ -43,4 +43,4 @@ RECORD = fleet(
 
 
 def test_the_last_campaigns_of_arms_stand_in_order_of_their_error():
-    assert [each.campaign for each in RECORD.judged] == ["b-1", "a-2"]
+    assert [each.campaign for each in RECORD.by_accuracy] == ["b-1", "a-2"]

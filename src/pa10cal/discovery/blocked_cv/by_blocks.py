@@ -360,11 +360,11 @@ def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> Verdic
     starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in nameless))
     model = refit(found.survey, effects, starts, extended.weights, own=extended.at).fitted()
 
-    def told(gap: PairedErrors) -> PairedErrors:
+    def with_remaining(gap: PairedErrors) -> PairedErrors:
         poses = complete_about(gap.poses, found.baseline, model, found.survey.setup)
         return replace(gap, with_rivals=left_by(model, poses))
 
-    return found.with_gaps(told)
+    return found.with_gaps(with_remaining)
 
 
 def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
