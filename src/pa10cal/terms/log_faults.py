@@ -58,7 +58,7 @@ class WeightStated(TorqueOnly, LogFault):
     of_calculated: bool  # whether torques were calculated
 
     @property
-    def carried(self) -> bool:
+    def acts_on_joint(self) -> bool:
         """Return whether the joints are known to carry it, by their log."""
         return not self.of_calculated
 

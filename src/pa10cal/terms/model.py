@@ -95,7 +95,7 @@ class Model:
             jacobian[:, :, columns] = found
         return jacobian
 
-    def places_of(self, *terms: Term) -> Index:
+    def parameter_indices(self, *terms: Term) -> Index:
         """Return where the parameters of some terms are in x, term by term."""
         every = np.arange(len(self.parameters))
         return np.concatenate([every[:0], *(every[self.columns_of(term)] for term in terms)])
@@ -132,7 +132,7 @@ class Model:
         x: Array,
     ) -> Iterator[Array]:
         """Yield the derivative of the pose by the parameters of terms, each (P, 6, k')."""
-        carried = self.carried(states, x)
+        carried = self.with_joint_torques(states, x)
         yielding = [term.joint - 1 for term, _ in self._yielding]
         by_torque: Array | None = None
         for term, point in zip(terms, points, strict=True):
@@ -146,7 +146,7 @@ class Model:
                 found = screws
             else:
                 found = screws @ by_parameter
-            if yielding and shows_torque(term) and not term.carried:
+            if yielding and shows_torque(term) and not term.acts_on_joint:
                 if by_torque is None:  # how the pose follows the torques of joints that yield
                     turned = [
                         end.screws[:, :, self.chain.columns(soft.coordinates)[0]]
@@ -157,12 +157,13 @@ class Model:
                 found = found - by_torque @ term.torque_derivative(states, point)[:, yielding]
             yield found
 
-    def carried(self, states: PoseStates, x: Array) -> PoseStates:
+    def with_joint_torques(self, states: PoseStates, x: Array) -> PoseStates:
         """Return the states with the torques that the joints carry, in place of those logged."""
         false_Nm = [
             term.torque_Nm(states, x[columns])
             for term, columns in self._slices
-            if shows_torque(term) and not term.carried  # it shows in the log and not in the joints
+            if shows_torque(term)
+            and not term.acts_on_joint  # it shows in the log and not in the joints
         ]
         return replace(states, tau_Nm=states.tau_Nm - sum(false_Nm)) if false_Nm else states
 
@@ -199,7 +200,7 @@ class Model:
     def chain_coordinates(self, states: PoseStates, x: Array) -> Array:
         """Return the chain coordinates (P, m) that the terms lead to."""
         coordinates = self.chain.coordinates(states.q_rad)
-        carried = self.carried(states, x)
+        carried = self.with_joint_torques(states, x)
         for term, columns in self._slices:
             if self.kept is None:
                 shift = term.shift(carried, x[columns])
