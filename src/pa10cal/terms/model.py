@@ -68,9 +68,7 @@ class Model:
         T, screws = end_pose_and_screws(self.chain, self.chain_coordinates(states, x))
         return PoseJacobian(
             T,
-            lambda: self.jacobian_at(
-                states, x, EndPose(T, screws(self._moved_columns(self.terms)))
-            ),
+            lambda: self.jacobian_at(states, x, EndPose(T, screws(self._own_columns))),
         )
 
     def jacobian_at(
@@ -141,11 +139,8 @@ class Model:
                 by_parameter = term.derivative(carried, point)
             else:
                 by_parameter = self.kept.derivative(term, carried, point)
-            unit = identity(by_parameter.shape[2])
-            if len(by_parameter) == 1 and np.array_equal(by_parameter[0], unit):
-                found = screws
-            else:
-                found = screws @ by_parameter
+            plain = by_parameter.base is identity(by_parameter.shape[2])  # offsets, mostly
+            found = screws if plain else screws @ by_parameter
             if yielding and shows_torque(term) and not term.acts_on_joint:
                 if by_torque is None:  # how the pose follows the torques of joints that yield
                     turned = [
@@ -208,6 +203,10 @@ class Model:
                 shift = self.kept.shift(term, carried, x[columns])
             coordinates[:, self.chain.columns(term.coordinates)] += shift
         return coordinates
+
+    @cached_property
+    def _own_columns(self) -> list[int]:
+        return self._moved_columns(self.terms)
 
     def _moved_columns(self, terms: Sequence[Term]) -> list[int]:
         names = {name for term in terms for name in term.coordinates}
