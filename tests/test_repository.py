@@ -252,7 +252,7 @@ USERS_OF_LAB = {
         "curve.study",
         "lab",
     },
-    "pa10cal.lab.cell.options": {"planning.schema", "settings"},
+    "pa10cal.lab.cell.options": {"settings"},
 }
 
 

@@ -10,7 +10,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.commands.command_line import limit_threads
+from pa10cal.commands.command_line import keep_memory, limit_threads
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
@@ -61,4 +61,5 @@ def _observations(problem: Problem) -> Observations:
 
 if __name__ == "__main__":
     limit_threads()
+    keep_memory()
     main({"pa10cal": Ours})

@@ -8,7 +8,8 @@ import pytest
 import made_up_trials
 from made_up_trials import hidden, named, scored, verdict
 from pa10cal.commands.command_line import run_command
-from pa10cal.lab.blind_trial import SORTED, UNSTATED, WILD
+from pa10cal.lab.blind_trial import WILD
+from pa10cal.lab.cell.measured_trials import SORTED, UNSTATED
 from pa10cal.results.codec import lines, write
 from pa10cal.results.record import Name
 from pa10cal.results.trials import FailedTrialRecord, HiddenEffect, TrialTruthRecord

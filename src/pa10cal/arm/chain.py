@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -322,6 +323,7 @@ def _homogeneous(frame: list[Array], origin: Array) -> Array:
     return T
 
 
+@cache
 def _free_frame(names: tuple[str, ...]) -> tuple[Motion, ...]:
     """Six motions x, y, z, then about x, y, z."""
     axes: tuple[Axis, ...] = (0, 1, 2, 0, 1, 2)
@@ -330,6 +332,7 @@ def _free_frame(names: tuple[str, ...]) -> tuple[Motion, ...]:
     )
 
 
+@cache
 def _row_motions(row: int, convention: str) -> tuple[Motion, ...]:
     theta, d = Motion(f"theta_{row}", 2, True), Motion(f"d_{row}", 2, False)
     a, alpha = Motion(f"a_{row}", 0, False), Motion(f"alpha_{row}", 0, True)

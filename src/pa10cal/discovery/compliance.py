@@ -311,7 +311,7 @@ class _LinearProblem:
         at = model.columns_of(spring).start
         by_x = -model.torque_jacobian(states, x)[:, joint]
         by_x[:, ~self.of_weights[: len(x)]] = 0.0
-        carried_Nm = model.carried(states, x).tau_Nm[:, joint]
+        carried_Nm = model.with_joint_torques(states, x).tau_Nm[:, joint]
         off_Nm = carried_Nm - carried_Nm.mean()
         spread_Nm = float(np.std(carried_Nm))
         stiffness = spring.tau_ref_Nm / float(x[at]) * float(np.std(states.tau_Nm[:, joint]))

@@ -225,7 +225,7 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
         other = others.get((term.id, term.of))
         if other is None or isinstance(term, Weights) or is_tool(term) or not of_arm(term):
             continue
-        a, b = first.model.places_of(term), second.model.places_of(other)
+        a, b = first.model.parameter_indices(term), second.model.parameter_indices(other)
         if isinstance(term, Offsets) and isinstance(other, Offsets):
             names = [parameter.name for parameter in other.parameters]
             pairs = [
@@ -288,7 +288,7 @@ def _gone(model: FittedModel, other: FittedModel) -> NDArray[np.intp]:
         k
         for term in model.model.terms
         if isinstance(term, Offsets) and not is_tool(term)
-        for k, parameter in zip(model.model.places_of(term), term.parameters, strict=True)
+        for k, parameter in zip(model.model.parameter_indices(term), term.parameters, strict=True)
         if parameter.name not in theirs
     ]
     return np.array(gone, dtype=np.intp)
@@ -321,7 +321,7 @@ def _tools(
         term = next((term for term in model.model.terms if is_tool(term)), None)
         if term is None or isinstance(term, OfCampaign):
             return none
-        at = model.model.places_of(term)
+        at = model.model.parameter_indices(term)
         values = dict(zip(term.coordinates, model.x[at], strict=True))
         motion = np.array([values.get(name, 0.0) for name in TOOL])
         places.append(motion[:3])

@@ -322,7 +322,7 @@ class Fitted:
         zeros, zero = np.zeros((1, self.arm.n)), np.zeros(1)
         unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
         constant = [term for term in self.model.terms if is_constant(term)]
-        x, chain = self.x[self.model.places_of(*constant)], self.model.chain
+        x, chain = self.x[self.model.parameter_indices(*constant)], self.model.chain
         at = Model(chain, tuple(constant)).chain_coordinates(unloaded, x)[0]
         if not tool:
             at[chain.columns(TOOL)] = 0.0
@@ -357,7 +357,7 @@ class Fitted:
 
     def only(self, *terms: Term) -> Self:
         """Return the same with some of its terms alone, and what is known of these."""
-        at, covariance = self.model.places_of(*terms), self.covariance
+        at, covariance = self.model.parameter_indices(*terms), self.covariance
         if covariance is not None:
             with_base = np.append(at, len(self.x) + np.arange(len(BASE)))
             covariance = covariance[np.ix_(with_base, with_base)]

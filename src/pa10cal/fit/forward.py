@@ -158,7 +158,7 @@ class Forward:
             and not falsifies_log(term)
             and (term not in tools.values() or term is own)
         ]
-        chosen = model.model.places_of(*moving)
+        chosen = model.model.parameter_indices(*moving)
         on_tool = frame in tools or (frame == TOOL_FRAME and bool(tools or not model.target_names))
         T = np.eye(4)
         if on_tool:
@@ -288,14 +288,14 @@ class Forward:
         chain, terms = self.physical.chain, self.physical.terms
         maps = [term for term in terms if isinstance(term, JointErrorMap)]
         others = tuple(term for term in terms if not isinstance(term, JointErrorMap))
-        dense = self.physical.places_of(*others)
+        dense = self.physical.parameter_indices(*others)
         without = Forward(
             self.whole, Model(chain, others), self.x[dense], dense, self.on_tool, self.T_end_frame
         )
         moved = without.by_parameters(states, end)[:, :3]
         turned = [
             MapMotion(
-                self.physical.places_of(term),
+                self.physical.parameter_indices(term),
                 states.q_rad[:, term.joint - 1],
                 self.at_frame(end, end.screws[:, :, chain.columns(term.coordinates)])[:, :3, 0],
             )

@@ -45,7 +45,9 @@ def with_torques(
     states = _under_weights(Model(chain, ()), np.zeros(0), states, payload)
     own = tuple(term for term in model.terms if not isinstance(term, Effect))
     if own:
-        states = _under_weights(Model(chain, own), x[model.places_of(*own)], states, payload)
+        states = _under_weights(
+            Model(chain, own), x[model.parameter_indices(*own)], states, payload
+        )
     return states, "masses"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
@@ -64,6 +64,12 @@ class Problem:
         return self.measured.components_seen
 
     @cached_property
+    def numbers_seen(self) -> tuple[Index, Index]:
+        """Return the numbers of components that poses have, and which of them each has (P,)."""
+        numbers, at = np.unique(self.components_seen.sum(axis=1), return_inverse=True)
+        return numbers, at
+
+    @cached_property
     def readings(self) -> int:
         """Return how many components were seen in all."""
         return int(self.components_seen.sum())
@@ -97,8 +103,8 @@ class Problem:
         """Return residuals and exact derivatives."""
         predicted = self.model.predict_with_jacobian(self.observations.states, self.of_model(x))
         found = self.measured.compare(self.T_instr_base @ predicted.T_base_ee, self.places_at(x))
-        R = self.T_instr_base[:3, :3]
-        by_end = np.concatenate([found.by_end[..., :3] @ R, found.by_end[..., 3:] @ R], axis=2)
+        by_end = found.by_end.reshape(-1, 3) @ self.T_instr_base[:3, :3]
+        by_end = by_end.reshape(found.by_end.shape)
         of_model = predicted.jacobian.shape[2]
         jacobian = np.empty((*found.residual.shape, of_model + len(self.places)))
         jacobian[..., :of_model] = 0.0  # what other campaigns of a group see

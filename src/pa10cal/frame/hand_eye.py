@@ -83,7 +83,9 @@ class TargetProblem:
         return 0 if self.R_cmm is None else len(self.R_cmm)
 
     def thinned(self) -> TargetProblem:
-        """Return the problem of few poses, drawn at random, always the same."""
+        """Return the problem of few poses, drawn at random, always the same; itself if few."""
+        if len(self.weights) <= MOST_POSES:
+            return self
         # Drawn, not every n-th: what was seen may alternate.
         drawn = np.random.default_rng(0).permutation(len(self.weights))[:MOST_POSES]
         return taken(self, np.sort(drawn), "p_ee_stated_m")
@@ -112,8 +114,8 @@ class TargetProblem:
     def in_base(self, p_ee_m: Array) -> Array:
         """Return the modelled places (K, 3) of the targets in the base frame."""
         pose, target = self.seen
-        carried = np.einsum("kij,kj->ki", self._R_rows, p_ee_m[target])
-        return np.asarray(self.p_base_m[pose] + carried)
+        carried = self._R_rows @ p_ee_m[target, :, None]
+        return np.asarray(self.p_base_m[pose] + carried[..., 0])
 
     @cached_property
     def by_places(self) -> Array:
@@ -154,9 +156,13 @@ def refined(
         The solution, the problem there, and which steps of the targets (places of all, then the
         orientation where one was seen) the poses identify.
     """
+    all_moved = False
     for _ in range(1 if roughly else PASSES):
         whole = _linearise(problem, guess).by_step
         split = split_identified(whole[:, 6:], whole[:, :6])
+        if all_moved and not split.unidentified.size:
+            break
+        all_moved = not split.unidentified.size
         guess, at = descend(
             guess,
             partial(_linearise, problem, free=split.identified),
@@ -223,7 +229,9 @@ def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = Non
 
 
 #: Poses that choose between starts.
-MOST_POSES = 300
+MOST_POSES = 100
+#: A start turned by less than this from where another led, leads there too [rad].
+_SAME_RAD = 0.5
 #: Root mean square spread across a line that positions must have to determine a rotation.
 LEAST_SPREAD_M = 1e-3
 
@@ -322,14 +330,18 @@ def _best(
 ) -> Located:
     """Refine every start, given as the rotations of base and target, and return the best.
 
-    Some of the poses decide which is best.
+    Some of the poses decide which is best. A start is omitted where another led near it.
     """
     few = problem.thinned()
-    found = [refined(few, first_guess(few, *start), roughly=True) for start in starts]
-    best, _, split = min(found, key=lambda each: each[1].cost)
+    ends: list[tuple[Guess, Linearised, Split]] = []
+    for start in starts:
+        if not any(_leads_to(start, guess) for guess, _, _ in ends):
+            ends.append(refined(few, first_guess(few, *start), roughly=few is not problem))
+    guess, at, split = min(ends, key=lambda end: end[1].cost)
     if split.unidentified.size:
-        best = replace(best, p_ee_m=problem.p_ee_stated_m)
-    guess, at, split = refined(problem, best)
+        guess = replace(guess, p_ee_m=problem.p_ee_stated_m)
+    if split.unidentified.size or few is not problem:
+        guess, at, split = refined(problem, guess)
     turning = problem.turning
     residuals_m, residuals_rad = _residuals(problem, guess, problem.in_base(guess.p_ee_m))
     spare = max(len(at.residual) - at.by_step.shape[1], 1)
@@ -347,6 +359,14 @@ def _best(
     )
 
 
+def _leads_to(start: tuple[Array, Array], guess: Guess) -> bool:
+    """Return whether a start, rotations of base and target, is near where another led."""
+    ends = np.array([guess.R_instr_base, guess.R_ee_target])
+    # The trace of a rotation's matrix is 1 + 2 cos(angle).
+    traces = np.sum(ends * np.array(start), axis=(1, 2))
+    return bool(traces.min() > 1.0 + 2.0 * np.cos(_SAME_RAD))
+
+
 def _by_positions(problem: TargetProblem) -> list[Array]:
     """Return rotations of the base to start from, by positions; none if they span no plane."""
     root = problem.root_weight[:, None]
@@ -357,16 +377,18 @@ def _by_positions(problem: TargetProblem) -> list[Array]:
         return []
     stated = problem.in_base(problem.p_ee_stated_m)
     stated = root * (stated - np.average(stated, axis=0, weights=root[:, 0] ** 2))
-    turns = [nearest_rotation(off.T @ stated)]
     # x = S (p - mean) + s - R_base p_ee, linear in S (nine), s and the places.
-    of_S = np.kron(off[:, None, :], np.eye(3)).reshape(-1, 9)
-    of_s = np.kron(root, np.eye(3))
-    of_places = (-root[..., None] * problem.by_places).reshape(len(of_s), -1)
+    by_unknowns = np.zeros((len(off), 3, 12 + problem.p_ee_stated_m.size))
+    for row in range(3):
+        by_unknowns[:, row, row:9:3] = off
+        by_unknowns[:, row, 9 + row] = root[:, 0]
+    by_unknowns[:, :, 12:] = -root[..., None] * problem.by_places
     x_base_m = (root * problem.p_base_m[problem.seen[0]]).ravel()
-    solved = np.linalg.lstsq(np.hstack([of_S, of_s, of_places]), x_base_m, rcond=1e-9)[0]
+    rows = by_unknowns.reshape(len(x_base_m), -1)
+    solved = np.linalg.lstsq(rows, x_base_m, rcond=1e-9)[0]
     # The nine go by columns of S, the inverse of the base's rotation.
-    turns.append(nearest_rotation(np.asarray(solved[:9].reshape(3, 3), dtype=np.float64)))
-    return turns
+    by_equations = np.asarray(solved[:9].reshape(3, 3), dtype=np.float64)
+    return [nearest_rotation(by_equations), nearest_rotation(off.T @ stated)]
 
 
 def _by_kronecker(problem: TargetProblem, R_cmm: Array) -> Array:

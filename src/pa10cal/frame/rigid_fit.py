@@ -53,8 +53,12 @@ def by_small_motion(arms: Array) -> Array:
         arms: (..., 3) way to the points from where it turns about.
     """
     by_motion = np.zeros((*arms.shape, 6))
-    by_motion[..., :3] = np.eye(3)
-    by_motion[..., 3:] = -cross_matrix(arms)
+    x, y, z = arms[..., 0], arms[..., 1], arms[..., 2]
+    for axis in range(3):
+        by_motion[..., axis, axis] = 1.0
+    by_motion[..., 0, 4], by_motion[..., 0, 5] = z, -y
+    by_motion[..., 1, 3], by_motion[..., 1, 5] = -z, x
+    by_motion[..., 2, 3], by_motion[..., 2, 4] = y, -x
     return by_motion
 
 

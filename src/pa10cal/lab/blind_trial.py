@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from pa10cal.lab.cell.measured_trials import SUBJECTS
 from pa10cal.results import trials as results
 from pa10cal.results.discovery import FoundEffect
 from pa10cal.results.record import Name
@@ -25,8 +26,8 @@ _CYCLES = {"third_harmonic": 3.0}
 #: How trials are measured: in which no pose is repeated; with stressors and faults in the raw
 #: files; of sensors and gears that err.
 TRACKED, WILD, DRIVES = "tracked", "wild", "drives"
-#: Kinds of trials: what no name covers; of wild ones, those that are as measured robots come.
-OUTSIDE, UNSTATED, SORTED = "outside", "unstated_masses", "sorted_rows"
+#: The kind of trials that hide what no name covers.
+OUTSIDE = "outside"
 SENSOR, GEAR = "sensor_error", "gear_error"
 #: Root mean square over mean of the length of a vector with independent, equal normal components.
 _RMS_OVER_MEAN = float(np.sqrt(3.0 * np.pi / 8.0))
@@ -317,7 +318,7 @@ class BlindTrial:
         """Return whether `none` is said where something large is wrong, untold."""
         if self.verdict is None or self.verdict.word != "none":
             return False
-        if self.kind in (UNSTATED, SORTED):
+        if self.kind in SUBJECTS:
             return any((self.ratio(each) or 0.0) >= LIMIT for each in self.hidden)
         untold = any(self.matters(each) and not self.is_told(each) for each in self.put_in)
         return untold or self.hides_much()

@@ -28,7 +28,7 @@ from pa10cal.errors import Pa10calError, SettingsError
 from pa10cal.evaluation.options import ChainOptions, EvaluationOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import models_of
-from pa10cal.lab.blind_trial import DRIVES, SORTED, TRACKED, UNSTATED, WILD
+from pa10cal.lab.blind_trial import DRIVES, TRACKED, WILD
 from pa10cal.lab.cell.campaign import (
     SimulatedCampaign,
     measure_campaign,
@@ -37,6 +37,7 @@ from pa10cal.lab.cell.campaign import (
 )
 from pa10cal.lab.cell.disturbances import DISTURBANCES
 from pa10cal.lab.cell.effects.vocabulary import make_effects
+from pa10cal.lab.cell.measured_trials import SUBJECTS
 from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.lab.cell.scenario import Trial
 from pa10cal.lab.cell.trials import DRIVE_KINDS, WILD_KINDS, campaigns_of, draw_trials
@@ -193,7 +194,7 @@ def _truth(
 
     if trial.kind in DRIVE_KINDS:
         measured = DRIVES
-    elif trial.kind in (UNSTATED, SORTED):
+    elif trial.kind in SUBJECTS:
         whole, *others = (simulate_campaign(trial.name, arm, each) for each in (settings, *twins))
         left = after_geometry(whole, others)
         moved_mm, apart_mm, noise_mm = left.moved_mm, left.apart_mm, left.noise_mm

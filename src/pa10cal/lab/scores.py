@@ -32,12 +32,11 @@ from pa10cal.lab.blind_trial import (
     LINE,
     MAP,
     OUTSIDE,
-    SORTED,
     TRACKED,
-    UNSTATED,
     WILD,
     BlindTrial,
 )
+from pa10cal.lab.cell.measured_trials import SORTED, SUBJECTS, UNSTATED
 from pa10cal.results import trials as results
 from pa10cal.results.discovery import FoundEffect
 
@@ -290,7 +289,7 @@ def _outcomes(t: BlindTrial) -> Iterator[tuple[str, Mapping[str, int]]]:
         if t.kind in ("single", OUTSIDE):
             yield t.hidden[0].id, {t.outcome(t.hidden[0]): 1}
     else:
-        as_measured, own = t.kind in (UNSTATED, SORTED), t.without_springs()
+        as_measured, own = t.kind in SUBJECTS, t.without_springs()
         by_effect = as_measured or t.kind in ("effect", "beyond")
         sound = t.kind in ("effect", "right", "stressed")
         false_name = own.extra() > 0 if sound else own.is_confidently_wrong(CHECK)

@@ -200,10 +200,10 @@ def solve_normal(normal: Array, right: Array, damping: float = 0.0) -> Array:
     """
     if not len(right):
         return np.zeros(0)
-    size = np.sqrt(np.diag(normal))
+    size = np.sqrt(normal.diagonal())
     size[size == 0.0] = 1.0
-    unit = normal / np.outer(size, size)
-    unit[np.diag_indices_from(unit)] += damping
+    unit = normal / (size[:, None] * size)
+    unit.flat[:: len(size) + 1] += damping
     _, solved, failed = dposv(unit, right / size)
     if failed:
         values, vectors = np.linalg.eigh(unit)

@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from pa10cal.results.record import Key, Numbers, ParameterKey, Part, Shape, optional
 

@@ -58,7 +58,7 @@ class WeightStated(TorqueOnly, LogFault):
     of_calculated: bool  # whether torques were calculated
 
     @property
-    def carried(self) -> bool:
+    def acts_on_joint(self) -> bool:
         """Return whether the joints are known to carry it, by their log."""
         return not self.of_calculated
 
@@ -97,7 +97,8 @@ class LoadStated(WeightStated):
         true_N, std_N = self.load_N * (1.0 + x[0]), self.load_N * std[0]
         return FaultText(
             f"load_N = {self.load_N:g}",
-            f"the load stated as {self.load_N:g} N seems to be {true_N:.1f} ± {HALF_WIDTH_95 * std_N:.1f} N",
+            f"the load stated as {self.load_N:g} N seems to be {true_N:.1f} ± "
+            f"{HALF_WIDTH_95 * std_N:.1f} N",
             "weigh the load, and correct load_N in its rows",
         )
 
@@ -137,7 +138,8 @@ class ToolStated(WeightStated):
         return FaultText(
             "tool.mass_kg, tool.com_mm",
             f"the tool stated as {self.tool_kg:.3g} kg seems to be {true_kg:.3g} ± "
-            f"{HALF_WIDTH_95 * std[0]:.1g} kg, its centre {off_mm[axis]:+.0f} mm along {'xyz'[axis]}",
+            f"{HALF_WIDTH_95 * std[0]:.1g} kg, its centre {off_mm[axis]:+.0f} mm along "
+            f"{'xyz'[axis]}",
             "weigh the tool, and correct its mass and centre in campaign.yaml",
         )
 

@@ -68,9 +68,7 @@ class Model:
         T, screws = end_pose_and_screws(self.chain, self.chain_coordinates(states, x))
         return PoseJacobian(
             T,
-            lambda: self.jacobian_at(
-                states, x, EndPose(T, screws(self._moved_columns(self.terms)))
-            ),
+            lambda: self.jacobian_at(states, x, EndPose(T, screws(self._own_columns))),
         )
 
     def jacobian_at(
@@ -95,7 +93,7 @@ class Model:
             jacobian[:, :, columns] = found
         return jacobian
 
-    def places_of(self, *terms: Term) -> Index:
+    def parameter_indices(self, *terms: Term) -> Index:
         """Return where the parameters of some terms are in x, term by term."""
         every = np.arange(len(self.parameters))
         return np.concatenate([every[:0], *(every[self.columns_of(term)] for term in terms)])
@@ -132,7 +130,7 @@ class Model:
         x: Array,
     ) -> Iterator[Array]:
         """Yield the derivative of the pose by the parameters of terms, each (P, 6, k')."""
-        carried = self.carried(states, x)
+        carried = self.with_joint_torques(states, x)
         yielding = [term.joint - 1 for term, _ in self._yielding]
         by_torque: Array | None = None
         for term, point in zip(terms, points, strict=True):
@@ -141,12 +139,9 @@ class Model:
                 by_parameter = term.derivative(carried, point)
             else:
                 by_parameter = self.kept.derivative(term, carried, point)
-            unit = identity(by_parameter.shape[2])
-            if len(by_parameter) == 1 and np.array_equal(by_parameter[0], unit):
-                found = screws
-            else:
-                found = screws @ by_parameter
-            if yielding and shows_torque(term) and not term.carried:
+            plain = by_parameter.base is identity(by_parameter.shape[2])  # offsets, mostly
+            found = screws if plain else screws @ by_parameter
+            if yielding and shows_torque(term) and not term.acts_on_joint:
                 if by_torque is None:  # how the pose follows the torques of joints that yield
                     turned = [
                         end.screws[:, :, self.chain.columns(soft.coordinates)[0]]
@@ -157,12 +152,13 @@ class Model:
                 found = found - by_torque @ term.torque_derivative(states, point)[:, yielding]
             yield found
 
-    def carried(self, states: PoseStates, x: Array) -> PoseStates:
+    def with_joint_torques(self, states: PoseStates, x: Array) -> PoseStates:
         """Return the states with the torques that the joints carry, in place of those logged."""
         false_Nm = [
             term.torque_Nm(states, x[columns])
             for term, columns in self._slices
-            if shows_torque(term) and not term.carried  # it shows in the log and not in the joints
+            if shows_torque(term)
+            and not term.acts_on_joint  # it shows in the log and not in the joints
         ]
         return replace(states, tau_Nm=states.tau_Nm - sum(false_Nm)) if false_Nm else states
 
@@ -199,7 +195,7 @@ class Model:
     def chain_coordinates(self, states: PoseStates, x: Array) -> Array:
         """Return the chain coordinates (P, m) that the terms lead to."""
         coordinates = self.chain.coordinates(states.q_rad)
-        carried = self.carried(states, x)
+        carried = self.with_joint_torques(states, x)
         for term, columns in self._slices:
             if self.kept is None:
                 shift = term.shift(carried, x[columns])
@@ -207,6 +203,10 @@ class Model:
                 shift = self.kept.shift(term, carried, x[columns])
             coordinates[:, self.chain.columns(term.coordinates)] += shift
         return coordinates
+
+    @cached_property
+    def _own_columns(self) -> list[int]:
+        return self._moved_columns(self.terms)
 
     def _moved_columns(self, terms: Sequence[Term]) -> list[int]:
         names = {name for term in terms for name in term.coordinates}

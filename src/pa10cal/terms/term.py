@@ -93,7 +93,7 @@ class TorqueTerm(Term, Protocol):
     """A term that shows in the logged torques."""
 
     @property
-    def carried(self) -> bool:
+    def acts_on_joint(self) -> bool:
         """Return whether the joint carries that torque; else only the log shows it."""
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
@@ -116,7 +116,7 @@ def shows_torque(term: Term) -> TypeGuard[TorqueTerm]:
 def falsifies_log(term: Term) -> bool:
     """Return whether a term shows in a log of torques alone, and moves no robot."""
     of_calculated = getattr(term, "of_calculated", False)
-    return shows_torque(term) and not term.carried and not of_calculated
+    return shows_torque(term) and not term.acts_on_joint and not of_calculated
 
 
 def report_as_solved(parameters: tuple[TermParameter, ...], x: Array) -> Report:
@@ -297,8 +297,8 @@ class FixedTorque(Fixed):
     term: TorqueTerm  # the term, whose effect on torques is kept too
 
     @property
-    def carried(self) -> bool:
-        return self.term.carried
+    def acts_on_joint(self) -> bool:
+        return self.term.acts_on_joint
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
         return self.term.torque_Nm(states, self.x_term)

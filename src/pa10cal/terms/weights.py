@@ -57,7 +57,7 @@ class Weights(TorqueOnly):
     by_held: tuple[float, ...] = field(default=(), metadata={OPTIONAL: True})
     id: ClassVar[str] = "weights"
     of: ClassVar[str] = "arm"
-    carried: ClassVar[bool] = False  # calculated torques do not have it
+    acts_on_joint: ClassVar[bool] = False  # calculated torques do not have it
     #: Whether calculated torques alone are off by it: it plays a part wherever they are predicted.
     of_calculated: ClassVar[bool] = True
 

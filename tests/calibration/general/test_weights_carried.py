@@ -107,7 +107,7 @@ def test_logged_torques_have_all_weights_in_them(found):
     poses = measured(on_springs(SECOND, OF_ARM), SECOND, 6)
     true = on_springs(SECOND, OF_ARM)
     loaded, _ = with_torques(true.model, true.x, poses.states, SECOND)
-    logged_Nm = true.model.carried(loaded, true.x).tau_Nm
+    logged_Nm = true.model.with_joint_torques(loaded, true.x).tau_Nm
     poses = poses.with_states(replace(poses.states, tau_Nm=logged_Nm))
     carried = with_tool_of(first, SECOND, logged=True)
     assert not any(term.id == "weights" for term in carried.model.terms)

@@ -138,7 +138,7 @@ def test_terms_are_what_the_model_takes_them_for(context):
         "soft_windup",
         "windup_map",
     }
-    carried = {e.id: e.carried for e in known if shows_torque(e)}
+    carried = {e.id: e.acts_on_joint for e in known if shows_torque(e)}
     assert carried == {"friction_torque": False, "torque_gain": False, "torque_map": True}
 
 

@@ -96,7 +96,9 @@ def test_springs_see_the_torque_without_friction_and_gain(at, arm, states):
     springs_x = [term.solved(2e4, 1e7) for term in spring]
     x = np.concatenate([*springs_x, solved(friction, tau_c=4.0), solved(gain, g=0.06)])
     model = Model(Chain.of(arm), (*spring, friction, gain))
-    np.testing.assert_allclose(model.carried(logged, x).tau_Nm, states.tau_Nm, atol=1e-12)
+    np.testing.assert_allclose(
+        model.with_joint_torques(logged, x).tau_Nm, states.tau_Nm, atol=1e-12
+    )
     np.testing.assert_allclose(
         model.torque_Nm(logged, x), logged_Nm - states.tau_Nm, rtol=1e-9, atol=1e-12
     )

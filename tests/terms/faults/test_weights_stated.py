@@ -53,8 +53,8 @@ def test_a_load_stated_too_small_is_held_in_its_own_poses():
     np.testing.assert_allclose(logged.torque_Nm(found(), np.array([0.1])), held_Nm, atol=1e-12)
     _, calculated = of(LoadStated, torques="masses")
     np.testing.assert_allclose(calculated.torque_Nm(found(), np.array([0.1])), -held_Nm, atol=1e-12)
-    assert logged.carried
-    assert not calculated.carried
+    assert logged.acts_on_joint
+    assert not calculated.acts_on_joint
 
 
 def test_a_tool_stated_wrongly_is_held_everywhere():

@@ -111,10 +111,14 @@ def calibrate_general(
         unknowns = replace(unknowns, links=unknowns.links.only(of_links - settled.keys()))
         terms = (unknowns.links, *problem.model.terms[1:])
         problem = replace(problem, model=Model(problem.model.chain, terms))
-        x_start, found = found.x[kept], found.without_rows()
+        # Where the others go with the tilts at zero, to first order.
+        covariance = found.covariance[np.ix_(~kept, ~kept)]
+        follow = found.covariance[np.ix_(kept, ~kept)] @ np.linalg.inv(covariance)
+        about, x_start = found.x[kept], found.x[kept] - follow @ found.x[~kept]
+        found = found.without_rows()
         if by_masses:
             problem = _weighed(problem, x_start, unweighed, payload)
-        fewer = fitted(problem, x_start)
+        fewer = fitted(problem, x_start, scatter_start=found.scatter, about=about)
         # That they are zero is not known: what the others are known to is what it was with them.
         found = replace(fewer, covariance=found.covariance[np.ix_(kept, kept)])
     if by_masses:

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtri
 
-from pa10cal.arrays import Array
-from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, identify
+from pa10cal.arrays import Array, Mask
+from pa10cal.fit.identifiability import NULL_RATIO, Identifiability
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
@@ -26,6 +26,8 @@ from pa10cal.terms.weights import Weights
 _ARRIVED = 1e-4
 #: ... and so does one that leads nowhere if it is this small.
 _NEARLY = 1e-3
+#: A point from which the next step is this small is where it leads.
+_THERE = 1e-5
 #: Weights that nobody stated and springs make a curved valley, along which stiffness and weights
 #: change and no prediction does: there steps a little longer than these end the search.
 _ALONG_A_VALLEY = 200.0
@@ -76,6 +78,7 @@ def fit(
     robust: bool = True,
     max_iterations: int = 50,
     scatter_start: dict[str, float] | None = None,
+    about: Array | None = None,
     expected: GaussianPrior | None = None,
 ) -> GeneralSolution:
     """Fit the general model.
@@ -83,9 +86,10 @@ def fit(
     Args:
         x_start: (k,) where to set out.
         scatter_start: scatter of each kind to set out with [m, rad]; None for that at the start.
+        about: (k,) where unknowns are within their reach; None for where it sets out.
         expected: what is known of the first unknowns before any reading; None for nothing.
     """
-    span = _Span.about(problem, x_start, expected)
+    span = _Span.about(problem, x_start if about is None else about, expected)
     start = span.bounds.clip(x_start)
     weighting = _WeightedProblem(problem, span, robust, start, scatter_start)
     found = minimise(
@@ -109,10 +113,7 @@ def fit(
     root = np.linalg.inv(np.linalg.qr(np.concatenate([triangle, span.rows])[:, free], mode="r"))
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(free, free)] = root @ root.T
-    gradient = found.equations.gradient[free]
-    step = solve_normal(found.equations.normal[np.ix_(free, free)], gradient)
-    # The length of the next step, in standard uncertainties.
-    length = np.sqrt(max(0.0, float(gradient @ step)) / max(1, len(gradient)))
+    length = _step_ahead(found.equations, free)
     return GeneralSolution(
         x=x,
         at_bound=held,
@@ -131,6 +132,13 @@ def fit(
         reason=found.reason,
         widening=scatter.widening,
     )
+
+
+def _step_ahead(here: Equations, free: Mask) -> float:
+    """Return the length of the next step of those that are free, in standard uncertainties."""
+    gradient = here.gradient[free]
+    step = solve_normal(here.normal[free][:, free], gradient)
+    return float(np.sqrt(max(0.0, float(gradient @ step)) / max(1, len(gradient))))
 
 
 def reach_of(problem: Problem) -> Array:
@@ -189,10 +197,13 @@ class _WeightedProblem:
         rows = self.rows(start)
         first = first_scatter(problem, rows)
         self.scatter = first if scatter is None else replace(first, size=scatter)
-        self.weighted = weighted_rows(problem, rows, self.scatter, robust)
         self._before = self.scatter
-        self._length = np.inf
+        self._length = self._ahead = np.inf
         self._settled = self._turns = False
+        if scatter is None:
+            self.weighted = weighted_rows(problem, rows, self.scatter, robust)
+        else:
+            self._renew(start)
         valley = any(isinstance(t, Weights) and t.held is not None for t in problem.model.terms)
         #: How much longer than usual the last step may be.
         self.patience = _ALONG_A_VALLEY if valley else 1.0
@@ -223,6 +234,15 @@ class _WeightedProblem:
         return float(np.sum(white**2) + self._span.pull(x)[0])
 
     def renewed(self, x: Array, taken: Step) -> Equations:
+        """Renew scatter and weights about a point that a step led to."""
+        self._renew(x)
+        gained = max(0.0, -float(taken.before.gradient @ taken.step))
+        self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
+        here = self.equations(x)
+        self._ahead = _step_ahead(here, ~self._span.bounds.held(x, here.gradient))
+        return here
+
+    def _renew(self, x: Array) -> None:
         """Renew scatter and weights about a point."""
         problem, span, rows = self._problem, self._span, self.rows(x)
         weighted = self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
@@ -236,15 +256,14 @@ class _WeightedProblem:
         self._turns |= not self._settled and found.is_about(self._before)
         self._before = self.scatter
         self.scatter = found.halfway(self.scatter) if self._turns else found
-        self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
-        gained = max(0.0, -float(taken.before.gradient @ taken.step))
-        self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
-        return self.equations(x)
+        if self.scatter.size != self._before.size:
+            self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
 
     def arrived(self, x: Array, taken: Step) -> bool:
         """Return whether step and weights have converged."""
         del x, taken
-        return bool(self._length < _ARRIVED * self.patience and self._settled)
+        near = self._length < _ARRIVED * self.patience or self._ahead < _THERE
+        return bool(near and self._settled)
 
 
 def _identified(rows: Array, scale: Array, reach: Array, known: int) -> Identifiability:
@@ -253,8 +272,9 @@ def _identified(rows: Array, scale: Array, reach: Array, known: int) -> Identifi
     Of the first unknowns so many are known before; the others are identified by what readings say
     beyond these. A null direction counts for those unknowns whose uncertainty it mostly causes.
     """
-    triangle: Array = np.asarray(np.linalg.qr(rows, mode="r"))
-    values = identify(triangle, scale).singular_values
+    triangle = np.asarray(np.linalg.qr(rows, mode="r")) if known else rows
+    values = np.zeros(len(scale))
+    values[: len(triangle)] = np.linalg.svd(triangle * scale, compute_uv=False)
     reach_of_others, others = reach[known:], slice(known, None)
     beyond: Array = triangle[known:, known:] * reach_of_others
     _, found, right = np.linalg.svd(beyond)

@@ -106,7 +106,7 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     from_: list[int] = []
     sizes: list[float] = []
     for term in model.model.terms:
-        columns = model.model.places_of(term).tolist()
+        columns = model.model.parameter_indices(term).tolist()
         if isinstance(term, ArrivalError):
             term, columns = ArrivalError(term.of), [-1]
         elif not of_arm(term):
@@ -380,7 +380,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     )
     arm_terms = [term for term in model.model.terms if not (is_tool(term) or OF in term.of)]
     known = [fixed(term, model.values_of(term)) for term in arm_terms]
-    of_arm = model.model.places_of(*arm_terms)
+    of_arm = model.model.parameter_indices(*arm_terms)
     chain = model.model.chain
     ends_s = pairwise((*sorted(cuts_s), float("inf")))  # of every part but the first
     parts = (
@@ -452,7 +452,7 @@ def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> 
     for term in model.model.terms:
         if payload is None or not isinstance(term, Weights):
             continue
-        columns = model.model.places_of(term)
+        columns = model.model.parameter_indices(term)
         before = None if model.payload is None else weight_sizes(model.arm, model.payload)
         kept, left = _of_link(term, before, weight_sizes(model.arm, payload), payload)
         x[columns] *= kept

@@ -229,7 +229,7 @@ class PeriodicError(JointHarmonic):
 class FalseTorque(JointTorqueOnly, JointEffect):
     """A single parameter by which the logged torque of one joint is off; no joint carries it."""
 
-    carried = False
+    acts_on_joint = False
 
 
 @dataclass(frozen=True)

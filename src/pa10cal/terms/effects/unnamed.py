@@ -84,7 +84,7 @@ class TorqueMap(JointTorqueOnly, JointEffect):
     rated_Nm: float  # rated torque of the joint
     id = "torque_map"
     words = "tau_{0.joint} += Legendre polynomials 1 to {0.degrees} of q_{0.joint}"
-    carried = True
+    acts_on_joint = True
     generic = True
     degrees = 4
 

@@ -319,7 +319,7 @@ class AngleForm(Form):
 class PullForm(JointTorqueOnly, Form):
     """The joint carries, beyond the weights, a torque of a short form."""
 
-    carried = True
+    acts_on_joint = True
     shapes: ClassVar[Mapping[str, FormShape]] = {
         "pull": FormShape(
             "tau_{j} += k (q_{j} - q0)",
