@@ -13,7 +13,12 @@ from hypothesis import strategies as st
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.curve.options import CurveOptions
 from pa10cal.errors import SettingsError
-from pa10cal.evaluation.options import ChainOptions, PictureOptions
+from pa10cal.evaluation.options import (
+    OUTSIDE_STUDIES,
+    TRIAL_STUDIES,
+    ChainOptions,
+    PictureOptions,
+)
 from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.options import MonteCarloOptions, Section
 from pa10cal.settings import Settings, parse_settings
@@ -226,3 +231,12 @@ def test_every_field_says_what_it_means(section):
         if not field.description
     ]
     assert not silent
+
+
+@pytest.mark.parametrize(
+    "study",
+    [*TRIAL_STUDIES, *OUTSIDE_STUDIES, "blind_trials_distance", "wild_trials_outside", "curve"],
+)
+def test_a_campaign_cannot_have_the_name_of_a_folder_of_results(study):
+    with pytest.raises(SettingsError, match=f"campaigns.0.*none of.* {study}"):
+        parse_settings({"campaigns": [study]}, where="config.yaml")

@@ -30,16 +30,13 @@ from pa10cal.settings_reading import parse_section
 
 #: Folders of `results_dir` that are no campaign's.
 RESERVED = (
-    "blind_trials",
-    "blind_trials_reduced",
-    "blind_trials_tracked",
     "curve",
     "datasets",
-    "drive_trials",
     "fleet",
     "measured",
     "simulated",
-    "wild_trials",
+    *options.TRIAL_STUDIES,
+    *options.OUTSIDE_STUDIES,
 )
 
 

@@ -184,6 +184,14 @@ def test_holds_out_whole_poses_where_the_rows_do_not_say_it(tracked, rule, held_
     assert "no line_x rows" in ingested.notes
 
 
+def test_refuses_to_hold_out_all_poses(tracked):
+    tracked.description["holdout"] = {"last_fraction": 0.99}
+    tracked.poses[:] = [line.replace("holdout,", "grid,", 1) for line in tracked.poses]
+    says = r"holdout.last_fraction: all poses are held out.*got 0.99.*last_fraction: 0.3"
+    with pytest.raises(Pa10calError, match=says):
+        ingest(tracked)
+
+
 def test_refuses_two_statements_of_what_is_held_out(tracked):
     tracked.description["holdout"] = {"every": 3}
     with pytest.raises(Pa10calError, match=r"holdout: .*both here and in the rows"):

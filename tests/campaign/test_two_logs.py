@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from made_up_two_logs import JOINTS, two_logs
+from made_up_two_logs import JOINTS, PLACE, two_logs
 from pa10cal.__main__ import main
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
@@ -100,17 +100,74 @@ def described():
     }
 
 
-def test_rows_that_belong_together_are_joined_by_row(tmp_path):
-    logs = two_logs(tmp_path, 5, dense=False)
-    logs.joints, logs.readings = (
-        table.drop(columns=table.columns[0]) for table in (logs.joints, logs.readings)
-    )
-    folder = tmp_path / "mine"
+def read_with(tmp_path, logs, of_readings=(), **of_joints):
+    """Read two logs with further columns mapped."""
+    folder, content = tmp_path / "mine", described()
     logs.write(folder)
-    (folder / "campaign.yaml").write_text(yaml.safe_dump(described()))
-    found = read_campaign(folder)
+    content["columns"]["joints"] |= of_joints
+    content["columns"]["readings"] |= dict(of_readings)
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(content))
+    return read_campaign(folder)
+
+
+@pytest.mark.parametrize("time_of_joints", [False, True])
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_rows_that_belong_together_are_joined_by_row(tmp_path, time_of_joints, shuffled):
+    """In the order of the files, even where the joints have times that are in another."""
+    logs = two_logs(tmp_path, 5, dense=False)
+    order = np.arange(len(logs.q_rad))
+    order = np.random.default_rng(0).permutation(order) if shuffled else order
+    shown = slice(None) if time_of_joints else order  # readings go by time
+    p_mm = logs.readings[PLACE].to_numpy()[shown]
+    logs.joints, logs.readings = (table.iloc[order] for table in (logs.joints, logs.readings))
+    logs.readings = logs.readings.drop(columns="Zeitstempel")
+    timed = {"time": {"names": "Zeit [s]"}} if time_of_joints else {}
+    found = read_with(tmp_path, logs, **timed)
     assert any("joined by row" in note for note in found.notes)
-    np.testing.assert_allclose(found.observations.states.q_rad, logs.q_rad, atol=2e-4)
+    np.testing.assert_allclose(found.observations.states.q_rad, logs.q_rad[shown], atol=2e-4)
+    np.testing.assert_allclose(1e3 * found.observations.measured.places_m[:, 0], p_mm)
+    assert found.warnings == ()
+
+
+TORQUES, U, U_TORQUES = ([f"{name}{k}" for k in range(1, 7)] for name in ("M", "u", "uM"))
+
+
+def test_uncertainties_that_the_log_of_joints_states_are_read(tmp_path):
+    logs = two_logs(tmp_path, 5, dense=False)
+    logs.joints[TORQUES], logs.joints[U], logs.joints[U_TORQUES] = 5.0, 0.004, 0.2
+    logs.joints = logs.joints.astype({"uM1": object})
+    logs.joints.loc[3, "u2"], logs.joints.loc[4, "uM1"] = 0.0, "?"  # not stated; not a number
+    logs.readings = logs.readings.drop(columns="Zeitstempel").drop(index=4)
+    joints = {"names": JOINTS, "u": U}
+    found = read_with(tmp_path, logs, joints=joints, torques={"names": TORQUES, "u": U_TORQUES})
+    assert found.quarantined[0].value == "uM1 = '?'"
+    log = found.observations.log
+    expected = np.full((39, 6), np.radians(0.004))
+    expected[3, 1] = np.nan
+    np.testing.assert_allclose(log.q_u, expected)
+    np.testing.assert_allclose(log.tau_u, 0.2)
+    assert set(log.samples) == {1}
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_dwells_of_a_dense_log_have_uncertainties(tmp_path, stated):
+    """Those stated, else from the scatter, which a read-back without any does not show."""
+    logs = two_logs(tmp_path, 0, noise_deg=0.0)
+    count = len(logs.joints)
+    logs.joints[TORQUES] = 5.0 + np.random.default_rng(0).normal(0.0, 0.5, (count, 6))
+    logs.joints[U_TORQUES] = 0.2
+    torques = {"names": TORQUES, **({"u": U_TORQUES} if stated else {})}
+    stamps = {"names": "Zeitstempel", "format": "%d.%m.%Y %H:%M:%S.%f"}
+    found = read_with(tmp_path, logs, {"time": stamps}, time={"names": "Zeit [s]"}, torques=torques)
+    assert found.quarantined == ()
+    log = found.observations.log
+    assert log.samples.min() > 1
+    assert np.isnan(log.q_u).all()
+    scatter = 0.5 / np.sqrt(log.samples)[:, None]
+    if stated:
+        np.testing.assert_allclose(log.tau_u, 0.2)
+    else:
+        assert np.median(log.tau_u / scatter) == pytest.approx(1.0, rel=0.1)
 
 
 def test_labels_join_whatever_the_order(tmp_path, proposed):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from made_up_model import fitted, postures, vocabulary
 from pa10cal.arm.chain import Chain
@@ -216,12 +217,17 @@ def test_no_pose_is_no_fault():
     assert len(model.compensate(np.zeros((0, 4, 4)))) == 0
 
 
+TRANSPOSED = np.stack([np.eye(4), np.eye(4)])
+TRANSPOSED[1, 3, 0] = 0.5
+
+
 @pytest.mark.parametrize(
     ("T", "more", "message"),
     [
         (np.eye(3), {}, "not a pose"),
         (np.diag([1.0, 1.0, -1.0, 1.0]), {}, r"T\[0\]: not a pose"),
         (np.full((1, 4, 4), np.nan), {}, r"T\[0\]: not a pose"),
+        (TRANSPOSED, {}, r"T\[1\]: not a pose.*last row 0, 0, 0, 1;.*transposed"),
         (np.eye(4), {"seed": np.zeros(5)}, "seeds of another arm"),
         (np.eye(4), {"frame": "tol"}, "unknown frame.*flange, tool"),
         (np.eye(4), {"load_N": -1.0}, "does not know this load"),
@@ -262,6 +268,21 @@ def test_where_the_model_falls_back_the_commands_are_those_of_what_it_falls_back
     np.testing.assert_allclose(found.q, q, atol=1e-8)
     np.testing.assert_array_equal(found.inside, model.predict(q).inside)
     assert set(found.status) == {"ok"}
+
+
+def test_an_orientation_out_of_reach_is_so_where_the_model_falls_back_too():
+    model = fitted("gx4_351s", 16, links)
+    without = replace(model.nominal(), T_instr_base=np.eye(4))
+    held = AngleCoverage((np.array([[-9.0, 9.0]]),) * 4, (False,) * 4)
+    q = regular(model, postures(model.arm, 17, 6))
+    T = model.predict(q).T
+    falls_back = replace(model, falls_back=FallBack(held, without))
+    assert set(falls_back.compensate(T, seed=q).status) == {"ok"}
+    T[:, :3, :3] = Rotation.from_euler("x", 30.0, degrees=True).as_matrix() @ T[:, :3, :3]
+    for tilted in (model, falls_back):
+        found = tilted.compensate(T, seed=q)
+        assert set(found.status) == {"unreachable"}
+        np.testing.assert_allclose(found.error_deg, 30.0, atol=1.2)
 
 
 TCP = np.array([[0.0, 0.0, 1.0, 0.1], [0.0, 1.0, 0.0, 0.02], [-1.0, 0.0, 0.0, 0.2], [0, 0, 0, 1]])

@@ -65,8 +65,9 @@ def test_grid_without_points(pa10_chain, reference):
 
 
 def test_too_fine_a_grid_is_refused(pa10_chain, reference):
-    with pytest.raises(SettingsError, match=r"map_spacing_mm.*too fine.*at least 12\.0"):
+    with pytest.raises(SettingsError, match=r"map_spacing_mm.*too fine.*at least 12\.1 at"):
         grid_places(pa10_chain, reference, REACH, 1e-3)
+    assert grid_places(pa10_chain, reference, (0.849, 0.85), 12.1e-3).rejected >= 0
 
 
 def test_plane_out_of_reach_is_refused(pa10_chain):

@@ -16,6 +16,7 @@ from pa10cal.lab.cell.campaign import instrument_kinds, instrument_of, robot_of
 from pa10cal.lab.cell.instruments.instrument import Truth
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.observe.distance import Distance
+from pa10cal.observe.instrument import BaseTargets
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.points import Points
 from pa10cal.observe.pose import Pose
@@ -178,3 +179,11 @@ def test_targets_stand_in_the_order_of_their_names_not_of_their_columns():
     header = [f"{name}_{axis}_mm" for name in ("T10", "T2", "T1") for axis in "zyx"]
     columns = instruments()["points"].raw_columns(header)
     assert [names[0] for names in columns.targets] == ["T1_x_mm", "T2_x_mm", "T10_x_mm"]
+
+
+def test_a_target_on_the_tool_that_is_called_like_the_base_is_none_on_the_base():
+    names = ("base1", "base2", "base3")
+    base = BaseTargets.read(names, np.zeros((4, 3, 3)), np.full((4, 3, 3), 1e-5))
+    of_tool = {f"baseplate_{axis}_mm": np.ones(4) for axis in "xyz"}
+    back = BaseTargets.from_columns({**of_tool, **base.to_columns()}, None)
+    assert back.names == names

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from pa10cal.errors import Pa10calError, SettingsError
+from pa10cal.evaluation import options
 from pa10cal.evaluation.options import ChainOptions
 from pa10cal.fleet.campaigns import campaigns_of
 from pa10cal.planning.campaign import (
@@ -106,28 +107,17 @@ wildcard_constraints:
 # Studies of blind trials: what measures, and how many of each kind. The first of the full one are
 # part of the default target.
 TRIAL_STUDIES = {
-    "blind_trials": ("touched", dict(SETTINGS.blind_trials.full)),
-    "blind_trials_reduced": ("touched", dict(SETTINGS.blind_trials.reduced)),
-    "blind_trials_tracked": ("tracked", dict(SETTINGS.blind_trials.tracked)),
-    "wild_trials": ("wild", dict(SETTINGS.blind_trials.wild)),
-    "drive_trials": ("drives", dict(SETTINGS.blind_trials.drives)),
-    "blind_trials_unstated": ("wild", dict(SETTINGS.blind_trials.unstated)),
-    "blind_trials_sorted": ("wild", dict(SETTINGS.blind_trials.sorted_by_joint)),
+    study: (measured, dict(getattr(SETTINGS.blind_trials, counts)))
+    for study, (measured, counts) in options.TRIAL_STUDIES.items()
 }
 # The same of instruments that measure no attitude.
-REFLECTOR_STUDIES = {
-    f"blind_trials_{measured}": (measured, dict(SETTINGS.blind_trials.reflectors))
-    for measured in ("points_one", "points_three", "distance")
-}
-TRIAL_STUDIES |= REFLECTOR_STUDIES
+REFLECTOR_STUDIES = [
+    study for study, (_, counts) in options.TRIAL_STUDIES.items() if counts == "reflectors"
+]
 # Of the first, those alone that hide what no name covers.
 OUTSIDE_STUDIES = {
-    f"{study}_outside": (TRIAL_STUDIES[study][0], {kind: TRIAL_STUDIES[study][1][kind]})
-    for study, kind in (
-        ("blind_trials", "outside"),
-        ("blind_trials_tracked", "outside"),
-        ("wild_trials", "beyond"),
-    )
+    study: (TRIAL_STUDIES[whole][0], {kind: TRIAL_STUDIES[whole][1][kind]})
+    for study, (whole, kind) in options.OUTSIDE_STUDIES.items()
 }
 TRIAL_STUDIES |= OUTSIDE_STUDIES
 

@@ -105,7 +105,7 @@ RULES = (
     Rule("q[wxyz]", "rotation", "orientation of the target", _QUATERNION),
     Rule("d_mm", "distance", "distance"),
     Rule("([xyz])_mm", "position", r"\1 of the target"),
-    Rule(r"(base\w+)_([xyz])_mm", "targets", r"\2 of \1, on the base"),
+    Rule(r"(base\d+)_([xyz])_mm", "targets", r"\2 of \1, on the base"),
     Rule(r"(\w+)_([xyz])_mm", "targets", r"\2 of target \1"),
 )
 

@@ -221,6 +221,14 @@ def hold_out(every: Observations, rule: Holdout, where: str, places: Index) -> O
         chosen = order[rule.every - 1 :: rule.every]
     else:
         chosen = order[len(order) - round((rule.last_fraction or 0.0) * len(order)) :]
+    if 0 < len(order) == len(chosen):
+        raise RawDataError(
+            "all poses are held out, none is left to calibrate with",
+            where=f"{where}.last_fraction",
+            value=rule.last_fraction,
+            allowed=f"a part that leaves at least one of {len(order)} poses",
+            remedy="hold out fewer, such as last_fraction: 0.3",
+        )
     kind = every.kind.astype("U7")
     kind[grid & np.isin(places, np.asarray(chosen, dtype=np.intp))] = "holdout"
     return replace(every, kind=kind)

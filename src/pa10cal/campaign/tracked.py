@@ -175,14 +175,15 @@ def _read_poses(
     )
     values, u = raw.numbers_of(measured.names), uncertain(measured.names)
     base = base_targets(watched, raw.numbers_of(on_base), uncertain(on_base), stated.uncertainty_m)
-    samples = np.zeros(len(raw), dtype=np.int64)
+    # 0 where there is no log of the joints
+    samples = np.nan_to_num(raw.numbers_of(["dwell_samples"])[:, 0]).astype(np.int64)
     found = Observations(
         pose=raw.text_of("pose"),
         states=states,
         measured=instrument.from_raw(measured, values, u, stated),
         kind=raw.text_of("kind"),
         repeat=raw["repeat"],
-        readings=samples + 1,
+        readings=np.ones(len(raw), dtype=np.int64),
         log=JointLog(in_radians(uncertain(q), arm.prismatic), uncertain(tau), samples),
         base=base,
     )

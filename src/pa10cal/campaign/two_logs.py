@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -19,6 +19,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_target_names
+from pa10cal.campaign.bounds import LEAST_U
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
 from pa10cal.campaign.nominal_fit import (
     EXPECTED_SHIFTED_M,
@@ -91,7 +92,9 @@ class Stations:
 
 
 def find_dwells(samples: Samples, still_speed_deg_s: float) -> Stations:
-    """Find where all joints were slower than `ingest.still_speed_deg_s`: two samples long.
+    """Find dwells: at least two successive samples in which every joint is slower than allowed.
+
+    The limit is `ingest.still_speed_deg_s`.
 
     The direction of arrival is that of the last movement larger than noise: the sign of the dwell's
     mean position minus that of the latest sample of the approach that differs from it by more. The
@@ -306,6 +309,22 @@ def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
     return station.fillna(-1).to_numpy(dtype=np.intp)
 
 
+def _uncertainties(
+    logged: RawRows, stations: Stations, names: Sequence[str]
+) -> dict[str, NDArray[Any]]:
+    """Return the uncertainties (K,) of joint positions, and of torques where named, by column.
+
+    They are those that the log states, else what the samples of a dwell scatter by. Equal samples
+    of a coarse read-back show no scatter, which says nothing.
+    """
+    scatter = np.hstack([stations.q_u_deg, stations.tau_u_Nm])[:, : len(names)]
+    scatter = np.where(scatter >= LEAST_U, scatter, np.nan)
+    columns = [f"u_{name}" for name in names]
+    stated = pd.DataFrame(logged.numbers_of(columns)).groupby(stations.of_sample).mean()
+    mean = stated.reindex(range(len(stations))).to_numpy()
+    return dict(zip(columns, np.where(np.isfinite(mean), mean, scatter).T, strict=True))
+
+
 # Two files read as one: rows of the readings, each with the joints it was taken at.
 
 #: Why a reading has no joint positions, by what joins the two logs.
@@ -414,13 +433,13 @@ class TwoLogs:
             [name for name in optional if name not in of_joints],
         )
         logged, samples = self._joints_logged(q, together)
-        by, station, stations, note = self._joined(read, logged, samples)
+        station, stations, note = self._joined(read, logged, samples)
         at = np.maximum(station, 0)
         first = stations.first[at]
         columns, odd = dict(read.columns), dict(read.odd)
         columns |= zip(q, stations.q_deg[at].T, strict=True)
         further = dict(zip(together, stations.tau_Nm.T, strict=False))
-        further |= zip((f"u_{name}" for name in q), stations.q_u_deg.T, strict=True)
+        further |= _uncertainties(logged, stations, [*q, *together])
         for name, values in further.items():
             if name in (*together, *optional) and np.isfinite(values).any():
                 columns[name] = values[at]
@@ -440,6 +459,7 @@ class TwoLogs:
         if "time_s" in columns and np.nanmin(columns["time_s"], initial=np.inf) >= SINCE_1970:
             columns["time_s"] = columns["time_s"] - np.nanmin(columns["time_s"])
         columns |= {f"arrival{k}": v[at] for k, v in enumerate(stations.arrival.T, start=1)}
+        columns["dwell_samples"] = stations.samples[at]
         whole = replace(
             read,
             columns=columns,
@@ -450,7 +470,7 @@ class TwoLogs:
             own={**logged.own, **read.own},
             notes=(note,),
         )
-        return whole.take(station >= 0, NOT_JOINED[by])
+        return whole.take(station >= 0, NOT_JOINED[self._by])
 
     def _refuse_exchanged(self) -> None:
         """Stop when each of the two files has the columns that are mapped of the other."""
@@ -464,32 +484,36 @@ class TwoLogs:
             raise _refusal("exchanged", f"{self.joints.path}:1", ", ".join(headers[0]), *words)
 
     def _joints_logged(self, q: Sequence[str], together: Sequence[str]) -> tuple[RawRows, Samples]:
-        """Read the joints' log, in order of time where it has one."""
+        """Read the joints' log, in order of time where it is joined by time."""
         text = [name for name in LABELS if name in self.joints.names]
-        raw = self.joints.read([*q, *text], ["temperature_C"], together)
+        uncertain = [f"u_{name}" for name in (*q, *together)]
+        raw = self.joints.read([*q, *text], ["temperature_C", *uncertain], together)
         logged = [*q, *(name for name in together if name in raw.columns)]
         raw = raw.finite([*logged, *(["time_s"] if "time_s" in text else [])])
+        raw = raw.finite([name for name in uncertain if name in raw.columns], may_be_blank=True)
         if not len(raw):
             value = raw.quarantined[0].reason if raw.quarantined else None
             raise _refusal("no joints", self.joints.path, value)
         time_s = raw["time_s"] if "time_s" in text else np.arange(float(len(raw)))
-        order = np.argsort(time_s, kind="stable")
-        raw = raw.at(order)
+        if self._by == "time":
+            order = np.argsort(time_s, kind="stable")
+            raw, time_s = raw.at(order), time_s[order]
         tau_Nm = raw.numbers_of([f"tau{k}_Nm" for k in range(1, len(q) + 1)])
         temperature_C = raw.numbers_of(["temperature_C"])[:, 0]
-        return raw, Samples(raw.line, time_s[order], raw.numbers_of(q), tau_Nm, temperature_C)
+        return raw, Samples(raw.line, time_s, raw.numbers_of(q), tau_Nm, temperature_C)
+
+    @property
+    def _by(self) -> Literal["row", "label", "time"]:
+        """Return what joins the two: what campaign.yaml says, else labels, times or rows."""
+        both = set(self.joints.names) & set(self.readings.names)
+        stated = None if self.campaign.join is None else self.campaign.join.by
+        return stated or ("label" if "pose" in both else "time" if "time_s" in both else "row")
 
     def _joined(
         self, read: RawRows, logged: RawRows, samples: Samples
-    ) -> tuple[Literal["row", "label", "time"], Index, Stations, str]:
-        """Return by what the two are joined, the station of each reading, and how, in one clause.
-
-        They are joined by what campaign.yaml says, else by labels, times or rows.
-        """
-        join, count = self.campaign.join or Join(), len(read)
-        labelled = "pose" in read.columns and "pose" in logged.columns
-        timed = "time_s" in self.joints.names and "time_s" in self.readings.names
-        by = join.by or ("label" if labelled else "time" if timed else "row")
+    ) -> tuple[Index, Stations, str]:
+        """Return the station of each reading, the stations, and how they are joined, in words."""
+        join, count, by = self.campaign.join or Join(), len(read), self._by
         stations = stations_of(samples, count if by == "time" else len(samples), self.still_deg_s)
         fit = self._fit(read, stations)
         files = f"{self.joints.path.name} and {self.readings.path.name}"
@@ -508,7 +532,7 @@ class TwoLogs:
                 f"{offset_s:+.2f} s{u}; {inside} of {count} readings lie in "
                 f"{len(stations)} steady phases"
             )
-            return by, station, stations, note
+            return station, stations, note
         if by == "label":
             station = by_label(logged.text_of("pose"), read.text_of("pose"))
         else:
@@ -519,7 +543,7 @@ class TwoLogs:
         if by == "row" and count != len(stations):
             value = f"{count} readings and {len(stations)} rows of joints"
             raise _refusal("rows", self.readings.path, value)
-        return by, station, stations, f"{files} joined by {by}"
+        return station, stations, f"{files} joined by {by}"
 
     def _fit(self, read: RawRows, stations: Stations) -> Fit:
         """Return how far readings are from the nominal arm, base and target fitted."""

@@ -262,7 +262,7 @@ def _usage() -> str:
 
 
 def _summary(name: str) -> str:
-    """Return the first sentence of a command's docstring, without its full stop.
+    """Return the first paragraph of a command's docstring, without its full stop.
 
     It is read from the source: to list the commands is no reason to import them all.
     """

@@ -126,6 +126,28 @@ class BlindTrialsOptions(options.Section):
     )
 
 
+#: Studies of blind trials by their folder of results: what measures, and which of the counts above.
+TRIAL_STUDIES = {
+    "blind_trials": ("touched", "full"),
+    "blind_trials_reduced": ("touched", "reduced"),
+    "blind_trials_tracked": ("tracked", "tracked"),
+    "wild_trials": ("wild", "wild"),
+    "drive_trials": ("drives", "drives"),
+    "blind_trials_unstated": ("wild", "unstated"),
+    "blind_trials_sorted": ("wild", "sorted_by_joint"),
+    # Instruments that measure no orientation.
+    "blind_trials_points_one": ("points_one", "reflectors"),
+    "blind_trials_points_three": ("points_three", "reflectors"),
+    "blind_trials_distance": ("distance", "reflectors"),
+}
+#: Studies of those trials alone that hide what no name covers: of which study, and their kind.
+OUTSIDE_STUDIES = {
+    "blind_trials_outside": ("blind_trials", "outside"),
+    "blind_trials_tracked_outside": ("blind_trials_tracked", "outside"),
+    "wild_trials_outside": ("wild_trials", "beyond"),
+}
+
+
 class CoverageCaseOptions(options.Section):
     """An arm under an instrument, calibrated with the general model."""
 

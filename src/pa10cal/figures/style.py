@@ -138,7 +138,7 @@ def plain_log(axes: Axes, along: Literal["x", "y"], low: float, high: float) -> 
 
 
 def draw_points(axes: Axes, x: ArrayLike, y: ArrayLike, **look: Any) -> None:
-    """Draw points, as an image where there are thousands, so that files stay light."""
+    """Draw points, as an image where there are more than 300, so that files stay light."""
     drawn: dict[str, Any] = {"linestyle": "none", "rasterized": np.size(x) > _MOST_POINTS}
     axes.plot(x, y, **(drawn | look))
 

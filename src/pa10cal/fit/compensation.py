@@ -29,7 +29,8 @@ from pa10cal.fit.forward import (
 #: A pose counts as reached within this [m, rad]; what a search leaves is far less.
 REACHED = 1e-6
 #: Fewer than six joints cannot turn a frame in all directions: an orientation as near as a
-#: calibrated arm comes to one of the arm as designed counts as reached [rad].
+#: calibrated arm comes to one of the arm as designed counts as reached [rad]. So does one of any
+#: arm where its model falls back.
 _NEAR_RAD = 0.02
 #: Smallest motion of the frame, over the reach of the arm or [rad], for a radian (or the reach) of
 #: the joints together, below which a pose is near a singularity.
@@ -74,7 +75,8 @@ def compensate(
         T_flange_tcp: (4, 4) TCP that the controller holds; None for the frame as the model has it.
 
     Raises:
-        ModelError: when a pose is none, the frame is unknown, or a seed is of another arm.
+        ModelError: when a matrix is not a valid pose, the frame is unknown, or a seed is of another
+            arm.
     """
     _refuse_no_pose(T)
     if T_flange_tcp is None:
@@ -105,7 +107,7 @@ def compensate(
     near = _reached(arm, off_m, off_rad)
     if model.falls_back is not None:
         # Between what holds inside and what holds outside there is a step, part of `u_mm`.
-        near |= 1e3 * off_m < found.u_mm
+        near |= (1e3 * off_m < found.u_mm) & (off_rad < _NEAR_RAD)
     status[~near] = "unreachable"
     off_mm, off_deg = 1e3 * off_m, np.degrees(off_rad)
     # The controller works out the flange from the pose and its TCP, and the joints from the flange
@@ -146,13 +148,15 @@ def _refuse_no_pose(T: Array, name: str = "T") -> None:
         turned = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
         handed = np.einsum("pi,pi->p", np.cross(R[:, :, 0], R[:, :, 1]), R[:, :, 2])
         wrong = ~np.isfinite(T).all(axis=(1, 2)) | ~(turned < 1e-6) | ~(handed > 0.0)
+        wrong |= ~(np.abs(T[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1) < 1e-6)
     if not right or wrong.any():
         raise ModelError(
             "not a pose",
             where=name if not right else f"{name}[{int(np.argmax(wrong))}]",
             value=T.shape if not right else T[int(np.argmax(wrong))].tolist(),
-            allowed="(N, 4, 4), a rotation and a position in metres each",
-            remedy="check the orientation: columns are the frame's axes, of length one",
+            allowed="(N, 4, 4), a rotation and a position in metres each, the last row 0, 0, 0, 1",
+            remedy="check the orientation: columns are the frame's axes, of length one, the "
+            "position beside them; a matrix that is transposed has it in the last row",
         )
 
 

@@ -100,11 +100,12 @@ def grid_places(
     """
     near, far = reach_m
     if (2.0 * far / spacing_m) ** 2 > _MOST_MAP_PLACES:
+        least_mm = np.ceil(10.0 * 2e3 * far / np.sqrt(_MOST_MAP_PLACES)) / 10.0
         raise SettingsError(
             "the grid of the map is too fine",
             where="montecarlo.map_spacing_mm",
             value=1e3 * spacing_m,
-            allowed=f"at least {2e3 * far / np.sqrt(_MOST_MAP_PLACES):.1f} at this reach",
+            allowed=f"at least {least_mm:.1f} at this reach",
             remedy="widen the spacing",
         )
     along = spacing_m * np.arange(-np.floor(far / spacing_m), np.floor(far / spacing_m) + 1.0)

@@ -9,6 +9,7 @@ instrument that measures poses six small motions of the tool, for others the pla
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -454,9 +455,7 @@ class BaseTargets:
         if _MOTION[0] not in columns:
             return None
         names = tuple(
-            name.removesuffix("_x_mm")
-            for name in columns
-            if name.startswith("base") and name.endswith("_x_mm") and "_u_" not in name
+            name.removesuffix("_x_mm") for name in columns if re.fullmatch(r"base\d+_x_mm", name)
         )
 
         def places_m(inner: str) -> Array:

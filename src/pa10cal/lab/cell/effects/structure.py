@@ -62,7 +62,7 @@ class SimulatedLinkBending(SimulatedLinkEffect):
     usual = draws(c=sized(2e-6))
     plausible_size = 2.5
 
-    c: Finite = Field(description="turn of the link's end a moment [rad/(N m)]")
+    c: Finite = Field(description="rotation of the link's end per unit bending moment [rad/(N m)]")
 
     def end_motion(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
         """Turn the end by c M, shift it by (2/3) L (c M) x axis, as for a force at the end."""
@@ -78,7 +78,7 @@ class SimulatedLinkTorsion(SimulatedLinkEffect):
     usual = draws(c=sized(3e-5))
     plausible_size = 0.67
 
-    c: Finite = Field(description="twist of the link a moment [rad/(N m)]")
+    c: Finite = Field(description="twist of the link per unit torsional moment [rad/(N m)]")
 
     def end_motion(self, moment_Nm: Array, axis: Array, _span_m: Array) -> tuple[Array, Array]:
         turn = self.c * np.outer(moment_Nm @ axis, axis)
@@ -95,8 +95,8 @@ class SimulatedBaseCompliance(SimulatedEffect):
     usual = draws(cx=sized(1.5e-6), cy=sized(1.5e-6))
     plausible_size = 2.0
 
-    cx: Finite = Field(description="tilt about x a moment about x [rad/(N m)]")
-    cy: Finite = Field(description="tilt about y a moment about y [rad/(N m)]")
+    cx: Finite = Field(description="tilt about x per unit moment about x [rad/(N m)]")
+    cy: Finite = Field(description="tilt about y per unit moment about y [rad/(N m)]")
 
     def strain(self, loading: Loading) -> Strain:
         turn = np.array([self.cx, self.cy, 0.0]) * loading.statics.base_Nm
@@ -159,7 +159,7 @@ class SimulatedToolSag(SimulatedEffect):
 
 
 class SimulatedCmmScale(SimulatedEffect):
-    """Scales of the instrument's axes are off, by 5e-5 an axis in the mean."""
+    """Scales of the instrument's axes are off, by 5e-5 rms per axis."""
 
     id = "cmm_scale"
     places = ("instrument",)
