@@ -16,17 +16,16 @@ for campaign in () if isinstance(FLEET, str) else SETTINGS.campaigns:
             SAME_ARM[campaign] = first
 
 
-def planes_of_same_arm(wildcards):
-    first = SAME_ARM.get(wildcards.campaign)
-    return [] if first is None else expand(rules.montecarlo.output, campaign=first)
-
-
 rule montecarlo:
     """Position error from resolver uncertainty in horizontal planes."""
     input:
         campaign=ancient(raw("campaign.yaml")),  # its name and robot are parameters below
         arm=arm_of_campaign,
-        same=planes_of_same_arm,
+        same=lambda wildcards: (
+            expand(rules.montecarlo.output, campaign=SAME_ARM[wildcards.campaign])
+            if wildcards.campaign in SAME_ARM
+            else []
+        ),
     output:
         expand(
             result("montecarlo/z{plane}.json"),
