@@ -213,7 +213,7 @@ class _Checked:
 
 def _positions(found: GeneralCalibration) -> tuple[Array, Array, Mask]:
     """Return residuals, stated variances and what was seen of positions, (P, c) each [m]."""
-    problem, columns = found.problem, found.problem.measured.position_columns
+    problem, columns = found.problem, found.problem.observations.measured.position_columns
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
     return found.fit.residual[:, columns], variances, problem.components_seen[:, columns]
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arrays import Array, Index
-from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import TermParameter
@@ -37,15 +36,10 @@ class Problem:
     # P poses, an orientation turned so that the tool's own is near that of the chain
     observations: Observations
 
-    @property
-    def measured(self) -> Instrument:
-        """Return what was measured."""
-        return self.observations.measured
-
     @cached_property
     def parameters(self) -> tuple[TermParameter, ...]:
         """Return all k unknowns, those of the model first."""
-        everywhere = self.measured.target_parameters
+        everywhere = self.observations.measured.target_parameters
         return (*self.model.parameters, *(everywhere[k] for k in self.places))
 
     @cached_property
@@ -56,12 +50,12 @@ class Problem:
     @cached_property
     def stated_covariance(self) -> Array:
         """Return the covariance (P, b, b) that the instrument states."""
-        return self.measured.stated_covariance
+        return self.observations.measured.stated_covariance
 
     @cached_property
     def components_seen(self) -> NDArray[np.bool_]:
         """Return which components were seen, (P, b)."""
-        return self.measured.components_seen
+        return self.observations.measured.components_seen
 
     @cached_property
     def numbers_seen(self) -> tuple[Index, Index]:
@@ -97,18 +91,20 @@ class Problem:
 
     def residual(self, x: Array) -> Array:
         """Return predicted less seen, (P, b)."""
-        return self.measured.compare(self.predict(x), self.places_at(x)).residual
+        return self.observations.measured.compare(self.predict(x), self.places_at(x)).residual
 
     def rows(self, x: Array) -> Rows:
         """Return residuals and exact derivatives."""
         predicted = self.model.predict_with_jacobian(self.observations.states, self.of_model(x))
-        found = self.measured.compare(self.T_instr_base @ predicted.T_base_ee, self.places_at(x))
+        found = self.observations.measured.compare(
+            self.T_instr_base @ predicted.T_base_ee, self.places_at(x)
+        )
         by_end = found.by_end.reshape(-1, 3) @ self.T_instr_base[:3, :3]
         by_end = by_end.reshape(found.by_end.shape)
         of_model = predicted.jacobian.shape[2]
         jacobian = np.empty((*found.residual.shape, of_model + len(self.places)))
         jacobian[..., :of_model] = 0.0  # what other campaigns of a group see
-        for at, columns in self.measured.parts_seen:
+        for at, columns in self.observations.measured.parts_seen:
             jacobian[at, columns, :of_model] = by_end[at, columns] @ predicted.jacobian[at]
         jacobian[..., of_model:] = found.by_targets[..., self.places]
         return Rows(found.residual, jacobian)

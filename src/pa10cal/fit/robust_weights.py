@@ -109,7 +109,7 @@ def weighted_rows(
     # In the poses of one campaign of a group those of others are zero, and stay out of products.
     weighted = np.zeros_like(rows.jacobian)
     normal = np.zeros((weighted.shape[2],) * 2)
-    for at, columns in problem.measured.parts_seen:
+    for at, columns in problem.observations.measured.parts_seen:
         own = _times(scaled[at, columns, columns], rows.jacobian[at, columns])
         weighted[at, columns] = own
         flat = own.reshape(-1, own.shape[2])
@@ -158,10 +158,10 @@ def _whitener(problem: Problem, scatter: dict[str, float]) -> Array:
     """Return (P, b, b) that makes stated errors and scatter independent and of unit size."""
     stated = problem.stated_covariance
     own = np.zeros(stated.shape[1])
-    for kind, rows in problem.measured.component_kinds:
+    for kind, rows in problem.observations.measured.component_kinds:
         own[rows] = scatter[kind] ** 2 + _FINEST**2
     whitener = np.zeros_like(stated)
-    for at, columns in problem.measured.parts_seen:
+    for at, columns in problem.observations.measured.parts_seen:
         block = stated[at, columns, columns]
         one = bool((block == block[:1]).all())
         block = (block[:1] if one else block) + np.diag(own[columns])
@@ -173,7 +173,7 @@ def first_scatter(problem: Problem, rows: Rows) -> ExcessScatter:
     """Return a scatter to start with, estimated at the start and robust to outliers."""
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
     found, stated = {}, {}
-    for kind, columns in problem.measured.component_kinds:
+    for kind, columns in problem.observations.measured.component_kinds:
         seen = problem.components_seen[:, columns]
         found[kind] = _median(np.abs(rows.residual[:, columns][seen])) / 0.6745
         stated[kind] = float(np.sqrt(variances[:, columns][seen].mean()))
@@ -193,13 +193,13 @@ def refreshed(
         parts: (k, r) of which A A^T is the covariance of the unknowns.
     """
     leverage = np.zeros(weighted.residual.shape)
-    for at, columns in problem.measured.parts_seen:
+    for at, columns in problem.observations.measured.parts_seen:
         own = weighted.rows[at, columns]
         flat = own.reshape(-1, len(parts)) @ parts
         leverage[at, columns] = np.einsum("ij,ij->i", flat, flat).reshape(own.shape[:2])
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
     sizes, dof = {}, {}
-    for kind, columns in problem.measured.component_kinds:
+    for kind, columns in problem.observations.measured.component_kinds:
         seen, stated = problem.components_seen[:, columns], variances[:, columns]
         counts = np.where(seen, weighted.weights[:, None] ** 2, 0.0)
         left = counts * (1.0 - leverage[:, columns])

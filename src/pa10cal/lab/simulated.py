@@ -210,7 +210,7 @@ def _true_values(general: GeneralCalibration, robot: Robot) -> dict[str, float]:
     """Return the truth in the coordinates in which the model was solved."""
     problem, start = general.problem, general.start
     R, p_m = robot.T_instr_base[:3, :3], robot.T_instr_base[:3, 3]
-    if not problem.measured.directional:  # only where the fixed point is
+    if not problem.observations.measured.directional:  # only where the fixed point is
         base = np.concatenate([R.T @ p_m - problem.T_instr_base[:3, 3], np.zeros(3)])
     else:
         base = _motions(np.linalg.inv(problem.T_instr_base) @ robot.T_instr_base)
@@ -219,7 +219,7 @@ def _true_values(general: GeneralCalibration, robot: Robot) -> dict[str, float]:
     names = [name.replace(".", "_") for name in (*BASE, *TOOL)]
     values = {} if robot.departures is None else robot.departures.by_name
     values |= dict(zip(names, [*base, *_motions(T_ee_tool)], strict=True))
-    places = problem.measured.target_parameters
+    places = problem.observations.measured.target_parameters
     if places:
         p_ee_m = robot.targets.p_ee_m.ravel()
         values |= {parameter.name: float(p) for parameter, p in zip(places, p_ee_m, strict=True)}

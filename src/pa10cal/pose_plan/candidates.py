@@ -243,7 +243,10 @@ def expect(
     payload = payload_of(arm, options)
     posed = general_problem(arm, observations, start, payload, calibration)
     problem, x = posed.problem, posed.x_start
-    every, of_model = possible_sizes(problem.model, problem.measured), len(problem.model.parameters)
+    every, of_model = (
+        possible_sizes(problem.model, problem.observations.measured),
+        len(problem.model.parameters),
+    )
     sizes = np.concatenate([every[:of_model], every[of_model + problem.places]])
     rows = problem.rows(x).jacobian * sizes
     columns, effects = [rows], {}
@@ -330,7 +333,7 @@ def _effects(
         problem.model, problem.of_model(x), problem.T_instr_base, targets_m=own, payload=payload
     ).with_bends()
     stated_m = np.zeros((0, 3)) if len(own) else np.array(list(places.values()))
-    if not problem.measured.by_stated_targets.shape[2]:
+    if not problem.observations.measured.by_stated_targets.shape[2]:
         stated_m = np.zeros((0, 3))
     setup = MeasurementSetup(payload, stated_m, _TEMPERATURE_C)
     poses = complete(problem.observations, at, setup)

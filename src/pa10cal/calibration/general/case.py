@@ -71,7 +71,7 @@ def suspected_outliers(problem: Problem, fit: GeneralSolution) -> tuple[Suspecte
     found = []
     for row in rows[np.argsort(-fit.distance[rows])].tolist():
         why = []  # the kind of component that deviates most is said
-        for kind, columns in problem.measured.component_kinds:
+        for kind, columns in problem.observations.measured.component_kinds:
             off = float(np.linalg.norm(fit.residual[row, columns]))
             turns = kind.startswith("attitude")
             text = f"{np.degrees(off):.3f} deg" if turns else f"{1e3 * off:.3f} mm"
@@ -298,9 +298,9 @@ def fitted(general: GeneralCalibration) -> FittedModel:
         x=about_moved_base(model.terms, of_model[:count], small),
         T_instr_base=problem.T_instr_base @ motion_of_base(small),
         R_ee_target=general.start.R_ee_target,
-        R_first_target_of=problem.measured.R_first_target_of,
+        R_first_target_of=problem.observations.measured.R_first_target_of,
         targets_m=problem.places_at(x),
-        target_names=problem.measured.target_names,
+        target_names=problem.observations.measured.target_names,
         covariance=covariance,
         payload=general.payload,
         seen=angles_seen(problem.observations.states.q_rad),
@@ -340,7 +340,7 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
 
 def _position(problem: Problem, jacobian: Array) -> Array:
     """Return the derivative of the predicted position, of one target where there are several."""
-    columns = problem.measured.position_columns
+    columns = problem.observations.measured.position_columns
     share: Array = jacobian[:, columns] / np.sqrt(_targets_seen(problem))[:, None, None]
     return share
 
@@ -348,7 +348,7 @@ def _position(problem: Problem, jacobian: Array) -> Array:
 def _noise_mm(general: GeneralCalibration) -> float:
     """Return what the stated noise explains of the root mean square error."""
     problem = general.problem
-    columns = problem.measured.position_columns
+    columns = problem.observations.measured.position_columns
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
     seen = problem.components_seen[:, columns]
     per_pose = np.where(seen, variances, 0.0).sum(axis=1) / _targets_seen(problem)
@@ -356,7 +356,7 @@ def _noise_mm(general: GeneralCalibration) -> float:
 
 
 def _targets_seen(problem: Problem) -> Array:
-    columns = problem.measured.position_columns
+    columns = problem.observations.measured.position_columns
     targets: Array = np.maximum(1.0, problem.components_seen[:, columns].sum(axis=1) // 3)
     return targets
 
@@ -418,14 +418,16 @@ def apart(problem: Problem, fit: GeneralSolution) -> GroupOfCampaigns | None:
     reach = reach_of(problem)[free]
     size = reach[shared]
     root = np.sqrt(fit.weights)[:, None, None] * fit.whitener
-    rows_of = [np.flatnonzero(campaign == k) for k in range(len(problem.measured.campaigns))]
+    rows_of = [
+        np.flatnonzero(campaign == k) for k in range(len(problem.observations.measured.campaigns))
+    ]
     normals, gradients = [], []  # of each campaign, free unknowns in reaches
     for at in rows_of:
         white = (root[at] @ fit.jacobian[at][:, :, free] * reach).reshape(-1, len(free))
         left = np.einsum("pij,pj->pi", root[at], fit.residual[at]).ravel()
         normals.append(white.T @ white)
         gradients.append(white.T @ left)
-    positions = problem.measured.position_columns
+    positions = problem.observations.measured.position_columns
 
     def of_parts(parts: Sequence[int]) -> tuple[Array, Array, Array]:
         """Return the step of these campaigns, and its covariance with the reach and by noise."""
@@ -435,7 +437,7 @@ def apart(problem: Problem, fit: GeneralSolution) -> GroupOfCampaigns | None:
         return -inverse @ gradient, inverse, inverse @ normal @ inverse
 
     campaigns, std_alone = {}, {}
-    for number, (name, _) in enumerate(problem.measured.campaigns):
+    for number, (name, _) in enumerate(problem.observations.measured.campaigns):
         at = rows_of[number]
         step, inverse, sampled = of_parts([number])
         others = of_parts([k for k in range(len(rows_of)) if k != number])
