@@ -15,6 +15,7 @@ from benchmarks.planned import as_designed, command, simulated_model, true_frame
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.exports import urdf_text
 from pa10cal.calibration.options import EffectOfPlace
+from pa10cal.fit.compensation import SINGULAR
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import pose_difference
 from pa10cal.fit.rigid import best_rigid_model, rigid_part
@@ -132,6 +133,19 @@ def test_links_of_the_urdf_are_those_of_the_true_arm(name):
 SEEDS = range(5, 10)
 
 
+def smallest_motion(arm, q, step=1e-6):
+    """Smallest motion (N,) of the flange of the arm as designed, as `compensate` counts it."""
+    chain = Chain.of(arm)
+    J = np.stack(
+        [
+            pose_difference(chain.forward(q + shift), chain.forward(q - shift)) / (2.0 * step)
+            for shift in step * np.eye(arm.n)
+        ],
+        axis=-1,
+    )
+    return np.linalg.svd(J / np.repeat([arm.reach_m, 1.0], 3)[:, None])[1][:, -1]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_poses_sent_to_a_nominal_controller_bring_the_true_tool_to_its_targets(seed):
@@ -143,7 +157,11 @@ def test_poses_sent_to_a_nominal_controller_bring_the_true_tool_to_its_targets(s
     flange = found.T_send @ np.linalg.inv(found.T_flange_tcp)
     commanded = nominal.compensate(flange, seed=found.q)
     ok = (found.status == "ok") & (commanded.status == "ok")
-    assert ok.mean() > 0.9
+    # Beside a stretched elbow and the like a calibrated arm, a little shorter than the one as
+    # designed, may not come to a target without swinging to another branch.
+    beside = smallest_motion(model.arm, q) < 2.0 * SINGULAR
+    assert beside.mean() < 0.15
+    assert ok[~beside].all()
     T_instr_wanted = model.T_instr_base @ wanted
     before, after = (
         rms_mm(pose_difference(true_frame(made, each), T_instr_wanted)[ok])
