@@ -21,7 +21,7 @@ from pa10cal.calibration.uncertainty import calibrated_parameters
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.identifiability import observability, unidentified_directions
+from pa10cal.fit.identifiability import unidentified_directions
 from pa10cal.fit.model_file import model_to_plain
 from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import CalibratedParameter, Covariance
@@ -116,7 +116,6 @@ def case_keys(
         "condition": identified.condition,
         "singular_values": identified.singular_values,
         "null_directions": unidentified_directions(identified, ended.parameters),
-        "observability": observability(identified, len(ended.pose)),
         "residuals": ResidualRows(
             pose=grid.pose,
             load_N=grid.states.load_N,

@@ -32,7 +32,6 @@ from pa10cal.results.calibration import (
     LinearFit,
     PaperCalibrationRecord,
     PaperErrors,
-    SeedDifference,
 )
 from pa10cal.results.health import Health, InputFinding
 from pa10cal.terms.joint_spring import baseline, nominal
@@ -107,9 +106,6 @@ def paper_case(
             for load, after in summarise_by_load(model.deviations(grid), load_N).items()
         },
         inner_poses=cubic.inner_poses,
-        seed_difference=SeedDifference(
-            angle_deg=seed_angle_deg, distance_mm=float(1e3 * np.linalg.norm(away[:3, 3]))
-        ),
         linear=LinearFit(
             **_paper_fit_keys(linear, linear_model),
             after=summarise_by_load(linear_model.deviations(grid), load_N),

@@ -1,4 +1,4 @@
-"""What the poses identify: rank, null directions by name, observability indices."""
+"""What the poses identify: rank, null directions by name."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from scipy.linalg import qr
 
 from pa10cal.arrays import Array
-from pa10cal.results.calibration import Observability
 from pa10cal.terms.term import TermParameter
 
 #: Singular values below this part of the largest belong to directions without any effect: exact
@@ -70,17 +69,4 @@ def not_identifiable(
     share = np.linalg.norm(identifiability.null_space, axis=1)
     return frozenset(
         parameter.name for parameter, part in zip(parameters, share, strict=True) if part > 1e-6
-    )
-
-
-def observability(identifiability: Identifiability, poses: int) -> Observability:
-    """Return the indices over the identifiable directions (Sun and Hollerbach, 2008)."""
-    values = identifiability.singular_values[: identifiability.rank]
-    largest, smallest = float(values[0]), float(values[-1])
-    return Observability(
-        O1=float(np.exp(np.log(values).mean()) / np.sqrt(poses)),
-        O2=smallest / largest,
-        O3=smallest,
-        O4=smallest**2 / largest,
-        O5=float(1.0 / np.sum(1.0 / values)),
     )

@@ -170,41 +170,12 @@ class LinearFit(Fit):
     after: Mapping[LoadKey, Accuracy]  # errors at each load
 
 
-class Spring(Part):
-    """A linear joint spring of the general model."""
-
-    joint: int  # joint, from 1
-    tau_ref_Nm: float  # torque at which its parameter is the windup [N m]
-
-
-class Solved(Part):
-    """What restores a fit of the general model."""
-
-    links: tuple[str, ...]  # link departures fitted
-    springs: tuple[Spring, ...]  # joint springs fitted
-    tool: tuple[str, ...]  # motions of the tool fitted
-    x: Numbers  # their values, in this order [rad, m]
-    places_m: Numbers  # places of the targets, one after the other [m]
-    R_ee_target: Matrix3  # orientation of the target in the end-effector frame
-
-
 class GeneralFit(Fit):
     """A fit of the general model."""
 
     dof: int  # residual degrees of freedom
     # standard deviation of residuals, of `position` [m] and `attitude` [rad]
     scatter: Mapping[Annotated[str, Key("kind")], float]
-    solved: Solved  # what restores the model
-
-
-class Observability(Part):
-    """Observability indices of the identified directions (Sun and Hollerbach, 2008)."""
-
-    O1: float  # geometric mean of the singular values over the root of the number of poses
-    O2: float  # smallest singular value over the largest
-    O3: float  # smallest singular value
-    O4: float  # smallest singular value squared over the largest
-    O5: float  # reciprocal of the sum of reciprocals of the singular values
 
 
 class LoadErrors(BeforeAfter):
@@ -248,7 +219,6 @@ class CalibrationRecord(Fit, MeasuredRecord):
     singular_values: Numbers  # singular values of the Jacobian in scaled parameters, descending
     # directions that are not identifiable, as weights of parameters
     null_directions: tuple[Mapping[ParameterKey, float], ...]
-    observability: Observability  # observability indices
     errors: Mapping[LoadKey, LoadErrors]  # errors at each load
     residuals: ResidualRows  # residual of every calibration pose
     health: Health  # whether the calibration is good
@@ -296,20 +266,12 @@ class CalibrationRecord(Fit, MeasuredRecord):
         return cls.kinds()[-1 if content.get("model") == "general" else 0]
 
 
-class SeedDifference(Part):
-    """How far the base frame ended from its seed."""
-
-    angle_deg: float  # angle between them [deg]
-    distance_mm: float  # distance of their origins [mm]
-
-
 class PaperCalibrationRecord(CalibrationRecord):
     """`calibration/<load>.json` of the paper's model."""
 
     model: Literal["paper"] = "paper"  # the paper's model
     errors: Mapping[LoadKey, PaperErrors]  # errors at each load
     inner_poses: tuple[str, ...]  # poses that the inner level is fitted to
-    seed_difference: SeedDifference  # base frame found, against its seed
     linear: LinearFit  # the fit with linear springs
 
     @property
@@ -366,7 +328,6 @@ class GeneralCalibrationRecord(GeneralFit, CalibrationRecord):
     redundant: tuple[Redundant, ...]  # parameters not fitted, being redundant
     springs: tuple[int, ...]  # joints with a spring, from 1
     torques_from: str  # where joint torques come from: `logged`, `masses` or `none`
-    before_is: str  # what `before` is in the errors
     # the fit without springs; of a calibration from a prior that of base and tool alone
     geometry: GeneralFit
     nominal: GeneralFit  # the fit of base and tool alone, the arm nominal

@@ -46,12 +46,9 @@ from pa10cal.results.calibration import (
     GeneralFit,
     GroupOfCampaigns,
     SharedParameter,
-    Solved,
-    Spring,
     SuspectedOutlier,
 )
 from pa10cal.results.health import InputFinding
-from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, about_moved_base, motion_of_base
 from pa10cal.terms.term import Report
@@ -186,7 +183,6 @@ def general_case(
             )
             for load, after in summarise_by_load(found, load_N).items()
         },
-        before_is="nominal arm, base and tool fitted",
         geometry=GeneralFit(**_general_fit_keys(geometry, about)),
         nominal=GeneralFit(**_general_fit_keys(nominal, about)),
         suspected_outliers=doubts,
@@ -223,18 +219,6 @@ def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str,
         **fit_keys(found, model, _parameters(general, model), names, found.covariance),
         "dof": found.dof,
         "scatter": found.scatter,
-        "solved": Solved(
-            links=tuple(parameter.name for parameter in general.unknowns.links.parameters),
-            springs=tuple(
-                Spring(joint=term.joint, tau_ref_Nm=term.tau_ref_Nm)
-                for term in problem.model.terms
-                if isinstance(term, JointSpring)
-            ),
-            tool=general.unknowns.frame_names,
-            x=model.x,
-            places_m=model.targets_m,
-            R_ee_target=model.R_ee_target,
-        ),
     }
 
 
