@@ -94,6 +94,7 @@ def calibrate(
     """
     from pa10cal.calibration.campaign import calibrated_record
     from pa10cal.calibration.input_checks import check_input, explained
+    from pa10cal.calibration.load_case import LoadCase
     from pa10cal.errors import CalibrationError
     from pa10cal.fit.fitted_model import models_of
 
@@ -104,13 +105,13 @@ def calibrate(
         refuse_unsound(given, force=force)
     about = campaign.description, campaign.arm, campaign.observations
     findings = check_input(*about, used)
+    case = LoadCase(*about, load, used, findings, given)
     try:
-        record = calibrated_record(*about, load, options, findings, given, base_frame)
+        record = calibrated_record(case, base_frame)
         if used.effects:
             from pa10cal.discovery.given import calibrated_with, listed
 
-            sought = DiscoveryOptions()
-            record = calibrated_with(listed(used), record, *about, load, used, sought)
+            record = calibrated_with(listed(used), record, case, DiscoveryOptions())
     except CalibrationError as error:
         raise explained(error, findings) from None
     *_, model = models_of(record, campaign.name).values()

@@ -52,9 +52,7 @@ def drawn(arm, plan):
     """Return a robot drawn in the coordinates of the model, and what is seen of it."""
     first = observations_of(track(arm, plan, 3))
     start = find_start(arm, first)
-    unknowns = choose_unknowns(
-        arm, CalibrationOptions().tolerances, first.measured, start.T_instr_base, start.targets_m
-    )
+    unknowns = choose_unknowns(arm, CalibrationOptions().tolerances, first.measured, start)
     individual = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(4))
     seen = observations_of(measure(individual, plan, 4))
     return individual, seen

@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
-from pa10cal.arm.description import Arm
 from pa10cal.calibration.general.calibrate import start_of
 from pa10cal.calibration.general.case import general_case
-from pa10cal.calibration.load_case import COMBINED, LoadCase
-from pa10cal.calibration.options import CalibrationOptions, takes_general_model
+from pa10cal.calibration.load_case import LoadCase
+from pa10cal.calibration.options import takes_general_model
 from pa10cal.calibration.paper import paper_case
-from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.observations import Observations
 from pa10cal.observe.seed import locate_base
 from pa10cal.options import BaseFrameOptions
 from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
-from pa10cal.results.health import InputFinding
 
 
 def calibrated_record(
-    campaign: CampaignDescription,
-    arm: Arm,
-    every: Observations,
-    load: str = COMBINED,
-    options: CalibrationOptions | None = None,
-    findings: tuple[InputFinding, ...] = (),
-    prior: FittedModel | None = None,
-    base_frame: BaseFrameOptions | None = None,
+    case: LoadCase, base_frame: BaseFrameOptions | None = None
 ) -> CalibrationRecord:
     """Locate base and targets of a campaign, and calibrate a load case, as the stages do.
 
@@ -37,13 +26,11 @@ def calibrated_record(
         CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
             described does not fit the readings at all.
     """
-    options = options or CalibrationOptions()
-    general = takes_general_model(options.model, from_touches=campaign.from_touches)
-    lines, name = base_frame or BaseFrameOptions(), campaign.name
-    seed = locate_base(every, arm, lines, name, name, campaign.provenance)
-    return calibration_record(
-        LoadCase(campaign, arm, every, load, options, findings, prior), seed, general=general
-    )
+    campaign = case.campaign
+    general = takes_general_model(case.options.model, from_touches=campaign.from_touches)
+    about = base_frame or BaseFrameOptions(), campaign.name, campaign.name, campaign.provenance
+    seed = locate_base(case.every, case.arm, *about)
+    return calibration_record(case, seed, general=general)
 
 
 def calibration_record(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -38,8 +38,8 @@ class LoadCase:
     campaign: CampaignDescription  # description of the campaign
     arm: Arm  # the nominal arm
     every: Observations  # single readings of all kinds
-    load: str  # `combined` or `general` for all loads together, or a load such as `44N`
-    options: CalibrationOptions  # how to calibrate
+    load: str = COMBINED  # `combined` or `general` for all loads together, or one such as `44N`
+    options: CalibrationOptions = field(default_factory=CalibrationOptions)  # how to calibrate
     findings: tuple[InputFinding, ...] = ()  # what checks of the input found
     prior: FittedModel | None = None  # fitted model of the arm to start from; None for none
 

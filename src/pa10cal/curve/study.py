@@ -19,6 +19,7 @@ import numpy as np
 
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.campaign import calibrated_record
+from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign
 from pa10cal.curve.angles import chain_arm
@@ -119,7 +120,7 @@ def _individual(
     campaign = as_read(made)
     about = campaign.description, campaign.arm, campaign.observations, _LOAD
     records = {
-        name: calibrated_record(*about, options.model_copy(update=changes))
+        name: calibrated_record(LoadCase(*about, options.model_copy(update=changes)))
         for name, changes in _MODELS.items()
     }
     models = {name: tuple(models_of(found, name).values())[-1] for name, found in records.items()}

@@ -12,10 +12,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from pa10cal.arm.description import Arm
 from pa10cal.arrays import Mask
 from pa10cal.calibration.health import FitSummary, GradeEvidence, health
-from pa10cal.calibration.load_case import COMBINED, base_parameters, rows_of_load
+from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.calibration.uncertainty import (
     HeldOut,
@@ -24,7 +23,6 @@ from pa10cal.calibration.uncertainty import (
     summarise_by_load,
     summarise_trusted,
 )
-from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
 from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
 from pa10cal.discovery.blocked_cv.survey import survey
@@ -189,32 +187,28 @@ def listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
 def calibrated_with(
     effects: Sequence[EffectOfPlace | Effect],
     record: R,
-    campaign: CampaignDescription,
-    arm: Arm,
-    every: Observations,
-    load: str,
-    options: CalibrationOptions,
+    case: LoadCase,
     discovery: DiscoveryOptions,
 ) -> R:
-    """Calibrate a load case (`combined`, `general`, or `44N`) once more with effects.
+    """Calibrate a load case once more with effects; with none its record is returned as it is.
 
-    By single readings of all kinds, and the record of the load case without effects; with none that
-    record is returned as it is.
+    Args:
+        record: of the load case without effects.
 
     Raises:
         CalibrationError: where an effect has no such place, or the poses do not determine it.
     """
     if not effects:
         return record
-    case = COMBINED if load == "general" else load
-    fitted = rows_of_load(every.states.load_N, case) | (every.kind != "grid")
-    *_, model = models_of(record, f"calibration of {load}").values()
-    setup = setup_of(campaign, arm, options, discovery)
+    every, options = case.every, case.options
+    fitted = case.rows(every.states.load_N) | (every.kind != "grid")
+    *_, model = models_of(record, f"calibration of {case.load}").values()
+    setup = setup_of(case.campaign, case.arm, options, discovery)
     outliers = record.suspected_outliers if isinstance(record, GeneralCalibrationRecord) else ()
     suspected = {(each.pose, each.load_N) for each in outliers}
     used = every.take(np.flatnonzero(fitted))
     found = calibrate_with(used, model, setup, effects, suspected, options.wanted_uncertainty_mm)
-    return with_effects(record, found, campaign)
+    return with_effects(record, found, case.campaign)
 
 
 def _effects(

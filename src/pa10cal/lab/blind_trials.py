@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.campaign import calibrated_record
-from pa10cal.calibration.load_case import COMBINED
+from pa10cal.calibration.load_case import COMBINED, LoadCase
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError, SettingsError
 from pa10cal.evaluation.options import ChainOptions, EvaluationOptions
@@ -256,9 +256,9 @@ def _residual_mm(name: str, settings: SimulateOptions, options: ChainOptions) ->
             read, calibration = read_campaign(raw, options.ingest), options.calibration
             about = read.description, read.arm, read.observations, COMBINED
             once = calibration.model_copy(update={"starts": 1})
-            record = calibrated_record(*about, once, base_frame=options.base_frame)
+            record = calibrated_record(LoadCase(*about, once), options.base_frame)
             if record.status != "converged":
-                record = calibrated_record(*about, calibration, base_frame=options.base_frame)
+                record = calibrated_record(LoadCase(*about, calibration), options.base_frame)
             return record.residuals.position_mm
         return calibrated_by_stages((raw,), raw.parents[1] / name, options).residuals.position_mm
 

@@ -196,8 +196,7 @@ def _scores(
     # What arm and instrument can identify is the same in every campaign.
     any_robot = draw_individual(arm, plan, np.random.default_rng(options.random_seed))
     seen, start = _seen(any_robot, plan, options.random_seed)
-    frames = start.T_instr_base, start.targets_m
-    unknowns = choose_unknowns(arm, calibration.tolerances, seen.measured, *frames)
+    unknowns = choose_unknowns(arm, calibration.tolerances, seen.measured, start)
     by_name: list[dict[str, float]] = []
     predictions, converged = [], []
     for seed in range(options.random_seed, options.random_seed + options.general_campaigns):

@@ -101,9 +101,7 @@ def calibrate(
                 print(
                     f"{campaign.name} {case}: the verdict {word} names no effects to calibrate with"
                 )
-            records[case] = calibrated_with(
-                effects, record, campaign, arm, every, case, settings, discovery
-            )
+            records[case] = calibrated_with(effects, record, whole, discovery)
         except (CalibrationError, DiscoveryError) as error:
             place = error.within(str(given)) if error.where == "prior" else error
             place = place if load else place.within(f"load case {case}")

@@ -84,11 +84,11 @@ def test_derivatives_agree_with_differences(calibrated, kind):
 
 def test_what_is_left_out_says_what_others_say(calibrated):
     found = calibrated("ur10", "pose")
-    names = {each.name for each in found.unknowns.redundant}
+    names = {each.name for each in found.redundant}
     assert names == {
         "delta_a_6", "delta_alpha_6", "delta_d_1", "delta_d_6", "delta_theta_1", "delta_theta_6",
     }  # fmt: skip
-    (first,) = (each for each in found.unknowns.redundant if each.name == "delta_theta_1")
+    (first,) = (each for each in found.redundant if each.name == "delta_theta_1")
     assert first.replaced_by == {"base_rz": pytest.approx(1.0)}
 
 

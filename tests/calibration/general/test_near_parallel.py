@@ -78,10 +78,8 @@ def test_a_tilt_does_not_change_what_is_left_out(see, tilt_deg, kind):
     def left_out(arm):
         observations = see(arm, kind)
         found = calibrate_general(arm, observations, find_start(arm, observations))
-        parts = [
-            abs(part) for each in found.unknowns.redundant for part in each.replaced_by.values()
-        ]
-        return {each.name for each in found.unknowns.redundant}, max(parts)
+        parts = [abs(part) for each in found.redundant for part in each.replaced_by.values()]
+        return {each.name for each in found.redundant}, max(parts)
 
     names, _ = left_out(load_arm("gx4_351s"))
     tilted_names, largest = left_out(tilted("gx4_351s", tilt_deg))

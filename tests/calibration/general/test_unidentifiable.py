@@ -27,7 +27,7 @@ def calibrated(robot, observations):
 
 
 def left_out(found):
-    return {each.name: each.replaced_by for each in found.unknowns.redundant}
+    return {each.name: each.replaced_by for each in found.redundant}
 
 
 def std_of(found):

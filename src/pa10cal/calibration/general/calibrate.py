@@ -15,14 +15,14 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.fit import GeneralSolution, fit, reach_of
 from pa10cal.calibration.general.problem import (
-    Unknowns,
+    GeneralProblem,
     check_enough,
     general_problem,
     loaded_joints,
 )
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import RecordError
-from pa10cal.fit.loads import TorqueSource, with_torques
+from pa10cal.fit.loads import with_torques
 from pa10cal.fit.problem import Problem
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
@@ -30,7 +30,7 @@ from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import BaseFrameRecord, CalibratedParameter, PriorPart
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Term
+from pa10cal.terms.term import Offsets, Term
 from pa10cal.terms.weights import WEIGHT, Weights
 
 #: Part of the largest torque that a joint's torque must vary by for its spring to be there, whether
@@ -45,19 +45,12 @@ _RIGID_RAD = 1e-9
 
 
 @dataclass(frozen=True)
-class GeneralCalibration:
-    """A calibrated general model."""
+class GeneralCalibration(GeneralProblem):
+    """A calibrated general model: the problem as it was solved in the end."""
 
-    arm: Arm  # the nominal arm
-    start: Start  # where frames and targets were thought to be, and how the orientation is turned
-    unknowns: Unknowns  # geometric parameters chosen, and those omitted
     # tilts of parallel axes left at zero, as the readings do not show them, with the uncertainty
     # that they would have had
     settled: dict[str, CalibratedParameter]
-    springs: tuple[int, ...]  # joints with a spring
-    torques_from: TorqueSource  # `logged`, `masses`, or `none`
-    payload: Payload | None  # what the arm carried; None where that is not known
-    problem: Problem  # what was solved
     fit: GeneralSolution  # where it ended
     prior: PriorPart | None = None  # what it started from, and what moved since; None for nothing
 
@@ -89,7 +82,7 @@ def calibrate_general(
     fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
     posed = general_problem(arm, observations, start, payload, options, links=links)
     problem, x_start, springs = posed.problem, posed.x_start, posed.springs
-    unweighed, source, unknowns = observations.states, posed.torques_from, posed.unknowns
+    unweighed, source = observations.states, posed.torques_from
     tau_Nm = problem.observations.states.tau_Nm
     check_enough(problem)
     found = fitted(problem, x_start)
@@ -107,10 +100,12 @@ def calibrate_general(
     by_masses = bool(springs) and source == "masses"
     if settled:
         kept = np.array([parameter.name not in settled for parameter in problem.parameters])
-        of_links = {each.name for each in unknowns.links.parameters}
-        unknowns = replace(unknowns, links=unknowns.links.only(of_links - settled.keys()))
-        terms = (unknowns.links, *problem.model.terms[1:])
-        problem = replace(problem, model=Model(problem.model.chain, terms))
+        of_links, *others = problem.model.terms
+        assert isinstance(of_links, Offsets)
+        shown = {each.name for each in of_links.parameters} - settled.keys()
+        problem = replace(
+            problem, model=Model(problem.model.chain, (of_links.only(shown), *others))
+        )
         # Where the others go with the tilts at zero, to first order.
         covariance = found.covariance[np.ix_(~kept, ~kept)]
         follow = found.covariance[np.ix_(kept, ~kept)] @ np.linalg.inv(covariance)
@@ -126,7 +121,7 @@ def calibrate_general(
         problem, found = at_rest(problem, found, unweighed, payload, fitted)
         found = replace(found, covariance=covariance) if settled else found
     return GeneralCalibration(
-        arm, start, unknowns, settled, springs, source, payload, problem, found
+        problem, x_start, start, posed.redundant, source, payload, settled, found
     )
 
 

@@ -174,7 +174,7 @@ def general_case(
         **_general_fit_keys(full, about),
         starts=1,
         starts_agreeing=1,
-        redundant=full.unknowns.redundant,
+        redundant=full.redundant,
         springs=full.springs,
         torques_from=full.torques_from,
         errors={
@@ -238,7 +238,7 @@ def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, Ca
     places = Report(problem.parameters[first:], found.x[first:], np.eye(len(problem.places)))
     linear = {name: each for name, each in of_model.items() if not name.startswith("K_cub")}
     # Of a distance only the fixed point's place is known, not the orientation of the base.
-    whole = len(general.unknowns.base.parameters) == len(BASE)
+    whole = len(problem.model.terms[-1].coordinates) == len(BASE)
     base = base_parameters(
         model.T_instr_base,
         model.covariance[-6:, -6:],
@@ -273,7 +273,7 @@ def fitted(general: GeneralCalibration) -> FittedModel:
     of_model = problem.of_model(x)
     count = len(model.parameters)
     small = base_motion(problem.model, of_model[count:])
-    of_base = [count + BASE.index(name) for name in general.unknowns.base.coordinates]
+    of_base = [count + BASE.index(name) for name in problem.model.terms[-1].coordinates]
     rows = np.array([*range(count), *of_base], dtype=np.intp)
     covariance = np.zeros((count + len(BASE),) * 2)
     covariance[np.ix_(rows, rows)] = general.fit.covariance[: len(rows), : len(rows)]

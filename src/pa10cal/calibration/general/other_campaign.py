@@ -25,7 +25,11 @@ from pa10cal.calibration.general.calibrate import (
     find_start,
 )
 from pa10cal.calibration.general.fit import GeneralSolution, fit
-from pa10cal.calibration.general.problem import check_enough, choose_unknowns, start_of_tool
+from pa10cal.calibration.general.problem import (
+    check_enough,
+    choose_unknowns,
+    with_unknown_frames,
+)
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted import FallBack, Fitted
@@ -52,7 +56,6 @@ from pa10cal.results.calibration import Moved, PriorPart
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import ArrivalError
-from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, OfCampaign, OfPart, about_moved_base, motion_of_base
 from pa10cal.terms.term import Offsets, Term, fixed
@@ -222,27 +225,17 @@ def calibrate_from(
         CalibrationError: when there are too few poses to find base and tool.
     """
     options = options or CalibrationOptions()
-    chain, terms = prior.model.model.chain, prior.terms
-    unknowns = choose_unknowns(
-        arm, options.tolerances, observations.measured, start.T_instr_base, start.targets_m
+    model, expected = Model(prior.model.model.chain, prior.terms), prior.expected
+    unknowns = choose_unknowns(arm, options.tolerances, observations.measured, start)
+    states, source = with_torques(model, expected.mean, observations.states, payload)
+    problem, x_start = with_unknown_frames(
+        model, expected.mean, unknowns, start, observations.with_states(states)
     )
-    (links,) = (term for term in terms if isinstance(term, Offsets))
-    unknowns = replace(unknowns, links=links)
-    model = Model(chain, (*terms, *unknowns.frames, unknowns.base))
-    states, source = with_torques(
-        Model(chain, terms), prior.expected.mean, observations.states, payload
-    )
-    posed = observations.with_states(states).turned(start.R_ee_target)
-    problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, posed)
-    frames = [start_of_tool(name, start) for name in unknowns.frame_names]
-    x = np.concatenate([prior.expected.mean, frames, np.zeros(len(unknowns.base.parameters))])
-    check_enough(problem, known=len(prior.expected.mean))
-
-    expected = prior.expected
-    possible = hypotheses(arm, terms, expected.mean, expected.covariance)
+    check_enough(problem, known=len(expected.mean))
+    possible = hypotheses(arm, prior.terms, expected.mean, expected.covariance)
     released: list[Found] = []
     fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
-    found = fitted(problem, problem.start(x), expected=expected)
+    found = fitted(problem, x_start, expected=expected)
     for _ in range(_MOST_ROUNDS):
         k = len(expected.mean)
         covariance = found.covariance[:k, :k] / found.widening**2
@@ -258,24 +251,14 @@ def calibrate_from(
     if left > _CONTRADICTED * stated:
         anew = Found(everything(possible), 1.0, 0.0)
         freed = prior.expected.widened(anew.directions)
-        other = fitted(problem, problem.start(x), expected=freed)
+        other = fitted(problem, x_start, expected=freed)
         if _left(other, observations)[0] < _EXPLAINED * left:
             released, expected, found = [anew], freed, other
     if source == "masses":
         about = partial(fitted, expected=expected)
         problem, found = at_rest(problem, found, observations.states, payload, about)
-    return GeneralCalibration(
-        arm=arm,
-        start=start,
-        unknowns=unknowns,
-        settled={},
-        springs=tuple(term.joint for term in terms if isinstance(term, JointSpring)),
-        torques_from=source,
-        payload=payload,
-        problem=problem,
-        fit=found,
-        prior=_changed(prior, problem, found, released, possible),
-    )
+    changed, omitted = _changed(prior, problem, found, released, possible), unknowns.redundant
+    return GeneralCalibration(problem, x_start, start, omitted, source, payload, {}, found, changed)
 
 
 def _left(found: GeneralSolution, observations: Observations) -> tuple[float, float]:
@@ -375,9 +358,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     """
     arm = model.model.chain.arm
     start = find_start(arm, observations)
-    unknowns = choose_unknowns(
-        arm, Tolerances(), observations.measured, start.T_instr_base, start.targets_m
-    )
+    unknowns = choose_unknowns(arm, Tolerances(), observations.measured, start)
     arm_terms = [term for term in model.model.terms if not (is_tool(term) or OF in term.of)]
     known = [fixed(term, model.values_of(term)) for term in arm_terms]
     of_arm = model.model.parameter_indices(*arm_terms)
@@ -388,16 +369,9 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
         for number, (from_s, to_s) in enumerate(ends_s, start=2)
     )
     own_frames = (*unknowns.frames, *parts)
-    with_frames = Model(chain, (*known, *own_frames, unknowns.base))
-    problem = Problem(
-        with_frames,
-        unknowns.places,
-        start.targets_m,
-        start.T_instr_base,
-        observations.turned(start.R_ee_target),
-    )
-    x_model = np.array([start_of_tool(each.name, start) for each in with_frames.parameters])
-    found = fit(problem, problem.start(x_model))
+    unknowns, as_known = replace(unknowns, frames=own_frames), Model(chain, tuple(known))
+    problem, x_start = with_unknown_frames(as_known, np.zeros(0), unknowns, start, observations)
+    found = fit(problem, x_start)
     if not found.converged:
         raise CalibrationError(
             "base and tool could not be fitted",
@@ -410,7 +384,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     away = model.falls_back
     terms = (*arm_terms, *own_frames)
     frames = sum(len(each.parameters) for each in own_frames)
-    small = base_motion(with_frames, of_model[frames:])
+    small = base_motion(problem.model, of_model[frames:])
     covariance = None
     if model.covariance is not None:
         opened = replace(problem, model=Model(chain, (*terms, unknowns.base)))

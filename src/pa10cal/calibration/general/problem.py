@@ -24,8 +24,15 @@ from pa10cal.options import Tolerances
 from pa10cal.results.calibration import Redundant
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OF, OfCampaign
-from pa10cal.terms.term import Offsets, TermParameter, base_frame, link_departures, tool_frame
+from pa10cal.terms.of_campaign import OF, OfCampaign, OfPart
+from pa10cal.terms.term import (
+    Offsets,
+    Term,
+    TermParameter,
+    base_frame,
+    link_departures,
+    tool_frame,
+)
 from pa10cal.terms.weights import Weights
 
 # Which parameters arm and instrument can identify: complete, since every one with an effect is
@@ -59,7 +66,7 @@ class Unknowns:
     links: Offsets  # departures kept
     # motions kept of the tool, none where the instrument has targets of its own; of a group, of
     # every campaign's tool and of the bases of all campaigns but the first
-    frames: tuple[Offsets | OfCampaign, ...]
+    frames: tuple[Offsets | OfCampaign | OfPart, ...]
     base: Offsets  # motions of the base kept
     places: NDArray[np.intp]  # coordinates of targets kept, as indices into `target_parameters`
     redundant: tuple[Redundant, ...]  # parameters omitted, with those that replace them
@@ -71,14 +78,13 @@ class Unknowns:
 
 
 def choose_unknowns(
-    arm: Arm, tolerances: Tolerances, measured: Instrument, T_instr_base: Array, targets_m: Array
+    arm: Arm, tolerances: Tolerances, measured: Instrument, start: Start
 ) -> Unknowns:
     """Choose the parameters that arm and instrument can identify.
 
     Args:
         measured: by which instrument; its readings play no part.
-        T_instr_base: (4, 4) approximate base frame.
-        targets_m: (t,) about where the targets sit.
+        start: about where frames and targets are.
     """
     links, base = link_departures(arm, tolerances), base_frame()
     own = _own_frames(measured)
@@ -99,7 +105,8 @@ def choose_unknowns(
         states = replace(states, campaign=number)
         measured = measured.take(np.repeat(np.cumsum(sizes) - sizes, count))
     predicted = model.predict_with_jacobian(states, np.zeros(len(model.parameters)))
-    T_instr_ee, R = T_instr_base @ predicted.T_base_ee, T_instr_base[:3, :3]
+    targets_m, R = start.targets_m, start.T_instr_base[:3, :3]
+    T_instr_ee = start.T_instr_base @ predicted.T_base_ee
     found = measured.ideal(T_instr_ee, targets_m).compare(T_instr_ee, targets_m)
     by_end = (R @ predicted.jacobian[:, :3], R @ predicted.jacobian[:, 3:])
     by_model = found.by_end @ np.concatenate(by_end, axis=1)
@@ -216,9 +223,21 @@ class GeneralProblem:
     # model and observations, with the torques of the nominal arm where none were logged
     problem: Problem
     x_start: Array  # (k,) nominal geometry, usual springs
-    unknowns: Unknowns  # geometric parameters chosen, and those omitted
-    springs: tuple[int, ...]  # joints with a spring
+    start: Start  # where frames and targets were thought to be, and how the orientation is turned
+    redundant: tuple[Redundant, ...]  # geometric parameters omitted
     torques_from: TorqueSource  # `logged`, `masses`, or `none`
+    payload: Payload | None  # what the arm carried; None where that is not known
+
+    @property
+    def arm(self) -> Arm:
+        """Return the nominal arm."""
+        return self.problem.model.chain.arm
+
+    @property
+    def springs(self) -> tuple[int, ...]:
+        """Return the joints with a spring."""
+        terms = self.problem.model.terms
+        return tuple(term.joint for term in terms if isinstance(term, JointSpring))
 
 
 def general_problem(
@@ -235,9 +254,8 @@ def general_problem(
     Raises:
         CalibrationError: when springs are requested whose torques are not known.
     """
-    chain = Chain.of(arm)
+    chain, known = Chain.of(arm), weights_known(arm)
     states, source = with_torques(Model(chain, ()), np.zeros(0), observations.states, payload)
-    observations = observations.with_states(states)
     unknown: tuple[Weights, ...] = ()
     if source == "masses" and payload is not None:
         unknown = unknown_weights(arm, payload, states)
@@ -246,23 +264,43 @@ def general_problem(
         of_tool = (np.array(weights.columns) == 4 * arm.n) & weights.unknown_tool
         torques_Nm = torques_Nm - weights.torque_Nm(states, np.where(of_tool, weights.sizes, 0.0))
     springs = _springs(arm, torques_Nm, source, options.general.springs)
-    tau_Nm = np.abs(torques_Nm).max(axis=0)
-    observations = observations.turned(start.R_ee_target)
-    unknowns = choose_unknowns(
-        arm, options.tolerances, observations.measured, start.T_instr_base, start.targets_m
+    unknowns = choose_unknowns(arm, options.tolerances, observations.measured, start)
+    sag_rad = _LARGE_SAG_RAD if source == "masses" and known.assumed else None
+    terms: list[Term] = [unknowns.links if links else Offsets((), ())]
+    x_start = [np.zeros(len(terms[0].parameters))]
+    for joint in springs:
+        tau_ref_Nm = float(np.abs(torques_Nm[:, joint - 1]).max())
+        spring = JointSpring(joint, tau_ref_Nm, cubic=False, plausible_rad=sag_rad)
+        soft = tau_ref_Nm / _USUAL_SAG_RAD if known.assumed else _USUAL_STIFFNESS
+        terms.append(spring)
+        x_start.append(spring.solved(soft, 0.0))
+    if springs:
+        terms += unknown
+        x_start += [np.zeros(len(weights.parameters)) for weights in unknown]
+    arm_terms = Model(chain, tuple(terms)), np.concatenate(x_start)
+    problem, x = with_unknown_frames(*arm_terms, unknowns, start, observations.with_states(states))
+    return GeneralProblem(problem, x, start, unknowns.redundant, source, payload)
+
+
+def with_unknown_frames(
+    arm: Model, x_arm: Array, unknowns: Unknowns, start: Start, observations: Observations
+) -> tuple[Problem, Array]:
+    """Return the problem of an arm whose frames and targets are unknown, and where it sets out.
+
+    Args:
+        arm: its chain, and its terms without those of frames.
+        x_arm: their parameters to set out with.
+    """
+    frames = (*unknowns.frames, unknowns.base)
+    problem = Problem(
+        Model(arm.chain, (*arm.terms, *frames)),
+        unknowns.places,
+        start.targets_m,
+        start.T_instr_base,
+        observations.turned(start.R_ee_target),
     )
-    if not links:
-        unknowns = replace(unknowns, links=Offsets((), ()))
-    sag_rad = _LARGE_SAG_RAD if source == "masses" and weights_known(arm).assumed else None
-    terms = tuple(
-        JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False, plausible_rad=sag_rad)
-        for joint in springs
-    )
-    of_weights = unknown if terms else ()
-    model = Model(chain, (unknowns.links, *terms, *of_weights, *unknowns.frames, unknowns.base))
-    problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, observations)
-    x_start = problem.start(_model_start(problem.model, start))
-    return GeneralProblem(problem, x_start, unknowns, springs, source)
+    of_frames = [_start_of(each.name, start) for frame in frames for each in frame.parameters]
+    return problem, problem.start(np.concatenate([x_arm, of_frames]))
 
 
 def _springs(
@@ -317,20 +355,7 @@ def loaded_joints(arm: Arm, tau_Nm: Array, share: float) -> tuple[int, ...]:
     )
 
 
-def _model_start(model: Model, start: Start) -> Array:
-    """Return nominal geometry with usual springs and the tool where it is thought to be."""
-    parts = []
-    for term in model.terms:
-        if isinstance(term, JointSpring):
-            known = weights_known(model.chain.arm)
-            soft = term.tau_ref_Nm / _USUAL_SAG_RAD if known.assumed else _USUAL_STIFFNESS
-            parts.append(term.solved(soft, 0.0))
-        else:
-            parts.append(np.array([start_of_tool(each.name, start) for each in term.parameters]))
-    return np.concatenate(parts)
-
-
-def start_of_tool(parameter: str, start: Start) -> float:
+def _start_of(parameter: str, start: Start) -> float:
     """Return where a coordinate of a tool is thought to be [m], of a campaign's own by its name.
 
     Zero for any other parameter.
