@@ -78,9 +78,28 @@ def fitted(robot, seed, terms=None):
         T_instr_base=np.eye(4),
         covariance=root @ root.T,
         payload=PAYLOAD,
-        fitted_to=FittedTo("c1", "synthetic", "combined", "pose", 81, 21.5, (10.0, 3000.0), "good"),
+        fitted_to=fitted_to("c1"),
         seen=AngleCoverage(tuple(np.array([[-1.0, 1.0]]) for _ in range(arm.n)), (False,) * arm.n),
     )
+
+
+def on_springs(robot, stiffness, payload, links=None):
+    """Return an arm whose joints give way by stiffness [N m/rad], links as designed: all, or one."""
+    arm = load_arm(robot)
+    offsets = link_departures(arm, Tolerances())
+    offsets = offsets if links is None else offsets.only(links)
+    springs = tuple(JointSpring(joint, 50.0, cubic=False) for joint in stiffness)
+    values = [spring.solved(k, 0.0) for spring, k in zip(springs, stiffness.values(), strict=True)]
+    x = np.concatenate([np.zeros(len(offsets.parameters)), *values])
+    model, covariance = Model(Chain.of(arm), (offsets, *springs)), np.eye(len(x) + 6) * 1e-12
+    return FittedModel(model, x, np.eye(4), payload=payload, covariance=covariance)
+
+
+def fitted_to(campaign, **changes):
+    """Return what a model was fitted to."""
+    usual = {"provenance": "synthetic", "calibration": "combined", "instrument": "pose"}
+    poses = {"poses": 81, "temperature_C": 21.5, "time_s": (10.0, 3000.0), "grade": "good"}
+    return FittedTo(campaign=campaign, **{**usual, **poses, **changes})
 
 
 def case_of(arm, every):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from made_up_model import fitted
+from made_up_model import fitted, fitted_to
 from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.term import link_departures, tool_frame
@@ -24,7 +24,7 @@ def campaign(seed, name="june", robot="pa10_6ce", terms=parts):
     true = fitted(robot, 3, terms)
     scale = np.concatenate([PART * true.model.scale, np.full(6, 1e-5)])
     x = true.x + np.random.default_rng(seed).normal(0.0, scale[:-6])
-    about = replace(true.fitted_to, campaign=name, loads_N=(0.0, 22.0), health="as the noise")
+    about = fitted_to(name, loads_N=(0.0, 22.0), health="as the noise")
     return replace(true, x=x, covariance=np.diag(scale**2), fitted_to=about)
 
 

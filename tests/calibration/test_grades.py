@@ -25,6 +25,16 @@ RAW = Path(__file__).parents[2] / "data/raw"
 #: An error of joint 2 once a turn, far beyond the noise.
 ECCENTRIC = {"id": "encoder_eccentricity", "of": "joint 2", "parameters": {"A": 5e-4, "phi": 1.0}}
 
+LACKS = "the model is missing an effect"
+REVERSED = InputFinding(
+    what="its sign is reversed",
+    where="joint 6",
+    remedy="reverse it",
+    would_leave_mm=0.05,
+    kind="joint_sign",
+)
+ONE_STEP = CalibrationOptions(max_iterations=1)
+
 
 @pytest.fixture
 def campaign(tmp_path):
@@ -69,10 +79,10 @@ def test_a_held_out_reading_that_is_wrong_does_not_count(campaign, instrument, p
     assert f", {judged.trusted.rms_mm:.3f} mm over held-out" in model.fitted_to.health
 
 
-def turned(every, joint, angle_rad, logged=None):
-    """Return observations with another log of one joint."""
+def turned(every, joint, angle_rad):
+    """Return observations with another zero of one joint."""
     q_rad = every.states.q_rad.copy()
-    q_rad[:, joint - 1] = angle_rad + q_rad[:, joint - 1] if logged is None else logged
+    q_rad[:, joint - 1] += angle_rad
     return every.with_states(replace(every.states, q_rad=q_rad))
 
 
@@ -134,13 +144,6 @@ def test_few_poses_and_how_many_more(campaign):
     assert "more poses would reach" in line
 
 
-def test_a_missing_effect_and_how_many_times_the_noise(campaign):
-    grade, line = graded(campaign(hidden=[ECCENTRIC], departs="rows"))
-    assert grade == "incomplete"
-    assert "times the stated noise of" in line
-    assert "the model is missing an effect" in line
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("factor", "repeat_every"), [(1e3, 0), (1e3, 2), (1e-3, 0), (1e-3, 2)])
 def test_a_stated_uncertainty_in_another_unit(campaign, factor, repeat_every):
@@ -151,31 +154,21 @@ def test_a_stated_uncertainty_in_another_unit(campaign, factor, repeat_every):
     assert "check its unit" in line
 
 
-def test_a_joint_zero_that_no_arm_was_built_with(campaign):
-    found = campaign(departs="rows")
-    grade, line = graded(found, turned(found.observations, 3, np.radians(3.0)))
-    assert grade == "suspect_input"
-    assert "delta_theta_3" in line
-    assert "zero of its joint in the log" in line
-
-
-def test_what_checks_of_the_input_found(campaign):
-    told = InputFinding(
-        what="its sign is reversed",
-        where="joint 6",
-        remedy="reverse it",
-        would_leave_mm=0.05,
-        kind="joint_sign",
-    )
-    grade, line = graded(campaign(departs="rows"), findings=(told,))
-    assert grade == "suspect_input"
-    assert line.endswith("joint 6: its sign is reversed; reverse it (0.05 mm rms would remain)")
-
-
-def test_a_fit_that_did_not_converge(campaign):
-    grade, line = graded(campaign(departs="rows"), options=CalibrationOptions(max_iterations=1))
-    assert grade == "not_converged"
-    assert "raise calibration.max_iterations" in line
+@pytest.mark.parametrize(
+    ("plan", "zero_rad", "case", "grade", "says"),
+    [
+        ({"hidden": [ECCENTRIC]}, 0.0, {}, "incomplete", ("times the stated noise of", LACKS)),
+        ({}, np.radians(3.0), {}, "suspect_input", ("delta_theta_3", "zero of its joint in the")),
+        ({}, 0.0, {"findings": (REVERSED,)}, "suspect_input", (f"input: {REVERSED}",)),
+        ({}, 0.0, {"options": ONE_STEP}, "not_converged", ("raise calibration.max_iterations",)),
+    ],
+    ids=["missing effect", "joint zero", "checks of the input", "not converged"],
+)
+def test_each_other_grade_and_what_it_says(campaign, plan, zero_rad, case, grade, says):
+    found = campaign(departs="rows", **plan)
+    given, line = graded(found, turned(found.observations, 3, zero_rad), **case)
+    assert given == grade
+    assert all(text in line for text in says), line
 
 
 def test_a_model_takes_its_grade_along(campaign, tmp_path):

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from made_up_mistakes import Mistake, Own, Said, calibrate, call, columns
-from made_up_model import fitted
+from made_up_model import fitted, fitted_to
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.model_file import save_model
 from pa10cal.options import Tolerances
@@ -28,7 +28,7 @@ def springs(arm):
 
 def model_of(robot="pa10_6ce"):
     model = fitted(robot, 3, springs)
-    about = replace(model.fitted_to, loads_N=(0.0, 44.0))
+    about = fitted_to("c1", loads_N=(0.0, 44.0))
     seen = AngleCoverage(tuple(np.array([[0.2, 1.0]]) for _ in range(6)), (False,) * 6)
     return replace(model, fitted_to=about, seen=seen)
 

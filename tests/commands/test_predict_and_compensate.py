@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from made_up_model import fitted, postures
+from made_up_model import fitted, fitted_to, postures
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.exports import controller_pose
 from pa10cal.commands.command_line import REFUSED, run_command
@@ -34,7 +34,7 @@ def springs(arm):
 
 def saved(tmp_path, **about):
     model = fitted("pa10_6ce", 3, springs)
-    model = replace(model, fitted_to=replace(model.fitted_to, loads_N=(0.0, 44.0), **about))
+    model = replace(model, fitted_to=fitted_to("c1", loads_N=(0.0, 44.0), **about))
     save_model(model, tmp_path / "model.yaml")
     return model
 

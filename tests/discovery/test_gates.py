@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from made_up_arm import Missing, at_joint, measure
+from made_up_model import fitted_to
 from pa10cal.discovery import gates
 from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats
 from pa10cal.discovery.gates import MOST_ALTERNATIVES, MOST_SIZES, doubts, gated, unfit, with_pulls
 from pa10cal.discovery.lack_of_fit import pure_error_test
-from pa10cal.fit.fitted import FittedTo
 from pa10cal.terms.effects.joint import GearRatioError
 
 
@@ -182,13 +182,13 @@ class TestNone:
             assert "where the stated uncertainty gives" in why(doubtful)
 
     def test_the_grade_of_the_calibration(self, found):
-        about = FittedTo("c", "", "combined", "pose", 10, 20.0, (0.0, 1.0), "suspect_input", "")
+        about = fitted_to("c", grade="suspect_input")
         baseline = replace(found.prepared.baseline, fitted_to=about)
         suspect = replace(found, prepared=replace(found.prepared, baseline=baseline))
         assert gated(suspect).verdict == "unexplained"
         assert why(gated(suspect)) == "no effect was found, yet the calibration is suspect_input"
         for grade in ("good", "few_poses", "incomplete"):
-            other = replace(baseline, fitted_to=replace(about, grade=grade))
+            other = replace(baseline, fitted_to=fitted_to("c", grade=grade))
             judged = gated(replace(found, prepared=replace(found.prepared, baseline=other)))
             # Without repeats only a stated uncertainty speaks for it.
             by_repeats = found.method == "evidence of repeats"

@@ -166,7 +166,7 @@ def test_descriptions_that_differ_otherwise_are_told():
 
 
 def test_a_doubtful_grade_is_said():
-    doubtful = replace(campaign(2).fitted_to, grade="suspect_input")
+    doubtful = campaign(2).fitted_to.model_copy(update={"grade": "suspect_input"})
     found = pa10cal.compare(campaign(1), replace(campaign(2), fitted_to=doubtful), ("a", "b"))
     assert found.line.endswith("; mind that b is graded suspect_input")
 

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from made_up_model import fitted, postures, vocabulary
+from made_up_model import fitted, fitted_to, postures, vocabulary
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import arm_names, load_arm
@@ -40,6 +40,19 @@ def regular(model, q, frame="flange"):
     sizes = np.linalg.svd(model.jacobian(q, frame=frame), compute_uv=False)[:, -1]
     clear = (q > low + 0.05).all(axis=1) & (q < high - 0.05).all(axis=1)
     return q[(sizes > 0.02) & clear]
+
+
+Q_IRB, Q_PA10 = (
+    np.array([0.3, 0.5, row3, 0.4, row5, -0.6]) for row3, row5 in ((0.2, 0.9), (0.9, 0.8))
+)
+#: The wrist of the first turned over: the same pose, on another branch.
+FLIPPED = Q_IRB + np.array([0.0, 0.0, 0.0, -np.pi, -1.8, np.pi])
+
+
+def limited(model, limits_rad):
+    """Return the same model of an arm with other limits."""
+    arm = replace(model.arm, limits_rad=limits_rad)
+    return FittedModel(Model(Chain.of(arm), model.model.terms), model.x, np.eye(4))
 
 
 def off_m(T, other):
@@ -112,14 +125,11 @@ def test_a_path_stays_on_its_branch(robot):
 
 def test_a_row_of_nan_follows_the_row_before_and_a_seed_chooses_the_branch():
     model = fitted("irb120", 8, links)
-    q = np.array([0.3, 0.5, 0.2, 0.4, 0.9, -0.6])
-    T = np.tile(model.predict(q).T, (3, 1, 1))
-    flipped = q + np.array([0.0, 0.0, 0.0, -np.pi, -1.8, np.pi])
-    seeds = np.array([q, flipped, np.full(6, np.nan)])
-    found = model.compensate(T, seed=seeds)
+    T = np.tile(model.predict(Q_IRB).T, (3, 1, 1))
+    found = model.compensate(T, seed=np.array([Q_IRB, FLIPPED, np.full(6, np.nan)]))
     assert list(found.status) == ["ok"] * 3
-    np.testing.assert_allclose(found.q[0], q, atol=1e-9)
-    assert np.abs(found.q[1] - flipped).max() < 0.1
+    np.testing.assert_allclose(found.q[0], Q_IRB, atol=1e-9)
+    assert np.abs(found.q[1] - FLIPPED).max() < 0.1
     np.testing.assert_allclose(found.q[2], found.q[1], atol=1e-9)
 
 
@@ -142,15 +152,19 @@ def test_a_seed_keeps_its_branch_where_the_calibrated_arm_just_misses_the_pose()
 
 def test_another_branch_is_told_where_that_of_the_seed_is_beyond_a_limit():
     model = fitted("irb120", 8, links)
-    q = np.array([0.3, 0.5, 0.2, 0.4, 0.9, -0.6])
-    flipped = q + np.array([0.0, 0.0, 0.0, -np.pi, -1.8, np.pi])
-    low, high = model.arm.limits_rad.T.copy()
-    high[4] = 0.8
-    arm = replace(model.arm, limits_rad=np.stack([low, high], axis=1))
-    tight = FittedModel(Model(Chain.of(arm), model.model.terms), model.x, np.eye(4))
-    found = tight.compensate(model.predict(q).T, seed=q)
+    limits = model.arm.limits_rad.copy()
+    limits[4, 1] = 0.8
+    found = limited(model, limits).compensate(model.predict(Q_IRB).T, seed=Q_IRB)
     assert (found.status[0], found.branch[0]) == ("ok", "other")
-    assert np.abs(found.q[0] - flipped).max() < 0.1
+    assert np.abs(found.q[0] - FLIPPED).max() < 0.1
+
+
+def test_beyond_the_limits_of_all_branches():
+    model = fitted("irb120", 11, links)
+    T, tight = model.predict(Q_IRB).T, limited(model, np.tile([-0.1, 0.1], (6, 1)))
+    found = tight.compensate(T)
+    assert list(found.status) == ["outside_limits"]
+    assert off_m(tight.predict(found.q).T, T) < 1e-9
 
 
 def test_joints_that_turn_further_than_once_stay_near_the_row_before():
@@ -162,11 +176,9 @@ def test_joints_that_turn_further_than_once_stay_near_the_row_before():
 
 def test_what_cannot_be_done_is_said_and_no_row_is_dropped():
     model = fitted("pa10_6ce", 10, links_and_springs)
-    q = np.array([0.3, 0.5, 0.9, 0.4, 0.8, -0.6])
-    far = model.predict(q).T[0].copy()
-    far[:3, 3] *= 3.0
-    T = np.stack([model.predict(q).T[0], far, model.predict(q).T[0]])
-    found = model.compensate(T, seed=q)
+    T = np.tile(model.predict(Q_PA10).T, (3, 1, 1))
+    T[1, :3, 3] *= 3.0
+    found = model.compensate(T, seed=Q_PA10)
     assert list(found.status) == ["ok", "unreachable", "ok"]
     assert found.error_mm[1] > 100.0
     assert np.isfinite(found.q).all()
@@ -176,45 +188,29 @@ def test_what_cannot_be_done_is_said_and_no_row_is_dropped():
 @pytest.mark.parametrize("bent", [0.0, 1e-7, 0.003, 0.3])
 def test_a_straight_wrist_is_near_singular(bent):
     model = FittedModel(Model(Chain.of(load_arm("pa10_6ce")), ()), np.zeros(0), np.eye(4))
-    q = np.array([[0.3, 0.5, 0.9, 0.4, bent, -0.6]])
+    q = np.where(np.arange(6) == 4, bent, Q_PA10)
     T = model.predict(q).T
     found = model.compensate(T, seed=q)
     assert list(found.status) == ["ok" if bent > 0.1 else "near_singular"]
     assert off_m(model.predict(found.q).T, T) < 1e-6
 
 
-def test_beyond_the_limits_of_all_branches():
-    model = fitted("irb120", 11, links)
-    q = np.array([0.3, 0.5, 0.2, 0.4, 0.9, -0.6])
-    T = model.predict(q).T
-    arm = replace(model.arm, limits_rad=np.tile([-0.1, 0.1], (6, 1)))
-    tight = FittedModel(Model(Chain.of(arm), model.model.terms), model.x, np.eye(4))
-    found = tight.compensate(T)
-    assert list(found.status) == ["outside_limits"]
-    assert off_m(tight.predict(found.q).T, T) < 1e-9
-
-
 def test_weights_and_direction_of_arrival_count():
     model = fitted("pa10_6ce", 12, vocabulary)
-    q = np.array([[0.3, 0.5, 0.9, 0.4, 0.8, -0.6]])
-    T = model.predict(q).T
-    empty, loaded = (model.compensate(T, seed=q, load_N=load).q for load in (0.0, 44.0))
+    T = model.predict(Q_PA10).T
+    empty, loaded = (model.compensate(T, seed=Q_PA10, load_N=load).q for load in (0.0, 44.0))
     assert 1e-5 < np.abs(loaded - empty).max() < 0.1
-    assert model.compensate(T, seed=q, arrival=1.0).q.tolist() != empty.tolist()
+    assert model.compensate(T, seed=Q_PA10, arrival=1.0).q.tolist() != empty.tolist()
 
 
-def test_notebooks_show_tables():
+def test_notebooks_show_tables_and_no_pose_is_no_fault():
     model = fitted("pa10_6ce", 12, links)
-    predicted = model.predict(np.array([0.3, 0.5, 0.9, 0.4, 0.8, -0.6]))
+    predicted = model.predict(Q_PA10)
     assert "u_mm" in predicted._repr_html_()
     shown = model.compensate(predicted.T)._repr_html_()
     assert "q6" in shown
     assert "ok" in shown
-
-
-def test_no_pose_is_no_fault():
-    model = fitted("pa10_6ce", 13, links)
-    assert len(model.compensate(np.zeros((0, 4, 4)))) == 0
+    assert len(model.compensate(np.zeros((0, 4, 4)))) == 0  # no pose is no fault
 
 
 TRANSPOSED = np.stack([np.eye(4), np.eye(4)])
@@ -240,14 +236,14 @@ TRANSPOSED[1, 3, 0] = 0.5
 )
 def test_bad_requests_are_refused(T, more, message):
     model = fitted("pa10_6ce", 14, links)
-    model = replace(model, fitted_to=replace(model.fitted_to, loads_N=(0.0, 44.0)))
+    model = replace(model, fitted_to=fitted_to("c1", loads_N=(0.0, 44.0)))
     with pytest.raises(ModelError, match=message):
         model.compensate(T, **more)
 
 
 def test_a_load_heavier_than_those_seen_can_be_insisted_on():
     model = fitted("pa10_6ce", 14, links_and_springs)
-    model = replace(model, fitted_to=replace(model.fitted_to, loads_N=(0.0, 44.0)))
+    model = replace(model, fitted_to=fitted_to("c1", loads_N=(0.0, 44.0)))
     q = postures(load_arm("pa10_6ce"), 15)
     with pytest.raises(ModelError, match=r"load_N of pose 3.*45"):
         model.predict(q, load_N=np.where(np.arange(len(q)) == 2, 45.0, 0.0))

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from made_up_model import fitted, postures, vocabulary
-from pa10cal.arm.chain import end_pose
 from pa10cal.arm.statics import PoseStates
 from pa10cal.fit.rigid import (
     best_rigid_model,
@@ -41,9 +40,7 @@ def measured(model, seed=1):
 def test_tool_and_targets_hang_on_the_flange_of_the_rigid_part():
     model = fitted("ur10", 1, links)
     part, q = rigid_part(model), postures(model.arm, 2)
-    at = np.tile(part.coordinates, (len(q), 1))
-    at[:, part.chain.joint_columns] += q
-    T = end_pose(part.chain, at)
+    T = part.T_base_flange(q)
     np.testing.assert_allclose(T, model.predict(q).T, atol=1e-12)
     np.testing.assert_allclose(
         T @ part.frames["tool"], model.predict(q, frame="tool").T, atol=1e-12
@@ -59,9 +56,7 @@ def test_what_a_urdf_lacks_is_what_the_model_predicts_beyond_its_links():
     poses = measured(model)
     states = poses.states
     whole = model.predict(states.q_rad, load_N=22.0, arrival=1.0, temperature_C=22.0, time_s=0.0)
-    at = np.tile(rigid_part(model).coordinates, (len(poses), 1))
-    at[:, model.model.chain.joint_columns] += states.q_rad
-    off = whole.T[:, :3, 3] - end_pose(model.model.chain, at)[:, :3, 3]
+    off = whole.T[:, :3, 3] - rigid_part(model).T_base_flange(states.q_rad)[:, :3, 3]
     off_mm = 1e3 * np.linalg.norm(off, axis=1)
     rms_mm, peak_mm = beyond_rigid_mm(model, poses)
     assert peak_mm == pytest.approx(off_mm.max())

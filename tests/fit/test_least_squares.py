@@ -55,9 +55,8 @@ def test_what_stops_at_the_end_of_its_range_lets_the_others_step_on(seed, count)
         held=bounds.held,
         beyond=bounds.beyond,
     )
-    others = np.linalg.lstsq(jacobian[:, 1:], values - 0.5 * free[0] * jacobian[:, 0], rcond=None)[
-        0
-    ]
+    rest = values - 0.5 * free[0] * jacobian[:, 0]
+    others = np.linalg.lstsq(jacobian[:, 1:], rest, rcond=None)[0]
     np.testing.assert_allclose(found.at, [0.5 * free[0], *others], atol=1e-8)
     assert found.iterations <= 3
 

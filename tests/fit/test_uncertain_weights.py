@@ -5,20 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibrated import general
+from made_up_model import on_springs
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, PoseStates
-from pa10cal.calibration.general.calibrate import calibrate_general
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import FittedModel, load_model
+from pa10cal.fit.fitted_model import load_model
 from pa10cal.fit.loads import with_torques
 from pa10cal.fit.model_file import save_model
 from pa10cal.fit.uncertain_weights import open_unknowns, unknown_tool, with_uncertain_weights
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import link_departures
 from pa10cal.terms.weights import Weights
 
 ARM = load_arm("ur10")
@@ -35,14 +34,8 @@ def states(count=60, seed=1):
     return PoseStates(q_rad, unknown, np.zeros_like(q_rad), nothing, nothing + 20.0, nothing)
 
 
-def on_springs(payload=TOOL):
-    """A model with nominal links and the springs above."""
-    links = link_departures(ARM, Tolerances())
-    springs = tuple(JointSpring(joint, 50.0, cubic=False) for joint in STIFFNESS)
-    values = [spring.solved(k, 0.0) for spring, k in zip(springs, STIFFNESS.values(), strict=True)]
-    x = np.concatenate([np.zeros(len(links.parameters)), *values])
-    model = Model(Chain.of(ARM), (links, *springs))
-    return FittedModel(model, x, np.eye(4), payload=payload, covariance=np.eye(len(x) + 6) * 1e-12)
+def with_springs(payload=TOOL):
+    return on_springs("ur10", STIFFNESS, payload)
 
 
 def predicted(model, states, payload):
@@ -53,14 +46,16 @@ def predicted(model, states, payload):
 
 def test_a_weight_that_differs_moves_the_arm_as_if_it_were_described():
     arm = replace(ARM, mass_kg=ARM.mass_kg + np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
-    heavier = on_springs(replace(TOOL, mass_kg=TOOL_KG + 0.5))
+    heavier = with_springs(replace(TOOL, mass_kg=TOOL_KG + 0.5))
     heavier = replace(heavier, model=Model(Chain.of(arm), heavier.model.terms))
-    weights = with_uncertain_weights(on_springs(), TOOL)
+    weights = with_uncertain_weights(with_springs(), TOOL)
     names = [parameter.name for parameter in weights.model.parameters]
     weights.x[names.index("weight_2_mass")] = 1.0
     weights.x[names.index("weight_tool_mass")] = 0.5
-    moved = predicted(weights, states(), TOOL) - predicted(on_springs(), states(), TOOL)
-    wanted = predicted(heavier, states(), heavier.payload) - predicted(on_springs(), states(), TOOL)
+    moved = predicted(weights, states(), TOOL) - predicted(with_springs(), states(), TOOL)
+    wanted = predicted(heavier, states(), heavier.payload) - predicted(
+        with_springs(), states(), TOOL
+    )
     assert np.abs(wanted).max() > 1e-5
     np.testing.assert_allclose(moved, wanted, atol=2e-3 * np.abs(wanted).max())
     # Wherever the model is asked, too.
@@ -69,7 +64,7 @@ def test_a_weight_that_differs_moves_the_arm_as_if_it_were_described():
 
 
 def test_opening_the_weights_changes_no_prediction_and_counts_as_no_unknown(tmp_path):
-    model, open_model = on_springs(), with_uncertain_weights(on_springs(), TOOL)
+    model, open_model = with_springs(), with_uncertain_weights(with_springs(), TOOL)
     np.testing.assert_array_equal(
         predicted(model, states(), TOOL), predicted(open_model, states(), TOOL)
     )
@@ -87,26 +82,15 @@ def test_opening_the_weights_changes_no_prediction_and_counts_as_no_unknown(tmp_
 
 
 def test_a_tool_of_unknown_mass_is_estimated_and_stiffness_is_as_uncertain():
-    truth = on_springs()
+    truth = with_springs()
     some = states(150)
     T = predicted(truth, some, TOOL)
     rng = np.random.default_rng(5)
     T[:, :3, 3] += 2e-5 * rng.standard_normal((len(T), 3))
     covariance = np.tile(np.diag([2e-5] * 3 + [1e-4] * 3) ** 2, (len(T), 1, 1))
-    count = len(T)
-    observations = Observations(
-        pose=np.array([f"{k}" for k in range(count)]),
-        states=some,
-        measured=Pose.of(T, covariance),
-        kind=np.full(count, "grid"),
-        repeat=np.ones(count, dtype=np.int64),
-        readings=np.ones(count, dtype=np.int64),
-    )
-    start = observations.measured.find_start(Chain.of(ARM).forward(some.q_rad))
-    found = {
-        payload.known: calibrate_general(ARM, observations, start, payload)
-        for payload in (TOOL, NOT_KNOWN)
-    }
+    labels = np.arange(len(T)).astype(str)
+    observations = Observations.single(labels, some, Pose.of(T, covariance))
+    found = {each.known: general(ARM, observations, each) for each in (TOOL, NOT_KNOWN)}
 
     def stiffness(known):
         model, std = found[known].problem.model, np.sqrt(np.diag(found[known].fit.covariance))

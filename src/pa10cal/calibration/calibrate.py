@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -275,21 +276,17 @@ def solve(
     """
     scale, bounds = level.model.scale, Bounds.of(level.parameters)
     lower, upper = bounds.lower / scale, bounds.upper / scale
-    last: dict[bytes, Rows] = {}
 
-    def linearise(z: Array) -> Rows:
-        # One linearisation, hence one inner solve, serves residuals and derivative of a step.
-        key = z.tobytes()
-        if key not in last:
-            last.clear()
-            last[key] = level.rows(z * scale)
-        return last[key]
+    @lru_cache(maxsize=1)  # one inner solve serves residuals and derivative of a step
+    def linearise(z: bytes) -> Rows:
+        return level.rows(np.frombuffer(z) * scale)
 
     def residuals(z: Array) -> Array:
-        return np.concatenate([linearise(z).residual.ravel(), terms @ (z * scale)])
+        rows = linearise(z.tobytes()).residual.ravel()
+        return np.concatenate([rows, terms @ (z * scale)])
 
     def jacobian(z: Array) -> Array:
-        rows = linearise(z).jacobian.reshape(-1, len(z))
+        rows = linearise(z.tobytes()).jacobian.reshape(-1, len(z))
         return np.concatenate([rows, terms]) * scale
 
     result = least_squares(

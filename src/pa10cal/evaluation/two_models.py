@@ -22,7 +22,7 @@ from pa10cal.errors import ModelError
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.fit.fitted import FLANGE, TOOL_FRAME
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.forward import Forward, conditions
+from pa10cal.fit.forward import Forward, states_at
 from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.results import comparison as results
 from pa10cal.results.health import UNRESERVED
@@ -262,7 +262,7 @@ def _predicted(
         size one; None where the covariance is not known.
     """
     forward = Forward.of(model, frame)
-    states = forward.states(q, conditions(model, len(q), load_N, temperature_C=temperature_C))
+    states = forward.states(states_at(model, q, load_N, temperature_C=temperature_C))
     end = forward.end(states)
     noise = None
     if model.covariance is not None:
@@ -276,9 +276,9 @@ def _compared_frame(
 ) -> results.ComparedFrame:
     """Compare one frame in postures (P, n) under loads (P,)."""
     # The temperature between those of both fits.
-    known_C = [m.fitted_to.temperature_C for m in (first, second) if m.fitted_to]
-    mean_C = float(np.mean(known_C)) if len(known_C) == 2 else np.nan
-    temperature_C = mean_C if np.isfinite(mean_C) else None
+    of_fits = [m.fitted_to.temperature_C for m in (first, second) if m.fitted_to]
+    known_C = [each for each in of_fits if each is not None]
+    temperature_C = None if len(known_C) < 2 else float(np.mean(known_C))
     T_one, noise_one = _predicted(first, frame, q, load_N, temperature_C)
     T_other, noise_other = _predicted(second, frame, q, load_N, temperature_C)
     apart_mm, apart_deg = _apart(T_one, T_other)

@@ -7,23 +7,25 @@ branches, a pose starts from the one before, and else from postures drawn within
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pa10cal.arm.branches import branches_of
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import Compensation, Fitted
 from pa10cal.fit.forward import (
-    Conditions,
     Forward,
     T_base_away,
     T_flange_frame,
-    conditions,
     pose_difference,
     predicted,
+    states_at,
 )
 
 #: A pose counts as reached within this [m, rad]; what a search leaves is far less.
@@ -63,7 +65,7 @@ def compensate(
     model: Fitted,
     T: Array,
     frame: str,
-    given: Conditions,
+    given: PoseStates,
     seed: ArrayLike | None = None,
     T_flange_tcp: ArrayLike | None = None,
 ) -> Compensation:
@@ -71,6 +73,7 @@ def compensate(
 
     Args:
         T: (N, 4, 4) poses of the frame in the base frame [m].
+        given: what they are besides; joint positions in it do not matter.
         seed: (N, n) or (n,) joint positions, nan where there are none.
         T_flange_tcp: (4, 4) TCP that the controller holds; None for the frame as the model has it.
 
@@ -92,14 +95,15 @@ def compensate(
         return Compensation(empty, words, words, none, none, none, inside, T, tcp)
     q, other = _searched(model, T, frame, given, seed)
     forward = Forward.of(model, frame)
-    found = predicted(model, q, frame, given)
+    given = replace(given, q_rad=q)
+    found = predicted(model, given, frame)
     off = pose_difference(found.T, T)
     off_m, off_rad = np.linalg.norm(off[:, :3], axis=1), np.linalg.norm(off[:, 3:], axis=1)
     arm = model.arm
     low, high = arm.limits_rad.T
     status = np.full(len(T), "ok", dtype="U14")
     lever = np.where(arm.prismatic, arm.reach_m, 1.0)
-    J = forward.by_joints(forward.states(q, given), given, terms=False)[1]
+    J = forward.by_joints(forward.states(given), terms=False)[1]
     sizes = np.linalg.svd(J * lever / np.repeat([arm.reach_m, 1.0], 3)[:, None])[1]
     status[sizes[:, -1] < SINGULAR] = "near_singular"
     beyond = ((q < low - _AT_LIMIT) | (q > high + _AT_LIMIT)).any(axis=1)
@@ -118,7 +122,7 @@ def compensate(
 
 
 def _searched(
-    model: Fitted, T: Array, frame: str, given: Conditions, seed: ArrayLike | None
+    model: Fitted, T: Array, frame: str, given: PoseStates, seed: ArrayLike | None
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return joint positions (N, n), and which are on another branch than the nearest.
 
@@ -208,7 +212,7 @@ class _InverseSearch:
         branches: what gives all branches of the arm as designed; None where that is not known.
     """
 
-    def __init__(self, forward: Forward, T: Array, given: Conditions) -> None:
+    def __init__(self, forward: Forward, T: Array, given: PoseStates) -> None:
         arm = forward.whole.arm
         self._forward, self._T, self._given = forward, T, given
         self._arm, self._low, self._high = arm, *arm.limits_rad.T
@@ -229,9 +233,9 @@ class _InverseSearch:
         assert self.branches is not None
         # The flange in the frame, as it is in the middle of the positions seen.
         whole = self._forward.whole
-        q, at = _middle(whole)[None], conditions(whole, 1)
+        at = states_at(whole, _middle(whole)[None])
         T_base_frame, T_base_end = (
-            forward.T_base_frame(forward.states(q, at))[0]
+            forward.T_base_frame(forward.states(at))[0]
             for forward in (self._forward, Forward.of(whole))
         )
         T_base_flange = self._T @ np.linalg.inv(T_base_frame) @ T_base_end
@@ -249,7 +253,7 @@ class _InverseSearch:
         good = done & inside
         short = np.flatnonzero(~done & inside & asked & ~other)
         if len(short):
-            states = self._forward.states(q[short], self._given.take(short))
+            states = self._states(q[short], short)
             off = pose_difference(self._forward.T_base_frame(states), self._T[short])
             good[short] = np.abs(off).max(axis=1) < _KEPT
         for rank in range(1, found.shape[1]):
@@ -317,9 +321,8 @@ class _InverseSearch:
         found, done = starts.copy(), np.zeros(len(rows), dtype=bool)
         slow, open_ = np.zeros(len(rows), dtype=int), np.arange(len(rows))
         for _ in range(steps):
-            given = self._given.take(rows[open_])
-            states = self._forward.states(q[open_], given)
-            T, J = self._forward.by_joints(states, given, terms=exact)
+            states = self._states(q[open_], rows[open_])
+            T, J = self._forward.by_joints(states, terms=exact)
             off = pose_difference(T, self._T[rows[open_]])
             size = np.linalg.norm(off * self._weight, axis=1)
             better = size < best[open_]
@@ -336,6 +339,10 @@ class _InverseSearch:
             if not len(open_):
                 break
         return found, best, done
+
+    def _states(self, q: Array, rows: NDArray[np.intp]) -> PoseStates:
+        """Return the states of some rows at joint positions (R, n)."""
+        return self._forward.states(replace(self._given.take(rows), q_rad=q))
 
     def _step(self, J: Array, off: Array) -> Array:
         """Return damped Newton steps (R, n): the damping fades with the square of what is left."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from pa10cal.arm.chain import BASE, TOOL, Chain, long_links
 from pa10cal.arm.description import Arm
@@ -23,7 +24,7 @@ from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Comparison, Deviations
 from pa10cal.results.health import Health, InputFinding
-from pa10cal.results.record import CampaignIdentity
+from pa10cal.results.record import CampaignIdentity, Part
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OfCampaign, is_constant, of_campaign
 from pa10cal.terms.term import Report, Term, TermParameter
@@ -36,8 +37,7 @@ M = TypeVar("M", bound=Instrument)
 FLANGE, TOOL_FRAME, TARGET = "flange", "tool", "target_"
 
 
-@dataclass(frozen=True)
-class FittedTo:
+class FittedTo(Part):
     """What a model was fitted to."""
 
     campaign: str  # name of the campaign, or of the group of campaigns
@@ -45,29 +45,30 @@ class FittedTo:
     calibration: str  # load case: `combined`, `general`, or a load such as `44N`
     instrument: str  # kind of the instrument
     poses: int  # poses fitted
-    temperature_C: float  # their mean temperature; nan where it was not logged
+    temperature_C: float | None  # their mean temperature; None where it was not logged
     time_s: tuple[float, float]  # (2,) first and last of their times
     # how good the calibration is: `good`, `few_poses`, `incomplete`, `suspect_input` or
     # `not_converged`; empty where that is not known
     grade: str = ""
     health: str = ""  # the reason, and what to do, in one sentence
-    suspicions: tuple[InputFinding, ...] = ()  # what is probably wrong in the input
     # external loads of the poses, each once; empty where that is not known
     loads_N: tuple[float, ...] = ()
+    # what is probably wrong in the input
+    suspicions: tuple[InputFinding, ...] = Field((), exclude_if=lambda found: not found)
 
     @classmethod
     def of(
         cls, poses: Observations, load: str, health: Health, campaign: CampaignIdentity
     ) -> FittedTo:
         """Return it of the poses fitted, of a load case and of its health."""
-        states = poses.states
+        states, temperature_C = poses.states, float(poses.states.temperature_C.mean())
         return cls(
             campaign=campaign.name,
             provenance=campaign.provenance,
             calibration=load,
             instrument=" and ".join(poses.measured.kinds),
             poses=len(poses),
-            temperature_C=float(states.temperature_C.mean()),
+            temperature_C=temperature_C if np.isfinite(temperature_C) else None,
             time_s=(float(states.time_s.min()), float(states.time_s.max())),
             grade=health.grade,
             health=health.line,

@@ -14,7 +14,7 @@ from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.compensation import compensate
 from pa10cal.fit.fitted import FLANGE, Compensation, Fitted, Prediction
-from pa10cal.fit.forward import Forward, T_flange_frame, conditions, predicted
+from pa10cal.fit.forward import Forward, T_flange_frame, predicted, states_at
 from pa10cal.fit.model_file import covariance_beside, file_of, model_from_plain, save_model
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.yaml_file import read_yaml
@@ -64,17 +64,9 @@ class FittedModel(Fitted):
             ModelError: when q is of another arm, the frame is unknown, a load is heavier than those
                 of the fit, or the model has springs and the masses that load them are not known.
         """
-        positions = self._positions(q)
-        given = conditions(
-            self,
-            len(positions),
-            load_N,
-            arrival,
-            temperature_C,
-            time_s,
-            extrapolate=extrapolate,
-        )
-        return predicted(self, positions, frame, given)
+        of_pose = load_N, arrival, temperature_C, time_s
+        given = states_at(self, self._positions(q), *of_pose, extrapolate=extrapolate)
+        return predicted(self, given, frame)
 
     def compensate(
         self,
@@ -109,9 +101,9 @@ class FittedModel(Fitted):
         """
         wanted = np.asarray(T, dtype=float)
         wanted = wanted[None] if wanted.ndim == 2 else wanted
-        given = conditions(
-            self, len(wanted), load_N, arrival, temperature_C, time_s, extrapolate=extrapolate
-        )
+        nowhere = np.zeros((len(wanted), self.arm.n))
+        of_pose = load_N, arrival, temperature_C, time_s
+        given = states_at(self, nowhere, *of_pose, extrapolate=extrapolate)
         return compensate(self, wanted, frame, given, seed, T_flange_tcp)
 
     def jacobian(self, q: ArrayLike, *, frame: str = FLANGE, load_N: ArrayLike = 0.0) -> Array:
@@ -120,10 +112,8 @@ class FittedModel(Fitted):
         Velocity of its origin [m] over angular velocity [rad], along base axes, a unit of each
         joint. Exact: springs and effects, which change with angles and weights, are in it.
         """
-        forward, positions = Forward.of(self, frame), self._positions(q)
-        given = conditions(self, len(positions), load_N)
-        states = forward.states(positions, given)
-        return forward.by_joints(states, given, terms=True)[1]
+        forward, given = Forward.of(self, frame), states_at(self, self._positions(q), load_N)
+        return forward.by_joints(forward.states(given), terms=True)[1]
 
     def states(self, q: ArrayLike, load_N: ArrayLike = 0.0) -> PoseStates:
         """Return the states in which poses are predicted, with what their weights do.
@@ -131,8 +121,7 @@ class FittedModel(Fitted):
         Raises:
             ModelError: see `predict`.
         """
-        positions = self._positions(q)
-        return Forward.of(self).states(positions, conditions(self, len(positions), load_N))
+        return Forward.of(self).states(states_at(self, self._positions(q), load_N))
 
     def T_flange_frame(self, frame: str) -> Array:
         """Return where a frame is in the flange, unloaded, (4, 4) [m].

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pa10cal.arm.chain import BASE, TOOL, EndPose, end_pose, end_pose_with_screws
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, Index, Rows
+from pa10cal.arrays import Array, Index
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, Prediction
 from pa10cal.fit.loads import statics_of, with_torques
@@ -28,41 +28,29 @@ _STEP = 1e-6
 _SAME_LOAD = 1.0 + 1e-6
 
 
-@dataclass(frozen=True)
-class Conditions:
-    """What N poses are besides their joint positions."""
-
-    load_N: Array  # (N,) external load
-    arrival: Array  # (N, n) direction in which each joint arrives, -1 or 1; 0 where not known
-    temperature_C: Array  # (N,) temperature
-    time_s: Array  # (N,) time
-
-    def take(self, rows: Rows) -> Conditions:
-        """Return those of some poses."""
-        return Conditions(
-            self.load_N[rows], self.arrival[rows], self.temperature_C[rows], self.time_s[rows]
-        )
-
-
-def conditions(
+def states_at(
     model: Fitted,
-    count: int,
+    q: Array,
     load_N: ArrayLike = 0.0,
     arrival: ArrayLike = 0.0,
     temperature_C: ArrayLike | None = None,
     time_s: ArrayLike | None = None,
     *,
     extrapolate: bool = False,
-) -> Conditions:
-    """Return the conditions of poses; see `FittedModel.predict`.
+) -> PoseStates:
+    """Return the states in which poses are asked for, without torques; see `FittedModel.predict`.
+
+    Args:
+        q: (N, n) joint positions.
 
     Raises:
         ModelError: when a load is no load, or heavier than any that the fit has seen; when a side
             of arrival is none; or when there are not as many numbers as poses.
     """
-    fitted = model.fitted_to
+    fitted, count = model.fitted_to, len(q)
     if temperature_C is None:
-        temperature_C = np.nan if fitted is None else fitted.temperature_C
+        known_C = None if fitted is None else fitted.temperature_C
+        temperature_C = np.nan if known_C is None else known_C
     if time_s is None:
         time_s = 0.0 if fitted is None else 0.5 * sum(fitted.time_s)
     every_N = _of_every_pose("load_N", load_N, (count,))
@@ -92,7 +80,8 @@ def conditions(
             remedy="calibrate with this load too; or extrapolate (on the command line --force), "
             "which the uncertainty does not cover",
         )
-    return Conditions(every_N, directions, of_temperature, of_time)
+    unknown_Nm = np.full_like(q, np.nan)
+    return PoseStates(q, unknown_Nm, directions, every_N, of_temperature, of_time)
 
 
 def _of_every_pose(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
@@ -172,13 +161,13 @@ class Forward:
         physical = Model(model.model.chain, terms)
         return cls(model, physical, model.x[chosen], chosen, on_tool, T)
 
-    def states(self, q: Array, given: Conditions) -> PoseStates:
-        """Return the states at joint positions (N, n), with what their weights do.
+    def states(self, given: PoseStates) -> PoseStates:
+        """Return states with what their weights do, whatever torques they had.
 
         Raises:
             ModelError: when the model has springs and the masses that load them are not known.
         """
-        whole, payload = self.whole, self.whole.payload
+        whole, payload, q = self.whole, self.whole.payload, given.q_rad
         of_pose = given.load_N, given.temperature_C, given.time_s
         states = PoseStates(q, np.full_like(q, np.nan), given.arrival, *of_pose)
         states, source = with_torques(whole.model, whole.x, states, payload)
@@ -209,9 +198,7 @@ class Forward:
         """Return the end of the chain that carries the frame, and its screws."""
         return end_pose_with_screws(self.physical.chain, self._coordinates(states))
 
-    def by_joints(
-        self, states: PoseStates, given: Conditions, *, terms: bool
-    ) -> tuple[Array, Array]:
+    def by_joints(self, states: PoseStates, *, terms: bool) -> tuple[Array, Array]:
         """Return where the frame is (N, 4, 4), and its derivative by the joints (N, 6, n).
 
         Args:
@@ -225,7 +212,9 @@ class Forward:
             columns = []
             for step in _STEP * np.eye(states.n):
                 ahead, behind = (
-                    self._coordinates(self.states(states.q_rad + sign * step, given))
+                    self._coordinates(
+                        self.states(replace(states, q_rad=states.q_rad + sign * step))
+                    )
                     for sign in (1.0, -1.0)
                 )
                 columns.append((ahead - behind) / (2.0 * _STEP))
@@ -249,7 +238,7 @@ class Forward:
         variance = np.trace(self.position_covariance(states, end), axis1=1, axis2=2)
         return np.asarray(1e3 * np.sqrt(np.maximum(variance, 0.0)))
 
-    def unknown_arrival_mm(self, states: PoseStates, given: Conditions) -> Array:
+    def unknown_arrival_mm(self, states: PoseStates) -> Array:
         """Return how far sides of arrival that are not given move the frame's position, (N,).
 
         A joint may come from either side: the prediction is the middle, and the standard deviation
@@ -262,15 +251,14 @@ class Forward:
         if not any(self._shows_side(term, ahead, behind) for term in self.physical.terms):
             return variance
         for joint in range(states.n):
-            rows = np.flatnonzero(given.arrival[:, joint] == 0.0)
+            rows = np.flatnonzero(states.arrival[:, joint] == 0.0)
             if not len(rows):
                 continue
-            at, ends = given.take(rows), []
+            at, ends = states.take(rows), []
             for side in (1.0, -1.0):
                 arrival = at.arrival.copy()
                 arrival[:, joint] = side
-                from_side = replace(at, arrival=arrival)
-                ends.append(self.T_base_frame(self.states(states.q_rad[rows], from_side)))
+                ends.append(self.T_base_frame(self.states(replace(at, arrival=arrival))))
             apart_mm = 1e3 * (ends[0] - ends[1])[:, :3, 3]
             variance[rows] += 0.25 * (apart_mm**2).sum(axis=1)
         return np.sqrt(variance)
@@ -330,20 +318,20 @@ class Forward:
         return at
 
 
-def predicted(model: Fitted, q: Array, frame: str, given: Conditions) -> Prediction:
-    """Predict a frame at joint positions (N, n); see `FittedModel.predict`."""
-    forward = Forward.of(model, frame)
-    states = forward.states(q, given)
+def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:
+    """Predict a frame in some states, under the weights described; see `FittedModel.predict`."""
+    forward, q = Forward.of(model, frame), given.q_rad
+    states = forward.states(given)
     if model.covariance is None:
         T, u_mm = forward.T_base_frame(states), np.full(len(q), np.nan)
     else:
         end = forward.end(states)
         T, u_mm = end.T @ forward.T_end_frame, forward.uncertainty_mm(states, end)
-        u_mm = np.hypot(u_mm, forward.unknown_arrival_mm(states, given))
+        u_mm = np.hypot(u_mm, forward.unknown_arrival_mm(states))
     found = Prediction(T, u_mm, model.inside(q))
     if model.falls_back is None:
         return found
-    away = predicted(model.falls_back.model, q, frame, given)
+    away = predicted(model.falls_back.model, given, frame)
     outside = ~model.falls_back.within.inside(q)
     return found.with_others(outside, T_base_away(model.falls_back, model) @ away.T)
 

@@ -20,7 +20,6 @@ from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FLANGE, FallBack, Fitted, FittedTo
 from pa10cal.fit.forward import T_flange_frame
-from pa10cal.results.health import InputFinding
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.term import Term
@@ -28,8 +27,6 @@ from pa10cal.terms.term import Term
 F = TypeVar("F", bound=Fitted)
 
 SCHEMA = "pa10cal-model/2"
-_TEXTS = ("campaign", "provenance", "calibration", "instrument", "grade", "health")
-_SUSPICION = ("kind", "where", "what", "remedy", "would_leave_mm")
 _CONVENTIONS = {
     "standard": "T_base_row1, then Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) of every row, then "
     "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
@@ -70,16 +67,11 @@ def file_of(path: Path) -> Path:
 def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
     """Return a fitted model as numbers, texts, lists and mappings; see `model_from_plain`."""
     fitted = model.fitted_to
-    head = {} if fitted is None else {f.name: getattr(fitted, f.name) for f in fields(fitted)}
-    if suspicions := head.pop("suspicions", ()):
-        head["suspicions"] = [
-            {key: getattr(each, key) for key in _SUSPICION} for each in suspicions
-        ]
     return {
         "schema": SCHEMA,
         "robot": model.arm.name,
         "grade": model.grade or None,
-        "fitted_to": _plain(head) or None,
+        "fitted_to": None if fitted is None else fitted.model_dump(mode="json"),
         **about,
         "arm": _arm_to_plain(model),
         "terms": [_term_to_plain(model, term) for term in model.model.terms],
@@ -165,7 +157,7 @@ def model_from_plain(
             targets_off_m=np.array(content["targets_off_m"], dtype=float),
             covariance=covariance,
             payload=None if payload is None else _payload_from_plain(payload),
-            fitted_to=None if fitted is None else _fitted_to(fitted),
+            fitted_to=None if fitted is None else FittedTo.model_validate(fitted),
             seen=None if seen is None else _seen_from_plain(seen),
             falls_back=None
             if away is None
@@ -294,19 +286,6 @@ def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
         T_base_row1=_frame(content["T_base_row1"], "T_base_row1"),
         T_row_n_ee=_frame(content["T_row_n_flange"], "T_row_n_flange"),
         weights_known=known,
-    )
-
-
-def _fitted_to(content: Mapping[str, Any]) -> FittedTo:
-    temperature_C = content["temperature_C"]
-    first, last = content["time_s"]
-    return FittedTo(
-        **{key: str(content[key]) for key in _TEXTS},
-        poses=int(content["poses"]),
-        temperature_C=np.nan if temperature_C is None else float(temperature_C),
-        time_s=(float(first), float(last)),
-        suspicions=tuple(InputFinding(**each) for each in content.get("suspicions", ())),
-        loads_N=tuple(map(float, content.get("loads_N") or ())),
     )
 
 

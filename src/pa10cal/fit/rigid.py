@@ -9,8 +9,8 @@ import numpy as np
 from pa10cal.arm.chain import Chain, end_pose, end_pose_with_screws
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
-from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, Fitted, Prediction
-from pa10cal.fit.forward import T_flange_frame, conditions, pose_difference, predicted
+from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, Fitted
+from pa10cal.fit.forward import T_flange_frame, pose_difference, predicted
 from pa10cal.observe.observations import Observations
 from pa10cal.options import Tolerances
 from pa10cal.terms.of_campaign import is_constant
@@ -74,7 +74,7 @@ class RigidPart:
         Raises:
             ModelError: when the model has springs and the weights that load them are not known.
         """
-        whole = _predicted(model, observations, TOOL_FRAME)
+        whole = predicted(model, observations.states, TOOL_FRAME)
         frame, T_flange_frame = next(iter(self.frames.items()))
         T = self.T_base_flange(observations.states.q_rad) @ T_flange_frame
         off_mm = 1e3 * np.linalg.norm(T[:, :3, 3] - whole.T[:, :3, 3], axis=1)
@@ -110,7 +110,7 @@ def best_rigid_model(model: Fitted, observations: Observations) -> RigidPart:
     """
     part, q = rigid_part(model), observations.states.q_rad
     T_flange_tool = next(iter(part.frames.values()))
-    T_wanted = _predicted(model, observations, TOOL_FRAME).T
+    T_wanted = predicted(model, observations.states, TOOL_FRAME).T
     links = link_departures(model.arm, Tolerances())
     columns = part.chain.columns(links.coordinates)
     scale = np.array([parameter.scale for parameter in links.parameters])
@@ -161,25 +161,10 @@ def beyond_rigid_mm(model: Fitted, observations: Observations) -> tuple[float, f
     Raises:
         ModelError: when the model has springs and the weights that load them are not known.
     """
-    whole = _predicted(model, observations, FLANGE)
+    whole = predicted(model, observations.states, FLANGE)
     rigid = rigid_part(model).T_base_flange(observations.states.q_rad)
     off_mm = 1e3 * np.linalg.norm(whole.T[:, :3, 3] - rigid[:, :3, 3], axis=1)
     return float(np.sqrt(np.mean(off_mm**2))), float(off_mm.max())
-
-
-def _predicted(model: Fitted, observations: Observations, frame: str) -> Prediction:
-    """Predict a frame in measured poses, under their loads and the other conditions."""
-    states = observations.states
-    given = conditions(
-        model,
-        len(states),
-        states.load_N,
-        states.arrival,
-        states.temperature_C,
-        states.time_s,
-        extrapolate=True,
-    )
-    return predicted(model, states.q_rad, frame, given)
 
 
 def dh_text(

@@ -6,22 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.calibration.general.calibrate import calibrate_general, find_start
+from calibrated import general
 from pa10cal.calibration.general.case import fitted, suspected_outliers
-from pa10cal.calibration.options import CalibrationOptions, GeneralOptions
-from pa10cal.files.arms import load_arm
 from pa10cal.observe.distance import Distance
 from pa10cal.observe.pose import Pose
 
 NOISE_M = 5e-5
-
-
-def calibrated(robot, observations, **options):
-    arm = load_arm(robot)
-    start = find_start(arm, observations)
-    return calibrate_general(
-        arm, observations, start, None, CalibrationOptions(general=GeneralOptions(**options))
-    )
 
 
 def links(found):
@@ -93,9 +83,9 @@ def noisy(exact, times, seed):
 def test_one_pose_in_ten_far_off_harms_neither_parameters_nor_intervals(see, kind, off_m):
     rows = np.arange(3, 100, 10)
     clean = see("iiwa14", kind, count=100, noise_m=NOISE_M)
-    good = calibrated("iiwa14", clean)
-    found = calibrated("iiwa14", spoilt(clean, rows, off_m))
-    exact = calibrated("iiwa14", see("iiwa14", kind, count=100))
+    good = general("iiwa14", clean)
+    found = general("iiwa14", spoilt(clean, rows, off_m))
+    exact = general("iiwa14", see("iiwa14", kind, count=100))
     assert found.fit.converged
     assert found.fit.weights[rows].max() < 0.05
     assert np.abs(scores(found, exact)).max() < 4.0
@@ -107,7 +97,7 @@ def test_one_pose_in_ten_far_off_harms_neither_parameters_nor_intervals(see, kin
 
 
 def test_every_pose_is_in_the_fit_as_long_as_none_is_far_off(see):
-    found = calibrated("iiwa14", see("iiwa14", "pose", count=200, noise_m=NOISE_M))
+    found = general("iiwa14", see("iiwa14", "pose", count=200, noise_m=NOISE_M))
     assert np.mean(found.fit.weights < 1.0) < 0.02
     assert found.fit.weights.min() > 0.3
 
@@ -118,18 +108,18 @@ def test_every_pose_is_in_the_fit_as_long_as_none_is_far_off(see):
     ("kind", "count"), [("pose", 10), ("point", 13), ("points", 7), ("distance", 36)]
 )
 def test_intervals_hold_where_the_noise_is_found_from_few_poses(see, kind, count):
-    exact = calibrated("iiwa14", see("iiwa14", kind, count=100))
+    exact = general("iiwa14", see("iiwa14", kind, count=100))
     few = see("iiwa14", kind, count=count)
     held = []
     for seed in range(30):
-        found = calibrated("iiwa14", with_stated(noisy(few, np.ones(count), seed), 1e-2))
+        found = general("iiwa14", with_stated(noisy(few, np.ones(count), seed), 1e-2))
         held.append(np.mean(np.abs(scores(found, exact)) < 1.96))
     assert 0.88 < np.mean(held) < 0.995
 
 
 @pytest.mark.parametrize("kind", ["pose", "point", "points", "distance"])
 def test_exact_readings_whose_uncertainty_is_said_to_be_zero(see, kind):
-    found = calibrated("iiwa14", with_stated(see("iiwa14", kind), 0.0))
+    found = general("iiwa14", with_stated(see("iiwa14", kind), 0.0))
     assert found.fit.converged
     assert np.abs(found.fit.residual).max() < 1e-9
     assert np.all(np.isfinite(found.fit.covariance))
@@ -141,9 +131,9 @@ def test_rough_readings_do_not_spoil_sharp_ones(see, kind):
     """Every other pose is a hundred times worse, and says so."""
     without_noise = see("iiwa14", kind, count=100)
     mixed = noisy(without_noise, np.where(np.arange(100) % 2, 100.0, 1.0), 1)
-    found = calibrated("iiwa14", mixed)
-    half = calibrated("iiwa14", mixed.take(np.arange(0, 100, 2)))
-    assert np.abs(scores(found, calibrated("iiwa14", without_noise))).max() < 4.0
+    found = general("iiwa14", mixed)
+    half = general("iiwa14", mixed.take(np.arange(0, 100, 2)))
+    assert np.abs(scores(found, general("iiwa14", without_noise))).max() < 4.0
     wider = [links(found)[name][1] / std for name, (_, std) in links(half).items()]
     assert max(wider) < 1.15
 
@@ -155,7 +145,7 @@ def test_what_is_predicted_does_not_depend_on_where_the_instrument_stands(see):
     T_new_cmm[:3] = [[0.0, 1.0, 0.0, 40.0], [0.0, 0.0, 1.0, -3.0], [1.0, 0.0, 0.0, 7.0]]
     seen = observations.measured.T_instr_target
     moved = observations.with_measured(T_instr_target=T_new_cmm @ seen)
-    one, other = (calibrated("gx4_351s", each) for each in (observations, moved))
+    one, other = (general("gx4_351s", each) for each in (observations, moved))
     for name, (value, std) in links(one).items():
         assert links(other)[name][0] == pytest.approx(value, abs=2e-2 * std)
         assert links(other)[name][1] == pytest.approx(std, rel=1e-3)
@@ -168,9 +158,7 @@ def test_what_is_predicted_does_not_depend_on_where_the_instrument_stands(see):
 
 def test_intervals_are_those_with_the_tilts_that_were_left_at_zero(see):
     """That the axes are parallel is not known: the readings merely do not show the tilts."""
-    found = calibrated(
-        "gx4_351s", see("gx4_351s", "point", count=12, noise_m=NOISE_M, tilted=False)
-    )
+    found = general("gx4_351s", see("gx4_351s", "point", count=12, noise_m=NOISE_M, tilted=False))
     assert len(found.settled) == 3
     fit = found.fit
     rows = (fit.whitener @ fit.jacobian).reshape(-1, len(fit.x))
@@ -185,7 +173,7 @@ def test_no_pose_counts_for_little_without_being_listed(see):
     times = np.where(np.random.default_rng(0).random(200) < 0.4, 8.0, 1.0)
     observations = noisy(see("iiwa14", "distance", count=200), times, 3)
     seen = replace(observations.measured, u_m=np.full(200, 0.01 * NOISE_M))
-    found = calibrated("iiwa14", replace(observations, measured=seen))
+    found = general("iiwa14", replace(observations, measured=seen))
     listed = {each.pose for each in suspected_outliers(found.problem, found.fit)}
     little = {f"P{row:04d}" for row in np.flatnonzero(found.fit.weights < 0.5)}
     assert little

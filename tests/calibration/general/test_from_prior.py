@@ -1,22 +1,27 @@
-"""Calibration from a fitted model: base and tool anew, the rest as it was but for what moved."""
+"""Calibration from a fitted model: base and tool anew, the rest as it was but for what moved.
+
+After a crash too: ten poses, few things moved, or nearly all of them.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from calibrated import general
 from changed_arm import Change, draw_changed
-from pa10cal.calibration.general.calibrate import calibrate_general, find_start
+from made_up_model import fitted_to
+from pa10cal.calibration.general.calibrate import find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of, refuse_unsound
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.problem import Disagreement, GaussianPrior
 from pa10cal.lab.cell.options import TrackerOptions
 from pa10cal.lab.simulated import (
@@ -33,8 +38,14 @@ from pa10cal.terms.model import Model
 ARM = load_arm("ur10")
 
 
-def of_plan(kind):
-    return TrackerOptions(
+@pytest.fixture(scope="module", name="arms")
+def _arms():
+    return cache(arms)
+
+
+def arms(kind, change, seed=3):
+    """Return a model of an arm, readings of it after a change, payload, and exact readings."""
+    plan = TrackerOptions(
         instrument=kind,
         poses=120,
         holdout_share=0.0,
@@ -42,28 +53,11 @@ def of_plan(kind):
         hardening=False,
         states_targets=False,
     )
-
-
-@pytest.fixture(scope="module")
-def arms():
-    """Return a model of an arm, and readings of the arm after a change."""
-    found = {}
-
-    def make(kind, change, seed=3):
-        key = kind, change, seed
-        if key not in found:
-            plan = of_plan(kind)
-            before, after = draw_changed(ARM, plan, change, np.random.default_rng(seed))
-            payload = payload_of_individual(before)
-            seen = observations_of(measure(before, plan, seed))
-            again = observations_of(measure(after, plan, seed + 1))
-            start = find_start(ARM, seen)
-            model = fitted(calibrate_general(ARM, seen, start, payload))
-            exact = exact_observations(after, plan, 60, seed + 2)
-            found[key] = model, again, payload, exact
-        return found[key]
-
-    return make
+    before, after = draw_changed(ARM, plan, change, np.random.default_rng(seed))
+    payload = payload_of_individual(before)
+    model = fitted(general(ARM, observations_of(measure(before, plan, seed)), payload))
+    again = observations_of(measure(after, plan, seed + 1))
+    return model, again, payload, exact_observations(after, plan, 60, seed + 2)
 
 
 def from_prior(model, seen, payload):
@@ -106,10 +100,8 @@ def test_a_softer_drive_is_found(arms):
 
 def test_a_prior_and_further_poses_are_as_good_as_all_poses_together(arms):
     _, seen, payload, _ = arms("pose", Change())
-    start = find_start(ARM, seen)
     first, second = seen.take(slice(0, 60)), seen.take(slice(60, 120))
-    model = fitted(calibrate_general(ARM, first, start, payload))
-    both = fitted(calibrate_general(ARM, seen, start, payload))
+    model, both = (fitted(general(ARM, poses, payload)) for poses in (first, seen))
     found = fitted(from_prior(model, second, payload))
     k = [name.name for name in both.model.parameters].index("delta_theta_3")
     at = [name.name for name in found.model.parameters].index("delta_theta_3")
@@ -173,7 +165,7 @@ def test_a_prior_of_another_arm_or_without_covariance_is_refused(arms):
 @pytest.mark.parametrize("grade", ["suspect_input", "not_converged"])
 def test_an_unsound_prior_is_refused_unless_forced(arms, grade):
     model, _, _, _ = arms("pose", Change())
-    about = FittedTo("before", "", "combined", "pose", 60, 20.0, (0.0, 1.0), grade, "why", (), ())
+    about = fitted_to("before", grade=grade, health="why")
     doubtful = replace(model, fitted_to=about)
     with pytest.raises(CalibrationError, match=f"graded {grade}"):
         refuse_unsound(doubtful)
@@ -210,3 +202,78 @@ def test_the_gain_of_a_widening_is_that_of_the_likelihood():
     again, _ = disagreement.widened(2.0 * directions).gain(more, (1.0,))
     both = expected.widened(2.0 * directions)
     assert again == pytest.approx(evidence(both.widened(more)) - evidence(both), rel=1e-5)
+
+
+# Crashes.
+
+#: A calibration from the prior may be worse than one without by so much, which is chance.
+BY_CHANCE = 1.1
+
+
+def crash(seed):
+    """Draw one or two things that move: zeros of joints, a softer drive, a bent link."""
+    rng = np.random.default_rng([17, seed])
+    zeros = [(int(j), _zero(rng)) for j in rng.choice([2, 3, 4, 5], 2, replace=False)]
+    softer = (int(rng.choice([2, 3])), float(rng.uniform(0.5, 0.8)))
+    longer = (int(rng.choice([2, 3])), float(rng.choice([-1, 1]) * rng.uniform(3e-4, 1.5e-3)))
+    what = {
+        0: {"zero_rad": tuple(zeros[:1])},
+        1: {"zero_rad": tuple(zeros)},
+        2: {"softer": (softer,)},
+        3: {"zero_rad": tuple(zeros[:1]), "softer": (softer,)},
+        4: {"zero_rad": tuple(zeros[:1]), "longer_m": (longer,)},
+    }
+    return Change(place=True, **what[seed % 5])
+
+
+def heavy_crash(seed):
+    """Draw a crash that moves four zeros, both springs and two links."""
+    rng = np.random.default_rng([18, seed])
+    joints = rng.choice(np.arange(1, 7), 4, replace=False)
+    return Change(
+        place=True,
+        zero_rad=tuple((int(joint), _zero(rng)) for joint in joints),
+        softer=tuple((joint, float(rng.uniform(0.5, 0.9))) for joint in (2, 3)),
+        longer_m=tuple((row, float(rng.normal(0.0, 1e-3))) for row in (2, 3)),
+    )
+
+
+def _zero(rng):
+    return float(rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(3e-4), np.log(2e-2))))
+
+
+def after(change, seed):
+    """Return the calibration of ten poses from the prior, and the rms errors [mm] with, without."""
+    model, seen, payload, exact = arms(("pose", "points")[seed // 5 % 2], change, seed)
+    ten = seen.take(np.arange(0, 120, 12))
+    found, without = from_prior(model, ten, payload), general(ARM, ten, payload)
+    return found, error_mm(found, exact), error_mm(without, exact)
+
+
+@pytest.mark.slow
+def test_a_prior_is_no_worse_than_none_and_its_intervals_hold():
+    """60 crashes of one or two things: the bars are 2 % worse by more than chance, 92 % inside."""
+    worse, inside = [], []
+    for seed in range(60):
+        change = crash(seed)
+        found, with_prior, without = after(change, seed)
+        worse.append(with_prior > BY_CHANCE * without)
+        sign = np.sign(ARM.a_m)
+        truth = {f"joint {joint}": angle for joint, angle in change.zero_rad}
+        truth |= {f"stiffness {joint}": 1.0 / factor - 1.0 for joint, factor in change.softer}
+        truth |= {f"delta_a_{row}": sign[row - 1] * by for row, by in change.longer_m}
+        for each in found.prior.moved:
+            name = each.of.replace("joint", "stiffness") if each.kind == "stiffness" else each.of
+            inside.append(abs(each.by - truth.get(name, 0.0)) < 1.96 * each.std)
+    assert np.mean(worse) <= 0.02
+    assert np.mean(inside) >= 0.92
+    assert len(inside) > 70
+
+
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=[pytest.mark.slow]) for seed in range(1, 20))]
+)
+def test_where_nearly_all_moved_the_arm_is_taken_as_new(seed):
+    found, with_prior, without = after(heavy_crash(seed), seed)
+    assert with_prior < 1.5 * without  # 20 times and more where only names are sought
+    assert found.prior.moved

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calibrated import general
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.general.calibrate import calibrate_general, find_start
+from pa10cal.calibration.general.calibrate import find_start
 from pa10cal.calibration.general.case import apart, contradictions, fitted
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm
@@ -66,17 +67,16 @@ def _members(see):
 
 
 def together(members):
-    every = join(members)
-    return calibrate_general(ARM, every, find_start(ARM, every))
+    return general(ARM, join(members))
 
 
-def shared(general):
+def shared(calibration):
     """Return values and standard uncertainties of the robot's own parameters, by name."""
-    std = np.sqrt(np.diag(general.fit.covariance))
+    std = np.sqrt(np.diag(calibration.fit.covariance))
     return {
         parameter.name: (value, sigma)
         for parameter, value, sigma in zip(
-            general.problem.parameters, general.fit.x, std, strict=True
+            calibration.problem.parameters, calibration.fit.x, std, strict=True
         )
         if parameter.name.startswith("delta")
     }
@@ -90,7 +90,7 @@ def test_intervals_of_a_group_are_narrower_than_of_each_alone_and_right(members,
     scores = np.array([(found[name][0] - true[name][0]) / found[name][1] for name in found])
     assert 0.4 < np.mean(scores**2) < 2.0
     for member in members(kinds, NOISE_M):
-        alone = shared(calibrate_general(ARM, member.observations, member.start))
+        alone = shared(general(ARM, member.observations))
         ratio = [found[name][1] / alone[name][1] for name in found if name in alone]
         assert len(ratio) > 15
         assert np.median(ratio) < 0.99
@@ -98,11 +98,11 @@ def test_intervals_of_a_group_are_narrower_than_of_each_alone_and_right(members,
 
 
 def test_bases_and_tools_are_each_campaigns_own(members):
-    general = together(members(("pose", "points"), 0.0))
-    assert general.fit.converged
-    names = [parameter.name for parameter in general.problem.parameters]
+    found = together(members(("pose", "points"), 0.0))
+    assert found.fit.converged
+    names = [parameter.name for parameter in found.problem.parameters]
     assert {"base_x", "base_x@of-1", "tool_rz@of-0", "target_T1_x@of-1"} <= set(names)
-    model, every = fitted(general), general.problem.observations
+    model, every = fitted(found), found.problem.observations
     left = model.deviations(every.turned(model.R_ee_target.T)).distance_mm
     np.testing.assert_allclose(left, 0.0, atol=1e-6)
 
@@ -114,7 +114,7 @@ def test_two_halves_of_a_campaign_give_what_the_whole_gives(see):
         halves = [
             Member(f"half-{k}", whole.take(np.arange(len(whole)) % 2 == k), start) for k in (0, 1)
         ]
-        one, two = shared(calibrate_general(ARM, whole, start)), shared(together(halves))
+        one, two = shared(general(ARM, whole)), shared(together(halves))
         assert one.keys() == two.keys()
         off = [abs(one[name][0] - two[name][0]) / one[name][1] for name in one]
         assert max(off) < most
@@ -123,8 +123,8 @@ def test_two_halves_of_a_campaign_give_what_the_whole_gives(see):
 @pytest.mark.parametrize("kinds", [("pose", "points"), ("points", "distance")])
 @pytest.mark.parametrize("moved_rad", [0.0, 1e-3])
 def test_a_robot_that_was_changed_contradicts_itself(members, kinds, moved_rad):
-    general = together(members(kinds, NOISE_M, moved_rad=moved_rad))
-    found = apart(general.problem, general.fit)
+    found = together(members(kinds, NOISE_M, moved_rad=moved_rad))
+    found = apart(found.problem, found.fit)
     assert list(found.campaigns) == ["of-0", "of-1"]
     if not moved_rad:
         assert not contradictions(found)
@@ -143,8 +143,8 @@ def test_what_one_campaign_leaves_open_another_determines(see, members):
 
     every = see("ur10", "pose", 70, seed=1, noise_m=NOISE_M, size=0.3, posed=held)
     still, moving = Member("still", every, find_start(ARM, every)), members(MIXED[0], NOISE_M)[1]
-    general = together([still, moving])
-    found = apart(general.problem, general.fit)
+    found = together([still, moving])
+    found = apart(found.problem, found.fit)
     first, second = found.campaigns
     shared = found.parameters.values()
     assert not all(first in each.determined_by for each in shared)
@@ -154,8 +154,8 @@ def test_what_one_campaign_leaves_open_another_determines(see, members):
 
 def test_a_single_campaign_is_not_held_against_others(see):
     every = see("ur10", "pose", 60, noise_m=NOISE_M)
-    general = calibrate_general(ARM, every, find_start(ARM, every))
-    assert apart(general.problem, general.fit) is None
+    alone = general(ARM, every)
+    assert apart(alone.problem, alone.fit) is None
 
 
 def test_every_campaigns_tool_and_targets_are_frames_by_name(members, tmp_path):
@@ -201,8 +201,7 @@ def test_a_tool_keeps_the_attitude_that_it_had_in_its_own_campaign(members, kind
     save_model(fitted(together([first, mounted])), tmp_path / "model.yaml")
     group = load_model(tmp_path / "model.yaml").T_flange_frame("tool@of-1")
     alone, before = (
-        fitted(calibrate_general(ARM, each.observations, each.start)).T_flange_frame("tool")
-        for each in (mounted, second)
+        fitted(general(ARM, each.observations)).T_flange_frame("tool") for each in (mounted, second)
     )
     np.testing.assert_allclose(group, alone, atol=1e-4)
     np.testing.assert_allclose(group[:3, :3], before[:3, :3] @ R, atol=1e-4)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibrated import general
 from pa10cal.arm.description import with_hayati_rows
-from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.files.arms import load_arm
 
@@ -37,15 +37,10 @@ def test_tilts_that_the_description_does_not_know_are_found(see, robot, tilt_deg
     # The height of a target on the SCARA is told by that of its base: held at zero, so put there.
     targets_m = np.array([[0.04, -0.03, 0.0]])
     observations = see(true, kind, count=80, noise_m=5e-5, size=0.0, targets_m=targets_m)
-    found = calibrate_general(described, observations, find_start(described, observations))
+    found = general(described, observations)
     assert found.fit.converged
-    tilts = dict(
-        zip(
-            [f"delta_alpha_{row}" for row in range(1, true.n + 1)],
-            true.alpha_rad - described.alpha_rad,
-            strict=True,
-        )
-    )
+    tilt_rad = true.alpha_rad - described.alpha_rad
+    tilts = {f"delta_alpha_{row}": tilt for row, tilt in enumerate(tilt_rad, start=1)}
     std = np.sqrt(np.diag(found.fit.covariance))
     scores = {
         parameter.name: (value - tilts.get(parameter.name, 0.0)) / sigma
@@ -63,7 +58,7 @@ def test_tilts_that_the_description_knows_lengthen_no_link(see, robot, tilt_deg,
     """Departures of every kind, those too that the model leaves to others."""
     arm = tilted(robot, tilt_deg)
     observations = see(arm, kind, count=80, noise_m=5e-5)
-    found = calibrate_general(arm, observations, find_start(arm, observations))
+    found = general(arm, observations)
     assert found.fit.converged
     assert max(map(abs, lengths_mm(found).values())) < 3.0
     others = fitted(found).deviations(see(arm, kind, count=40))
@@ -76,8 +71,7 @@ def test_a_tilt_does_not_change_what_is_left_out(see, tilt_deg, kind):
     """One that is known to be small: the height of tool or target, not the turn of a link."""
 
     def left_out(arm):
-        observations = see(arm, kind)
-        found = calibrate_general(arm, observations, find_start(arm, observations))
+        found = general(arm, see(arm, kind))
         parts = [abs(part) for each in found.redundant for part in each.replaced_by.values()]
         return {each.name for each in found.redundant}, max(parts)
 

@@ -1,4 +1,4 @@
-"""A model in another place: its frames are found there, its uncertainty goes with it."""
+"""A model in another place: frames are found there; springs and weights of the arm go along."""
 
 from __future__ import annotations
 
@@ -8,22 +8,127 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from made_up_model import on_springs
 from pa10cal.arm.chain import Chain
-from pa10cal.calibration.general.other_campaign import refit_frames
+from pa10cal.arm.statics import Payload, PoseStates
+from pa10cal.calibration.general.other_campaign import refit_frames, with_tool_of
+from pa10cal.calibration.uncertainty import summarise
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.loads import with_torques
+from pa10cal.fit.uncertain_weights import with_uncertain_weights
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint_error_map import BandPrior, SensorError
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures
+
+ARM = load_arm("ur10")
+DOWN = np.array([0.0, 0.0, -9.80665])
+FIRST = Payload(1.5, np.array([0.01, -0.02, 0.06]), np.zeros(3), DOWN)
+SECOND = Payload(6.0, np.array([0.0, 0.03, 0.1]), np.zeros(3), DOWN)
+#: What the weights differ by from those described: of the arm, and of the first tool.
+OF_ARM = {"weight_2_mass": 1.2, "weight_3_moment_x": -0.4}
+OF_TOOL = {"weight_tool_mass": 0.4, "weight_6_moment_z": 0.05}
+LEVEL = {"weight_level_1": 3e-3}
+STIFFNESS = {2: 4e4, 3: 3e4, 4: 1e4}
+
+
+def weighing(payload, differ):
+    """Return a model with springs whose weights differ from those described."""
+    springy = on_springs("ur10", STIFFNESS, payload, {"delta_a_2"})
+    springy.x[0] = 3e-4
+    found = with_uncertain_weights(springy, payload)
+    names = [parameter.name for parameter in found.model.parameters]
+    for name, value in differ.items():
+        found.x[names.index(name)] = value
+    return found
+
+
+def measured(true, payload, seed):
+    """Return exact poses of a model, instrument and target somewhere."""
+    rng = np.random.default_rng(seed)
+    q_rad = rng.uniform(-2.0, 2.0, (80, ARM.n))
+    nothing = np.zeros(len(q_rad))
+    states = PoseStates(
+        q_rad, np.full_like(q_rad, np.nan), 0.0 * q_rad, nothing, nothing, np.arange(80.0)
+    )
+    loaded, _ = with_torques(true.model, true.x, states, payload)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.random(random_state=seed).as_matrix(), [0.4, -1.2, 0.3]
+    seen = T @ true.model.predict(loaded, true.x)
+    cov = np.tile(np.diag([1e-9] * 3 + [1e-8] * 3), (len(seen), 1, 1))
+    labels = np.array([f"P{k:03d}" for k in range(len(seen))])
+    return Observations.single(labels, states, Pose(seen, cov, np.zeros((len(seen), 6, 0))))
+
+
+def left_mm(model, poses):
+    there = refit_frames(model, model.as_modelled(poses))
+    return summarise(there.deviations(model.as_modelled(poses))).rms_mm
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Return the model of the first campaign, and exact poses with another tool."""
+    first = weighing(FIRST, OF_ARM | OF_TOOL | LEVEL)
+    return first, measured(weighing(SECOND, OF_ARM), SECOND, 5)
+
+
+def test_weights_of_the_arm_go_along_and_the_tool_is_the_campaigns(found):
+    first, poses = found
+    carried = with_tool_of(first, SECOND)
+    value = dict(zip((p.name for p in carried.model.parameters), carried.x, strict=True))
+    for name, differs in OF_ARM.items():
+        assert value[name] == differs
+    assert value["weight_tool_mass"] == value["weight_level_1"] == 0.0
+    assert abs(value["weight_6_moment_z"]) < 0.2 * OF_TOOL["weight_6_moment_z"]
+    assert left_mm(carried, poses) < 2e-3
+    # Neither the tool of before nor the weights as described do.
+    assert left_mm(replace(first, payload=SECOND), poses) > 1e-2
+    described = weighing(SECOND, {})
+    assert left_mm(described, poses) > 1e-2
+
+
+def test_a_tool_that_is_not_stated_is_the_one_of_before(found):
+    first, _ = found
+    carried = with_tool_of(first, replace(SECOND, mass_kg=0.0, known=False))
+    value = dict(zip((p.name for p in carried.model.parameters), carried.x, strict=True))
+    assert value["weight_tool_mass"] == OF_TOOL["weight_tool_mass"]
+
+
+def test_logged_torques_have_all_weights_in_them(found):
+    first, _ = found
+    poses = measured(weighing(SECOND, OF_ARM), SECOND, 6)
+    true = weighing(SECOND, OF_ARM)
+    loaded, _ = with_torques(true.model, true.x, poses.states, SECOND)
+    logged_Nm = true.model.with_joint_torques(loaded, true.x).tau_Nm
+    poses = poses.with_states(replace(poses.states, tau_Nm=logged_Nm))
+    carried = with_tool_of(first, SECOND, logged=True)
+    assert not any(term.id == "weights" for term in carried.model.terms)
+    assert carried.covariance.shape == (len(carried.x) + 6,) * 2
+    assert left_mm(carried, poses) < 2e-3
+
+
+def test_what_the_other_tool_may_weigh_is_uncertain_in_the_model_carried(found):
+    first, poses = found
+    carried = with_tool_of(first, SECOND)
+    names = [parameter.name for parameter in carried.model.parameters]
+    k = names.index("weight_tool_mass")
+    assert np.sqrt(carried.covariance[k, k]) == pytest.approx(0.12 * SECOND.mass_kg)
+    there = refit_frames(carried, carried.as_modelled(poses))
+    assert np.linalg.eigvalsh(there.covariance).min() > -1e-12
+    assert there.predict(poses.states.q_rad[:5]).u_mm.min() > 0.0
+
+
+# Uncertainty goes with the model.
 
 BAND = BandPrior(5e-5, 3e-5, 6e-5, 3.0, 8.0, 3.0, 1e-6)
 
 
 @pytest.fixture(name="model")
 def _model():
-    arm = load_arm("ur10")
-    links = link_departures(arm, Tolerances()).only({"delta_a_2", "delta_theta_3"})
+    links = link_departures(ARM, Tolerances()).only({"delta_a_2", "delta_theta_3"})
     terms = (links, *(SensorError(f"joint {joint}", 36, BAND) for joint in (1, 2)))
     root = np.zeros((2 + 72 + 6,) * 2)
     root[0, 0], root[1, 1] = 1e-4, 1e-4
@@ -31,7 +136,7 @@ def _model():
         at = slice(2 + 36 * k, 38 + 36 * k)
         root[at, at] = term.prior_factor
     return FittedModel(
-        Model(Chain.of(arm), terms), np.zeros(74), np.eye(4), covariance=root @ root.T
+        Model(Chain.of(ARM), terms), np.zeros(74), np.eye(4), covariance=root @ root.T
     )
 
 

@@ -7,23 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calibrated import general
 from made_up_model import case_of
-from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.points import Points
 
 KINDS = ("pose", "point", "points", "distance")
 NOISE_M = 5e-5
-
-
-def worked_out(robot, observations):
-    return case_of(load_arm(robot), observations)
-
-
-def calibrated(robot, observations):
-    arm = load_arm(robot)
-    return calibrate_general(arm, observations, find_start(arm, observations))
+UR10 = load_arm("ur10")
 
 
 def left_out(found):
@@ -51,7 +43,7 @@ def held(joint, angle_rad, jitter_rad=0.0):
 @pytest.mark.parametrize("jitter_rad", [0.0, 1e-7, 1e-6, 1e-5, 1e-4])
 def test_a_joint_that_never_moved(see, kind, jitter_rad):
     posed = held(3, 0.4, jitter_rad)
-    record, full = worked_out("ur10", see("ur10", kind, noise_m=NOISE_M, posed=posed))
+    record, full = case_of(UR10, see("ur10", kind, noise_m=NOISE_M, posed=posed))
     fit, parameters = full.fit, full.problem.parameters
     assert fit.converged
     assert fit.identifiability.rank < len(parameters)
@@ -76,7 +68,7 @@ def test_a_joint_that_never_moved(see, kind, jitter_rad):
 
 def test_the_joint_that_never_moved_is_not_claimed_to_be_known_elsewhere(see):
     """Intervals of predictions where it does move are as wide as what is open."""
-    found = calibrated("ur10", see("ur10", "pose", noise_m=NOISE_M, posed=held(3, 0.4)))
+    found = general("ur10", see("ur10", "pose", noise_m=NOISE_M, posed=held(3, 0.4)))
     others = see("ur10", "pose", count=40)
     rows = replace(found.problem, observations=others).rows(found.fit.x).jacobian[:, :3]
     wide = np.sqrt(np.einsum("pbk,kl,pbl->pb", rows, found.fit.covariance, rows))
@@ -92,8 +84,8 @@ def test_poses_of_one_attitude(see):
         q_rad[:, 3] = 0.3 - q_rad[:, 0] - q_rad[:, 1]
         return q_rad
 
-    record, full = worked_out(
-        "gx4_351s", see("gx4_351s", "pose", noise_m=NOISE_M, size=0.0, posed=posed)
+    record, full = case_of(
+        load_arm("gx4_351s"), see("gx4_351s", "pose", noise_m=NOISE_M, size=0.0, posed=posed)
     )
     assert full.fit.converged
     assert full.fit.identifiability.rank < len(full.problem.parameters)
@@ -107,7 +99,7 @@ def test_poses_of_one_attitude(see):
 def test_a_target_on_the_last_axis(see):
     """The last joint moves it nowhere: of seven lengths and angles beyond joint 5 five show."""
     on_axis_m = np.array([[0.0, 0.0, 0.11]])
-    record, full = worked_out("ur10", see("ur10", "point", noise_m=NOISE_M, targets_m=on_axis_m))
+    record, full = case_of(UR10, see("ur10", "point", noise_m=NOISE_M, targets_m=on_axis_m))
     names = left_out(full)
     assert names["delta_d_6"] == {"target_T1_z": pytest.approx(1.0)}
     assert max(map(abs, names["delta_theta_6"].values())) < 1e-3  # an angle, by a place on the axis
@@ -122,7 +114,7 @@ def test_a_target_on_the_last_axis(see):
 
 
 def test_a_distance_shows_the_fixed_point_and_not_the_attitude_of_the_base(see):
-    found = calibrated("ur10", see("ur10", "distance", count=80, noise_m=NOISE_M))
+    found = general("ur10", see("ur10", "distance", count=80, noise_m=NOISE_M))
     names = left_out(found)
     for turn in ("base_rx", "base_ry", "base_rz", "delta_theta_1"):
         assert set(names[turn]) <= {"base_x", "base_y", "base_z"}
@@ -132,7 +124,7 @@ def test_a_distance_shows_the_fixed_point_and_not_the_attitude_of_the_base(see):
 
 
 def test_parallel_axes_of_a_scara_say_the_same(see):
-    names = left_out(calibrated("gx4_351s", see("gx4_351s", "pose")))
+    names = left_out(general("gx4_351s", see("gx4_351s", "pose")))
     one = pytest.approx(1.0)
     assert names["tool_z"] == names["delta_d_4"] == {"base_z": one}
     assert names["delta_theta_1"] == {"base_rz": one}
@@ -149,7 +141,7 @@ def test_parallel_axes_of_a_scara_say_the_same(see):
 @settings(max_examples=12, deadline=None)
 def test_what_is_left_out_moves_what_says_the_same(see, robot, kind):
     """Said in full, and by no more than a few times as much."""
-    found = calibrated(robot, see(robot, kind, count=80))
+    found = general(robot, see(robot, kind, count=80))
     names = {p.name for p in found.problem.parameters} | set(found.settled)
     for name, replaced_by in left_out(found).items():
         assert replaced_by, name
@@ -168,7 +160,7 @@ def test_poses_in_one_plane_leave_no_length_astray(see):
 
     observations = see("ur10", "point", count=80, noise_m=NOISE_M, posed=posed)
     assert isinstance(observations.measured, Points)
-    record, full = worked_out("ur10", observations)
+    record, full = case_of(UR10, observations)
     assert full.fit.converged
     assert record.null_directions
     off = full.fit.x / full.problem.scale
