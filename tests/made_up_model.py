@@ -84,7 +84,7 @@ def fitted(robot, seed, terms=None):
 
 
 def on_springs(robot, stiffness, payload, links=None):
-    """Return an arm whose joints give way by stiffness [N m/rad], links as designed: all, or one."""
+    """Return an arm whose joints give way by stiffness [N m/rad], links as designed."""
     arm = load_arm(robot)
     offsets = link_departures(arm, Tolerances())
     offsets = offsets if links is None else offsets.only(links)

@@ -30,8 +30,8 @@ from pa10cal.observe.pose import Pose
 from pa10cal.results.calibration import (
     CalibratedParameter,
     LinearFit,
+    LoadErrors,
     PaperCalibrationRecord,
-    PaperErrors,
 )
 from pa10cal.results.health import Health, InputFinding
 from pa10cal.terms.joint_spring import baseline, nominal
@@ -102,7 +102,7 @@ def paper_case(
         **case_keys(case, evidence.ended, found, model, grid),
         **_paper_fit_keys(cubic, model),
         errors={
-            load: PaperErrors(before=before[load], before_seed_frame=from_seed[load], after=after)
+            load: LoadErrors(before=before[load], before_seed_frame=from_seed[load], after=after)
             for load, after in summarise_by_load(model.deviations(grid), load_N).items()
         },
         inner_poses=cubic.inner_poses,

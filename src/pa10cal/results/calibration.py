@@ -170,37 +170,20 @@ class LinearFit(Fit):
     after: Mapping[LoadKey, Accuracy]  # errors at each load
 
 
-class GeneralFit(Fit):
-    """A fit of the general model."""
-
-    dof: int  # residual degrees of freedom
-    # standard deviation of residuals, of `position` [m] and `attitude` [rad]
-    scatter: Mapping[Annotated[str, Key("kind")], float]
-
-
 class LoadErrors(BeforeAfter):
     """Errors at one load, of the nominal and of the calibrated model."""
 
     # errors without suspected outliers; not given where there is none
     trusted: BeforeAfter | None = optional()
+    # with the paper's model: of the nominal arm with the base frame of the straight moves alone
+    before_seed_frame: Accuracy | None = optional()
+    # with the general model: of the calibrated arm without springs
+    geometry: Accuracy | None = optional()
 
     @property
     def text(self) -> str:
         """Return mean and largest error of the calibrated model, suspected outliers apart."""
         return mean_and_peak(self.after, None if self.trusted is None else self.trusted.after)
-
-
-class PaperErrors(LoadErrors):
-    """Errors at one load with the paper's model."""
-
-    # of the nominal model with the base frame of the straight moves alone
-    before_seed_frame: Accuracy
-
-
-class GeneralErrors(LoadErrors):
-    """Errors at one load with the general model."""
-
-    geometry: Accuracy  # of the calibrated model without springs
 
 
 @filed("pa10cal-calibration/1", "calibration/<load>.json", by="calibrate")
@@ -270,7 +253,6 @@ class PaperCalibrationRecord(CalibrationRecord):
     """`calibration/<load>.json` of the paper's model."""
 
     model: Literal["paper"] = "paper"  # the paper's model
-    errors: Mapping[LoadKey, PaperErrors]  # errors at each load
     inner_poses: tuple[str, ...]  # poses that the inner level is fitted to
     linear: LinearFit  # the fit with linear springs
 
@@ -320,17 +302,16 @@ class PriorPart(Part):
     line: str  # the same in one sentence
 
 
-class GeneralCalibrationRecord(GeneralFit, CalibrationRecord):
+class GeneralCalibrationRecord(CalibrationRecord):
     """`calibration/<load>.json` of the general model."""
 
     model: Literal["general"] = "general"  # the general model
-    errors: Mapping[LoadKey, GeneralErrors]  # errors at each load
     redundant: tuple[Redundant, ...]  # parameters not fitted, being redundant
     springs: tuple[int, ...]  # joints with a spring, from 1
     torques_from: str  # where joint torques come from: `logged`, `masses` or `none`
     # the fit without springs; of a calibration from a prior that of base and tool alone
-    geometry: GeneralFit
-    nominal: GeneralFit  # the fit of base and tool alone, the arm nominal
+    geometry: Fit
+    nominal: Fit  # the fit of base and tool alone, the arm nominal
     suspected_outliers: tuple[SuspectedOutlier, ...]  # suspected outliers
     prior: PriorPart | None = optional()  # the model it started from; not given where none was
     group: GroupOfCampaigns | None = optional()  # of a group, what each campaign says alone

@@ -36,15 +36,14 @@ from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import Start
-from pa10cal.results import calibration as results
 from pa10cal.results.calibration import (
     CalibratedParameter,
     CampaignAlone,
     Difference,
+    Fit,
     GeneralCalibrationRecord,
-    GeneralErrors,
-    GeneralFit,
     GroupOfCampaigns,
+    LoadErrors,
     SharedParameter,
     SuspectedOutlier,
 )
@@ -178,13 +177,13 @@ def general_case(
         springs=full.springs,
         torques_from=full.torques_from,
         errors={
-            load: GeneralErrors(
+            load: LoadErrors(
                 before=before[load], geometry=of_geometry[load], after=after, trusted=less.get(load)
             )
             for load, after in summarise_by_load(found, load_N).items()
         },
-        geometry=GeneralFit(**_general_fit_keys(geometry, about)),
-        nominal=GeneralFit(**_general_fit_keys(nominal, about)),
+        geometry=Fit(**_general_fit_keys(geometry, about)),
+        nominal=Fit(**_general_fit_keys(nominal, about)),
         suspected_outliers=doubts,
         group=group,
         prior=full.prior,
@@ -196,7 +195,7 @@ def general_case(
 def as_load(record: GeneralCalibrationRecord, load: str) -> GeneralCalibrationRecord:
     """Return the record of a load case under the name of another of the same poses."""
 
-    def renamed(fit: results.Fit) -> dict[str, Any]:
+    def renamed(fit: Fit) -> dict[str, Any]:
         known: Any = fit.fitted_model.get("fitted_to")
         about = None if known is None else {**known, "calibration": load}
         return {"fitted_model": {**fit.fitted_model, "fitted_to": about}}
@@ -212,14 +211,10 @@ def as_load(record: GeneralCalibrationRecord, load: str) -> GeneralCalibrationRe
 
 
 def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str, Any]:
-    found, problem, model = general.fit, general.problem, fitted(general)
-    names = [parameter.name for parameter in problem.parameters]
-    model = replace(model, fitted_to=about)
-    return {
-        **fit_keys(found, model, _parameters(general, model), names, found.covariance),
-        "dof": found.dof,
-        "scatter": found.scatter,
-    }
+    model = replace(fitted(general), fitted_to=about)
+    names = [parameter.name for parameter in general.problem.parameters]
+    parameters, covariance = _parameters(general, model), general.fit.covariance
+    return fit_keys(general.fit, model, parameters, names, covariance)
 
 
 def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, CalibratedParameter]:

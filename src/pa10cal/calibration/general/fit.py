@@ -58,7 +58,6 @@ class GeneralSolution:
     # than the reach of the unknowns do not count; those of which something was known before do
     identifiability: Identifiability
     cost: float  # weighted sum of squares
-    dof: int  # components seen less the rank
     iterations: int  # steps taken
     converged: bool  # whether the last step was a small part of the uncertainty
     reason: str  # why it stopped
@@ -126,7 +125,6 @@ def fit(
         covariance=scatter.widening**2 * covariance,
         identifiability=identifiability,
         cost=float(np.sum(weighted.residual**2)),
-        dof=problem.readings + span.known - identifiability.rank,
         iterations=found.iterations,
         converged=found.converged and bool(length < _NEARLY * weighting.patience),
         reason=found.reason,
