@@ -11,6 +11,7 @@ from pa10cal.calibration.health import FitSummary, GradeEvidence, poses_needed
 from pa10cal.calibration.health import health as health_of
 from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.fit.identifiability import identify, not_identifiable
+from pa10cal.fit.problem import Solution
 from pa10cal.results.evaluation import Accuracy
 from pa10cal.results.health import InputFinding, RepeatScatter
 from pa10cal.terms.term import TermParameter
@@ -18,7 +19,7 @@ from pa10cal.terms.term import TermParameter
 NOISE_M = 1e-5
 
 
-def ended(poses=40, unknowns=6, told=None, named="delta_a", **changes):
+def ended(poses=40, unknowns=6, told=None, named="delta_a", at_bound=None, steps=None, **changes):
     """A linear fit of positions with so many unknowns, of which the rows tell some."""
     generator = np.random.default_rng(poses)
     told = unknowns if told is None else told
@@ -30,10 +31,13 @@ def ended(poses=40, unknowns=6, told=None, named="delta_a", **changes):
     flat = white[:, :, :told].reshape(-1, told)
     covariance = np.zeros((unknowns, unknowns))
     covariance[:told, :told] = np.linalg.inv(flat.T @ flat)
+    if at_bound is not None:
+        parameters = (replace(parameters[0], name=at_bound), *parameters[1:])
+    held, stopped = np.arange(unknowns) < (at_bound is not None), steps or "settled"
     made = FitSummary(
-        True, "settled", 5, (), np.arange(len(white)).astype(str), parameters, covariance, found,
-        white, position,
-        not_identifiable(found, parameters), np.zeros(unknowns),
+        Solution(1e-4 * held, held, 0.0, 5, steps is None, stopped),
+        np.arange(len(white)).astype(str), parameters, covariance, found, white, position,
+        not_identifiable(found, parameters),
     )  # fmt: skip
     return replace(made, **changes)
 
@@ -70,7 +74,7 @@ def off(sizes, **fit):
     x = np.zeros(len(made.parameters))
     x[: len(sizes)] = 1e-3 * np.array(sizes)
     with_tolerance = tuple(replace(each, tolerance=1e-3) for each in made.parameters)
-    return replace(made, parameters=with_tolerance, x=x)
+    return replace(made, parameters=with_tolerance, solution=replace(made.solution, x=x))
 
 
 def test_a_fit_down_to_the_noise_is_good():
@@ -94,10 +98,10 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
     ("fit", "left", "grade", "says"),
     [
         # good
-        ({"at_bound": ("windup_2",)}, {}, "good", "rank 6"),
+        ({"at_bound": "windup_2"}, {}, "good", "rank 6"),
         ({"poses": 8}, {}, "good", "have a standard uncertainty of 0.009 mm"),
         ({"poses": 8}, {"wanted_mm": 0.01}, "good", "have a standard uncertainty of 0.009 mm"),
-        ({"at_bound": ("cubic_share_2",)}, {}, "good", "K_cub_2 at the end"),
+        ({"at_bound": "cubic_share_2"}, {}, "good", "K_cub_2 at the end"),
         ({}, {"suspected_outliers": 1}, "good", "1 suspected outlier has less weight in the fit"),
         ({"told": 5, "hidden": frozenset({"delta_a_6"})}, {}, "good", "rank 5"),
         ({}, {"held_out": None}, "good", "fitted, as the noise explains"),
@@ -123,7 +127,7 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
         ({}, {"noise_mm": 1.7e-5}, "suspect_input", "check its unit and value"),
         ({}, {"findings": (GUESS,)}, "suspect_input", "joint 6: its sign is reversed; correct"),
         # not_converged
-        ({"converged": False, "reason": "50 steps"}, {}, "not_converged", "converge: 50 steps"),
+        ({"steps": "50 steps"}, {}, "not_converged", "converge: 50 steps"),
     ],
 )
 def test_the_rule(fit, left, grade, says):
@@ -166,7 +170,7 @@ def test_the_worst_is_said_first():
     lacking, suspect = {"noise_mm": 0.004}, {"findings": (GUESS,)}
     assert health(ended(told=5), errors(**lacking)).grade == "incomplete"
     assert health(ended(), errors(**lacking, **suspect)).grade == "suspect_input"
-    stuck = ended(converged=False, reason="50 steps")
+    stuck = ended(steps="50 steps")
     assert health(stuck, errors(**lacking, **suspect)).grade == "not_converged"
 
 

@@ -21,7 +21,7 @@ from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import Identifiability, identify, not_identifiable
-from pa10cal.fit.problem import Problem, Rows
+from pa10cal.fit.problem import Problem, Rows, Solution
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
@@ -242,18 +242,6 @@ _REASONS = {
     3: "the steps became smaller than {p:g} of the parameters",
     4: "cost and steps changed by less than {p:g} of themselves",
 }
-
-
-@dataclass(frozen=True)
-class Solution:
-    """Where a solve ended."""
-
-    x: Array  # (k,) parameters
-    at_bound: NDArray[np.bool_]  # (k,) parameters held at the end of their physical range
-    cost: float  # sum of squares of the data rows and of the tolerance terms
-    iterations: int  # accepted and refused steps together
-    converged: bool  # whether it stopped by itself, at a stationary point
-    reason: str  # why the solver stopped, in words
 
 
 def solve(

@@ -17,6 +17,7 @@ from pa10cal.arm.statics import reported_name
 from pa10cal.arrays import Array
 from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.fit.identifiability import Identifiability
+from pa10cal.fit.problem import Solution
 from pa10cal.numerics.exchange import Information, one_by_one
 from pa10cal.results.health import (
     CorrelatedPair,
@@ -77,10 +78,7 @@ _CORRELATED = 0.95
 class FitSummary:
     """How a fit ended, whichever fit it was."""
 
-    converged: bool  # whether it stopped at a stationary point
-    reason: str  # why it stopped
-    iterations: int  # steps taken
-    at_bound: tuple[str, ...]  # names of parameters at the end of their physical range
+    solution: Solution  # where it ended
     pose: NDArray[np.str_]  # (P,) labels of the poses fitted
     parameters: tuple[TermParameter, ...]  # the k parameters it was solved in
     covariance: Array  # (k, k) theirs
@@ -88,12 +86,16 @@ class FitSummary:
     white: Array  # (P, b, k) rows of unit variance
     position: Array  # (P, c, k) derivative of the predicted position [m]
     not_identifiable: frozenset[str]  # names of those that the data do not identify
-    x: Array  # (k,) values of the parameters
     # names of those that no pose of this instrument can determine
     hidden: frozenset[str] = frozenset()
     # names of those that the mounting of base or tool moves as well, so that they say nothing of
     # how the arm was built
     of_mounting: frozenset[str] = frozenset()
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Return the names of the parameters at the end of their physical range."""
+        return names_of(self.parameters, self.solution.at_bound)
 
 
 @dataclass(frozen=True)
@@ -222,9 +224,9 @@ def health(evidence: GradeEvidence) -> Health:
     return Health(
         grade=grade,
         line=line,
-        converged=ended.converged,
-        reason=ended.reason,
-        iterations=ended.iterations,
+        converged=ended.solution.converged,
+        reason=ended.solution.reason,
+        iterations=ended.solution.iterations,
         at_bounds=tuple(map(reported_name, ended.at_bound)),
         rank=evidence.rank,
         unknowns=len(ended.parameters),
@@ -248,9 +250,10 @@ def graded(evidence: GradeEvidence) -> tuple[Grade, str, tuple[InputFinding, ...
     Returns:
         The grade, one sentence with the reason and the remedy, and what is suspected of the input.
     """
-    if not evidence.ended.converged:
+    solution = evidence.ended.solution
+    if not solution.converged:
         remedy = "raise calibration.max_iterations, or measure more poses"
-        return "not_converged", f"the fit did not converge: {evidence.ended.reason}; {remedy}", ()
+        return "not_converged", f"the fit did not converge: {solution.reason}; {remedy}", ()
     errors = _errors(evidence)
     if findings := (*evidence.findings, *_suspected(evidence)):
         more = f"; {len(findings) - 1} more in health.findings" if findings[1:] else ""
@@ -314,7 +317,7 @@ def _suspected(evidence: GradeEvidence) -> Iterator[InputFinding]:
     apart = ended.not_identifiable | ended.of_mounting
     far = [
         (abs(float(value)) / each.tolerance, each.name)
-        for each, value, sigma in zip(ended.parameters, ended.x, std, strict=True)
+        for each, value, sigma in zip(ended.parameters, ended.solution.x, std, strict=True)
         if each.tolerance
         and each.name not in apart
         and abs(value) - BY_CHANCE * over * sigma > FAR_OFF * each.tolerance
@@ -470,7 +473,7 @@ def correlated(ended: FitSummary) -> tuple[CorrelatedPair, ...]:
         (np.diag(ended.covariance) > 0)
         & np.array([name not in ended.not_identifiable for name in solved])
     )
-    by_solved = stiffness_by_solved(solved, ended.x)
+    by_solved = stiffness_by_solved(solved, ended.solution.x)
     covariance = by_solved @ ended.covariance @ by_solved.T
     std = np.sqrt(np.diag(covariance))
     names = list(map(reported_name, solved))

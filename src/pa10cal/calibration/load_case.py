@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.calibration.calibrate import Solution
-from pa10cal.calibration.general.fit import GeneralSolution
 from pa10cal.calibration.health import FitSummary
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.options import CalibrationOptions
@@ -23,6 +21,7 @@ from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import unidentified_directions
 from pa10cal.fit.model_file import model_to_plain
+from pa10cal.fit.problem import Solution
 from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import CalibratedParameter, Covariance
 from pa10cal.results.evaluation import ResidualRows
@@ -78,7 +77,7 @@ def rows_of_load(load_N: Array, load: str) -> NDArray[np.bool_]:
 
 
 def fit_keys(
-    ended: Solution | GeneralSolution,
+    ended: Solution,
     model: FittedModel,
     parameters: Mapping[str, CalibratedParameter],
     names: Sequence[str],

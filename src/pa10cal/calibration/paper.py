@@ -195,10 +195,7 @@ def _evidence(
     names = (each.name for each in level.parameters)
     of_row = {each for each in names if each.startswith("delta_") and each.endswith(last)}
     ended = FitSummary(
-        converged=solution.converged,
-        reason=solution.reason,
-        iterations=solution.iterations,
-        at_bound=names_of(level.parameters, solution.at_bound),
+        solution=replace(solution, x=x, at_bound=np.append(solution.at_bound, np.zeros(6, bool))),
         pose=used.pose,
         parameters=whole.parameters,
         covariance=cubic.covariance,
@@ -206,7 +203,6 @@ def _evidence(
         white=np.linalg.inv(np.linalg.cholesky(noise.measured.cov)) @ jacobian,
         position=jacobian[:, :3],
         not_identifiable=cubic.not_identifiable,
-        x=x,
         hidden=hidden,
         of_mounting=hidden | of_row,
     )

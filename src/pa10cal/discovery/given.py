@@ -39,6 +39,7 @@ from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel, models_of
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.model_file import model_to_plain
+from pa10cal.fit.problem import Solution
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.quantities import Deviations
 from pa10cal.options import DiscoveryOptions
@@ -140,11 +141,10 @@ def calibrate_with(
     white = whitener @ jacobian
     scale = np.array([parameter.scale for parameter in parameters])
     rank = identify(white.reshape(-1, white.shape[2]), scale)
+    why = "the last step was small" if fitted.converged else "steps were not enough"
+    free = np.zeros(len(parameters), dtype=bool)
     ended = FitSummary(
-        converged=fitted.converged,
-        reason="the last step was small" if fitted.converged else "steps were not enough",
-        iterations=0,
-        at_bound=(),
+        Solution(fitted.x[: len(parameters)], free, 0.0, 0, fitted.converged, why),
         pose=used.pose,
         parameters=parameters,
         covariance=covariance,
@@ -152,7 +152,6 @@ def calibrate_with(
         white=white,
         position=jacobian[:, columns],
         not_identifiable=not_identifiable(rank, parameters),
-        x=fitted.x[: len(parameters)],
     )
     evidence = GradeEvidence(
         ended=ended,
@@ -258,8 +257,8 @@ def with_effects(record: R, found: CalibratedWith, campaign: CampaignIdentity) -
             errors[load] = errors[load].model_copy(update=update)
     return record.model_copy(
         update={
-            "status": "converged" if ended.converged else "not converged",
-            "reason": ended.reason,
+            "status": "converged" if ended.solution.converged else "not converged",
+            "reason": ended.solution.reason,
             "parameters": _parameters(found),
             "covariance": Covariance(
                 names=(*(p.name for p in model.model.parameters), *_BASE), matrix=model.covariance

@@ -25,6 +25,18 @@ class Rows:
 
 
 @dataclass(frozen=True)
+class Solution:
+    """Where a fit ended."""
+
+    x: Array  # (k,) parameters
+    at_bound: NDArray[np.bool_]  # (k,) parameters held at the end of their physical range
+    cost: float  # weighted sum of squares, with what is expected besides the data
+    iterations: int  # steps taken
+    converged: bool  # whether it stopped by itself, at a stationary point
+    reason: str  # why it stopped, in words
+
+
+@dataclass(frozen=True)
 class Problem:
     """A model, the observations, and where the frames are about."""
 

@@ -301,10 +301,7 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         hidden = frozenset(parameter.name for term in weights for parameter in term.parameters)
     root = np.sqrt(fit.weights)[:, None, None]
     return FitSummary(
-        converged=fit.converged,
-        reason=fit.reason,
-        iterations=fit.iterations,
-        at_bound=names_of(parameters, fit.at_bound),
+        solution=fit,
         pose=problem.observations.pose,
         parameters=parameters,
         covariance=fit.covariance,
@@ -312,7 +309,6 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         white=(root * fit.whitener) @ fit.jacobian,
         position=_position(problem, fit.jacobian),
         not_identifiable=openly,
-        x=fit.x,
         hidden=hidden,
     )
 

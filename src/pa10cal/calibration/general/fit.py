@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtri
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.fit.identifiability import NULL_RATIO, Identifiability
-from pa10cal.fit.problem import GaussianPrior, Problem, Rows
+from pa10cal.fit.problem import GaussianPrior, Problem, Rows, Solution
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.terms.weights import Weights
@@ -38,11 +37,9 @@ _REACH = 30.0
 
 
 @dataclass(frozen=True)
-class GeneralSolution:
-    """Where a fit ended."""
+class GeneralSolution(Solution):
+    """Where a fit of the general model ended."""
 
-    x: Array  # (k,) unknowns
-    at_bound: NDArray[np.bool_]  # (k,) unknowns held at the end of their physical range
     # standard deviation of each kind beyond what the instrument states [m, rad]
     scatter: dict[str, float]
     weights: Array  # (P,) of the poses, 1 where the robust loss leaves them alone
@@ -57,10 +54,6 @@ class GeneralSolution:
     # rank and singular values of the weighted rows, in scales; directions identified no better
     # than the reach of the unknowns do not count; those of which something was known before do
     identifiability: Identifiability
-    cost: float  # weighted sum of squares
-    iterations: int  # steps taken
-    converged: bool  # whether the last step was a small part of the uncertainty
-    reason: str  # why it stopped
     # by which factor standard uncertainties are wider for the readings being few
     widening: float = 1.0
 
