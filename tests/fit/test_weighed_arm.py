@@ -57,10 +57,7 @@ def readings(arm=ARM, *, logged=True, noise_Nm=0.3, gain=1.0, count=120):
         states = replace(states, tau_Nm=gain * torque_Nm + noise)
     covariance = np.tile(1e-10 * np.eye(6), (count, 1, 1))
     measured = Pose(Chain.of(arm).forward(q), covariance, np.zeros((count, 6, 0)))
-    labels = np.array([f"P{k:03d}" for k in range(count)])
-    kinds = np.full(count, "grid", dtype="U7")
-    ones = np.ones(count, dtype=int)
-    return Observations(labels, states, measured, kinds, ones, ones)
+    return Observations.single(np.arange(count).astype(str), states, measured)
 
 
 def test_an_arm_without_masses_gets_assumed_ones():

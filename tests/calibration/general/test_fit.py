@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from calibrated import general
 from pa10cal.calibration.general.case import fitted, suspected_outliers
 from pa10cal.observe.distance import Distance
+from pa10cal.observe.points import Points
 from pa10cal.observe.pose import Pose
 
 NOISE_M = 5e-5
@@ -30,32 +31,29 @@ def scores(found, exact):
     return np.array([(x - true[name][0]) / std for name, (x, std) in links(found).items()])
 
 
+#: What was seen, where a place stands in it, and what is stated of it, to which power of a length.
+FIELDS = {
+    Pose: ("T_instr_target", (slice(3), 3), "cov", 2),
+    Points: ("p_instr_m", (0,), "cov_m2", 2),
+    Distance: ("d_m", (), "u_m", 1),
+}
+
+
 def with_stated(observations, times):
     """State another uncertainty than that of the readings."""
-    seen = observations.measured
-    if isinstance(seen, Pose):
-        return observations.with_measured(cov=times**2 * seen.cov)
-    if isinstance(seen, Distance):
-        return observations.with_measured(u_m=times * seen.u_m)
-    return observations.with_measured(cov_m2=times**2 * seen.cov_m2)
+    *_, name, power = FIELDS[type(observations.measured)]
+    stated = times**power * getattr(observations.measured, name)
+    return observations.with_measured(**{name: stated})
 
 
 def spoilt(observations, rows, off_m):
     """Move what was seen in some poses, each another way."""
-    seen = observations.measured
+    name, place, *_ = FIELDS[type(observations.measured)]
+    values = getattr(observations.measured, name).copy()
     way = np.random.default_rng(9).standard_normal((len(rows), 3))
     off = off_m * way / np.linalg.norm(way, axis=1)[:, None]
-    if isinstance(seen, Pose):
-        T = seen.T_instr_target.copy()
-        T[rows, :3, 3] += off
-        return observations.with_measured(T_instr_target=T)
-    if isinstance(seen, Distance):
-        d_m = seen.d_m.copy()
-        d_m[rows] += np.sign(off[:, 0]) * off_m
-        return observations.with_measured(d_m=d_m)
-    p_instr_m = seen.p_instr_m.copy()
-    p_instr_m[rows, 0] += off
-    return observations.with_measured(p_instr_m=p_instr_m)
+    values[(rows, *place)] += off if values.ndim > 1 else np.sign(off[:, 0]) * off_m
+    return observations.with_measured(**{name: values})
 
 
 def noisy(exact, times, seed):
