@@ -10,7 +10,10 @@ import pytest
 
 import pa10cal
 from calibrated import calibrated
-from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.campaign import calibrated_record
+from pa10cal.calibration.load_case import LoadCase
+from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
+from pa10cal.discovery.given import calibrated_with
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import Evaluation
 from pa10cal.files.arms import load_arm
@@ -169,6 +172,18 @@ def test_each_other_grade_and_what_it_says(campaign, plan, zero_rad, case, grade
     given, line = graded(found, turned(found.observations, 3, zero_rad), **case)
     assert given == grade
     assert all(text in line for text in says), line
+
+
+def test_noise_under_several_targets_is_that_of_one(campaign):
+    """With effects too: components that were not seen had counted with a metre each."""
+    found = campaign(instrument="points", hidden=[ECCENTRIC], departs="rows", targets=3)
+    effects = (EffectOfPlace(id=ECCENTRIC["id"], of=ECCENTRIC["of"]),)
+    about = found.description, found.arm, found.observations, "combined"
+    case = LoadCase(*about, CalibrationOptions(effects=effects))
+    without = calibrated_record(case)
+    health = calibrated_with(effects, without, case, DiscoveryOptions()).health
+    assert health.noise_mm == pytest.approx(without.health.noise_mm, rel=0.1)
+    assert health.error_over_noise == pytest.approx(1.0, abs=0.15)
 
 
 def test_a_model_takes_its_grade_along(campaign, tmp_path):

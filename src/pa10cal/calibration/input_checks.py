@@ -21,6 +21,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.uncertainty import targets_seen
 from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.nominal_fit import exchange_text, stated_order, stated_shape
@@ -193,7 +194,7 @@ class _Checked:
         residual, variances, seen = _positions(found)
         stated_mm = 1e3 * float(np.sqrt(min(3, seen.shape[1]) * np.mean(variances[seen])))
         # Of several targets the error of one is meant; a distance is one component.
-        squares = np.sum(residual**2, axis=1) / np.maximum(1, seen.sum(axis=1) // 3)
+        squares = np.sum(residual**2, axis=1) / targets_seen(found.problem.observations.measured)
         rms_mm = 1e3 * float(np.sqrt(np.average(squares, weights=found.fit.weights)))
         return rms_mm, max(stated_mm, self.repeats_mm)
 

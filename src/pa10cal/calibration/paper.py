@@ -15,6 +15,7 @@ from pa10cal.calibration.uncertainty import (
     align_nominal,
     calibrated_parameters,
     held_out_errors,
+    position_noise_mm,
     scatter_of_repeats,
     summarise,
     summarise_by_load,
@@ -206,9 +207,7 @@ def _evidence(
         hidden=hidden,
         of_mounting=hidden | of_row,
     )
-    noise_mm = 1e3 * float(
-        np.sqrt(np.trace(noise.measured.cov[:, :3, :3], axis1=1, axis2=2).mean())
-    )
+    noise_mm = position_noise_mm(noise.measured, noise.measured.cov)
     held_out, off = poses_of(case.every, "holdout"), None
     if len(held_out):
         position = replace(whole, observations=held_out).rows(x).jacobian[:, :3]

@@ -19,6 +19,7 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.levels import TwoLevelRows, fit_base_frame
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.robust_weights import far_from_prediction
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import (
     Observations,
     average_repeats,
@@ -71,6 +72,26 @@ def summarise_trusted(
                 before=summarise(before, rows), after=summarise(after, rows)
             )
     return found
+
+
+def targets_seen(measured: Instrument) -> Array:
+    """Return how many targets were seen in each pose, (P,): one at least."""
+    seen = measured.components_seen[:, measured.position_columns]
+    return np.asarray(np.maximum(1.0, seen.sum(axis=1) // 3))
+
+
+def of_one_target(measured: Instrument, jacobian: Array) -> Array:
+    """Return the positions (P, c, k) of a derivative (P, b, k), as large as those of one target."""
+    share = np.sqrt(targets_seen(measured))[:, None, None]
+    return np.asarray(jacobian[:, measured.position_columns] / share)
+
+
+def position_noise_mm(measured: Instrument, covariance: Array) -> float:
+    """Return what a covariance (P, b, b) explains of the rms position error of one target."""
+    columns = measured.position_columns
+    variances = np.diagonal(covariance, axis1=1, axis2=2)[:, columns]
+    seen = np.where(measured.components_seen[:, columns], variances, 0.0)
+    return float(1e3 * np.sqrt(np.mean(seen.sum(axis=1) / targets_seen(measured))))
 
 
 def align_nominal(nominal: Model, observations: Observations[Pose]) -> Array:

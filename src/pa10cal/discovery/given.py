@@ -12,12 +12,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from pa10cal.arrays import Mask
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.health import FitSummary, GradeEvidence, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.calibration.uncertainty import (
     HeldOut,
+    of_one_target,
+    position_noise_mm,
     reported_keys,
     summarise,
     summarise_by_load,
@@ -133,9 +135,7 @@ def calibrate_with(
             repeats=repeats,
             suspected=len(campaign.held_out) - len(away),
         )
-    columns = used.measured.position_columns
-    noise = np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener)
-    variances = np.diagonal(noise, axis1=1, axis2=2)[:, columns]
+    noise: Array = np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener)
     jacobian = residual_and_jacobian(fitted.at, used)[1]
     parameters = (*fitted.model.parameters, *used.measured.target_parameters)
     white = whitener @ jacobian
@@ -150,7 +150,7 @@ def calibrate_with(
         covariance=covariance,
         identifiability=rank,
         white=white,
-        position=jacobian[:, columns],
+        position=of_one_target(used.measured, jacobian),
         not_identifiable=not_identifiable(rank, parameters),
     )
     evidence = GradeEvidence(
@@ -158,7 +158,7 @@ def calibrate_with(
         train_rms_mm=summarise(deviations, ~flagged).rms_mm,
         held_out=held_out,
         suspected_outliers=int(flagged.sum()),
-        noise_mm=float(1e3 * np.sqrt(variances.sum(axis=1).mean())),
+        noise_mm=position_noise_mm(used.measured, noise),
         noise_is_found=True,
         spread_mm=used.measured.spread_mm,
         wanted_mm=wanted_mm,

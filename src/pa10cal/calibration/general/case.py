@@ -20,6 +20,8 @@ from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, 
 from pa10cal.calibration.uncertainty import (
     calibrated_parameters,
     held_out_errors,
+    of_one_target,
+    position_noise_mm,
     scatter_of_repeats,
     summarise,
     summarise_by_load,
@@ -131,7 +133,7 @@ def general_case(
     if len(held_out):
         held_out = weighed(held_out)
         elsewhere = replace(full.problem, observations=held_out.turned(start.R_ee_target))
-        position = _position(elsewhere, elsewhere.rows(full.fit.x).jacobian)
+        position = of_one_target(held_out.measured, elsewhere.rows(full.fit.x).jacobian)
         off = held_out_errors(calibrated, every, used, held_out, position, full.fit.covariance)
     doubts, known = suspected_outliers(full.problem, full.fit), weights_known(arm)
     flagged = np.zeros(len(grid), dtype=bool)
@@ -145,7 +147,7 @@ def general_case(
         ended=_fit_summary(full),
         train_rms_mm=summarise(found.take(trusted)).rms_mm,
         held_out=off,
-        noise_mm=_noise_mm(full),
+        noise_mm=position_noise_mm(used.measured, full.problem.stated_covariance),
         spread_mm=used.measured.spread_mm,
         suspected_outliers=len(doubts),
         repeats=scatter_of_repeats(readings, calibrated),
@@ -307,33 +309,10 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         covariance=fit.covariance,
         identifiability=fit.identifiability,
         white=(root * fit.whitener) @ fit.jacobian,
-        position=_position(problem, fit.jacobian),
+        position=of_one_target(problem.observations.measured, fit.jacobian),
         not_identifiable=openly,
         hidden=hidden,
     )
-
-
-def _position(problem: Problem, jacobian: Array) -> Array:
-    """Return the derivative of the predicted position, of one target where there are several."""
-    columns = problem.observations.measured.position_columns
-    share: Array = jacobian[:, columns] / np.sqrt(_targets_seen(problem))[:, None, None]
-    return share
-
-
-def _noise_mm(general: GeneralCalibration) -> float:
-    """Return what the stated noise explains of the root mean square error."""
-    problem = general.problem
-    columns = problem.observations.measured.position_columns
-    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
-    seen = problem.components_seen[:, columns]
-    per_pose = np.where(seen, variances, 0.0).sum(axis=1) / _targets_seen(problem)
-    return float(1e3 * np.sqrt(per_pose.mean()))
-
-
-def _targets_seen(problem: Problem) -> Array:
-    columns = problem.observations.measured.position_columns
-    targets: Array = np.maximum(1.0, problem.components_seen[:, columns].sum(axis=1) // 3)
-    return targets
 
 
 # What each campaign of a group says alone of the parameters that all share.
