@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pa10cal.arrays import Array, Mask
+from pa10cal.arrays import Mask
 from pa10cal.calibration.health import FitSummary, GradeEvidence, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
@@ -135,7 +135,7 @@ def calibrate_with(
             repeats=repeats,
             suspected=len(campaign.held_out) - len(away),
         )
-    noise: Array = np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener)
+    noise = np.asarray(np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener), dtype=np.float64)
     jacobian = residual_and_jacobian(fitted.at, used)[1]
     parameters = (*fitted.model.parameters, *used.measured.target_parameters)
     white = whitener @ jacobian
