@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.observe.distance import Distance
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import reversed_joints, with_arrivals
+from pa10cal.observe.points import Distance
 
 
 def observed(q1, q2, s1=0.0):

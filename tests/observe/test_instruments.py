@@ -15,13 +15,12 @@ from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import instrument_kinds, instrument_of, robot_of
 from pa10cal.lab.cell.instruments.instrument import Truth
 from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.observe.distance import Distance
-from pa10cal.observe.instrument import BaseTargets
+from pa10cal.observe.instrument import BaseTargets, Instrument
+from pa10cal.observe.joined import Joined
 from pa10cal.observe.kinds import instruments
-from pa10cal.observe.points import Points
-from pa10cal.observe.pose import Pose
+from pa10cal.observe.points import Distance, Points
+from pa10cal.observe.pose import Pose, Touched
 from pa10cal.observe.quantities import Stated
-from pa10cal.observe.touched import Touched
 from pa10cal.settings_reading import parse_section
 
 KINDS = tuple(instruments())
@@ -187,3 +186,10 @@ def test_a_target_on_the_tool_that_is_called_like_the_base_is_none_on_the_base()
     of_tool = {f"baseplate_{axis}_mm": np.ones(4) for axis in "xyz"}
     back = BaseTargets.from_columns({**of_tool, **base.to_columns()}, None)
     assert back.names == names
+
+
+@pytest.mark.parametrize("kind", [*instruments().values(), Joined])
+def test_whatever_differs_between_instruments_is_a_method_of_their_base(kind):
+    own = {name for base in kind.__mro__ for name in vars(base) if not name.startswith("_")}
+    fields_and_makers = {*kind.__dataclass_fields__, "of", "of_balls"}
+    assert own - {*vars(Instrument)} - fields_and_makers == set()

@@ -8,11 +8,9 @@ import pytest
 from made_up_sightings import UNCERTAINTY_MM, sighted
 from pa10cal.campaign.table import read_observations, read_pose_table, write_pose_table
 from pa10cal.errors import RawDataError
-from pa10cal.observe.distance import Distance
 from pa10cal.observe.observations import average_repeats, poses_of
-from pa10cal.observe.points import Points
-from pa10cal.observe.pose import Pose
-from pa10cal.observe.touched import Touched
+from pa10cal.observe.points import Distance, Points
+from pa10cal.observe.pose import Pose, Touched
 from spoiling import ingest, replace
 
 U_M = 1e-3 * UNCERTAINTY_MM

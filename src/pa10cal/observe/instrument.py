@@ -104,7 +104,7 @@ class Instrument(ABC):
     def in_frame(self, T: Array) -> Self:
         """Return what was measured, in a frame in which the instrument's stands at T (4, 4)."""
 
-    def steadied(self, base: BaseTargets) -> Self:  # noqa: ARG002 - most see no target on the base
+    def steadied(self, base: BaseTargets) -> Self:
         """Return what it would have measured standing still, as targets on the base show."""
         return self
 
@@ -238,7 +238,7 @@ class Instrument(ABC):
         targets_m = np.zeros(0) if found.p_ee_targets_m is None else found.p_ee_targets_m.ravel()
         return Start(found.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m)
 
-    def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:  # noqa: ARG002
+    def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
         """Return the target (4, 4) in the end-effector frame, with a base frame that is known.
 
         None where the end-effector itself is measured, or no orientation is.
@@ -264,7 +264,7 @@ class Instrument(ABC):
             CalibrationError: when these poses do not determine frames and targets.
         """
 
-    def in_order(self, order: Sequence[int]) -> Self:  # noqa: ARG002 - one target has one order
+    def in_order(self, order: Sequence[int]) -> Self:
         """Return what was measured, each target under the label of another.
 
         Args:
@@ -272,7 +272,7 @@ class Instrument(ABC):
         """
         return self
 
-    def turned(self, R_ee_target: Array) -> Self:  # noqa: ARG002 - only orientations are turned
+    def turned(self, R_ee_target: Array) -> Self:
         """Return them with orientations of the end-effector in place of the target's."""
         return self
 
@@ -281,7 +281,7 @@ class Instrument(ABC):
         """Return the measured orientations (P, 3, 3); None where none are measured."""
         return None
 
-    def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:  # noqa: ARG002
+    def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:
         """Return predicted poses as read through targets that are (a,) off their stated places."""
         return T_base_ee
 
@@ -310,12 +310,12 @@ class Instrument(ABC):
         """Return the columns of `files.poses` that hold what it measured."""
 
     @classmethod
-    def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:  # noqa: ARG003
+    def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
         """Return rows (N, k) of these columns that are no measurement; no row twice."""
         return ()
 
     @classmethod
-    def raw_notes(cls, columns: RawColumns, stated: Stated) -> tuple[str, ...]:  # noqa: ARG003
+    def raw_notes(cls, columns: RawColumns, stated: Stated) -> tuple[str, ...]:
         """Return what the reader should know of its columns, one clause each."""
         return ()
 

@@ -16,10 +16,9 @@ from pydantic import TypeAdapter, ValidationError
 from pa10cal.errors import TermError, remedy_for
 from pa10cal.terms.effects.effect import every_effect
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.log_faults import FAULTS
 from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.term import OPTIONAL, Offsets, Term
-from pa10cal.terms.weights import Weights
+from pa10cal.terms.weights import FAULTS, Weights
 
 
 def term_to_plain(term: Term) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted, suspected_outliers
 from pa10cal.calibration.options import CalibrationOptions, GeneralOptions
 from pa10cal.files.arms import load_arm
-from pa10cal.observe.distance import Distance
+from pa10cal.observe.points import Distance
 from pa10cal.observe.pose import Pose
 
 NOISE_M = 5e-5

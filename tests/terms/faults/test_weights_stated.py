@@ -9,7 +9,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, PoseStates, statics
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import CandidateContext
-from pa10cal.terms.log_faults import LoadStated, ToolStated, fault_candidates
+from pa10cal.terms.weights import LoadStated, ToolStated, fault_candidates
 
 ARM = load_arm("pa10_6ce")
 TOOL = Payload(2.4, np.array([0.0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))

@@ -22,7 +22,7 @@ from pa10cal.terms.effects.effect import (
     static_loads_in,
     turning_joints,
 )
-from pa10cal.terms.effects.in_time import FalseReading
+from pa10cal.terms.effects.structure import FalseReading
 from pa10cal.terms.forms.form import (
     AngleForm,
     Form,
