@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index, homogeneous
-from pa10cal.frame.hand_eye import hand_eye_from_points
-from pa10cal.frame.ranging import range_from_distances
+from pa10cal.frame.hand_eye import hand_eye_from_points, ranging
 from pa10cal.frame.rigid_fit import (
     Located,
     by_small_motion,
@@ -356,23 +355,17 @@ class Distance(Instrument):
         Distances show no orientation of the instrument's frame: its axes are along those of the
         base.
         """
-        found = range_from_distances(T_base_ee, self.d_m, self.p_ee_stated_m)
-        return Located(
-            T_instr_base=homogeneous(np.eye(3), self.p_instr_point_m - found.p_base_point_m),
-            scatter_m=found.rms_m,
-            poses=len(self),
-            p_ee_targets_m=found.p_ee_target_m[None],
-            held=found.held,
-            stated=self.p_ee_stated_m is not None,
-        )
+        found = ranging(T_base_ee, self.d_m, self.p_ee_stated_m)
+        T_instr_base = homogeneous(np.eye(3), self.p_instr_point_m + found.T_instr_base[:3, 3])
+        return replace(found, T_instr_base=T_instr_base, stated=self.p_ee_stated_m is not None)
 
     def scale(self, T_base_ee: Array) -> float | None:
         return scale_of_distances(self.d_m, T_base_ee)
 
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        found = range_from_distances(T_base_ee[used], self.d_m[used], weights=weights)
-        off_m = np.abs(self.d_m - found.distances(T_base_ee))
-        return Misfit(off_m[:, None], np.zeros(len(self)))
+        found = ranging(T_base_ee[used], self.d_m[used], weights=weights)
+        modelled_m = np.linalg.norm(found.targets(T_base_ee)[..., :3, 3], axis=2)
+        return Misfit(np.abs(self.d_m[:, None] - modelled_m), np.zeros(len(self)))
 
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
         off_m, along = self._off_along(carried_targets(T_instr_base @ T_base_ee, targets_m)[0])
