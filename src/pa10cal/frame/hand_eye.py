@@ -228,18 +228,19 @@ def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = Non
     """
     p_base_m = problem.in_base(guess.p_ee_m)
     off_m, off_rad = _residuals(problem, guess, p_base_m)
+    residual = [problem.root_weight[:, None] * off_m]
     rows, places, turning = len(off_m), problem.p_ee_stated_m.size, problem.turning
-    by_step = np.zeros((3 * (rows + turning), 6 + places + (3 if turning else 0)))
-    of_places = by_step[: 3 * rows].reshape(rows, 3, -1)
-    of_places[:, :, :6] = by_small_motion(p_base_m)
-    of_places[:, :, 6 : 6 + places] = problem.by_places
-    if problem.d_m is not None:
+    if problem.d_m is None:
+        by_step = np.zeros((3 * (rows + turning), 6 + places + (3 if turning else 0)))
+        of_places = by_step[: 3 * rows].reshape(rows, 3, -1)
+        of_places[:, :, :6] = by_small_motion(p_base_m)
+        of_places[:, :, 6 : 6 + places] = problem.by_places
+        of_places *= problem.root_weight[:, None, None]
+    else:
         way_m = guess.p_instr_base_m + p_base_m
         unit = way_m / np.maximum(np.linalg.norm(way_m, axis=1), _NOWHERE_M)[:, None]
-        by_step = np.delete(np.einsum("ki,kij->kj", unit, of_places), np.s_[3:6], axis=1)
-        of_places = by_step[:, None]
-    of_places *= problem.root_weight[:, None, None]
-    residual = [problem.root_weight[:, None] * off_m]
+        by_target = (unit[:, None] @ problem.by_places)[:, 0]
+        by_step = problem.root_weight[:, None] * np.hstack([unit, by_target])
     if turning:
         root = LEVER_M * np.sqrt(problem.weights)
         of_turns = by_step[3 * rows :].reshape(turning, 3, -1)
