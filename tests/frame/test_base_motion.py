@@ -44,18 +44,6 @@ def test_a_walk_is_recovered_with_its_uncertainty(targets):
     assert not found.knocked
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("targets", [1, 2, 3, 4])
-def test_nothing_moves_where_nothing_moved(targets):
-    for seed in range(5):
-        t, p, u, _ = readings(np.random.default_rng(seed), 300, targets, 0.0, 0.0)
-        found = base_motion(t, p, u)
-        assert found.form == "still"
-        assert not found.motion.any()
-        assert not found.cov.any()
-        assert not found.knocked
-
-
 def test_motions_of_each_configuration_are_taken_one_by_one():
     t, p, u, motion = readings(np.random.default_rng(1), 400, 4, 0.0, 0.0, white_m=30e-6)
     found = base_motion(t, p, u)
@@ -186,6 +174,7 @@ def test_targets_that_show_noise_alone_are_as_good_as_none(targets, size, tails)
         assert found.form == "still"
         assert not found.motion.any()
         assert not found.cov.any()
+        assert tails or not found.knocked
 
 
 def test_a_turn_that_half_of_the_configurations_do_not_show_is_left_out():

@@ -136,18 +136,6 @@ def test_the_position_of_a_joint_that_slides_is_in_metres(tmp_path):
     np.testing.assert_allclose(found.states.q_rad, raw.q[rows_of(raw, found)], atol=1e-9)
 
 
-def test_some_poses_can_be_taken(tmp_path):
-    for kind, field in (("pose", "T_instr_target"), ("points", "p_instr_m"), ("distance", "d_m")):
-        every = averaged(every_of(sighted(tmp_path, kind), tmp_path))
-        some = every.take(np.array([3, 1]))
-        assert len(some) == 2
-        assert list(some.pose) == list(every.pose[[3, 1]])
-        whole = getattr(every.measured, field)
-        np.testing.assert_array_equal(getattr(some.measured, field), whole[[3, 1]])
-        np.testing.assert_array_equal(some.states.q_rad, every.states.q_rad[[3, 1]])
-        assert len(every.take(every.pose == "P002")) == 1
-
-
 @pytest.mark.parametrize("kind", ["points", "distance"])
 def test_the_pose_of_an_end_effector_that_was_not_seen_is_refused(tmp_path, kind):
     every = every_of(sighted(tmp_path, kind), tmp_path)
