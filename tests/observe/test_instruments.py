@@ -133,11 +133,17 @@ def test_columns_of_the_table_bring_everything_back(kind, seed):
     rng = np.random.default_rng(seed)
     found, _ = measured(kind, frames(rng, 5), rng)
     columns = found.to_columns() | {"time_s": np.arange(5.0)}
-    back = type(found).from_columns(columns, Stated(1e-5, {}))
+    stated = Stated(1e-5, dict(zip("ABC", TARGETS_M, strict=True)))
+    assert_same(type(found).from_columns(columns, stated), found)
+
+
+def assert_same(back, found):
     for field in fields(found):
         ours, theirs = getattr(found, field.name), getattr(back, field.name)
         if isinstance(ours, np.ndarray):
             np.testing.assert_allclose(theirs, ours, rtol=1e-7, atol=1e-15)
+        elif isinstance(ours, Points):
+            assert_same(theirs, ours)
         else:
             assert ours == theirs
 

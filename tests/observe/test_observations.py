@@ -56,7 +56,7 @@ def test_touched_balls_give_the_end_effector(raw_campaign, tmp_path):
     every = every_of(raw_campaign, tmp_path)
     found, expected = averaged(every), poses_of(every, covariance="instrument")
     assert isinstance(found.measured, Touched)
-    assert found.measured.names == ("A", "B", "C")
+    assert found.measured.balls.names == ("A", "B", "C")
     np.testing.assert_array_equal(found.measured.T_instr_target, expected.measured.T_instr_target)
     np.testing.assert_array_equal(found.measured.cov, expected.measured.cov)
     np.testing.assert_array_equal(found.states.tau_Nm, expected.states.tau_Nm)

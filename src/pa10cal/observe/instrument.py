@@ -23,7 +23,8 @@ from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index, Rows, homogeneous, taken
 from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.observe.quantities import (
-    AXES,
+    MM,
+    POSE_SCALE,
     Comparison,
     Deviations,
     Misfit,
@@ -34,6 +35,10 @@ from pa10cal.observe.quantities import (
     Words,
     by_end_and_targets,
     carried_targets,
+    columns_of_covariance,
+    columns_of_places,
+    covariance_of,
+    places_of,
 )
 from pa10cal.terms.term import TermParameter
 
@@ -41,8 +46,6 @@ from pa10cal.terms.term import TermParameter
 LocatingMethod = Literal[
     "rigid_fit_nominal", "hand_eye_poses", "hand_eye_points", "ranging", "nominal_arm"
 ]
-
-MM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -343,12 +346,9 @@ def group_means(values: Array, code: Index) -> Array:
 # They stand still, so that what moves them together is the instrument, or the base with them. The
 # motion is taken out of the readings before anything else is done with them.
 
-#: What makes of position [mm] and rotation [rad], as in the table, position [m] and rotation.
-POSE_SCALE = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
 #: Names of the components of a motion.
 _MOTION = tuple(f"motion_{name}" for name in ("x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"))
-_COV = "motion_cov"
-_UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))
+_COV = "motion_cov_{}{}"
 
 
 @dataclass(frozen=True)
@@ -439,11 +439,8 @@ class BaseTargets:
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
         """Return columns (P,) of the table of poses."""
-        columns: dict[str, NDArray[Any]] = {}
-        for k, name in enumerate(self.names):
-            for i, axis in enumerate(AXES):
-                columns[f"{name}_{axis}_mm"] = self.p_instr_m[:, k, i] / MM
-                columns[f"{name}_u_{axis}_mm"] = self.u_m[:, k, i] / MM
+        columns = columns_of_places(self.names, self.p_instr_m)
+        columns |= columns_of_places([f"{name}_u" for name in self.names], self.u_m)
         columns |= dict(zip(_MOTION, (self.motion / POSE_SCALE).T, strict=True))
         return columns | columns_of_covariance(self.motion_cov, _COV)
 
@@ -457,39 +454,13 @@ class BaseTargets:
         names = tuple(
             name.removesuffix("_x_mm") for name in columns if re.fullmatch(r"base\d+_x_mm", name)
         )
-
-        def places_m(inner: str) -> Array:
-            return MM * np.stack(
-                [
-                    np.column_stack([columns[f"{name}_{inner}{axis}_mm"] for axis in AXES])
-                    for name in names
-                ],
-                axis=1,
-            )
-
         cov = covariance_of(columns, _COV)
         assert cov is not None
         return cls(
             names,
-            places_m(""),
-            places_m("u_"),
+            places_of(columns, names),
+            places_of(columns, [f"{name}_u" for name in names]),
             POSE_SCALE * np.column_stack([columns[name] for name in _MOTION]),
             cov,
             found,
         )
-
-
-def columns_of_covariance(cov: Array, name: str) -> dict[str, NDArray[Any]]:
-    """Return covariances (P, 6, 6) of small motions [m, rad] as columns of a table of poses."""
-    in_table = cov / np.outer(POSE_SCALE, POSE_SCALE)
-    return {f"{name}_{i}{j}": in_table[:, i, j] for i, j in _UPPER}
-
-
-def covariance_of(columns: Mapping[str, NDArray[Any]], name: str) -> Array | None:
-    """Read what `columns_of_covariance` gave; None where there is none."""
-    if f"{name}_00" not in columns:
-        return None
-    cov = np.zeros((len(columns[f"{name}_00"]), 6, 6))
-    for i, j in _UPPER:
-        cov[:, i, j] = cov[:, j, i] = columns[f"{name}_{i}{j}"]
-    return np.asarray(cov * np.outer(POSE_SCALE, POSE_SCALE))

@@ -19,17 +19,10 @@ from pa10cal.frame.rigid_fit import (
     scale_of_distances,
     scale_of_points,
 )
-from pa10cal.observe.instrument import (
-    MM,
-    BaseTargets,
-    Instrument,
-    LocatingMethod,
-    columns_of_covariance,
-    covariance_of,
-    group_means,
-)
+from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import (
     AXES,
+    MM,
     Comparison,
     Deviations,
     Misfit,
@@ -39,14 +32,19 @@ from pa10cal.observe.quantities import (
     Words,
     by_end_and_targets,
     carried_targets,
+    columns_of_covariance,
     columns_of_places,
-    names_of_columns,
-    places_of_columns,
+    covariance_of,
+    places_of,
 )
 from pa10cal.terms.term import TermParameter
 
 #: The name of a target may be any word but the `u` of an uncertainty.
-_SHARED = "shared_cov"
+_SHARED = "shared_cov_{}{}"
+#: Columns of the table of poses that hold a target: its place, its covariance, and touches.
+_PLACE = re.compile(r"ball(\w+)_x_mm")
+_OF_PLACE = "ball{}_c{{}}{{}}_mm2"
+_SCALE = np.full(3, MM)
 _COORDINATE = re.compile(r"(?!u_)([A-Za-z0-9]+)_[xyz]_mm")
 
 
@@ -199,13 +197,24 @@ class Points(Instrument):
 
     @classmethod
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
-        names = names_of_columns(columns)
-        p_m, cov_m2, _ = places_of_columns(columns, names)
-        return cls(names, p_m, cov_m2, stated.places_m(names), covariance_of(columns, _SHARED))
+        names = tuple(found[1] for found in map(_PLACE.fullmatch, columns) if found)
+        of_each = [covariance_of(columns, _OF_PLACE.format(name), AXES, _SCALE) for name in names]
+        return cls(
+            names,
+            places_of(columns, [f"ball{name}" for name in names]),
+            np.stack(of_each, axis=1),
+            stated.places_m(names),
+            covariance_of(columns, _SHARED),
+        )
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
-        touches = np.zeros(self.p_instr_m.shape[:2], dtype=np.int64)
-        columns = columns_of_places(self.names, self.p_instr_m, self.cov_m2, touches)
+        columns: dict[str, NDArray[Any]] = {}
+        for b, name in enumerate(self.names):
+            columns |= columns_of_places([f"ball{name}"], self.p_instr_m[:, [b]])
+            columns |= columns_of_covariance(
+                self.cov_m2[:, b], _OF_PLACE.format(name), AXES, _SCALE
+            )
+            columns[f"ball{name}_touches"] = np.zeros(len(self), dtype=np.int64)
         shared = {} if self.motion_cov is None else columns_of_covariance(self.motion_cov, _SHARED)
         return columns | shared
 

@@ -24,17 +24,11 @@ from pa10cal.frame.rigid_fit import (
     scale_of_points,
     seed_from_nominal,
 )
-from pa10cal.observe.instrument import (
+from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
+from pa10cal.observe.points import Points
+from pa10cal.observe.quantities import (
     MM,
     POSE_SCALE,
-    BaseTargets,
-    Instrument,
-    LocatingMethod,
-    columns_of_covariance,
-    covariance_of,
-    group_means,
-)
-from pa10cal.observe.quantities import (
     Comparison,
     Deviations,
     Misfit,
@@ -42,9 +36,8 @@ from pa10cal.observe.quantities import (
     Stated,
     Unusable,
     Words,
-    columns_of_places,
-    names_of_columns,
-    places_of_columns,
+    columns_of_covariance,
+    covariance_of,
 )
 
 RAW_PLACE = ("x_mm", "y_mm", "z_mm")
@@ -56,7 +49,7 @@ _LENGTH_TOLERANCE = 0.01
 
 _PLACE = ("ee_x_mm", "ee_y_mm", "ee_z_mm")
 _QUATERNION = ("ee_qw", "ee_qx", "ee_qy", "ee_qz")
-_COVARIANCE = "ee_cov"
+_COVARIANCE = "ee_cov_{}{}"
 
 
 @dataclass(frozen=True)
@@ -314,9 +307,7 @@ _COLLINEAR_MM = 1.0
 class Touched(Pose):
     """Pose of the end-effector in P poses, through the centres of B tooling balls."""
 
-    names: tuple[str, ...]  # (B,) names of the balls
-    p_instr_balls_m: Array  # (P, B, 3) centres of the balls in the instrument's frame
-    cov_balls_m2: Array  # (P, B, 3, 3) their covariances
+    balls: Points  # their centres
     touches: NDArray[np.int64]  # (P, B) touches behind each centre
 
     kind: ClassVar[str] = "touch_trigger_cmm"
@@ -329,7 +320,6 @@ class Touched(Pose):
     )
     from_touches: ClassVar[bool] = True
     sees_base: ClassVar[bool] = False
-    _of_all: ClassVar[tuple[str, ...]] = ("names",)
 
     @classmethod
     def of_balls(
@@ -354,7 +344,8 @@ class Touched(Pose):
         T[:, :3, 3] *= MM
         cov = found.covariance * np.outer(POSE_SCALE, POSE_SCALE)
         p_m, cov_m2 = MM * p_instr_balls_mm, MM**2 * cov_balls_mm2
-        return Touched(T, cov, pose_by_source(T, p_m, cov_m2), names, p_m, cov_m2, touches)
+        balls = Points(names, p_m, cov_m2, MM * p_ee_balls_mm)
+        return Touched(T, cov, pose_by_source(T, p_m, cov_m2), balls, touches)
 
     @classmethod
     def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Touched:
@@ -384,20 +375,14 @@ class Touched(Pose):
         count = np.bincount(code)
         return replace(
             super().averaged(code),
-            p_instr_balls_m=group_means(self.p_instr_balls_m, code),
-            cov_balls_m2=group_means(self.cov_balls_m2, code) / count[:, None, None, None],
+            balls=self.balls.averaged(code),
             touches=np.rint(group_means(self.touches.astype(float), code) * count[:, None]).astype(
                 np.int64
             ),
         )
 
     def in_frame(self, T: Array) -> Self:
-        R = T[:3, :3]
-        return replace(
-            super().in_frame(T),
-            p_instr_balls_m=self.p_instr_balls_m @ R.T + T[:3, 3],
-            cov_balls_m2=R @ self.cov_balls_m2 @ R.T,
-        )
+        return replace(super().in_frame(T), balls=self.balls.in_frame(T))
 
     @property
     def counts(self) -> tuple[str, ...]:
@@ -411,7 +396,7 @@ class Touched(Pose):
         """
         if not len(targets_m):
             R, origin = self.T_instr_target[:, :3, :3], self.T_instr_target[:, None, :3, 3]
-            targets_m = np.mean((self.p_instr_balls_m - origin) @ R, axis=0).ravel()
+            targets_m = np.mean((self.balls.p_instr_m - origin) @ R, axis=0).ravel()
         return super().readout(T_instr_ee, targets_m)
 
     def locate(self, T_base_ee: Array) -> Located:
@@ -423,10 +408,12 @@ class Touched(Pose):
     @classmethod
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
         T, cov = pose_of_columns(columns)
-        names = names_of_columns(columns)
-        p_m, cov_m2, touches = places_of_columns(columns, names)
-        return cls(T, cov, pose_by_source(T, p_m, cov_m2), names, p_m, cov_m2, touches)
+        balls = Points.from_columns(columns, stated)
+        touches = np.column_stack([columns[f"ball{name}_touches"] for name in balls.names])
+        by_balls = pose_by_source(T, balls.p_instr_m, balls.cov_m2)
+        return cls(T, cov, by_balls, balls, touches)
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
-        balls = columns_of_places(self.names, self.p_instr_balls_m, self.cov_balls_m2, self.touches)
-        return balls | super().to_columns()
+        of_balls = zip(self.balls.names, self.touches.T, strict=True)
+        touches = {f"ball{name}_touches": times for name, times in of_balls}
+        return self.balls.to_columns() | touches | super().to_columns()
