@@ -205,10 +205,7 @@ def _moved(guess: Guess, step: Array, *, own: int, free: Array) -> Guess:
 
 
 def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[Array, Array]:
-    """Return seen less modelled positions (K, 3) and turns (P, 3), along base axes.
-
-    Of distances these (K, 1) stand in place of the positions.
-    """
+    """Return seen less modelled positions (K, 3), or distances (K, 1), and turns (P, 3)."""
     R = guess.R_instr_base
     off_m = (problem.p_instr_m - guess.p_instr_base_m) @ R - p_base_m
     if problem.d_m is not None:
@@ -263,16 +260,13 @@ _NOWHERE_M = np.finfo(float).tiny
 def hand_eye_from_poses(
     T_base_ee: Array, T_instr_target: Array, weights: Array | None = None
 ) -> Located:
-    """Solve T_instr_target = T_instr_base T_base_ee T_ee_target for the constant frames.
+    """Solve T_instr_target (P, 4, 4) = T_instr_base T_base_ee T_ee_target for the frames.
 
     Rotations start from the dominant singular vectors of the sum of Kronecker products of measured
     and modelled orientations (exact for exact data with turns about more than one axis), from the
     positions alone, and from a target that is not turned; all starts are refined together with the
     translations by Gauss-Newton steps, and the best is returned. What the poses do not identify of
     the target stays at the end-effector.
-
-    Args:
-        T_instr_target: (P, 4, 4) the one target as measured [m].
 
     Raises:
         CalibrationError: with fewer than three poses.
@@ -385,11 +379,7 @@ def ranging(
 
 
 def _best(problem: TargetProblem, starts: Sequence[Guess], names: list[str]) -> Located:
-    """Refine every start, and return the best.
-
-    Some of the poses decide which is best. A start that turns base and target is omitted where
-    another led near it.
-    """
+    """Return the best of all refined starts; some of the poses decide which is best."""
     few, directional = problem.thinned(), problem.d_m is None
     ends: list[tuple[Guess, Linearised, Split]] = []
     for start in starts:

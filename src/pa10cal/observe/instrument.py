@@ -117,13 +117,9 @@ class Instrument(ABC):
 
     @abstractmethod
     def averaged(self, code: Index) -> Self:
-        """Average the readings of each group.
+        """Average the readings of each group: a row each, covariances those of independent ones.
 
-        Args:
-            code: (P,) number of each reading's group, from 0, none omitted.
-
-        Returns:
-            One row a group, its covariance that of the mean of independent readings.
+        Groups are numbered from 0, none omitted: that of each reading is in `code` (P,).
         """
 
     @abstractmethod
@@ -257,22 +253,14 @@ class Instrument(ABC):
 
     @abstractmethod
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        """Fit the nominal model to some poses, and return how far every pose is from it.
-
-        Args:
-            used: numbers of those poses.
-            weights: weight of the squared residuals of each.
+        """Fit the nominal model to some poses, weighted, and return how far every pose is from it.
 
         Raises:
             CalibrationError: when these poses do not determine frames and targets.
         """
 
     def in_order(self, order: Sequence[int]) -> Self:
-        """Return what was measured, each target under the label of another.
-
-        Args:
-            order: for every label, the number of the target that it is given to.
-        """
+        """Return what was measured, each label given to the target of a number."""
         return self
 
     def turned(self, R_ee_target: Array) -> Self:
@@ -454,13 +442,11 @@ class BaseTargets:
         names = tuple(
             name.removesuffix("_x_mm") for name in columns if re.fullmatch(r"base\d+_x_mm", name)
         )
-        cov = covariance_of(columns, _COV)
-        assert cov is not None
         return cls(
             names,
             places_of(columns, names),
             places_of(columns, [f"{name}_u" for name in names]),
             POSE_SCALE * np.column_stack([columns[name] for name in _MOTION]),
-            cov,
+            covariance_of(columns, _COV),
             found,
         )

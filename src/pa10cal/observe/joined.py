@@ -357,13 +357,7 @@ def join(members: Sequence[Member]) -> Observations[Joined]:
 
     Every campaign is moved to where its base stands with that of the first, and its target turned
     to the orientation of the first: then what its base and tool are off by is small, and an unknown
-    of its own.
-
-    Args:
-        members: the campaigns; the first gives the frame.
-
-    Returns:
-        Single readings of all, labels with the name of their campaign.
+    of its own. Labels of the single readings get the name of their campaign.
     """
     first = members[0].start
     each: list[Observations] = []
@@ -392,11 +386,9 @@ def joined(
     names: tuple[str, ...],
     targets: Mapping[str, Array] | None = None,
 ) -> Observations[Joined]:
-    """Join campaigns that stand in one frame, and whose labels and times are apart.
+    """Join single readings of campaigns in one frame, whose labels and times are apart.
 
-    Args:
-        each: single readings of every campaign.
-        targets: see `Joined`; None where no target was turned.
+    Targets are those of `Joined`, None where none was turned.
     """
     campaign = np.repeat(np.arange(len(each)), [len(every) for every in each])
     columns = ((every.pose, every.kind, every.repeat, every.readings) for every in each)

@@ -204,7 +204,7 @@ class Points(Instrument):
             places_of(columns, [f"ball{name}" for name in names]),
             np.stack(of_each, axis=1),
             stated.places_m(names),
-            covariance_of(columns, _SHARED),
+            covariance_of(columns, _SHARED) if _SHARED.format(0, 0) in columns else None,
         )
 
     def to_columns(self) -> dict[str, NDArray[Any]]:

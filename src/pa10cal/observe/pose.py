@@ -266,13 +266,9 @@ class Pose(Instrument):
 def _rotation_covariance(quaternion: Array, u: Array, u_place_m: float) -> Array:
     """Return the covariance (P, 3, 3) of a small rotation applied on the left.
 
-    It changes the quaternion by half its product with it, so that the rotation is twice the vector
-    part of dq q*. Where the quaternion's uncertainty is not stated, it is that which places make.
-
-    Args:
-        quaternion: (P, 4) scalar first.
-        u: (P, 4) its standard uncertainties, nan where not stated.
-        u_place_m: standard uncertainty of a place.
+    It changes the quaternion (P, 4), scalar first, by half its product with it, so that the
+    rotation is twice the vector part of dq q*. Where the quaternion's uncertainty is not stated
+    (nan), it is that which places make.
     """
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
     quaternion, u = quaternion / length, u / length
@@ -292,9 +288,7 @@ def pose_of_columns(columns: Mapping[str, Array]) -> tuple[Array, Array]:
         np.column_stack([columns[name] for name in names]) for names in (_PLACE, _QUATERNION)
     )
     R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    cov = covariance_of(columns, _COVARIANCE)
-    assert cov is not None
-    return homogeneous(R, MM * p_mm), cov
+    return homogeneous(R, MM * p_mm), covariance_of(columns, _COVARIANCE)
 
 
 # Tooling balls, located by touches: they give the pose of the end-effector.
@@ -332,12 +326,7 @@ class Touched(Pose):
     ) -> Touched:
         """Fit the end-effector to located balls, weighted by their covariances.
 
-        Args:
-            names: (B,) names of the balls.
-            p_ee_balls_mm: (B, 3) their stated places on the end-effector.
-            p_instr_balls_mm: (P, B, 3) their centres.
-            cov_balls_mm2: (P, B, 3, 3) covariances of the centres.
-            touches: (P, B) touches behind each centre.
+        They are stated at (B, 3) on it; centres (P, B, 3) have (P, B, 3, 3), touches (P, B).
         """
         found = fit_rigid_weighted(p_ee_balls_mm, p_instr_balls_mm, cov_balls_mm2)
         T = found.T.copy()
@@ -411,7 +400,7 @@ class Touched(Pose):
         balls = Points.from_columns(columns, stated)
         touches = np.column_stack([columns[f"ball{name}_touches"] for name in balls.names])
         by_balls = pose_by_source(T, balls.p_instr_m, balls.cov_m2)
-        return cls(T, cov, by_balls, balls, touches)
+        return cls(T, cov, by_balls, balls, touches.astype(np.int64))
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
         of_balls = zip(self.balls.names, self.touches.T, strict=True)

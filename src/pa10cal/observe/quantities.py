@@ -164,14 +164,9 @@ def carried_targets(T_instr_ee: Array, targets_m: Array) -> tuple[Array, Array]:
 
 
 def by_end_and_targets(T_instr_ee: Array, arms: Array) -> tuple[Array, Array]:
-    """Return the derivative of carried targets by the end of the chain, and by their places.
+    """Return the derivative of carried targets, arms (P, B, 3) off the end of the chain (P, 4, 4).
 
-    Args:
-        T_instr_ee: (P, 4, 4) end of the chain.
-        arms: (P, B, 3) way from it to the targets.
-
-    Returns:
-        (P, B, 3, 6) and (P, B, 3, 3 B).
+    By that end (P, B, 3, 6), and by their places on it (P, B, 3, 3 B).
     """
     count, targets = arms.shape[:2]
     by_targets = np.zeros((count, targets, 3, targets, 3))
@@ -217,9 +212,7 @@ def covariance_of(
     name: str,
     labels: str = "012345",
     scale: Array = POSE_SCALE,
-) -> Array | None:
-    """Read what `columns_of_covariance` gave, its labels in order; None where there is none."""
-    if name.format(labels[0], labels[0]) not in columns:
-        return None
+) -> Array:
+    """Read what `columns_of_covariance` gave, its labels in order (KeyError without it)."""
     each = [[columns[name.format(*sorted((a, b)))] for b in labels] for a in labels]
     return np.asarray(np.moveaxis(np.array(each), 2, 0) * np.outer(scale, scale))

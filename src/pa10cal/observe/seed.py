@@ -108,7 +108,7 @@ def _located_record(
         campaign=campaign,
         provenance=provenance,
         method=next((part for part in parts if part.directional), parts[0]).locates_by,
-        **frame_fields(found.T_instr_base),
+        **_frame_fields(found.T_instr_base),
         x_direction_u_rad=None if u_rad is None else float(u_rad[0]),
         y_direction_u_rad=None if u_rad is None else float(u_rad[1]),
         attitude_scatter_rad=found.scatter_rad,
@@ -146,8 +146,7 @@ def _refuse_one_move(points_x: int, points_y: int, where: Path | str) -> None:
 Positions = tuple[Array, Array]
 
 
-def frame_fields(T_instr_base: Array) -> dict[str, Array]:
-    """Return a base frame (4, 4) as `BaseFrameRecord` has it."""
+def _frame_fields(T_instr_base: Array) -> dict[str, Array]:
     return {
         "R_instr_base": T_instr_base[:3, :3],
         "origin_instr_m": T_instr_base[:3, 3],
@@ -156,18 +155,13 @@ def frame_fields(T_instr_base: Array) -> dict[str, Array]:
 
 
 def fit_line(p_instr_m: Array, travel_m: Array, name: str = "straight move") -> StraightLine:
-    """Fit a line to points by least squares of their distances from it.
+    """Fit a line to measured points (N, 3) by least squares of their distances from it.
 
-    Args:
-        p_instr_m: (N, 3) measured points, N >= 3.
-        travel_m: (N,) the robot's own coordinate along the move at each point; gives the sense.
-        name: of the move, for messages.
-
-    Returns:
-        The line. Its direction follows `travel_m`, in whatever order the points come.
+    Its direction follows `travel_m` (N,), the robot's own coordinate along the move, in whatever
+    order the points come.
 
     Raises:
-        CalibrationError: with fewer than three points.
+        CalibrationError: with fewer than three points, naming the move.
     """
     count = len(p_instr_m)
     if count < 3:
@@ -217,13 +211,11 @@ def seed_from_lines(
 ) -> BaseFrameRecord:
     """Find the base frame: axes from the straight moves, origin from the nominal model.
 
-    The origin is the mean over the given poses of p_instr_ee - R_instr_base p_base_ee.
+    The origin is the mean over its poses of p_instr_ee - R_instr_base p_base_ee.
 
     Args:
-        x_move: end-effector positions of the move along x, (N, 3) each [m]: measured in the
+        x_move, y_move, origin_poses: end-effector positions (N, 3) [m] of each: measured in the
             instrument's frame, and the nominal model's in the base frame for the same poses.
-        y_move: the same for the move along y.
-        origin_poses: the same for the poses that fix the origin.
         options: what the moves must satisfy.
         measured: campaign, provenance and `origin_from` of the record.
 
@@ -252,7 +244,7 @@ def seed_from_lines(
     return BaseFrameRecord(
         **measured,
         method="straight_lines",
-        **frame_fields(T_instr_base),
+        **_frame_fields(T_instr_base),
         x_direction_u_rad=line_x.direction_u_rad,
         y_direction_u_rad=line_y.direction_u_rad,
         line_x=line_x,

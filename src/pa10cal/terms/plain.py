@@ -41,11 +41,7 @@ def term_to_plain(term: Term) -> dict[str, Any]:
 
 
 def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
-    """Return the term that `term_to_plain` described.
-
-    Args:
-        content: what it returned; other keys may stand beside.
-        where: file and place, for the message.
+    """Return the term that `term_to_plain` described; other keys may stand beside.
 
     Raises:
         TermError: when there is no such term, or what shapes it is missing or of the wrong kind.

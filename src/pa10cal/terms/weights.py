@@ -88,12 +88,8 @@ class Weights(TorqueOnly):
         """Return the weights of which only the shape is unknown, not how heavy they are.
 
         With springs of unknown stiffness poses show torque over stiffness. So the torques that
-        weights lead to are kept as large as those calculated: what they add is at right angles to
-        these, over poses and joints.
-
-        Args:
-            torque_Nm: (P, n) calculated torques.
-            by_weights: (P, n, 4 n + 3) their derivative, see `StaticLoads.by_weights`.
+        weights lead to are kept as large as those calculated (P, n): what they add is at right
+        angles to these, over poses and joints; for the derivative see `StaticLoads.by_weights`.
         """
         grows = np.einsum("pj,pjc->c", torque_Nm, by_weights)[list(self.columns)]
         of_links = np.array(self.columns) <= 4 * self.n
