@@ -1,11 +1,21 @@
 """Poses as if an instrument had measured them, states of an arm, and where effects may sit."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import CandidateContext
+
+
+def nothing(*values):
+    return 0.0
+
+
+def at_joint(joint, values):
+    """Return (P, 6) values of one joint, zero at the others."""
+    return np.asarray(values)[:, None] * (np.arange(1, 7) == joint)
 
 
 def measured_poses(
@@ -65,3 +75,11 @@ def context_of(arm, **known) -> CandidateContext:
         "commanded": True,
     }
     return CandidateContext(arm, **usual | known)
+
+
+def frames(rng, count, spread_m=0.8):
+    """Return poses (P, 4, 4) turned any way, within so much of the origin."""
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, :3, :3] = Rotation.random(count, random_state=rng).as_matrix()
+    T[:, :3, 3] = rng.uniform(-spread_m, spread_m, (count, 3))
+    return T

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from made_up_poses import states_of
 from pa10cal.arm.chain import Chain, link_spans_m
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import Payload, with_assumed_weights
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.fit.loads import statics_of
+from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.fit.uncertain_weights import unknown_weights, weight_sizes
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
@@ -67,13 +68,8 @@ def test_a_total_is_what_the_parts_add_up_to():
 
 
 def poses_of(arm, count=40, load_N=0.0):
-    from pa10cal.arm.statics import PoseStates
-    from pa10cal.fit.loads import with_torques
-
-    q = np.random.default_rng(1).uniform(-1.5, 1.5, (count, arm.n))
-    nan, zero = np.full_like(q, np.nan), np.zeros(count)
-    states = PoseStates(q, nan, np.zeros_like(q), zero + load_N, zero, zero)
-    states = replace(states, load_N=np.linspace(0.0, load_N, count))
+    nan, loads_N = np.full((count, arm.n), np.nan), np.linspace(0.0, load_N, count)
+    states = states_of(arm, 1, count, tau_Nm=nan, load_N=loads_N)
     return with_torques(Model(Chain.of(arm), ()), np.zeros(0), states, PAYLOAD)[0]
 
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from made_up_poses import frames
 from pa10cal.arm.chain import Chain, end_pose
-from pa10cal.arrays import homogeneous
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.hand_eye import (
@@ -24,9 +24,7 @@ counts = st.integers(6, 30)
 
 
 def frame(rng, size_m):
-    return homogeneous(
-        Rotation.random(random_state=rng).as_matrix(), rng.uniform(-size_m, size_m, 3)
-    )
+    return frames(rng, 1, size_m)[0]
 
 
 def poses(rng, count, robot="ur10"):

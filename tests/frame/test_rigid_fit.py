@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from made_up_poses import frames
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
@@ -23,13 +24,6 @@ BALLS_EE_MM = np.array([[95.0, 0.0, 310.0], [-50.0, 80.0, 310.0], [-50.0, -80.0,
 seeds = st.integers(0, 2**32 - 1)
 
 
-def random_poses(rng: np.random.Generator, count: int) -> np.ndarray:
-    T = np.tile(np.eye(4), (count, 1, 1))
-    T[:, :3, :3] = Rotation.random(count, random_state=rng).as_matrix()
-    T[:, :3, 3] = rng.uniform(-1000, 1000, (count, 3))
-    return T
-
-
 def carried(T: np.ndarray, points: np.ndarray) -> np.ndarray:
     return points @ np.swapaxes(T[:, :3, :3], -1, -2) + T[:, None, :3, 3]
 
@@ -39,7 +33,7 @@ def carried(T: np.ndarray, points: np.ndarray) -> np.ndarray:
 def test_recovers_the_motion_for_any_points_that_span_a_plane(seed, k, flatness):
     rng = np.random.default_rng(seed)
     source = rng.normal(size=(k, 3)) * [100, 100, 100 * flatness]
-    T = random_poses(rng, 5)
+    T = frames(rng, 5, 1000.0)
     fit = fit_rigid(source, carried(T, source))
     assert np.linalg.det(fit.T[:, :3, :3]) == pytest.approx(np.ones(5))
     np.testing.assert_allclose(fit.T, T, atol=2e-6)
@@ -77,7 +71,7 @@ def test_refuses_a_single_degenerate_set_in_a_batch():
 @given(seed=seeds)
 def test_weighted_fit_is_stationary_and_agrees_with_the_closed_form_for_equal_covariances(seed):
     rng = np.random.default_rng(seed)
-    target = carried(random_poses(rng, 4), BALLS_EE_MM) + rng.normal(size=(4, 3, 3))
+    target = carried(frames(rng, 4, 1000.0), BALLS_EE_MM) + rng.normal(size=(4, 3, 3))
     equal = np.tile(0.3 * np.eye(3), (4, 3, 1, 1))
     weighted = fit_rigid_weighted(BALLS_EE_MM, target, equal)
     np.testing.assert_allclose(weighted.T, fit_rigid(BALLS_EE_MM, target).T, atol=1e-8)
@@ -105,7 +99,7 @@ def chi_square_after(fit, target, covariances, index, step):
 
 def test_covariance_is_the_scatter_of_many_noisy_fits():
     rng = np.random.default_rng(3)
-    T = np.repeat(random_poses(rng, 1), 20_000, axis=0)
+    T = np.repeat(frames(rng, 1, 1000.0), 20_000, axis=0)
     sigmas = np.array([[0.01, 0.02, 0.03], [0.02, 0.01, 0.01], [0.03, 0.03, 0.01]])
     target = carried(T, BALLS_EE_MM) + sigmas * rng.normal(size=(20_000, 3, 3))
     covariances = np.tile(np.eye(3) * sigmas[:, None, :] ** 2, (20_000, 1, 1, 1))

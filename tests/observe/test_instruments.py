@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from made_up_poses import frames
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import instrument_kinds, instrument_of, robot_of
 from pa10cal.lab.cell.instruments.instrument import Truth
@@ -26,13 +27,6 @@ from pa10cal.settings_reading import parse_section
 KINDS = tuple(instruments())
 TARGETS_M = np.array([[0.04, -0.03, 0.11], [-0.06, 0.02, 0.09], [0.01, 0.07, 0.05]])
 seeds = st.integers(0, 2**32 - 1)
-
-
-def frames(rng, count, spread_m=0.8):
-    T = np.tile(np.eye(4), (count, 1, 1))
-    T[:, :3, :3] = Rotation.random(count, random_state=rng).as_matrix()
-    T[:, :3, 3] = rng.uniform(-spread_m, spread_m, (count, 3))
-    return T
 
 
 def about(T, turns_rad, shifts_m):
