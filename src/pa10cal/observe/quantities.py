@@ -191,7 +191,7 @@ def columns_of_places(names: Iterable[str], p_m: Array) -> dict[str, NDArray[Any
 def places_of(columns: Mapping[str, NDArray[Any]], names: Iterable[str]) -> Array:
     """Read what `columns_of_places` gave, (P, B, 3)."""
     each = [[columns[f"{name}_{axis}_mm"] for axis in AXES] for name in names]
-    return np.asarray(MM * np.moveaxis(np.array(each), 2, 0))
+    return MM * np.ascontiguousarray(np.moveaxis(np.array(each), 2, 0))
 
 
 def columns_of_covariance(
@@ -215,4 +215,4 @@ def covariance_of(
 ) -> Array:
     """Read what `columns_of_covariance` gave, its labels in order (KeyError without it)."""
     each = [[columns[name.format(*sorted((a, b)))] for b in labels] for a in labels]
-    return np.asarray(np.moveaxis(np.array(each), 2, 0) * np.outer(scale, scale))
+    return np.ascontiguousarray(np.moveaxis(np.array(each), 2, 0)) * np.outer(scale, scale)
