@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from made_up_poses import states_of
@@ -43,6 +43,7 @@ def test_masses_that_are_stated_stay():
     assert not weights_known(arm).assumed
 
 
+@settings(deadline=None)
 @given(st.floats(0.2, 3.0))
 def test_weights_scale_with_the_cube_of_the_arm_and_uncertainty_with_them(factor):
     arm = bare()
@@ -73,6 +74,7 @@ def poses_of(arm, count=40, load_N=0.0):
     return with_torques(Model(Chain.of(arm), ()), np.zeros(0), states, PAYLOAD)[0]
 
 
+@settings(deadline=None)
 @given(st.integers(0, 1000))
 def test_weights_that_nobody_stated_add_torques_at_right_angles_to_those_assumed(seed):
     """So stiffness, which scales all of them, is known relative to weights as assumed."""

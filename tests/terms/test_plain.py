@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from made_up_poses import context_of
@@ -48,6 +48,7 @@ def there_and_back(term):
     return term_from_plain(json.loads(json.dumps(term_to_plain(term))), where="model.yaml: terms")
 
 
+@settings(deadline=None)
 @given(st.sampled_from(arm_names()), st.integers(0, 2**32 - 1))
 def test_every_effect_at_every_place_comes_back_equal(robot, seed):
     for effect in candidates(contexts(robot, seed)):
