@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from made_up_poses import measured_poses
+from made_up_poses import at_joint, measured_poses, nothing
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload, PoseStates, statics
 from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats, discover_by_repeats
@@ -37,10 +37,6 @@ SPREAD_RAD = 0.8
 ERROR_RATE = 0.01
 
 
-def nothing(*values):
-    return 0.0
-
-
 @dataclass(frozen=True)
 class Missing:
     """What an arm does that the model does not know, all zero unless given.
@@ -56,11 +52,6 @@ class Missing:
     log: Callable = nothing
     read: Callable = nothing
     targets_m: np.ndarray | float = 0.0
-
-
-def at_joint(joint, values):
-    """Return (P, 6) values of one joint, zero at the others."""
-    return np.asarray(values)[:, None] * (np.arange(1, 7) == joint)
 
 
 def harmonic(joint, order, amplitude_rad, phase_rad=0.0):

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from made_up_poses import context_of
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.calibrate import find_start
@@ -17,7 +18,7 @@ from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.options import Tolerances
-from pa10cal.terms.effects.effect import CandidateContext, candidates
+from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures, tool_frame
@@ -33,16 +34,7 @@ def postures(arm, seed, count=7):
 
 def vocabulary(arm):
     """Every term that can be made of the arm: links, a spring, the tool, all effects everywhere."""
-    context = CandidateContext(
-        arm=arm,
-        flexible_joints=(2,),
-        reference_temperature_C=20.0,
-        tau_span_Nm=np.full(arm.n, 50.0),
-        T_instr_base=np.eye(4),
-        p_instr_middle_m=np.zeros(3),
-        q_span_rad=np.tile([-1.5, 1.5], (arm.n, 1)),
-        time_span_s=(0.0, 3600.0),
-    )
+    context = context_of(arm, tau_span_Nm=np.full(arm.n, 50.0), commanded=False)
     effects = [
         effect
         for effect in candidates(context)

@@ -1,10 +1,21 @@
-"""Poses as if an instrument had measured them, from arrays."""
+"""Poses as if an instrument had measured them, states of an arm, and where effects may sit."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from pa10cal.arm.statics import PoseStates
+from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.terms.effects.effect import CandidateContext
+
+
+def nothing(*values):
+    return 0.0
+
+
+def at_joint(joint, values):
+    """Return (P, 6) values of one joint, zero at the others."""
+    return np.asarray(values)[:, None] * (np.arange(1, 7) == joint)
 
 
 def measured_poses(
@@ -22,3 +33,53 @@ def measured_poses(
         ones,
         ones if readings is None else np.asarray(readings),
     )
+
+
+def states_of(arm, seed=3, poses=5, **known) -> PoseStates:
+    """Return states of an arm in which all effects show, drawn but for what is given."""
+    rng, n = np.random.default_rng(seed), arm.n
+    down = rng.normal(size=(poses, 3))
+    usual = {
+        "q_rad": rng.uniform(-1.5, 1.5, (poses, n)),
+        "tau_Nm": rng.uniform(-30.0, 30.0, (poses, n)),
+        "arrival": rng.choice([-1.0, 1.0], (poses, n)),
+        "load_N": rng.choice([0.0, 44.0], poses),
+        "temperature_C": rng.uniform(19.0, 27.0, poses),
+        "time_s": np.sort(rng.uniform(100.0, 4e4, poses)),
+        "static_loads": StaticLoads(
+            link_Nm=rng.uniform(-60.0, 60.0, (poses, n, 3)),
+            base_Nm=rng.uniform(-100.0, 100.0, (poses, 3)),
+            joint_Nm=rng.uniform(-60.0, 60.0, (poses, n)),
+            down_ee=down / np.linalg.norm(down, axis=1, keepdims=True),
+            by_weights=rng.normal(size=(poses, n, 4 * n + 3)),
+            by_load=rng.normal(size=(poses, n)),
+        ),
+        "seen": ObservedTargets(
+            p_instr_targets_m=rng.uniform(0.0, 0.9, (poses, 3, 3)),
+            pose_by_targets=rng.normal(size=(poses, 6, 9)),
+        ),
+    }
+    return PoseStates(**usual | known)
+
+
+def context_of(arm, **known) -> CandidateContext:
+    """Return where effects of an arm may sit: anywhere, but for what is given."""
+    usual = {
+        "flexible_joints": (2,),
+        "reference_temperature_C": 21.0,
+        "tau_span_Nm": np.full(arm.n, 30.0),
+        "T_instr_base": np.eye(4),
+        "p_instr_middle_m": np.array([0.4, 0.5, 0.6]),
+        "q_span_rad": np.tile([-1.5, 1.5], (arm.n, 1)),
+        "time_span_s": (100.0, 4e4),
+        "commanded": True,
+    }
+    return CandidateContext(arm, **usual | known)
+
+
+def frames(rng, count, spread_m=0.8):
+    """Return poses (P, 4, 4) turned any way, within so much of the origin."""
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, :3, :3] = Rotation.random(count, random_state=rng).as_matrix()
+    T[:, :3, 3] = rng.uniform(-spread_m, spread_m, (count, 3))
+    return T

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from pa10cal.lab.cell.campaign import simulate_campaign
@@ -43,6 +44,26 @@ def Ry(angle):
 
 def Rz(angle):
     return motion(rotation((0, 0, 1), angle))
+
+
+def pinocchio_of(arm):
+    """Return the same rows as a model of joint placements, with masses, and its end on the last."""
+    model = pin.Model()
+    parent, placement = 0, pin.SE3(arm.T_base_row1)
+    for k in range(arm.n):
+        turned, raised = pin.SE3(Rz(arm.theta_rad[k])), pin.SE3(motion(p=(0, 0, arm.d_m[k])))
+        shifted, twisted = pin.SE3(motion(p=(arm.a_m[k], 0, 0))), pin.SE3(Rx(arm.alpha_rad[k]))
+        tilted = pin.SE3(Ry(arm.beta_rad[k]))
+        joint = pin.JointModelPZ() if arm.prismatic[k] else pin.JointModelRZ()
+        if arm.convention == "modified":
+            before, after = tilted * twisted * shifted * turned, raised
+        else:
+            before, after = turned, raised * shifted * twisted * tilted
+        parent = model.addJoint(parent, joint, placement * before, f"j{k}")
+        body = pin.Inertia(arm.mass_kg[k], arm.com_m[k], np.zeros((3, 3)))
+        model.appendBodyToJoint(parent, body, after)
+        placement = after
+    return model, placement * pin.SE3(arm.T_row_n_ee)
 
 
 def robot_from_departures(arm, departures, T_instr_base=None, springs=None, targets=None):

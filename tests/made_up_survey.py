@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from made_up_poses import at_joint, nothing
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.options import CalibrationOptions
@@ -30,10 +31,6 @@ POSES, HELD_OUT = 700, 100
 ERROR_RATE = 0.01
 #: Joints keep to these angles, so that there are others which no pose has seen.
 LOW_RAD, HIGH_RAD = -1.8, 1.8
-
-
-def nothing(*values):
-    return 0.0
 
 
 @dataclass(frozen=True)
@@ -61,11 +58,6 @@ class Turned(JointsEffect):
 
     def added(self, motion):
         return self.by(motion) + np.zeros_like(motion.q_rad)
-
-
-def at_joint(joint, values):
-    """Return (P, 6) values of one joint, zero at the others."""
-    return np.asarray(values)[:, None] * (np.arange(1, 7) == joint)
 
 
 def rough(joint):

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from made_up_robot import pinocchio_of
 from pa10cal.arm.chain import (
     BASE,
     TOOL,
@@ -38,28 +39,11 @@ ROW_FIELDS = [field.name for field in fields(Arm) if field.name not in OF_THE_AR
 
 def pinocchio_forward(arm, q):
     """Forward kinematics of the same rows, by joint placements."""
-    model = pin.Model()
-    parent, placement = 0, pin.SE3(arm.T_base_row1)
-    for k in range(arm.n):
-        tilt = pin.SE3(Rotation.from_euler("y", arm.beta_rad[k]).as_matrix(), np.zeros(3))
-        turn = pin.SE3(Rotation.from_euler("x", arm.alpha_rad[k]).as_matrix(), np.zeros(3))
-        along_x = pin.SE3(np.eye(3), np.array([arm.a_m[k], 0, 0]))
-        offset = pin.SE3(
-            Rotation.from_euler("z", arm.theta_rad[k]).as_matrix(), np.array([0, 0, arm.d_m[k]])
-        )
-        joint = pin.JointModelPZ() if arm.prismatic[k] else pin.JointModelRZ()
-        if arm.convention == "modified":
-            first = placement * tilt * turn * along_x * offset
-            parent = model.addJoint(parent, joint, first, f"j{k}")
-            placement = pin.SE3.Identity()
-        else:
-            parent = model.addJoint(parent, joint, placement, f"j{k}")
-            placement = offset * along_x * turn * tilt
-    data = model.createData()
-    poses = []
+    model, T_last_ee = pinocchio_of(arm)
+    data, poses = model.createData(), []
     for row in q:
         pin.forwardKinematics(model, data, row)
-        poses.append((data.oMi[parent] * placement).homogeneous @ arm.T_row_n_ee)
+        poses.append((data.oMi[arm.n] * T_last_ee).homogeneous)
     return np.array(poses)
 
 
@@ -97,26 +81,6 @@ def test_screws_equal_finite_differences(random_arm, seed, convention):
         rate = turn.as_rotvec() / (2 * step)
         np.testing.assert_allclose(screws[:, :3, k], velocity, atol=2e-9)
         np.testing.assert_allclose(screws[:, 3:, k], rate, atol=2e-9)
-
-
-@settings(deadline=None, max_examples=25)
-@given(seed=st.integers(0, 10_000))
-def test_poses_are_rigid_motions(random_arm, seed):
-    q = np.random.default_rng(seed).uniform(-3, 3, (3, 6))
-    T = Chain.of(random_arm(seed, 6)).forward(q)
-    R = T[:, :3, :3]
-    np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(3), (3, 1, 1)), atol=1e-13)
-    np.testing.assert_allclose(np.linalg.det(R), 1.0, atol=1e-13)
-
-
-def test_base_and_tool_coordinates_place_base_and_tool():
-    chain = Chain.of(load_arm("pa10_6ce"))
-    q = np.random.default_rng(1).uniform(-1, 1, (1, 6))
-    coordinates = chain.coordinates(q)
-    coordinates[:, chain.columns(("base.x", "tool.z"))] = [0.5, 0.2]
-    expected = chain.forward(q)[0]
-    expected[:3, 3] += np.array([0.5, 0, 0]) + 0.2 * expected[:3, 2]
-    np.testing.assert_allclose(end_pose(chain, coordinates)[0], expected, atol=1e-15)
 
 
 @settings(deadline=None, max_examples=25)
@@ -192,17 +156,6 @@ def test_a_bend_moves_the_frame_in_which_the_next_joint_moves(random_arm, seed, 
         np.testing.assert_allclose(moved[:row], wanted[:row], atol=1e-15)
         turned = straight.T_base_joints[row] @ motion @ inverse @ wanted[row:]
         np.testing.assert_allclose(moved[row:], turned, atol=1e-13)
-
-
-def test_bends_are_the_only_motions_they_add():
-    arm = load_arm("pa10_6ce")
-    names = [motion.coordinate for motion in Chain.of(arm, bends=(2, 4)).motions]
-    for row in (2, 4):
-        start = names.index(f"bend_{row}.x")
-        assert tuple(names[start : start + 6]) == bend_coordinates(row)
-        assert names[start + 6] == f"theta_{row + 1}"
-    kept = [name for name in names if not name.startswith("bend")]
-    assert kept == [motion.coordinate for motion in Chain.of(arm).motions]
 
 
 @pytest.mark.parametrize("row", [0, 6])

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from made_up_robot import nominal_of, rebuilt
+from made_up_robot import nominal_of, pinocchio_of, rebuilt
 from pa10cal.arm.chain import BASE, Chain, bend_coordinates, frames
-from pa10cal.arm.statics import Payload, statics
+from pa10cal.arm.statics import Payload, deflection_rad, statics, unit_deflection
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.individual import build_robot
@@ -60,37 +60,16 @@ def slope(chain, coordinates, column, load_N, payload):
 def pinocchio_torques_Nm(arm, q, load_N, payload):
     """Return the gravity torques of the same arm as pinocchio has them."""
 
-    def motion(along=(0.0, 0.0, 0.0), turn="z", angle=0.0):
-        return pin.SE3(Rotation.from_euler(turn, angle).as_matrix(), np.array(along))
+    def carried(mass_kg, com_m):
+        return T_last_ee.act(pin.Inertia(mass_kg, com_m, np.zeros((3, 3))))
 
-    def body(mass_kg, com_m):
-        return pin.Inertia(mass_kg, com_m, np.zeros((3, 3)))
-
-    model = pin.Model()
+    model, T_last_ee = pinocchio_of(arm)
     model.gravity.linear = payload.gravity_m_s2
-    parent, placement = 0, pin.SE3(arm.T_base_row1)
-    for row in range(arm.n):
-        joint = pin.JointModelPZ() if arm.prismatic[row] else pin.JointModelRZ()
-        turned, raised = motion(angle=arm.theta_rad[row]), motion((0.0, 0.0, arm.d_m[row]))
-        shifted, twisted = (
-            motion((arm.a_m[row], 0.0, 0.0)),
-            motion(turn="x", angle=arm.alpha_rad[row]),
-        )
-        tilted = motion(turn="y", angle=arm.beta_rad[row])
-        if arm.convention == "modified":
-            before, after = tilted * twisted * shifted * turned, raised
-        else:
-            before, after = turned, raised * shifted * twisted * tilted
-        parent = model.addJoint(parent, joint, placement * before, f"j{row}")
-        model.appendBodyToJoint(parent, body(arm.mass_kg[row], arm.com_m[row]), after)
-        placement = after
-    placement = placement * pin.SE3(arm.T_row_n_ee)
-    model.appendBodyToJoint(parent, body(payload.mass_kg, payload.com_m), placement)
-    unloaded = model.inertias[arm.n].copy()
+    unloaded = model.inertias[arm.n] + carried(payload.mass_kg, payload.com_m)
     g = np.linalg.norm(payload.gravity_m_s2)
     torques = []
     for positions, load in zip(q, load_N, strict=True):
-        model.inertias[arm.n] = unloaded + placement.act(body(load / g, payload.load_point_m))
+        model.inertias[arm.n] = unloaded + carried(load / g, payload.load_point_m)
         torques.append(pin.computeGeneralizedGravity(model, model.createData(), positions))
     return np.array(torques)
 
@@ -180,14 +159,9 @@ def test_torques_follow_each_weight_as_its_derivative_says(random_arm, seed, con
     # So small that what is beyond first order, as large as the turn itself, is below what is asked.
     turn = np.cross(1e-7 * rng.normal(size=3), g)
     tilted = torque_Nm(payload=replace(payload, gravity_m_s2=g + turn)) - found.torque_Nm
-    left = (
-        tilted.ravel()
-        - tilts.reshape(-1, 2)
-        @ np.linalg.lstsq(tilts.reshape(-1, 2), tilted.ravel(), rcond=None)[0]
-    )
-    np.testing.assert_allclose(left, 0.0, atol=1e-9)
-    size = np.linalg.norm(turn) / np.linalg.norm(g)
     along = np.linalg.lstsq(tilts.reshape(-1, 2), tilted.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(tilted, tilts @ along, atol=1e-9)
+    size = np.linalg.norm(turn) / np.linalg.norm(g)
     assert np.linalg.norm(along) == pytest.approx(size, rel=1e-6)
 
 
@@ -264,3 +238,36 @@ def test_gravity_without_a_direction_is_refused(robot):
     payload = replace(payload_of(robot), gravity_m_s2=np.zeros(3))
     with pytest.raises(ArmError, match="gravity has no direction"):
         statics(chain, chain.nominal[None], np.zeros(1), payload)
+
+
+# The spring of a joint.
+
+stiffness = st.floats(1e2, 1e6)
+
+
+@settings(deadline=None)
+@given(tau=st.floats(-300, 300), k_lin=stiffness, k_cub=st.floats(0, 1e11))
+def test_deflection_solves_equation_1(tau, k_lin, k_cub):
+    delta = deflection_rad(np.array([tau]), k_lin, k_cub)[0]
+    assert abs(k_lin * delta + k_cub * delta**3 - tau) <= 1e-14 * abs(tau) + 1e-300
+
+
+@settings(deadline=None)
+@given(t=st.floats(-4, 4), s=st.floats(0, 0.95))
+def test_unit_deflection_solves_the_cubic(t, s):
+    x = unit_deflection(np.array([t]), s).x[0]
+    assert abs((1 - s) * x + s * x**3 - t) <= 4e-15 * abs(t) + 1e-300
+
+
+@settings(deadline=None)
+@given(t=st.floats(-4, 4), s=st.floats(1e-3, 0.9))
+def test_derivative_equals_finite_differences(t, s):
+    step, at = 1e-5, unit_deflection(np.array([t]), s)
+    ahead, back = (unit_deflection(np.array([t]), s + sign * step).x for sign in (1, -1))
+    np.testing.assert_allclose((ahead - back) / (2 * step), at.by_share, rtol=1e-5, atol=1e-9)
+
+
+def test_share_zero_has_the_derivative_of_its_neighbours():
+    at = unit_deflection(np.array([0.7]), 0.0)
+    np.testing.assert_allclose(at.by_share, [0.7 - 0.7**3], rtol=1e-14)
+    assert at.x[0] == 0.7

@@ -7,7 +7,7 @@ import pytest
 
 from made_up_survey import observe
 from pa10cal.discovery.row_faults import gross_errors
-from pa10cal.observe.touched import Touched
+from pa10cal.observe.pose import Touched
 
 WRONG_M = 8e-3
 

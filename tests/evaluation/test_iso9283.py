@@ -16,8 +16,8 @@ from pa10cal.evaluation.holdout import held_out_errors
 from pa10cal.evaluation.iso9283 import LEAST_REPEATS, iso9283_record, repeatability
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.distance import Distance
 from pa10cal.observe.observations import average_repeats
+from pa10cal.observe.points import Distance
 from pa10cal.terms.model import Model
 
 CAMPAIGN = SimpleNamespace(name="mine", provenance="made up", robot="pa10_6ce")

@@ -11,29 +11,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from made_up_poses import frames
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import instrument_kinds, instrument_of, robot_of
 from pa10cal.lab.cell.instruments.instrument import Truth
 from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.observe.distance import Distance
-from pa10cal.observe.instrument import BaseTargets
+from pa10cal.observe.instrument import BaseTargets, Instrument
+from pa10cal.observe.joined import Joined
 from pa10cal.observe.kinds import instruments
-from pa10cal.observe.points import Points
-from pa10cal.observe.pose import Pose
+from pa10cal.observe.points import Distance, Points
+from pa10cal.observe.pose import Pose, Touched
 from pa10cal.observe.quantities import Stated
-from pa10cal.observe.touched import Touched
 from pa10cal.settings_reading import parse_section
 
 KINDS = tuple(instruments())
 TARGETS_M = np.array([[0.04, -0.03, 0.11], [-0.06, 0.02, 0.09], [0.01, 0.07, 0.05]])
 seeds = st.integers(0, 2**32 - 1)
-
-
-def frames(rng, count, spread_m=0.8):
-    T = np.tile(np.eye(4), (count, 1, 1))
-    T[:, :3, :3] = Rotation.random(count, random_state=rng).as_matrix()
-    T[:, :3, 3] = rng.uniform(-spread_m, spread_m, (count, 3))
-    return T
 
 
 def about(T, turns_rad, shifts_m):
@@ -134,11 +127,17 @@ def test_columns_of_the_table_bring_everything_back(kind, seed):
     rng = np.random.default_rng(seed)
     found, _ = measured(kind, frames(rng, 5), rng)
     columns = found.to_columns() | {"time_s": np.arange(5.0)}
-    back = type(found).from_columns(columns, Stated(1e-5, {}))
+    stated = Stated(1e-5, dict(zip("ABC", TARGETS_M, strict=True)))
+    assert_same(type(found).from_columns(columns, stated), found)
+
+
+def assert_same(back, found):
     for field in fields(found):
         ours, theirs = getattr(found, field.name), getattr(back, field.name)
         if isinstance(ours, np.ndarray):
             np.testing.assert_allclose(theirs, ours, rtol=1e-7, atol=1e-15)
+        elif isinstance(ours, Points):
+            assert_same(theirs, ours)
         else:
             assert ours == theirs
 
@@ -187,3 +186,10 @@ def test_a_target_on_the_tool_that_is_called_like_the_base_is_none_on_the_base()
     of_tool = {f"baseplate_{axis}_mm": np.ones(4) for axis in "xyz"}
     back = BaseTargets.from_columns({**of_tool, **base.to_columns()}, None)
     assert back.names == names
+
+
+@pytest.mark.parametrize("kind", [*instruments().values(), Joined])
+def test_whatever_differs_between_instruments_is_a_method_of_their_base(kind):
+    own = {name for base in kind.__mro__ for name in vars(base) if not name.startswith("_")}
+    fields_and_makers = {*kind.__dataclass_fields__, "of", "of_balls"}
+    assert own - {*vars(Instrument)} - fields_and_makers == set()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.observe.test_instruments import KINDS, about, frames, measured
+from tests.observe.test_instruments import KINDS, about, measured
 
+from made_up_poses import frames
 from pa10cal.errors import CalibrationError
 from pa10cal.observe.joined import Joined
 from pa10cal.observe.quantities import Stated

@@ -8,11 +8,9 @@ import pytest
 from made_up_sightings import UNCERTAINTY_MM, sighted
 from pa10cal.campaign.table import read_observations, read_pose_table, write_pose_table
 from pa10cal.errors import RawDataError
-from pa10cal.observe.distance import Distance
 from pa10cal.observe.observations import average_repeats, poses_of
-from pa10cal.observe.points import Points
-from pa10cal.observe.pose import Pose
-from pa10cal.observe.touched import Touched
+from pa10cal.observe.points import Distance, Points
+from pa10cal.observe.pose import Pose, Touched
 from spoiling import ingest, replace
 
 U_M = 1e-3 * UNCERTAINTY_MM
@@ -58,7 +56,7 @@ def test_touched_balls_give_the_end_effector(raw_campaign, tmp_path):
     every = every_of(raw_campaign, tmp_path)
     found, expected = averaged(every), poses_of(every, covariance="instrument")
     assert isinstance(found.measured, Touched)
-    assert found.measured.names == ("A", "B", "C")
+    assert found.measured.balls.names == ("A", "B", "C")
     np.testing.assert_array_equal(found.measured.T_instr_target, expected.measured.T_instr_target)
     np.testing.assert_array_equal(found.measured.cov, expected.measured.cov)
     np.testing.assert_array_equal(found.states.tau_Nm, expected.states.tau_Nm)
@@ -136,18 +134,6 @@ def test_the_position_of_a_joint_that_slides_is_in_metres(tmp_path):
     assert [name for name in table.columns if name.startswith("q")] == names
     found = averaged(every)
     np.testing.assert_allclose(found.states.q_rad, raw.q[rows_of(raw, found)], atol=1e-9)
-
-
-def test_some_poses_can_be_taken(tmp_path):
-    for kind, field in (("pose", "T_instr_target"), ("points", "p_instr_m"), ("distance", "d_m")):
-        every = averaged(every_of(sighted(tmp_path, kind), tmp_path))
-        some = every.take(np.array([3, 1]))
-        assert len(some) == 2
-        assert list(some.pose) == list(every.pose[[3, 1]])
-        whole = getattr(every.measured, field)
-        np.testing.assert_array_equal(getattr(some.measured, field), whole[[3, 1]])
-        np.testing.assert_array_equal(some.states.q_rad, every.states.q_rad[[3, 1]])
-        assert len(every.take(every.pose == "P002")) == 1
 
 
 @pytest.mark.parametrize("kind", ["points", "distance"])

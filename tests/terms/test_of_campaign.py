@@ -1,4 +1,4 @@
-"""A term of one campaign: nothing in the poses of others, the term itself in its own."""
+"""Terms around a term: of one campaign, and of parameters that are settled."""
 
 from __future__ import annotations
 
@@ -8,22 +8,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from made_up_poses import states_of
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.statics import PoseStates
 from pa10cal.errors import TermError
 from pa10cal.files.arms import load_arm
+from pa10cal.terms.effects.joint import FrictionTorque
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OfCampaign, about_moved_base, motion_of_base, small_motion
 from pa10cal.terms.plain import term_from_plain, term_to_plain
-from pa10cal.terms.term import base_frame
+from pa10cal.terms.term import FixedTorque, base_frame, fixed, shows_torque
 
 
 def states(campaign):
-    rng, count = np.random.default_rng(1), 4
-    q, zero = rng.uniform(-1, 1, (count, 6)), np.zeros(count)
-    zeros = np.zeros_like(q)
-    return PoseStates(q, zeros, zeros, zero, zero, zero, campaign=campaign)
+    return states_of(load_arm("ur10"), poses=4, campaign=campaign)
 
 
 OTHER = OfCampaign(base_frame(), 1, "ur10-c")
@@ -80,3 +78,21 @@ def test_bases_stay_where_they_are_when_the_first_becomes_the_frame():
     assert found[6] == 7.0
     np.testing.assert_allclose(small_motion(motion_of_base(own)), own, atol=1e-14)
     assert Rotation.from_matrix(motion_of_base(own)[:3, :3]).magnitude() > 0
+
+
+def test_springs_give_way_to_what_joints_carry_all_the_same():
+    states = states_of(load_arm("ur10"), poses=20)
+    chain = Chain.of(load_arm("ur10"))
+    spring, gain = JointSpring(2, 100.0, cubic=False), FrictionTorque("joint 2", 100.0)
+    x_spring, x_gain = np.full(len(spring.parameters), 1e-3), np.array([8.0])
+    known = Model(chain, (fixed(spring, x_spring), fixed(gain, x_gain)))
+    free = Model(chain, (spring, gain))
+    x = np.concatenate([x_spring, x_gain])
+    np.testing.assert_array_equal(known.predict(states, np.zeros(0)), free.predict(states, x))
+    np.testing.assert_array_equal(known.torque_Nm(states, np.zeros(0)), free.torque_Nm(states, x))
+    assert known.predict_with_jacobian(states, np.zeros(0)).jacobian.shape == (20, 6, 0)
+    assert isinstance(fixed(gain, x_gain), FixedTorque)
+    assert not shows_torque(fixed(spring, x_spring))
+    assert not np.allclose(
+        known.predict(states, np.zeros(0)), Model(chain, ()).predict(states, x[:0])
+    )

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from made_up_parameters import solved_parameters
-from pa10cal.arm.statics import PoseStates, reported_name
+from made_up_poses import states_of
+from pa10cal.arm.statics import reported_name
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.options import Tolerances
@@ -20,16 +21,9 @@ TERMS = {
 }
 
 
-def some_states(count=4):
-    rng = np.random.default_rng(3)
-    return PoseStates(
-        q_rad=rng.uniform(-1, 1, (count, 6)),
-        tau_Nm=rng.uniform(-80, 80, (count, 6)),
-        arrival=rng.choice([-1.0, 0.0, 1.0], (count, 6)),
-        load_N=rng.choice([0.0, 44.0], count),
-        temperature_C=np.full(count, 21.0),
-        time_s=np.arange(float(count)),
-    )
+def some_states():
+    tau_Nm = np.random.default_rng(3).uniform(-80, 80, (4, 6))
+    return states_of(load_arm("pa10_6ce"), poses=4, tau_Nm=tau_Nm)
 
 
 @pytest.mark.parametrize("name", TERMS)

@@ -108,10 +108,8 @@ class Chain:
     def of(cls, arm: Arm, bends: tuple[int, ...] = ()) -> Chain:
         """Lay out the chain of an arm: base, Denavit-Hartenberg rows, tool.
 
-        Args:
-            arm: the arm.
-            bends: rows, from 1, whose link may bend: six small motions `bend_coordinates(row)` at
-                its end, in the frame in which the next joint moves.
+        The link of a row in `bends`, from 1, may bend: by six small motions `bend_coordinates(row)`
+        at its end, in the frame in which the next joint moves.
 
         Raises:
             ArmError: when a row is named whose link no joint follows.
@@ -179,10 +177,7 @@ def end_pose_with_screws(
 ) -> EndPose:
     """Return the pose of the end and the screw of every coordinate at coordinates (P, m).
 
-    Args:
-        chain: the chain.
-        coordinates: (P, m) where it stands.
-        columns: coordinates whose screws are needed, all others are zero; None for all.
+    Columns are the coordinates whose screws are needed, all others are zero; None for all.
     """
     T, screws = end_pose_and_screws(chain, coordinates)
     return EndPose(T, screws(columns))
@@ -364,12 +359,8 @@ def carried_frames(chain: Chain, coordinates: Array) -> tuple[Array, Array]:
 def moved_frames(chain: Chain, coordinates: Array, T_base_frames: Array) -> tuple[Array, Array]:
     """Return other frames that the joints carry along, moved from nominal, and the flange.
 
-    Args:
-        chain, coordinates: see `carried_frames`.
-        T_base_frames: (n, 4, 4) a frame that each joint carries along, as designed, in the base.
-
-    Returns:
-        (n, 4, 4): so placed that their joints' axes, in their own axes, are as they were; (4, 4).
+    They are given in the base as designed, (n, 4, 4), and so placed that their joints' axes, in
+    their own axes, are as they were; see `carried_frames`.
     """
     designed, _ = carried_frames(chain, chain.nominal)
     calibrated, T_base_flange = carried_frames(chain, coordinates)

@@ -40,10 +40,8 @@ def urdf_text(
     chain's base coordinates place is the link `base`; the end of the chain is the link `flange`.
 
     Args:
-        chain: the chain.
-        coordinates: (m,) chain coordinates at zero joint positions and torques.
-        name: name of the robot.
-        comments: what a reader should know, above everything else.
+        chain, coordinates: the chain, and (m,) where it stands at zero joint positions and torques.
+        name, comments: of the robot, and what a reader should know above everything else.
         frames: further links, and their poses (4, 4) in the flange.
 
     Returns:
@@ -125,13 +123,7 @@ def patched_urdf(
 
     Names, axes, limits, shapes and inertials stay. The link `flange` is that of the chain; where
     the URDF has another link of a name that is added, the one added is called `<name>_pa10cal`.
-
-    Args:
-        source: the URDF.
-        chain: chain of the arm that came from it.
-        coordinates: (m,) calibrated coordinates at zero joint positions.
-        frames: further links, and their poses (4, 4) in the flange.
-        comments: what stands above all else.
+    The chain is that of the arm that came from it; for the other arguments see `urdf_text`.
 
     Raises:
         ArmError: when it cannot be read, or is of another arm.
@@ -228,12 +220,7 @@ def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | Non
     """Return the calibration file of the driver; None where the arm has another layout.
 
     What the last row departs by across its joint's axis (a, alpha, beta) has no place in it; see
-    `flange_off_m`.
-
-    Args:
-        chain: the chain of the arm.
-        coordinates: (m,) calibrated coordinates at zero joint positions.
-        comments: lines that stand first.
+    `flange_off_m`. Coordinates (m,) are calibrated ones, at zero joint positions.
     """
     T_base_frames = _frames_as_designed(chain)
     if T_base_frames is None:
@@ -338,7 +325,6 @@ def controller_columns(T: Array, angles: Angles) -> dict[str, Array]:
     """Return poses (N, 4, 4) [m] in the form of a controller.
 
     Args:
-        T: the poses.
         angles: `ABC`, intrinsic z-y-x in degrees; `quaternion`, scalar first; `rpy`, roll, pitch
             and yaw about fixed axes x, y, z in degrees; `rotation_vector`, axis times angle [rad].
 

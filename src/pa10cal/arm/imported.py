@@ -47,8 +47,6 @@ def arm_from_urdf_text(
     Joints off the path are held at zero; their links count to the link that carries them.
 
     Args:
-        text: content of the file.
-        name: of the arm.
         base: link that is the arm's base; the root where None.
         tip: link that is the end-effector; the only tip where None.
         where: name of the file, for messages.
@@ -228,12 +226,7 @@ def rows_through(p_base_m: Array, axes: Array, T_base_ee: Array) -> DHRows:
 
     Of the two directions of a common normal the one is taken that turns theta by less than a
     quarter. The last row only turns and shifts along its axis; what is left to the end-effector
-    is the constant frame after it.
-
-    Args:
-        p_base_m: (n, 3) a point on each axis.
-        axes: (n, 3) direction of each axis, of length one.
-        T_base_ee: (4, 4) end-effector.
+    is the constant frame after it. Axes are given by a point and a unit vector each, (n, 3).
     """
     T_base_row1 = _first_frame(p_base_m[0], axes[0]).round(15) + 0.0  # no round-off beside 0 and 1
     T, parameters, frames = T_base_row1, [], []

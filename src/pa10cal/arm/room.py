@@ -36,13 +36,7 @@ class PosturePoints:
 
     @classmethod
     def of(cls, chain: Chain, q: Array, targets_m: Array) -> PosturePoints:
-        """Return the postures at joint positions.
-
-        Args:
-            chain: the nominal chain.
-            q: (P, n) joint positions [rad, or m of a prismatic joint].
-            targets_m: (B, 3) places of targets on the end.
-        """
+        """Return the postures at joint positions (P, n) [rad, m], of targets (B, 3) on the end."""
         at = frames(chain, chain.coordinates(q))
         T = at.T_base_ee
         carried = T[:, None, :3, 3] + np.einsum("pij,bj->pbi", T[:, :3, :3], targets_m)
@@ -166,12 +160,9 @@ def in_sight(p_base_instrument: Array, boxes: Sequence[Box]) -> Constraint:
 
 
 def facing(p_base_instrument: Array, axis_ee: Array, most_rad: float) -> Constraint:
-    """An axis of the end points to the instrument, within an angle, seen from every target.
+    """The direction in which targets look, along the end's axes, points to the instrument.
 
-    Args:
-        p_base_instrument: (3,) where the instrument is.
-        axis_ee: (3,) direction in which the targets look, along the end's axes.
-        most_rad: largest angle between that and the way to the instrument.
+    Within an angle, seen from every target.
     """
 
     def allows(at: PosturePoints) -> Mask:
@@ -185,11 +176,9 @@ def facing(p_base_instrument: Array, axis_ee: Array, most_rad: float) -> Constra
 
 
 def admissible(at: PosturePoints, constraints: Sequence[Constraint]) -> tuple[Mask, list[int]]:
-    """Return which postures keep to all constraints, and how many each one removed.
+    """Return which postures (P,) keep to all constraints, and how many each one removed.
 
-    Args:
-        at: P postures.
-        constraints: looked at in this order; each removes from what those before it left.
+    Each, in this order, removes from what those before it left.
     """
     allowed = np.ones(len(at), dtype=np.bool_)
     removed = []
@@ -222,12 +211,9 @@ def draw_within(
     """Draw poses by Sobol's sequence, and keep those within all constraints.
 
     Args:
-        chain: the nominal chain.
-        targets_m: (B, 3) targets on the end.
         ranges: least and largest joint positions, (n,) each [rad, m].
         constraints: the quickest first, by what states them.
         wanted: N at most; fewer where hardly any pose keeps to the constraints.
-        random_seed: of the sequence.
     """
     low, high = ranges
     unit = np.where(chain.arm.prismatic, 1e-3, np.radians(1.0))

@@ -252,12 +252,7 @@ class UnitDeflection:
 
 
 def unit_deflection(t: Array, share: float) -> UnitDeflection:
-    """Solve (1 - s) x + s x^3 = t.
-
-    Args:
-        t: (P,) torque over the reference torque.
-        share: s, 0 <= s < 1.
-    """
+    """Solve (1 - s) x + s x^3 = t for a share s, 0 <= s < 1, t (P,) over the reference torque."""
     if share * max(1.0, float(np.max(t**2, initial=0.0))) <= _SERIES_SUFFICES:
         x = t + share * (t - t**3)
     else:
@@ -270,13 +265,7 @@ def unit_deflection(t: Array, share: float) -> UnitDeflection:
 
 
 def deflection_rad(tau_Nm: Array, k_lin: float, k_cub: float) -> Array:
-    """Solve tau = K_lin delta + K_cub delta^3 for delta, (P,).
-
-    Args:
-        tau_Nm: (P,) torques.
-        k_lin: K_lin > 0 [N m/rad].
-        k_cub: K_cub >= 0 [N m/rad^3].
-    """
+    """Solve tau = K_lin delta + K_cub delta^3 for delta, (P,); K_lin > 0, K_cub >= 0."""
     linear = tau_Nm / k_lin
     if k_cub * np.max(linear**2, initial=0.0) <= 1e-18 * k_lin:  # no digit of it shows
         return linear
@@ -303,9 +292,7 @@ CENTRE = 0.3
 def with_assumed_weights(arm: Arm, total_kg: float | None = None) -> Arm:
     """Return an arm with weights: itself where it states them, else with assumed ones.
 
-    Args:
-        arm: the nominal arm.
-        total_kg: mass of the whole arm, where that is known; None where it is not.
+    Those of a known total mass add up to it.
     """
     if arm.mass_kg is not None:
         return arm

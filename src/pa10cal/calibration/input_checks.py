@@ -325,9 +325,8 @@ def _shape(
     """Compare the places of targets with those stated: among each other, and on the arm."""
     measured = grid.measured
     # Targets or balls that the instrument measured one by one, (P, B, 3).
-    names = tuple(getattr(measured, "names", ()))
-    balls_m = getattr(measured, "p_instr_balls_m", None)
-    places_m = measured.places_m if balls_m is None else balls_m
+    targets = getattr(measured, "balls", measured)
+    names, places_m = tuple(getattr(targets, "names", ())), targets.places_m
     if len(names) < 2 or not set(names) <= set(campaign.tool.balls_mm):
         return
     stated_mm = np.array([campaign.tool.balls_mm[name] for name in names])

@@ -15,7 +15,7 @@ from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.errors import RawDataError, refusals
-from pa10cal.frame.base_motion import BaseMotion, base_motion
+from pa10cal.frame.base_motion import BaseMotion, common_motion
 from pa10cal.observe.instrument import BaseTargets, Instrument, Knocked, Misread, MotionFound
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations
@@ -123,7 +123,7 @@ def steadied(
     if np.isfinite(base.p_instr_m[..., 0]).any(axis=1).sum() < _LEAST_ROWS:
         note = f"targets on the base are seen in fewer than {_LEAST_ROWS} configurations: not used"
         return replace(every, base=None), (note,), ()
-    moved = base_motion(time_s, base.p_instr_m, base.u_m)
+    moved = common_motion(time_s, base.p_instr_m, base.u_m)
     shift_m = float(np.linalg.norm(moved.motion[:, :3], axis=1).max())
     turn_rad = float(np.linalg.norm(moved.motion[:, 3:], axis=1).max())
     if shift_m >= _LARGEST_M or turn_rad >= _LARGEST_RAD:

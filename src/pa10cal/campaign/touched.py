@@ -28,8 +28,8 @@ from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows
 from pa10cal.campaign.two_logs import Samples, Stations, best_clock_offset, find_dwells
 from pa10cal.errors import RawDataError, refusals
 from pa10cal.observe.observations import KINDS, JointLog, Observations
+from pa10cal.observe.pose import Touched
 from pa10cal.observe.quantities import Misfit
-from pa10cal.observe.touched import Touched
 from pa10cal.options import IngestOptions
 
 #: The touches' scatter may exceed the instrument's statement by this factor without a note.

@@ -25,8 +25,8 @@ from pa10cal.results.maps import JointWitness, MapForm
 from pa10cal.results.record import HALF_WIDTH_95, EffectName, FaultKind, Numbers, Part
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import BandPrior, JointErrorMap
-from pa10cal.terms.log_faults import LogFault
 from pa10cal.terms.term import Term
+from pa10cal.terms.weights import LogFault
 
 P_co = TypeVar("P_co", covariant=True)
 

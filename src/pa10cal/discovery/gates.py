@@ -27,9 +27,9 @@ from pa10cal.observe.order import drivers, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.evaluation import BeforeAfter
 from pa10cal.terms.effects.effect import JointEffect
-from pa10cal.terms.effects.in_time import BaseDrift
 from pa10cal.terms.effects.joint import ArrivalError, Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.weights import Weights
 
 V = TypeVar("V", bound=Searched[object])

@@ -23,10 +23,9 @@ from pa10cal.observe.order import reversed_joints, with_arrivals
 from pa10cal.options import DiscoveryOptions
 from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.log_faults import LogFault, fault_candidates
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term, shows_torque
-from pa10cal.terms.weights import Weights
+from pa10cal.terms.weights import LogFault, Weights, fault_candidates
 
 # What a campaign can show of an effect: settled before residuals are looked at.
 

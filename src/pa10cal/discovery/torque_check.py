@@ -20,7 +20,7 @@ from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext
-from pa10cal.terms.log_faults import WeightStated, fault_candidates
+from pa10cal.terms.weights import WeightStated, fault_candidates
 
 #: Gain in evidence that a fault needs: odds of 1000 to 1 ...
 _LEAST_NATS = 6.9

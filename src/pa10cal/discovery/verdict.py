@@ -38,7 +38,7 @@ from pa10cal.results.discovery import Verdict as Word
 from pa10cal.results.maps import JointWitness
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.log_faults import LogFault
+from pa10cal.terms.weights import LogFault
 
 P_co = TypeVar("P_co", covariant=True)
 

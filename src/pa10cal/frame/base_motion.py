@@ -70,7 +70,7 @@ class BaseMotion:
     used: Mask  # (P, K) readings that the motion rests on
 
 
-def base_motion(time_s: Array, p_m: Array, u_m: Array) -> BaseMotion:
+def common_motion(time_s: Array, p_m: Array, u_m: Array) -> BaseMotion:
     """Find how fixed targets moved together.
 
     Args:
@@ -80,7 +80,7 @@ def base_motion(time_s: Array, p_m: Array, u_m: Array) -> BaseMotion:
     """
     ever: Mask = np.asarray(np.isfinite(p_m[..., 0]).any(axis=0))
     if not ever.all():
-        return _of_all_targets(base_motion(time_s, p_m[:, ever], u_m[:, ever]), ever)
+        return _of_all_targets(common_motion(time_s, p_m[:, ever], u_m[:, ever]), ever)
     wrong = wrong_by_themselves(p_m, u_m)
     knocked, kept_m = without_knocked(np.where(wrong[..., None], np.nan, p_m), u_m)
     wrong |= (off := wrong_in_shape(kept_m, u_m))

@@ -1,8 +1,9 @@
 """Base frame and target on the end-effector from what an instrument saw: closed form, then refined.
 
 With the nominal model's T_base_ee of every pose these solve T_instr_target = T_instr_base T_base_ee
-T_ee_target for the two constant frames. What of the target's place the base frame can mimic (its
-height, where all orientations differ by turns about one axis) is held as stated and named.
+T_ee_target for the two constant frames; of distances |T_base_ee p_ee - p_base_point| for target and
+fixed point. What of the target's place the base frame can mimic (its height, where all orientations
+differ by turns about one axis) is held as stated and named.
 
 Throughout, T_base_ee is the modelled end-effector (P, 4, 4) [m], and weights (P,) are those of the
 squared residuals of the poses, None for equal ones.
@@ -10,7 +11,7 @@ squared residuals of the poses, None for equal ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -32,7 +33,11 @@ from pa10cal.numerics.least_squares import (
 
 #: How far from the target an error of orientation counts as the error of position it makes there.
 LEVER_M = 0.5
-LEAST_POSES = 3
+#: Poses that are needed to fit a base frame, and distances to find a fixed point.
+_NEEDED_POSES = (3, "poses to fit a base frame to", "base frame")
+_NEEDED_DISTANCES = (4, "distances to find the fixed point", "fixed point")
+#: Poses, and distances, that choose between starts.
+_MOST_POSES, _MOST_DISTANCES = 100, 300
 #: The null space depends a little on the solution, so it is found again there.
 PASSES = 2
 #: Part of the cost that makes no difference between two starts.
@@ -49,6 +54,9 @@ class TargetProblem:
     R_cmm: Array | None  # (P, 3, 3) measured orientations, where there are any
     weights: Array  # (P,) weights of the poses
     p_ee_stated_m: Array  # (B, 3) stated places of the targets
+    # (P,) distances of the one target from the instrument's origin, where these alone were
+    # measured: positions are that origin then, and the base is not turned
+    d_m: Array | None = None
 
     @classmethod
     def of(
@@ -57,7 +65,8 @@ class TargetProblem:
         p_instr_m: Array,
         p_ee_stated_m: Array,
         weights: Array | None,
-        R_cmm: Array | None,
+        R_cmm: Array | None = None,
+        d_m: Array | None = None,
     ) -> TargetProblem:
         """Gather what was seen; see the attributes. None weighs all poses alike.
 
@@ -65,17 +74,23 @@ class TargetProblem:
             CalibrationError: with fewer than three poses.
         """
         poses = int(np.count_nonzero(np.isfinite(p_instr_m[..., 0]).any(axis=1)))
-        if poses < LEAST_POSES:
+        least, what, place = _NEEDED_POSES if d_m is None else _NEEDED_DISTANCES
+        if poses < least:
             raise CalibrationError(
-                "too few poses to fit a base frame to",
-                where="poses for the base frame",
+                f"too few {what}",
+                where=f"poses for the {place}",
                 value=poses,
-                allowed=f"at least {LEAST_POSES}",
+                allowed=f"at least {least}",
                 remedy="measure more poses",
             )
         weights = np.ones(len(T_base_ee)) if weights is None else weights
         p_m, R = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
-        return cls(p_m, R, p_instr_m, R_cmm, weights, p_ee_stated_m)
+        return cls(p_m, R, p_instr_m, R_cmm, weights, p_ee_stated_m, d_m)
+
+    @property
+    def of_base(self) -> int:
+        """Return how many unknowns the base has: distances show no turn of it."""
+        return 6 if self.d_m is None else 3
 
     @property
     def turning(self) -> int:
@@ -84,10 +99,11 @@ class TargetProblem:
 
     def thinned(self) -> TargetProblem:
         """Return the problem of few poses, drawn at random, always the same; itself if few."""
-        if len(self.weights) <= MOST_POSES:
+        most = _MOST_POSES if self.d_m is None else _MOST_DISTANCES
+        if len(self.weights) <= most:
             return self
         # Drawn, not every n-th: what was seen may alternate.
-        drawn = np.random.default_rng(0).permutation(len(self.weights))[:MOST_POSES]
+        drawn = np.random.default_rng(0).permutation(len(self.weights))[:most]
         return taken(self, np.sort(drawn), "p_ee_stated_m")
 
     @cached_property
@@ -158,43 +174,42 @@ def refined(
     """
     all_moved = False
     for _ in range(1 if roughly else PASSES):
-        whole = _linearise(problem, guess).by_step
-        split = split_identified(whole[:, 6:], whole[:, :6])
+        whole, own = _linearise(problem, guess).by_step, problem.of_base
+        split = split_identified(whole[:, own:], whole[:, :own])
         if all_moved and not split.unidentified.size:
             break
         all_moved = not split.unidentified.size
         guess, at = descend(
             guess,
             partial(_linearise, problem, free=split.identified),
-            _moving(split.identified),
+            partial(_moved, own=own, free=split.identified),
             _ROUGHLY if roughly else COST_TOLERANCE,
         )
     return guess, at, split
 
 
-def _moving(free: Array) -> Callable[[Guess, Array], Guess]:
-    """Return how a guess moves: origin and turn of the base, along its axes, then the targets."""
-
-    def apply_step(guess: Guess, step: Array) -> Guess:
-        of_targets = free @ step[6:]
-        places = guess.p_ee_m.size
-        R_ee_target = guess.R_ee_target
-        if len(of_targets) > places:
-            R_ee_target = Rotation.from_rotvec(of_targets[places:]).as_matrix() @ R_ee_target
-        return Guess(
-            guess.R_instr_base @ Rotation.from_rotvec(step[3:6]).as_matrix(),
-            guess.p_instr_base_m + guess.R_instr_base @ step[:3],
-            guess.p_ee_m + of_targets[:places].reshape(-1, 3),
-            R_ee_target,
-        )
-
-    return apply_step
+def _moved(guess: Guess, step: Array, *, own: int, free: Array) -> Guess:
+    """Move origin and turn of the base, along its axes, then the targets."""
+    of_targets, places = free @ step[own:], guess.p_ee_m.size
+    R_instr_base, R_ee_target = guess.R_instr_base, guess.R_ee_target
+    if own > 3:
+        R_instr_base = R_instr_base @ Rotation.from_rotvec(step[3:6]).as_matrix()
+    if len(of_targets) > places:
+        R_ee_target = Rotation.from_rotvec(of_targets[places:]).as_matrix() @ R_ee_target
+    return Guess(
+        R_instr_base,
+        guess.p_instr_base_m + guess.R_instr_base @ step[:3],
+        guess.p_ee_m + of_targets[:places].reshape(-1, 3),
+        R_ee_target,
+    )
 
 
 def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[Array, Array]:
-    """Return seen less modelled positions (K, 3) and turns (P, 3), along base axes."""
+    """Return seen less modelled positions (K, 3), or distances (K, 1), and turns (P, 3)."""
     R = guess.R_instr_base
     off_m = (problem.p_instr_m - guess.p_instr_base_m) @ R - p_base_m
+    if problem.d_m is not None:
+        off_m = (problem.d_m - np.linalg.norm(off_m, axis=1))[:, None]
     if problem.R_cmm is None:
         return off_m, np.zeros((0, 3))
     modelled = problem.R_base @ guess.R_ee_target
@@ -204,19 +219,25 @@ def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[A
 
 
 def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = None) -> Linearised:
-    """Return the problem in the step of `_moving`; with all of the targets where none is named.
+    """Return the problem in the step of `_moved`; with all of the targets where none is named.
 
     The derivative of a squared angle by a small turn is exact also where the angle is not small.
     """
     p_base_m = problem.in_base(guess.p_ee_m)
     off_m, off_rad = _residuals(problem, guess, p_base_m)
-    rows, places, turning = len(off_m), problem.p_ee_stated_m.size, problem.turning
-    by_step = np.zeros((3 * (rows + turning), 6 + places + (3 if turning else 0)))
-    of_places = by_step[: 3 * rows].reshape(rows, 3, -1)
-    of_places[:, :, :6] = by_small_motion(p_base_m)
-    of_places[:, :, 6 : 6 + places] = problem.by_places
-    of_places *= problem.root_weight[:, None, None]
     residual = [problem.root_weight[:, None] * off_m]
+    rows, places, turning = len(off_m), problem.p_ee_stated_m.size, problem.turning
+    if problem.d_m is None:
+        by_step = np.zeros((3 * (rows + turning), 6 + places + (3 if turning else 0)))
+        of_places = by_step[: 3 * rows].reshape(rows, 3, -1)
+        of_places[:, :, :6] = by_small_motion(p_base_m)
+        of_places[:, :, 6 : 6 + places] = problem.by_places
+        of_places *= problem.root_weight[:, None, None]
+    else:
+        way_m = guess.p_instr_base_m + p_base_m
+        unit = way_m / np.maximum(np.linalg.norm(way_m, axis=1), _NOWHERE_M)[:, None]
+        by_target = (unit[:, None] @ problem.by_places)[:, 0]
+        by_step = problem.root_weight[:, None] * np.hstack([unit, by_target])
     if turning:
         root = LEVER_M * np.sqrt(problem.weights)
         of_turns = by_step[3 * rows :].reshape(turning, 3, -1)
@@ -224,31 +245,28 @@ def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = Non
         of_turns[:, :, -3:] = root[:, None, None] * problem.R_base
         residual.append(root[:, None] * off_rad)
     if free is not None:
-        by_step = np.hstack([by_step[:, :6], by_step[:, 6:] @ free])
+        own = problem.of_base
+        by_step = np.hstack([by_step[:, :own], by_step[:, own:] @ free])
     return Linearised(by_step, np.concatenate(residual).ravel())
 
 
-#: Poses that choose between starts.
-MOST_POSES = 100
 #: A start turned by less than this from where another led, leads there too [rad].
 _SAME_RAD = 0.5
 #: Root mean square spread across a line that positions must have to determine a rotation.
 LEAST_SPREAD_M = 1e-3
+_NOWHERE_M = np.finfo(float).tiny
 
 
 def hand_eye_from_poses(
     T_base_ee: Array, T_instr_target: Array, weights: Array | None = None
 ) -> Located:
-    """Solve T_instr_target = T_instr_base T_base_ee T_ee_target for the constant frames.
+    """Solve T_instr_target (P, 4, 4) = T_instr_base T_base_ee T_ee_target for the frames.
 
     Rotations start from the dominant singular vectors of the sum of Kronecker products of measured
     and modelled orientations (exact for exact data with turns about more than one axis), from the
     positions alone, and from a target that is not turned; all starts are refined together with the
     translations by Gauss-Newton steps, and the best is returned. What the poses do not identify of
     the target stays at the end-effector.
-
-    Args:
-        T_instr_target: (P, 4, 4) the one target as measured [m].
 
     Raises:
         CalibrationError: with fewer than three poses.
@@ -265,8 +283,8 @@ def hand_eye_from_poses(
     starts = []
     for R_instr_base in turns:
         of_target = _transposed(R_instr_base @ few.R_base) @ R_cmm
-        starts.append((R_instr_base, _mean_turn(few.weights, of_target)))
-    starts.append((starts[1][0], np.eye(3)))
+        starts.append(first_guess(few, R_instr_base, _mean_turn(few.weights, of_target)))
+    starts.append(first_guess(few, turns[1], np.eye(3)))
     return _best(problem, starts, ["the target"])
 
 
@@ -313,8 +331,9 @@ def hand_eye_from_points(
             remedy="remove this target, or measure it",
         )
     p_ee_m = np.zeros((targets, 3)) if p_ee_stated_m is None else p_ee_stated_m
-    problem = TargetProblem.of(T_base_ee, p_instr_m, p_ee_m, weights, None)
-    turns = _by_positions(problem.thinned())
+    problem = TargetProblem.of(T_base_ee, p_instr_m, p_ee_m, weights)
+    few = problem.thinned()
+    turns = _by_positions(few)
     if not turns:
         raise CalibrationError(
             "the positions are collinear or coincide, so the turn of the base about them is free",
@@ -322,26 +341,57 @@ def hand_eye_from_points(
             allowed="poses whose positions span a plane",
             remedy="measure poses further apart across the line",
         )
-    return _best(problem, [(turn, np.eye(3)) for turn in turns], named)
+    return _best(problem, [first_guess(few, turn, np.eye(3)) for turn in turns], named)
 
 
-def _best(
-    problem: TargetProblem, starts: Sequence[tuple[Array, Array]], names: list[str]
+def ranging(
+    T_base_ee: Array,
+    d_m: Array,
+    p_ee_stated_m: Array | None = None,
+    weights: Array | None = None,
 ) -> Located:
-    """Refine every start, given as the rotations of base and target, and return the best.
+    """Solve d = |T_base_ee p_ee - p_base| for the target p_ee and the fixed point p_base.
 
-    Some of the poses decide which is best. A start is omitted where another led near it.
+    Squared, the equation is linear in target, point, their products and squares, which gives a
+    start from anywhere where there are poses enough. For targets at and about the stated place a
+    linearised sphere gives the point, and its mirror image in the plane that the poses are nearest
+    to. All starts are refined by Gauss-Newton steps, and the best is returned.
+
+    Args:
+        d_m: (P,) measured distances [m].
+        p_ee_stated_m: (3,) value where the poses do not identify the target; None for the
+            origin of the end-effector.
+
+    Returns:
+        The base in a frame about the fixed point, along its own axes.
+
+    Raises:
+        CalibrationError: with fewer than four poses, or when these leave the fixed point open.
     """
-    few = problem.thinned()
+    p_ee_m = np.zeros((1, 3)) if p_ee_stated_m is None else p_ee_stated_m[None]
+    origin = np.zeros((len(d_m), 1, 3))
+    problem = TargetProblem.of(T_base_ee, origin, p_ee_m, weights, d_m=d_m)
+    starts = [
+        Guess(np.eye(3), -point_m, target_m[None], np.eye(3))
+        for point_m, target_m in _by_distances(problem.thinned())
+    ]
+    return _best(problem, starts, ["the target"])
+
+
+def _best(problem: TargetProblem, starts: Sequence[Guess], names: list[str]) -> Located:
+    """Return the best of all refined starts; some of the poses decide which is best."""
+    few, directional = problem.thinned(), problem.d_m is None
     ends: list[tuple[Guess, Linearised, Split]] = []
     for start in starts:
-        if not any(_leads_to(start, guess) for guess, _, _ in ends):
-            ends.append(refined(few, first_guess(few, *start), roughly=few is not problem))
+        if not (directional and any(_leads_to(start, guess) for guess, _, _ in ends)):
+            ends.append(refined(few, start, roughly=few is not problem))
     guess, at, split = min(ends, key=lambda end: end[1].cost)
     if split.unidentified.size:
         guess = replace(guess, p_ee_m=problem.p_ee_stated_m)
     if split.unidentified.size or few is not problem:
         guess, at, split = refined(problem, guess)
+    if not directional:
+        _refuse_open_point(_linearise(problem, guess).by_step[:, :3])
     turning = problem.turning
     residuals_m, residuals_rad = _residuals(problem, guess, problem.in_base(guess.p_ee_m))
     spare = max(len(at.residual) - at.by_step.shape[1], 1)
@@ -351,7 +401,7 @@ def _best(
         T_instr_base=homogeneous(guess.R_instr_base, guess.p_instr_base_m),
         scatter_m=_rms(residuals_m, problem.root_weight**2),
         poses=len(problem.weights),
-        axis_u_rad=np.sqrt(across),
+        axis_u_rad=np.sqrt(across) if directional else None,
         scatter_rad=_rms(residuals_rad, problem.weights) if turning else None,
         T_ee_target=homogeneous(guess.R_ee_target, guess.p_ee_m[0]) if turning else None,
         p_ee_targets_m=None if turning else guess.p_ee_m,
@@ -359,12 +409,26 @@ def _best(
     )
 
 
-def _leads_to(start: tuple[Array, Array], guess: Guess) -> bool:
-    """Return whether a start, rotations of base and target, is near where another led."""
-    ends = np.array([guess.R_instr_base, guess.R_ee_target])
+def _leads_to(start: Guess, guess: Guess) -> bool:
+    """Return whether base and target of a start are turned nearly as where another led."""
+    ends, own = (np.array([at.R_instr_base, at.R_ee_target]) for at in (guess, start))
     # The trace of a rotation's matrix is 1 + 2 cos(angle).
-    traces = np.sum(ends * np.array(start), axis=(1, 2))
+    traces = np.sum(ends * own, axis=(1, 2))
     return bool(traces.min() > 1.0 + 2.0 * np.cos(_SAME_RAD))
+
+
+def _refuse_open_point(by_point: Array) -> None:
+    """Refuse poses from which the fixed point is seen in directions of a plane or a line."""
+    _, size, directions = np.linalg.svd(by_point, full_matrices=False)
+    if size[2] > OPEN * size[0]:
+        return
+    raise CalibrationError(
+        "the distances do not identify the fixed point",
+        where="poses for the fixed point",
+        value=f"along {axis_text(directions[2])} of the base",
+        allowed="poses that surround the fixed point's direction on all sides",
+        remedy="measure poses further apart along that direction",
+    )
 
 
 def _by_positions(problem: TargetProblem) -> list[Array]:
@@ -384,11 +448,45 @@ def _by_positions(problem: TargetProblem) -> list[Array]:
         by_unknowns[:, row, 9 + row] = root[:, 0]
     by_unknowns[:, :, 12:] = -root[..., None] * problem.by_places
     x_base_m = (root * problem.p_base_m[problem.seen[0]]).ravel()
-    rows = by_unknowns.reshape(len(x_base_m), -1)
-    solved = np.linalg.lstsq(rows, x_base_m, rcond=1e-9)[0]
+    solved = _solved(by_unknowns.reshape(len(x_base_m), -1), x_base_m)
     # The nine go by columns of S, the inverse of the base's rotation.
-    by_equations = np.asarray(solved[:9].reshape(3, 3), dtype=np.float64)
+    by_equations = solved[:9].reshape(3, 3)
     return [nearest_rotation(by_equations), nearest_rotation(off.T @ stated)]
+
+
+#: Starts put the target of distances this far from its stated place, either way along each axis.
+_ASIDE_M = 0.2
+#: Unknowns of the equation that is linear in products of target and point.
+_PRODUCTS = 16
+
+
+def _by_distances(problem: TargetProblem) -> list[tuple[Array, Array]]:
+    """Return fixed points and targets, (3,) each, to start from."""
+    d_m = np.asarray(problem.d_m)
+    x, R, root = problem.p_base_m, problem.R_base, problem.root_weight
+    starts, aside = [], np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+    for p_ee_m in problem.p_ee_stated_m + _ASIDE_M * aside:
+        place = x + R @ p_ee_m
+        mean = place.mean(axis=0)
+        off = place - mean
+        # |off|^2 - d^2 = 2 off c + (a constant), c from the mean.
+        sphere = np.hstack([2.0 * off, np.ones((len(off), 1))])
+        square = (off**2).sum(axis=1) - d_m**2
+        c = _solved(root[:, None] * sphere, root * square)[:3]
+        across = np.linalg.svd(off)[2][2]
+        starts += [(mean + c, p_ee_m), (mean + c - 2.0 * (c @ across) * across, p_ee_m)]
+    if len(d_m) >= _PRODUCTS:
+        # d^2 - |x|^2 = 2 x.R u - 2 x.c - 2 c.R u + (|u|^2 + |c|^2) for target u and point c.
+        turned, ones = np.einsum("pji,pj->pi", R, x), np.ones((len(x), 1))
+        columns = np.hstack([2.0 * turned, -2.0 * x, -2.0 * R.reshape(-1, 9), ones])
+        square = d_m**2 - (x**2).sum(axis=1)
+        solved = _solved(root[:, None] * columns, root * square)
+        starts.append((solved[3:6], solved[:3]))
+    return starts
+
+
+def _solved(columns: Array, values: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(columns, values, rcond=1e-9)[0], dtype=np.float64)
 
 
 def _by_kronecker(problem: TargetProblem, R_cmm: Array) -> Array:

@@ -92,14 +92,9 @@ class WeightedRigidFit:
 
 
 def fit_rigid(source: Array, target: Array) -> RigidFit:
-    """Fit a rotation and a translation by least squares (singular value decomposition).
+    """Fit a rotation, never a reflection, and a translation by least squares (singular values).
 
-    Args:
-        source: (..., k, 3) points in the source frame; leading dimensions broadcast.
-        target: (..., k, 3) the same points in the target frame.
-
-    Returns:
-        The proper rotation (never a reflection) and translation of least squared distance.
+    Points (..., k, 3) in either frame; leading dimensions broadcast.
 
     Raises:
         CalibrationError: when either set lies on one line or in one point.
@@ -151,16 +146,11 @@ def fit_rigid_weighted(source: Array, target: Array, covariances: Array) -> Weig
 
 
 def pose_by_source(T: Array, target: Array, covariances: Array) -> Array:
-    """Return how a weighted fit's pose answers to errors in the source points.
-
-    Args:
-        T: (B, 4, 4) fitted poses.
-        target: (B, k, 3) measured points.
-        covariances: (B, k, 3, 3) covariance of every measured point.
+    """Return how a weighted fit's poses (B, 4, 4) answer to errors in the source points.
 
     Returns:
         (B, 6, 3 k) derivative of (dp, w) by the coordinates of the source points, along the source
-        frame's axes, point by point.
+        frame's axes, point by point; of target points and covariances see `fit_rigid_weighted`.
     """
     R, p = T[:, :3, :3], T[:, :3, 3]
     source = (target - p[:, None, :]) @ R
@@ -233,11 +223,7 @@ class Located:
 
 
 def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> Located:
-    """Fit the base frame to measured positions and those of the nominal model.
-
-    Args:
-        p_instr_m: (P, 3) measured positions of the end-effector, P >= 3.
-        p_base_m: (P, 3) the nominal model's positions in the base frame.
+    """Fit the base frame to positions (P, 3) measured, and the nominal model's in the base frame.
 
     Raises:
         CalibrationError: with fewer than three poses, or when the positions lie on one line.
@@ -285,12 +271,8 @@ LEAST_BREADTH = 0.05
 def scale_of_points(p_m: Array, T_base_ee: Array) -> float | None:
     """Return how far the nominal model moves for one unit that the target was measured to.
 
-    Args:
-        p_m: (N, 3) positions of one target, in what should be metres.
-        T_base_ee: (N, 4, 4) the nominal model's end-effector for the same joint positions [m].
-
-    Returns:
-        The scale, or None where the rows do not determine it, such as positions along one line.
+    Positions (N, 3) of one target should be in metres, as the model's poses (N, 4, 4) are. None
+    where the rows do not determine the scale, such as positions along one line.
     """
     if len(p_m) < LEAST_ROWS:
         return None
@@ -308,14 +290,9 @@ def scale_of_points(p_m: Array, T_base_ee: Array) -> float | None:
 
 
 def scale_of_distances(d_m: Array, T_base_ee: Array) -> float | None:
-    """Return how far the nominal model moves for one unit that the distance changed.
+    """Return how far the nominal model moves for one unit that the distance (N,) changed.
 
-    Args:
-        d_m: (N,) distances of one target from a fixed point, in what should be metres.
-        T_base_ee: (N, 4, 4) the nominal model's end-effector for the same joint positions [m].
-
-    Returns:
-        The scale, or None where the rows do not determine it.
+    See `scale_of_points`; the distances are those of one target from a fixed point.
     """
     if len(d_m) < LEAST_ROWS:
         return None

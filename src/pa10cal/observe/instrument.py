@@ -23,7 +23,8 @@ from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index, Rows, homogeneous, taken
 from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.observe.quantities import (
-    AXES,
+    MM,
+    POSE_SCALE,
     Comparison,
     Deviations,
     Misfit,
@@ -34,6 +35,10 @@ from pa10cal.observe.quantities import (
     Words,
     by_end_and_targets,
     carried_targets,
+    columns_of_covariance,
+    columns_of_places,
+    covariance_of,
+    places_of,
 )
 from pa10cal.terms.term import TermParameter
 
@@ -41,8 +46,6 @@ from pa10cal.terms.term import TermParameter
 LocatingMethod = Literal[
     "rigid_fit_nominal", "hand_eye_poses", "hand_eye_points", "ranging", "nominal_arm"
 ]
-
-MM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ class Instrument(ABC):
     def in_frame(self, T: Array) -> Self:
         """Return what was measured, in a frame in which the instrument's stands at T (4, 4)."""
 
-    def steadied(self, base: BaseTargets) -> Self:  # noqa: ARG002 - most see no target on the base
+    def steadied(self, base: BaseTargets) -> Self:
         """Return what it would have measured standing still, as targets on the base show."""
         return self
 
@@ -114,13 +117,9 @@ class Instrument(ABC):
 
     @abstractmethod
     def averaged(self, code: Index) -> Self:
-        """Average the readings of each group.
+        """Average the readings of each group: a row each, covariances those of independent ones.
 
-        Args:
-            code: (P,) number of each reading's group, from 0, none omitted.
-
-        Returns:
-            One row a group, its covariance that of the mean of independent readings.
+        Groups are numbered from 0, none omitted: that of each reading is in `code` (P,).
         """
 
     @abstractmethod
@@ -238,7 +237,7 @@ class Instrument(ABC):
         targets_m = np.zeros(0) if found.p_ee_targets_m is None else found.p_ee_targets_m.ravel()
         return Start(found.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m)
 
-    def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:  # noqa: ARG002
+    def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
         """Return the target (4, 4) in the end-effector frame, with a base frame that is known.
 
         None where the end-effector itself is measured, or no orientation is.
@@ -254,25 +253,17 @@ class Instrument(ABC):
 
     @abstractmethod
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        """Fit the nominal model to some poses, and return how far every pose is from it.
-
-        Args:
-            used: numbers of those poses.
-            weights: weight of the squared residuals of each.
+        """Fit the nominal model to some poses, weighted, and return how far every pose is from it.
 
         Raises:
             CalibrationError: when these poses do not determine frames and targets.
         """
 
-    def in_order(self, order: Sequence[int]) -> Self:  # noqa: ARG002 - one target has one order
-        """Return what was measured, each target under the label of another.
-
-        Args:
-            order: for every label, the number of the target that it is given to.
-        """
+    def in_order(self, order: Sequence[int]) -> Self:
+        """Return what was measured, each label given to the target of a number."""
         return self
 
-    def turned(self, R_ee_target: Array) -> Self:  # noqa: ARG002 - only orientations are turned
+    def turned(self, R_ee_target: Array) -> Self:
         """Return them with orientations of the end-effector in place of the target's."""
         return self
 
@@ -281,7 +272,7 @@ class Instrument(ABC):
         """Return the measured orientations (P, 3, 3); None where none are measured."""
         return None
 
-    def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:  # noqa: ARG002
+    def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:
         """Return predicted poses as read through targets that are (a,) off their stated places."""
         return T_base_ee
 
@@ -310,12 +301,12 @@ class Instrument(ABC):
         """Return the columns of `files.poses` that hold what it measured."""
 
     @classmethod
-    def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:  # noqa: ARG003
+    def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
         """Return rows (N, k) of these columns that are no measurement; no row twice."""
         return ()
 
     @classmethod
-    def raw_notes(cls, columns: RawColumns, stated: Stated) -> tuple[str, ...]:  # noqa: ARG003
+    def raw_notes(cls, columns: RawColumns, stated: Stated) -> tuple[str, ...]:
         """Return what the reader should know of its columns, one clause each."""
         return ()
 
@@ -343,12 +334,9 @@ def group_means(values: Array, code: Index) -> Array:
 # They stand still, so that what moves them together is the instrument, or the base with them. The
 # motion is taken out of the readings before anything else is done with them.
 
-#: What makes of position [mm] and rotation [rad], as in the table, position [m] and rotation.
-POSE_SCALE = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
 #: Names of the components of a motion.
 _MOTION = tuple(f"motion_{name}" for name in ("x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"))
-_COV = "motion_cov"
-_UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))
+_COV = "motion_cov_{}{}"
 
 
 @dataclass(frozen=True)
@@ -439,11 +427,8 @@ class BaseTargets:
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
         """Return columns (P,) of the table of poses."""
-        columns: dict[str, NDArray[Any]] = {}
-        for k, name in enumerate(self.names):
-            for i, axis in enumerate(AXES):
-                columns[f"{name}_{axis}_mm"] = self.p_instr_m[:, k, i] / MM
-                columns[f"{name}_u_{axis}_mm"] = self.u_m[:, k, i] / MM
+        columns = columns_of_places(self.names, self.p_instr_m)
+        columns |= columns_of_places([f"{name}_u" for name in self.names], self.u_m)
         columns |= dict(zip(_MOTION, (self.motion / POSE_SCALE).T, strict=True))
         return columns | columns_of_covariance(self.motion_cov, _COV)
 
@@ -457,39 +442,11 @@ class BaseTargets:
         names = tuple(
             name.removesuffix("_x_mm") for name in columns if re.fullmatch(r"base\d+_x_mm", name)
         )
-
-        def places_m(inner: str) -> Array:
-            return MM * np.stack(
-                [
-                    np.column_stack([columns[f"{name}_{inner}{axis}_mm"] for axis in AXES])
-                    for name in names
-                ],
-                axis=1,
-            )
-
-        cov = covariance_of(columns, _COV)
-        assert cov is not None
         return cls(
             names,
-            places_m(""),
-            places_m("u_"),
+            places_of(columns, names),
+            places_of(columns, [f"{name}_u" for name in names]),
             POSE_SCALE * np.column_stack([columns[name] for name in _MOTION]),
-            cov,
+            covariance_of(columns, _COV),
             found,
         )
-
-
-def columns_of_covariance(cov: Array, name: str) -> dict[str, NDArray[Any]]:
-    """Return covariances (P, 6, 6) of small motions [m, rad] as columns of a table of poses."""
-    in_table = cov / np.outer(POSE_SCALE, POSE_SCALE)
-    return {f"{name}_{i}{j}": in_table[:, i, j] for i, j in _UPPER}
-
-
-def covariance_of(columns: Mapping[str, NDArray[Any]], name: str) -> Array | None:
-    """Read what `columns_of_covariance` gave; None where there is none."""
-    if f"{name}_00" not in columns:
-        return None
-    cov = np.zeros((len(columns[f"{name}_00"]), 6, 6))
-    for i, j in _UPPER:
-        cov[:, i, j] = cov[:, j, i] = columns[f"{name}_{i}{j}"]
-    return np.asarray(cov * np.outer(POSE_SCALE, POSE_SCALE))

@@ -13,7 +13,6 @@ from typing import Any, ClassVar, NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import override
 
 from pa10cal.arm.statics import ObservedTargets, PoseStates
 from pa10cal.arrays import Array, Index, Rows
@@ -136,32 +135,26 @@ class Joined(Instrument):
         return replace(self, parts=tuple(parts))
 
     @property
-    @override
     def campaigns(self) -> tuple[tuple[str, Instrument], ...]:
         return tuple(zip(self.names, self.parts, strict=True))
 
     @property
-    @override
     def R_first_target_of(self) -> Mapping[str, Array]:
         return self.targets
 
     @property
-    @override
     def parts_seen(self) -> tuple[tuple[Index | slice, slice], ...]:
         return tuple((p.rows, p.at["b"]) for p in self._shown)
 
     @property
-    @override
     def kinds(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(part.kind for part in self.parts))
 
-    @override
     def take(self, rows: Rows) -> Self:
         campaign, within = self.campaign[rows], self._within[rows]
         parts = tuple(part.take(within[campaign == k]) for k, part in enumerate(self.parts))
         return replace(self, parts=parts, campaign=campaign)
 
-    @override
     def averaged(self, code: Index) -> Self:
         campaign = self.campaign[np.unique(code, return_index=True)[1]]
         parts = []
@@ -170,32 +163,26 @@ class Joined(Instrument):
             parts.append(place.part.averaged(own) if len(own) else place.part)
         return replace(self, parts=tuple(parts), campaign=campaign)
 
-    @override
     def in_frame(self, T: Array) -> Self:
         return self._with(part.in_frame(T) for part in self.parts)
 
-    @override
     def turned(self, R_ee_target: Array) -> Self:
         return self._with(part.turned(R_ee_target) for part in self.parts)
 
-    @override
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
         return self._with(
             p.part.ideal(T_instr_ee[p.rows], targets_m[p.at["t"]]) for p in self._places
         )
 
     @property
-    @override
     def places_m(self) -> Array:
         return self._scattered(lambda p: p.part.places_m, (0, 3), fill=np.nan)[0]
 
     @property
-    @override
     def counts(self) -> tuple[str, ...]:
         return tuple(f"{p.name}: {each}" for p in self._places for each in p.part.counts)
 
     @property
-    @override
     def target_names(self) -> tuple[str, ...]:
         return tuple(
             of_campaign(target, name)
@@ -205,7 +192,6 @@ class Joined(Instrument):
         )
 
     @property
-    @override
     def target_parameters(self) -> tuple[TermParameter, ...]:
         return tuple(
             replace(each, name=of_campaign(each.name, name))
@@ -213,18 +199,15 @@ class Joined(Instrument):
             for each in part.target_parameters
         )
 
-    @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
         def of(p: _Place) -> Comparison:
             return p.part.compare(T_instr_ee[p.rows], targets_m[p.at["t"]])
 
         return Comparison(*self._scattered(of, ("b",), ("b", 6), ("b", "t")))
 
-    @override
     def end_poses(self, T_instr_ee: Array) -> Array:
         return self._scattered(lambda p: p.part.end_poses(T_instr_ee[p.rows]), (4, 4))[0]
 
-    @override
     def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
         def of(p: _Place) -> ObservedTargets:
             return p.part.readout(T_instr_ee[p.rows], targets_m[p.at["t"]])
@@ -233,12 +216,10 @@ class Joined(Instrument):
         p_instr_m = np.where(np.isnan(p_instr_m), p_instr_m[:, :1], p_instr_m)
         return ObservedTargets(p_instr_m, np.nan_to_num(by_targets))
 
-    @override
     def axes_of_end(self, T_instr_ee: Array) -> Array:
         return self._blocks(lambda p: p.part.axes_of_end(T_instr_ee[p.rows]))
 
     @property
-    @override
     def by_stated_targets(self) -> Array:
         return self._scattered(lambda p: p.part.by_stated_targets, ("b", "a"))[0]
 
@@ -249,12 +230,10 @@ class Joined(Instrument):
         return seen.astype(bool)
 
     @property
-    @override
     def stated_covariance(self) -> Array:
         return self._blocks(lambda p: p.part.stated_covariance)
 
     @property
-    @override
     def component_kinds(self) -> tuple[tuple[str, slice], ...]:
         return tuple(
             (of_campaign(kind, p.name), slice(first + at.start, first + at.stop))
@@ -264,12 +243,10 @@ class Joined(Instrument):
         )
 
     @property
-    @override
     def position_columns(self) -> Index:
         columns = [p.at["b"].start + p.part.position_columns for p in self._places]
         return np.concatenate(columns).astype(np.intp)
 
-    @override
     def locate(self, T_base_ee: Array) -> Located:
         found = {p.name: p.part.locate(T_base_ee[p.rows]) for p in self._shown}
         targets = {name: of.T_ee_target for name, of in found.items() if of.T_ee_target is not None}
@@ -289,7 +266,6 @@ class Joined(Instrument):
         """Return the first campaign whose instrument shows the orientation of the base."""
         return next((p for p in self._shown if p.part.directional), self._shown[0])
 
-    @override
     def find_start(self, T_base_ee: Array) -> Start:
         starts = {p.name: p.part.find_start(T_base_ee[p.rows]) for p in self._shown}
         return replace(
@@ -298,13 +274,11 @@ class Joined(Instrument):
             p_ee_targets_of_m={name: start.p_ee_target_m for name, start in starts.items()},
         )
 
-    @override
     def scale(self, T_base_ee: Array) -> float | None:
         found = [p.part.scale(T_base_ee[p.rows]) for p in self._shown]
         known = [each for each in found if each is not None]
         return float(np.median(known)) if known else None
 
-    @override
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
         def of(p: _Place) -> Misfit:
             here = self.campaign[used] == self.names.index(p.name)
@@ -313,20 +287,17 @@ class Joined(Instrument):
         return Misfit(*self._scattered(of, (0,), (), fill=np.nan))
 
     @property
-    @override
     def attitudes(self) -> Array | None:
         if any(part.attitudes is None for part in self.parts):
             return None
         return self._scattered(lambda p: p.part.attitudes, (3, 3))[0]
 
-    @override
     def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:
         def of(p: _Place) -> Array:
             return p.part.as_read(T_base_ee[p.rows], T_instr_base, targets_off_m[p.at["a"]])
 
         return self._scattered(of, (4, 4))[0]
 
-    @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
         def of(p: _Place) -> Deviations:
             return p.part.deviations(T_base_ee[p.rows], T_instr_base, targets_m[p.at["t"]])
@@ -335,7 +306,6 @@ class Joined(Instrument):
         return Deviations(distance, position, None if self.attitudes is None else rotation)
 
     @property
-    @override
     def spread_mm(self) -> float:
         squares = sum(len(p.rows) * p.part.spread_mm**2 for p in self._shown)
         return float(np.sqrt(squares / len(self)))
@@ -352,7 +322,6 @@ class Joined(Instrument):
 
     foreseen = from_columns = raw_columns = from_raw = _by_campaign
 
-    @override
     def to_columns(self) -> dict[str, NDArray[Any]]:
         columns: dict[str, NDArray[Any]] = {}
         for p in self._shown:
@@ -388,13 +357,7 @@ def join(members: Sequence[Member]) -> Observations[Joined]:
 
     Every campaign is moved to where its base stands with that of the first, and its target turned
     to the orientation of the first: then what its base and tool are off by is small, and an unknown
-    of its own.
-
-    Args:
-        members: the campaigns; the first gives the frame.
-
-    Returns:
-        Single readings of all, labels with the name of their campaign.
+    of its own. Labels of the single readings get the name of their campaign.
     """
     first = members[0].start
     each: list[Observations] = []
@@ -423,11 +386,9 @@ def joined(
     names: tuple[str, ...],
     targets: Mapping[str, Array] | None = None,
 ) -> Observations[Joined]:
-    """Join campaigns that stand in one frame, and whose labels and times are apart.
+    """Join single readings of campaigns in one frame, whose labels and times are apart.
 
-    Args:
-        each: single readings of every campaign.
-        targets: see `Joined`; None where no target was turned.
+    Targets are those of `Joined`, None where none was turned.
     """
     campaign = np.repeat(np.arange(len(each)), [len(every) for every in each])
     columns = ((every.pose, every.kind, every.repeat, every.readings) for every in each)

@@ -107,11 +107,7 @@ LEAST_DOF = 12
 
 
 def average_repeats(single: Observations[M], cuts_s: Sequence[float] = ()) -> Observations[M]:
-    """Average the readings of the same pose and load.
-
-    Args:
-        single: one reading a row; covariances are those of the reading.
-        cuts_s: times that part the campaign: readings on either side are not averaged.
+    """Average the readings of the same pose and load, between times that part the campaign.
 
     Returns:
         One row for each pose and load, ordered by them: means of joints, torques, arrivals (a joint
@@ -122,14 +118,9 @@ def average_repeats(single: Observations[M], cuts_s: Sequence[float] = ()) -> Ob
 
 
 def average_groups(single: Observations[M], code: Index) -> Observations[M]:
-    """Average the readings of each group.
+    """Average the readings of each group, of one pose and load; see `average_repeats`.
 
-    Args:
-        single: one reading a row; readings of a group are of one pose and load.
-        code: (P,) number of each reading's group, from 0, none omitted.
-
-    Returns:
-        One row a group, in the order of their numbers; see `average_repeats`.
+    Groups are numbered from 0, none omitted: that of each reading is in `code` (P,).
     """
     _, first, count = np.unique(code, return_index=True, return_counts=True)
     states = single.states
@@ -164,15 +155,11 @@ def poses_of(
     """Return the poses of one kind as the paper's model takes them, ordered by pose and load.
 
     Args:
-        kind: `grid`, `holdout`, `line_x` or `line_y`.
         average: whether repeats of the same pose and load become one row (see `average_repeats`).
         covariance: where it comes from. `repeats`: the scatter of repeats, pooled over all poses
             and loads of this kind along the end-effector's axes (the instrument's where too little
             is repeated); `instrument`: its stated uncertainty, propagated. Either is divided by the
             readings averaged.
-
-    Returns:
-        P poses; none when there are no such rows.
 
     Raises:
         RawDataError: when the instrument measures no poses.
@@ -205,10 +192,6 @@ def with_repeat_scatter(
 
     It is pooled over poses and loads along the end-effector's axes, in which the noise of balls,
     tool and wrist is the same in every pose. Where too little is repeated, poses stay as they are.
-
-    Args:
-        poses: single readings or their averages.
-        single: readings whose scatter about the mean of their pose and load is taken.
     """
     code = reading_groups(single)
     dof = len(single) - len(np.unique(code))

@@ -73,10 +73,7 @@ def goes_with(
     """Return the joints and loads that the order of rows goes with, and their rank correlations.
 
     None where poses are measured again at other times, under the same load: those tell time.
-
-    Args:
-        every: single readings, of one campaign.
-        prismatic: (n,) which joints slide.
+    Readings are single ones of one campaign.
     """
     states = every.states
     if len(every) < _LEAST_ROWS or measured_again(every):
@@ -93,13 +90,7 @@ def goes_with(
 def with_what_tells_time(
     every: Observations, prismatic: Mask, *, recorded: bool
 ) -> tuple[Observations, tuple[str, ...]]:
-    """Mark readings whose rows give an order and no time, and say why, one clause.
-
-    Args:
-        every: single readings of a campaign, of all kinds.
-        prismatic: (n,) which joints slide.
-        recorded: whether their times were recorded.
-    """
+    """Mark single readings whose rows give an order and no time, and say why, one clause."""
     if recorded:
         fitted = every.take(np.flatnonzero(every.kind == "grid"))
         along = goes_with(fitted, prismatic)
@@ -143,9 +134,6 @@ def partings(states: PoseStates, time_s: float, prismatic: Mask | None = None) -
 
     All rows are looked at, and then those near that time alone, where it is enough that these go
     with the order: a rail that goes out and comes back parts each stretch, and never the whole.
-
-    Args:
-        prismatic: (n,) which joints slide.
     """
     order = np.argsort(states.time_s, kind="stable")
     middle = int(np.searchsorted(states.time_s[order], time_s))
@@ -162,13 +150,7 @@ def partings(states: PoseStates, time_s: float, prismatic: Mask | None = None) -
 
 
 def _parted_at(value: Array, after: Mask, least: float) -> float | None:
-    """Return the place that best parts rows into those before and after a time; None of none.
-
-    Args:
-        value: (R,) where the joint or the load is.
-        after: (R,) which rows are after it.
-        least: part that must be sorted rightly.
-    """
+    """Return the value that best parts rows (R,) into those before and after a time, if any."""
     if not after.any() or after.all():
         return None
     order = np.argsort(value, kind="stable")

@@ -1,30 +1,28 @@
-"""An instrument that measures the positions of one or more targets."""
+"""Instruments that measure positions of targets, or the distance of one from a fixed point."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import override
 
-from pa10cal.arrays import Array, Index
-from pa10cal.frame.hand_eye import hand_eye_from_points
-from pa10cal.frame.rigid_fit import Located, by_small_motion, cross_matrix, scale_of_points
-from pa10cal.observe.instrument import (
-    MM,
-    BaseTargets,
-    Instrument,
-    LocatingMethod,
-    columns_of_covariance,
-    covariance_of,
-    group_means,
+from pa10cal.arrays import Array, Index, homogeneous
+from pa10cal.frame.hand_eye import hand_eye_from_points, ranging
+from pa10cal.frame.rigid_fit import (
+    Located,
+    by_small_motion,
+    cross_matrix,
+    scale_of_distances,
+    scale_of_points,
 )
+from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import (
     AXES,
+    MM,
     Comparison,
     Deviations,
     Misfit,
@@ -34,13 +32,19 @@ from pa10cal.observe.quantities import (
     Words,
     by_end_and_targets,
     carried_targets,
+    columns_of_covariance,
     columns_of_places,
-    names_of_columns,
-    places_of_columns,
+    covariance_of,
+    places_of,
 )
+from pa10cal.terms.term import TermParameter
 
 #: The name of a target may be any word but the `u` of an uncertainty.
-_SHARED = "shared_cov"
+_SHARED = "shared_cov_{}{}"
+#: Columns of the table of poses that hold a target: its place, its covariance, and touches.
+_PLACE = re.compile(r"ball(\w+)_x_mm")
+_OF_PLACE = "ball{}_c{{}}{{}}_mm2"
+_SCALE = np.full(3, MM)
 _COORDINATE = re.compile(r"(?!u_)([A-Za-z0-9]+)_[xyz]_mm")
 
 
@@ -73,7 +77,6 @@ class Points(Instrument):
     least_rows: ClassVar[int] = 12
     _of_all: ClassVar[tuple[str, ...]] = ("names", "p_ee_stated_m")
 
-    @override
     def averaged(self, code: Index) -> Self:
         seen = np.isfinite(self.p_instr_m[..., 0])
         share = group_means(seen.astype(float), code)
@@ -89,14 +92,12 @@ class Points(Instrument):
             motion_cov=None if self.motion_cov is None else group_means(self.motion_cov, code),
         )
 
-    @override
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
         p_instr_m, _ = carried_targets(T_instr_ee, targets_m)
         unit = np.broadcast_to(np.eye(3), (*p_instr_m.shape[:2], 3, 3))
         return replace(self, p_instr_m=p_instr_m, cov_m2=unit, motion_cov=None)
 
     @classmethod
-    @override
     def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Points:
         names = tuple(stated.targets_m)
         places_m = np.array([stated.targets_m[name] for name in names])
@@ -104,7 +105,6 @@ class Points(Instrument):
         cov_m2 = stated.uncertainty_m**2 * np.eye(3)
         return Points(names, p_instr_m, np.broadcast_to(cov_m2, (*p_instr_m.shape, 3)), places_m)
 
-    @override
     def in_frame(self, T: Array) -> Self:
         R = T[:3, :3]
         along = np.block([[R, cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
@@ -115,23 +115,19 @@ class Points(Instrument):
             motion_cov=None if self.motion_cov is None else along @ self.motion_cov @ along.T,
         )
 
-    @override
     def steadied(self, base: BaseTargets) -> Self:
         T = np.linalg.inv(base.T_moved)
         p_instr_m = np.einsum("pij,pbj->pbi", T[:, :3, :3], self.p_instr_m) + T[:, None, :3, 3]
         return replace(self, p_instr_m=p_instr_m, motion_cov=base.cov_at_origin)
 
-    @override
     def in_order(self, order: Sequence[int]) -> Self:
         at = list(order)
         return replace(self, p_instr_m=self.p_instr_m[:, at], cov_m2=self.cov_m2[:, at])
 
     @property
-    @override
     def target_names(self) -> tuple[str, ...]:
         return self.names
 
-    @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
         p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
         residual = p_instr_m - self.p_instr_m
@@ -145,7 +141,6 @@ class Points(Instrument):
         )
 
     @property
-    @override
     def stated_covariance(self) -> Array:
         count, targets = self.p_instr_m.shape[:2]
         cov = np.zeros((count, targets, 3, targets, 3))
@@ -161,41 +156,34 @@ class Points(Instrument):
         return np.asarray(own + along @ self.motion_cov @ along.swapaxes(1, 2))
 
     @property
-    @override
     def component_kinds(self) -> tuple[tuple[str, slice], ...]:
         return (("position", slice(0, 3 * len(self.names))),)
 
     @property
-    @override
     def places_m(self) -> Array:
         return self.p_instr_m
 
     @property
-    @override
     def counts(self) -> tuple[str, ...]:
         seen = np.isfinite(self.p_instr_m[..., 0])
         return (f"targets {', '.join(self.names)} seen {seen.sum()} times of {seen.size}",)
 
-    @override
     def locate(self, T_base_ee: Array) -> Located:
         found = hand_eye_from_points(
             T_base_ee, self.p_instr_m, self.p_ee_stated_m, names=self.names
         )
         return replace(found, stated=self.p_ee_stated_m is not None)
 
-    @override
     def scale(self, T_base_ee: Array) -> float | None:
         seen = np.isfinite(self.p_instr_m[..., 0])
         best = int(seen.sum(axis=0).argmax())
         return scale_of_points(self.p_instr_m[seen[:, best], best], T_base_ee[seen[:, best]])
 
-    @override
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
         found = hand_eye_from_points(T_base_ee[used], self.p_instr_m[used], weights=weights)
         off_m = self.p_instr_m - found.targets(T_base_ee)[..., :3, 3]
         return Misfit(np.linalg.norm(off_m, axis=2), np.zeros(len(self)))
 
-    @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
         T_instr_ee = T_instr_base @ T_base_ee
         residual = self.compare(T_instr_ee, targets_m).residual
@@ -208,21 +196,29 @@ class Points(Instrument):
         )
 
     @classmethod
-    @override
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
-        names = names_of_columns(columns)
-        p_m, cov_m2, _ = places_of_columns(columns, names)
-        return cls(names, p_m, cov_m2, stated.places_m(names), covariance_of(columns, _SHARED))
+        names = tuple(found[1] for found in map(_PLACE.fullmatch, columns) if found)
+        of_each = [covariance_of(columns, _OF_PLACE.format(name), AXES, _SCALE) for name in names]
+        return cls(
+            names,
+            places_of(columns, [f"ball{name}" for name in names]),
+            np.stack(of_each, axis=1),
+            stated.places_m(names),
+            covariance_of(columns, _SHARED) if _SHARED.format(0, 0) in columns else None,
+        )
 
-    @override
     def to_columns(self) -> dict[str, NDArray[Any]]:
-        touches = np.zeros(self.p_instr_m.shape[:2], dtype=np.int64)
-        columns = columns_of_places(self.names, self.p_instr_m, self.cov_m2, touches)
+        columns: dict[str, NDArray[Any]] = {}
+        for b, name in enumerate(self.names):
+            columns |= columns_of_places([f"ball{name}"], self.p_instr_m[:, [b]])
+            columns |= columns_of_covariance(
+                self.cov_m2[:, b], _OF_PLACE.format(name), AXES, _SCALE
+            )
+            columns[f"ball{name}_touches"] = np.zeros(len(self), dtype=np.int64)
         shared = {} if self.motion_cov is None else columns_of_covariance(self.motion_cov, _SHARED)
         return columns | shared
 
     @classmethod
-    @override
     def raw_columns(cls, header: Sequence[str]) -> RawColumns:
         """Return three columns a target, T2 before T10, wherever their columns stand in the file.
 
@@ -234,7 +230,6 @@ class Points(Instrument):
         return RawColumns(targets, may_be_blank=True)
 
     @classmethod
-    @override
     def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
         blank = np.isnan(values).reshape(len(values), len(columns.targets), 3).sum(axis=2)
         part = (blank > 0) & (blank < 3)
@@ -246,7 +241,6 @@ class Points(Instrument):
         )
 
     @classmethod
-    @override
     def raw_notes(cls, columns: RawColumns, stated: Stated) -> tuple[str, ...]:
         names = _names(columns)
         unstated = sorted(set(names) - set(stated.targets_m))
@@ -261,7 +255,6 @@ class Points(Instrument):
         return tuple(notes)
 
     @classmethod
-    @override
     def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Points:
         names = _names(columns)
         p_m = MM * values.reshape(len(values), len(names), 3)
@@ -276,3 +269,150 @@ def _by_number(name: str) -> list[str | int]:
 
 def _names(columns: RawColumns) -> tuple[str, ...]:
     return tuple(target[0].removesuffix("_x_mm") for target in columns.targets)
+
+
+# The distance of one target from a fixed point: the origin of the instrument's frame, which is the
+# base frame's position, and whose orientation does not matter. In the frame of another instrument
+# the fixed point stands elsewhere.
+
+_RAW = "d_mm"
+_UNNAMED = "target"
+#: Columns of the table of poses that hold a fixed point that is not the frame's origin.
+_POINT = ("d_from_x_m", "d_from_y_m", "d_from_z_m")
+
+
+@dataclass(frozen=True)
+class Distance(Instrument):
+    """Distances of one target from a fixed point in P poses."""
+
+    d_m: Array  # (P,) distances
+    u_m: Array  # (P,) their standard uncertainties
+    name: str = _UNNAMED  # of the target
+    # (3,) its place in the end-effector frame as the campaign's description states it; None where
+    # it does not
+    p_ee_stated_m: Array | None = None
+    # (3,) the fixed point: the frame's origin, unless it was moved
+    p_instr_point_m: Array = field(default_factory=lambda: np.zeros(3))
+
+    component_kinds: ClassVar[tuple[tuple[str, slice], ...]] = (("distance", slice(0, 1)),)
+    directional: ClassVar[bool] = False
+    least_rows: ClassVar[int] = 24
+    _of_all: ClassVar[tuple[str, ...]] = ("name", "p_ee_stated_m", "p_instr_point_m")
+    kind: ClassVar[str] = "distance"
+    locates_by: ClassVar[LocatingMethod] = "ranging"
+    words: ClassVar[Words] = Words(
+        "instrument that measures the distance of a target from a fixed point",
+        "distance error",
+        "Errors are of the measured distance; errors across the line of sight are not measured.",
+        "Arrows lie along the line of sight; errors across it are not measured.",
+    )
+
+    def averaged(self, code: Index) -> Self:
+        u_m = np.sqrt(group_means(self.u_m**2, code) / np.bincount(code))
+        return replace(self, d_m=group_means(self.d_m, code), u_m=u_m)
+
+    def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
+        p_instr_m, _ = carried_targets(T_instr_ee, targets_m)
+        d_m = np.linalg.norm(p_instr_m[:, 0] - self.p_instr_point_m, axis=1)
+        return replace(self, d_m=d_m, u_m=np.ones(len(d_m)))
+
+    @classmethod
+    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Distance:
+        name, place_m = next(iter(stated.targets_m.items()))
+        p_instr_m, _ = carried_targets(T_instr_ee, place_m)
+        d_m = np.linalg.norm(p_instr_m[:, 0], axis=1)
+        return Distance(d_m, np.full(len(d_m), stated.uncertainty_m), name, place_m)
+
+    def in_frame(self, T: Array) -> Self:
+        return replace(self, p_instr_point_m=T[:3, :3] @ self.p_instr_point_m + T[:3, 3])
+
+    @property
+    def target_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    @property
+    def target_parameters(self) -> tuple[TermParameter, ...]:
+        return tuple(TermParameter(f"target_{axis}", "m", 1e-3) for axis in "xyz")
+
+    def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
+        p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
+        off_m, along = self._off_along(p_instr_m)
+        by_end, by_targets = by_end_and_targets(T_instr_ee, arms)
+        return Comparison(
+            off_m[:, None],
+            np.einsum("pi,pij->pj", along, by_end[:, 0])[:, None],
+            np.einsum("pi,pij->pj", along, by_targets[:, 0])[:, None],
+        )
+
+    def _off_along(self, p_instr_m: Array) -> tuple[Array, Array]:
+        """Return predicted (P, 1, 3) minus measured distances (P,), and lines of sight (P, 3)."""
+        away_m = p_instr_m[:, 0] - self.p_instr_point_m
+        distance_m = np.linalg.norm(away_m, axis=1)
+        return distance_m - self.d_m, away_m / distance_m[:, None]
+
+    @property
+    def stated_covariance(self) -> Array:
+        return (self.u_m**2)[:, None, None]
+
+    @property
+    def places_m(self) -> Array:
+        return self.d_m[:, None, None]
+
+    def locate(self, T_base_ee: Array) -> Located:
+        """Find fixed point and target by ranging.
+
+        Distances show no orientation of the instrument's frame: its axes are along those of the
+        base.
+        """
+        found = ranging(T_base_ee, self.d_m, self.p_ee_stated_m)
+        T_instr_base = homogeneous(np.eye(3), self.p_instr_point_m + found.T_instr_base[:3, 3])
+        return replace(found, T_instr_base=T_instr_base, stated=self.p_ee_stated_m is not None)
+
+    def scale(self, T_base_ee: Array) -> float | None:
+        return scale_of_distances(self.d_m, T_base_ee)
+
+    def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
+        found = ranging(T_base_ee[used], self.d_m[used], weights=weights)
+        modelled_m = np.linalg.norm(found.targets(T_base_ee)[..., :3, 3], axis=2)
+        return Misfit(np.abs(self.d_m[:, None] - modelled_m), np.zeros(len(self)))
+
+    def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
+        off_m, along = self._off_along(carried_targets(T_instr_base @ T_base_ee, targets_m)[0])
+        position_mm = 1e3 * (off_m[:, None] * along) @ T_instr_base[:3, :3]
+        return Deviations(1e3 * np.abs(off_m), position_mm, None)
+
+    @classmethod
+    def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
+        found = cls(MM * columns["d_mm"], MM * columns["d_u_mm"], *_stated_target(stated))
+        if _POINT[0] not in columns:
+            return found
+        return replace(found, p_instr_point_m=np.array([columns[name][0] for name in _POINT]))
+
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        columns = {"d_mm": self.d_m / MM, "d_u_mm": self.u_m / MM}
+        if self.p_instr_point_m.any():
+            point = zip(_POINT, self.p_instr_point_m, strict=True)
+            columns |= {name: np.full(len(self), place) for name, place in point}
+        return columns
+
+    @classmethod
+    def raw_columns(cls, header: Sequence[str]) -> RawColumns:
+        return RawColumns(((_RAW,),))
+
+    @classmethod
+    def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
+        off = values[:, 0] <= 0.0
+        found = (f"{_RAW} = {value:g}" for value in values[off, 0])
+        return (Unusable(off, "the distance is not above zero", found),)
+
+    @classmethod
+    def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Distance:
+        u_m = np.where(np.isnan(u[:, 0]), stated.uncertainty_m, MM * u[:, 0])
+        return Distance(MM * values[:, 0], u_m, *_stated_target(stated))
+
+
+def _stated_target(stated: Stated) -> tuple[str, Array | None]:
+    """Return name and place of the one target that is stated; None for the place of another."""
+    if len(stated.targets_m) != 1:
+        return _UNNAMED, None
+    return next(iter(stated.targets_m.items()))

@@ -1,4 +1,4 @@
-"""An instrument that measures position and orientation of one target: a 6-D tracker."""
+"""Instruments that measure position and orientation: a 6-D tracker, and balls that are touched."""
 
 from __future__ import annotations
 
@@ -10,22 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
-from typing_extensions import override
 
 from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation
+from pa10cal.errors import CalibrationError
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
-from pa10cal.frame.rigid_fit import Located, cross_matrix, pose_error, scale_of_points
-from pa10cal.observe.instrument import (
-    MM,
-    BaseTargets,
-    Instrument,
-    LocatingMethod,
-    columns_of_covariance,
-    covariance_of,
-    group_means,
+from pa10cal.frame.rigid_fit import (
+    Located,
+    cross_matrix,
+    fit_rigid_weighted,
+    pose_by_source,
+    pose_error,
+    scale_of_points,
+    seed_from_nominal,
 )
+from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
+from pa10cal.observe.points import Points
 from pa10cal.observe.quantities import (
+    MM,
+    POSE_SCALE,
     Comparison,
     Deviations,
     Misfit,
@@ -33,6 +36,8 @@ from pa10cal.observe.quantities import (
     Stated,
     Unusable,
     Words,
+    columns_of_covariance,
+    covariance_of,
 )
 
 RAW_PLACE = ("x_mm", "y_mm", "z_mm")
@@ -44,7 +49,7 @@ _LENGTH_TOLERANCE = 0.01
 
 _PLACE = ("ee_x_mm", "ee_y_mm", "ee_z_mm")
 _QUATERNION = ("ee_qw", "ee_qx", "ee_qy", "ee_qz")
-_COVARIANCE = "ee_cov"
+_COVARIANCE = "ee_cov_{}{}"
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,6 @@ class Pose(Instrument):
         """Return poses that are measured themselves, and not through targets of an apparatus."""
         return Pose(T_instr_target, cov, np.zeros((len(cov), 6, 0)))
 
-    @override
     def averaged(self, code: Index) -> Self:
         T = group_means(self.T_instr_target, code)
         T[:, :3, :3] = nearest_rotation(T[:, :3, :3])
@@ -95,7 +99,6 @@ class Pose(Instrument):
             by_apparatus=group_means(self.by_apparatus, code),
         )
 
-    @override
     def steadied(self, base: BaseTargets) -> Self:
         T = np.linalg.inv(base.T_moved) @ self.T_instr_target
         by_motion = np.tile(np.eye(6), (len(T), 1, 1))
@@ -103,12 +106,10 @@ class Pose(Instrument):
         noise = by_motion @ base.cov_at_origin @ by_motion.swapaxes(1, 2)
         return replace(self, T_instr_target=T, cov=self.cov + noise)
 
-    @override
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Pose:
         return Pose.of(T_instr_ee, np.broadcast_to(np.eye(6), (len(T_instr_ee), 6, 6)))
 
     @classmethod
-    @override
     def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Pose:
         """Return the poses of the first target stated, of the end where none is.
 
@@ -121,7 +122,6 @@ class Pose(Instrument):
         cov = np.diag(np.repeat([stated.uncertainty_m**2, u_rad**2], 3))
         return Pose.of(T, np.broadcast_to(cov, (len(T), 6, 6)))
 
-    @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
         count = len(T_instr_ee)
         error = pose_error(T_instr_ee, self.T_instr_target)
@@ -131,11 +131,9 @@ class Pose(Instrument):
         residual = np.concatenate([error.position_m, error.chord], axis=1)
         return Comparison(residual, by_end, np.zeros((count, 6, 0)))
 
-    @override
     def end_poses(self, T_instr_ee: Array) -> Array:
         return self.T_instr_target
 
-    @override
     def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
         """Return where the targets were, and how the pose was made of them.
 
@@ -154,43 +152,34 @@ class Pose(Instrument):
         by_reading = -np.einsum("pki,pakbl,pjl->paibj", R, by_place, R, optimize=True)
         return ObservedTargets(targets, by_reading.reshape(count, 6, -1))
 
-    @override
     def axes_of_end(self, T_instr_ee: Array) -> Array:
         return super().axes_of_end(self.T_instr_target)
 
     @property
-    @override
     def by_stated_targets(self) -> Array:
         return self.by_apparatus
 
     @property
-    @override
     def components_seen(self) -> NDArray[np.bool_]:
         return np.ones((len(self), 6), dtype=bool)
 
     @property
-    @override
     def stated_covariance(self) -> Array:
         return self.cov
 
     @property
-    @override
     def places_m(self) -> Array:
         return self.T_instr_target[:, None, :3, 3]
 
-    @override
     def locate(self, T_base_ee: Array) -> Located:
         return hand_eye_from_poses(T_base_ee, self.T_instr_target)
 
-    @override
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
         return target_on_base(T_instr_base, T_base_ee, self.T_instr_target)
 
-    @override
     def scale(self, T_base_ee: Array) -> float | None:
         return scale_of_points(self.T_instr_target[:, :3, 3], T_base_ee)
 
-    @override
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
         T = self.T_instr_target
         found = hand_eye_from_poses(T_base_ee[used], T[used], weights=weights)
@@ -199,7 +188,6 @@ class Pose(Instrument):
         length_m = np.linalg.norm(T[:, :3, 3] - modelled[:, :3, 3], axis=1)
         return Misfit(length_m[:, None], np.asarray(turn.magnitude()))
 
-    @override
     def in_frame(self, T: Array) -> Self:
         both = block_diag(T[:3, :3], T[:3, :3])
         return replace(
@@ -209,18 +197,15 @@ class Pose(Instrument):
             by_apparatus=both @ self.by_apparatus,
         )
 
-    @override
     def turned(self, R_ee_target: Array) -> Self:
         T = self.T_instr_target.copy()
         T[:, :3, :3] = T[:, :3, :3] @ R_ee_target.T
         return replace(self, T_instr_target=T)
 
     @property
-    @override
     def attitudes(self) -> Array:
         return self.T_instr_target[:, :3, :3]
 
-    @override
     def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:
         R = T_instr_base[:3, :3]
         moved = self.by_apparatus @ targets_off_m
@@ -230,7 +215,6 @@ class Pose(Instrument):
         T[:, :3, :3] = turned
         return T
 
-    @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
         error = pose_error(T_instr_base @ T_base_ee, self.T_instr_target)
         to_base = T_instr_base[:3, :3]
@@ -246,12 +230,10 @@ class Pose(Instrument):
         )
 
     @classmethod
-    @override
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
         T, cov = pose_of_columns(columns)
         return cls(T, cov, np.zeros((len(T), 6, 0)))
 
-    @override
     def to_columns(self) -> dict[str, NDArray[Any]]:
         quaternion = Rotation.from_matrix(self.T_instr_target[:, :3, :3]).as_quat(
             canonical=True, scalar_first=True
@@ -261,12 +243,10 @@ class Pose(Instrument):
         return columns | columns_of_covariance(self.cov, _COVARIANCE)
 
     @classmethod
-    @override
     def raw_columns(cls, header: Sequence[str]) -> RawColumns:
         return RawColumns((RAW_PLACE,), RAW_QUATERNION)
 
     @classmethod
-    @override
     def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
         length = np.linalg.norm(values[:, 3:], axis=1)
         off = np.abs(length - 1.0) >= _LENGTH_TOLERANCE
@@ -274,7 +254,6 @@ class Pose(Instrument):
         return (Unusable(off, "the quaternion is not of unit length", found),)
 
     @classmethod
-    @override
     def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Pose:
         R = Rotation.from_quat(values[:, 3:], scalar_first=True).as_matrix()
         cov = np.zeros((len(values), 6, 6))
@@ -287,13 +266,9 @@ class Pose(Instrument):
 def _rotation_covariance(quaternion: Array, u: Array, u_place_m: float) -> Array:
     """Return the covariance (P, 3, 3) of a small rotation applied on the left.
 
-    It changes the quaternion by half its product with it, so that the rotation is twice the vector
-    part of dq q*. Where the quaternion's uncertainty is not stated, it is that which places make.
-
-    Args:
-        quaternion: (P, 4) scalar first.
-        u: (P, 4) its standard uncertainties, nan where not stated.
-        u_place_m: standard uncertainty of a place.
+    It changes the quaternion (P, 4), scalar first, by half its product with it, so that the
+    rotation is twice the vector part of dq q*. Where the quaternion's uncertainty is not stated
+    (nan), it is that which places make.
     """
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
     quaternion, u = quaternion / length, u / length
@@ -313,6 +288,121 @@ def pose_of_columns(columns: Mapping[str, Array]) -> tuple[Array, Array]:
         np.column_stack([columns[name] for name in names]) for names in (_PLACE, _QUATERNION)
     )
     R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    cov = covariance_of(columns, _COVARIANCE)
-    assert cov is not None
-    return homogeneous(R, MM * p_mm), cov
+    return homogeneous(R, MM * p_mm), covariance_of(columns, _COVARIANCE)
+
+
+# Tooling balls, located by touches: they give the pose of the end-effector.
+
+#: Balls nearer to one line than this do not show a turn about it.
+_COLLINEAR_MM = 1.0
+
+
+@dataclass(frozen=True)
+class Touched(Pose):
+    """Pose of the end-effector in P poses, through the centres of B tooling balls."""
+
+    balls: Points  # their centres
+    touches: NDArray[np.int64]  # (P, B) touches behind each centre
+
+    kind: ClassVar[str] = "touch_trigger_cmm"
+    locates_by: ClassVar[LocatingMethod] = "rigid_fit_nominal"
+    words: ClassVar[Words] = Words(
+        "coordinate measuring machine that touches balls on the end-effector",
+        "position error",
+        "Errors are distances of the end-effector, predicted from measured.",
+        "Arrows: of the end-effector.",
+    )
+    from_touches: ClassVar[bool] = True
+    sees_base: ClassVar[bool] = False
+
+    @classmethod
+    def of_balls(
+        cls,
+        names: tuple[str, ...],
+        p_ee_balls_mm: Array,
+        p_instr_balls_mm: Array,
+        cov_balls_mm2: Array,
+        touches: NDArray[np.int64],
+    ) -> Touched:
+        """Fit the end-effector to located balls, weighted by their covariances.
+
+        They are stated at (B, 3) on it; centres (P, B, 3) have (P, B, 3, 3), touches (P, B).
+        """
+        found = fit_rigid_weighted(p_ee_balls_mm, p_instr_balls_mm, cov_balls_mm2)
+        T = found.T.copy()
+        T[:, :3, 3] *= MM
+        cov = found.covariance * np.outer(POSE_SCALE, POSE_SCALE)
+        p_m, cov_m2 = MM * p_instr_balls_mm, MM**2 * cov_balls_mm2
+        balls = Points(names, p_m, cov_m2, MM * p_ee_balls_mm)
+        return Touched(T, cov, pose_by_source(T, p_m, cov_m2), balls, touches)
+
+    @classmethod
+    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Touched:
+        """Return the end-effector as the balls stated would give it, each as certain as stated.
+
+        Raises:
+            CalibrationError: when there are fewer than three balls, or they are collinear.
+        """
+        names = tuple(stated.targets_m)
+        p_ee_mm = np.array([*stated.targets_m.values()]).reshape(-1, 3) / MM
+        if np.linalg.matrix_rank(p_ee_mm - p_ee_mm.mean(axis=0), tol=_COLLINEAR_MM) < 2:
+            raise CalibrationError(
+                "these balls do not give an orientation",
+                where="targets",
+                value=p_ee_mm.tolist(),
+                allowed="three or more that are not collinear",
+                remedy="state the places of three balls",
+            )
+        turned = np.einsum("pij,bj->pbi", T_instr_ee[:, :3, :3], p_ee_mm)
+        p_instr_mm = T_instr_ee[:, None, :3, 3] / MM + turned
+        cov_mm2 = (stated.uncertainty_m / MM) ** 2 * np.eye(3)
+        cov_mm2 = np.broadcast_to(cov_mm2, (*p_instr_mm.shape, 3))
+        touches = np.ones(p_instr_mm.shape[:2], dtype=np.int64)
+        return cls.of_balls(names, p_ee_mm, p_instr_mm, cov_mm2, touches)
+
+    def averaged(self, code: Index) -> Self:
+        count = np.bincount(code)
+        return replace(
+            super().averaged(code),
+            balls=self.balls.averaged(code),
+            touches=np.rint(group_means(self.touches.astype(float), code) * count[:, None]).astype(
+                np.int64
+            ),
+        )
+
+    def in_frame(self, T: Array) -> Self:
+        return replace(super().in_frame(T), balls=self.balls.in_frame(T))
+
+    @property
+    def counts(self) -> tuple[str, ...]:
+        return (f"{self.touches.size} balls",)
+
+    def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
+        """Return where the balls were; see `Pose.readout`.
+
+        Args:
+            targets_m: (t,) stated places of the balls; none to take them from the readings.
+        """
+        if not len(targets_m):
+            R, origin = self.T_instr_target[:, :3, :3], self.T_instr_target[:, None, :3, 3]
+            targets_m = np.mean((self.balls.p_instr_m - origin) @ R, axis=0).ravel()
+        return super().readout(T_instr_ee, targets_m)
+
+    def locate(self, T_base_ee: Array) -> Located:
+        return seed_from_nominal(self.T_instr_target[:, :3, 3], T_base_ee[:, :3, 3])
+
+    def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
+        return None
+
+    @classmethod
+    def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
+        T, cov = pose_of_columns(columns)
+        balls = Points.from_columns(columns, stated)
+        touches = np.column_stack([columns[f"ball{name}_touches"] for name in balls.names])
+        by_balls = pose_by_source(T, balls.p_instr_m, balls.cov_m2)
+        return cls(T, cov, by_balls, balls, touches.astype(np.int64))
+
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        of_balls = zip(self.balls.names, self.touches.T, strict=True)
+        touches = {f"ball{name}_touches": times for name, times in of_balls}
+        return self.balls.to_columns() | touches | super().to_columns()

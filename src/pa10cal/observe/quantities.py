@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
@@ -154,7 +154,7 @@ class Misfit:
 # Targets carried by the end of the chain, and targets in the table of poses.
 
 AXES = "xyz"
-_MM = 1e-3
+MM = 1e-3
 
 
 def carried_targets(T_instr_ee: Array, targets_m: Array) -> tuple[Array, Array]:
@@ -164,14 +164,9 @@ def carried_targets(T_instr_ee: Array, targets_m: Array) -> tuple[Array, Array]:
 
 
 def by_end_and_targets(T_instr_ee: Array, arms: Array) -> tuple[Array, Array]:
-    """Return the derivative of carried targets by the end of the chain, and by their places.
+    """Return the derivative of carried targets, arms (P, B, 3) off the end of the chain (P, 4, 4).
 
-    Args:
-        T_instr_ee: (P, 4, 4) end of the chain.
-        arms: (P, B, 3) way from it to the targets.
-
-    Returns:
-        (P, B, 3, 6) and (P, B, 3, 3 B).
+    By that end (P, B, 3, 6), and by their places on it (P, B, 3, 3 B).
     """
     count, targets = arms.shape[:2]
     by_targets = np.zeros((count, targets, 3, targets, 3))
@@ -180,43 +175,44 @@ def by_end_and_targets(T_instr_ee: Array, arms: Array) -> tuple[Array, Array]:
     return by_small_motion(arms), by_targets.reshape(count, targets, 3, 3 * targets)
 
 
-def names_of_columns(columns: Mapping[str, Array]) -> tuple[str, ...]:
-    """Return the names of the balls or other targets whose centres a table of poses holds."""
-    held = (re.fullmatch(r"ball(\w+)_x_mm", str(name)) for name in columns)
-    return tuple(found.group(1) for found in held if found)
+#: What makes of position [mm] and rotation [rad], as in the table, position [m] and rotation.
+POSE_SCALE = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
 
 
-def places_of_columns(
-    columns: Mapping[str, Array], names: tuple[str, ...]
-) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Return what a table of poses holds of B targets.
-
-    Returns:
-        Centres (P, B, 3) [m], their covariances (P, B, 3, 3), and touches (P, B).
-    """
-    count = len(columns["time_s"])
-    p_mm, cov_mm2 = np.zeros((count, len(names), 3)), np.zeros((count, len(names), 3, 3))
-    touches = np.zeros((count, len(names)), dtype=np.int64)
-    for b, name in enumerate(names):
-        touches[:, b] = columns[f"ball{name}_touches"]
-        for i in range(3):
-            p_mm[:, b, i] = columns[f"ball{name}_{AXES[i]}_mm"]
-            for j in range(i, 3):
-                column = columns[f"ball{name}_c{AXES[i]}{AXES[j]}_mm2"]
-                cov_mm2[:, b, i, j] = cov_mm2[:, b, j, i] = column
-    return _MM * p_mm, _MM**2 * cov_mm2, touches
+def columns_of_places(names: Iterable[str], p_m: Array) -> dict[str, NDArray[Any]]:
+    """Return places (P, B, 3) as columns of a table of poses, by names before axis and unit."""
+    return {
+        f"{name}_{axis}_mm": p_m[:, b, k] / MM
+        for b, name in enumerate(names)
+        for k, axis in enumerate(AXES)
+    }
 
 
-def columns_of_places(
-    names: tuple[str, ...], p_m: Array, cov_m2: Array, touches: NDArray[np.int64]
+def places_of(columns: Mapping[str, NDArray[Any]], names: Iterable[str]) -> Array:
+    """Read what `columns_of_places` gave, (P, B, 3)."""
+    each = [[columns[f"{name}_{axis}_mm"] for axis in AXES] for name in names]
+    return MM * np.ascontiguousarray(np.moveaxis(np.array(each), 2, 0))
+
+
+def columns_of_covariance(
+    cov: Array, name: str, labels: str = "012345", scale: Array = POSE_SCALE
 ) -> dict[str, NDArray[Any]]:
-    """Return what `places_of_columns` reads back, as columns (P,)."""
-    columns: dict[str, NDArray[Any]] = {}
-    for b, name in enumerate(names):
-        for k, axis in enumerate(AXES):
-            columns[f"ball{name}_{axis}_mm"] = p_m[:, b, k] / _MM
-        for i in range(3):
-            for j in range(i, 3):
-                columns[f"ball{name}_c{AXES[i]}{AXES[j]}_mm2"] = cov_m2[:, b, i, j] / _MM**2
-        columns[f"ball{name}_touches"] = touches[:, b]
-    return columns
+    """Return covariances (P, k, k) as columns of a table of poses.
+
+    The name has places for the labels of two of the k components; a scale each makes of what the
+    table has metres and radians.
+    """
+    in_table = cov / np.outer(scale, scale)
+    pairs = combinations_with_replacement(range(len(scale)), 2)
+    return {name.format(labels[i], labels[j]): in_table[:, i, j] for i, j in pairs}
+
+
+def covariance_of(
+    columns: Mapping[str, NDArray[Any]],
+    name: str,
+    labels: str = "012345",
+    scale: Array = POSE_SCALE,
+) -> Array:
+    """Read what `columns_of_covariance` gave, its labels in order (KeyError without it)."""
+    each = [[columns[name.format(*sorted((a, b)))] for b in labels] for a in labels]
+    return np.ascontiguousarray(np.moveaxis(np.array(each), 2, 0)) * np.outer(scale, scale)

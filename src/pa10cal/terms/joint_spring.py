@@ -148,9 +148,7 @@ def baseline(
     """Build the paper's model of an arm (Section II.C, Table I).
 
     Args:
-        arm: the nominal arm.
         flexible_joints: joints 1 … n with a spring; the others are rigid.
-        tolerances: manufacturing tolerances of the link parameters.
         cubic: whether the springs have a cubic coefficient.
         tau_ref_Nm: (n,) torques at which the springs' solved parameters are stated, best the
             largest in the data; the rated torques where None, or a

@@ -74,13 +74,9 @@ class Model:
     def jacobian_at(
         self, states: PoseStates, x: Array, end: EndPose, without: tuple[str, ...] = ()
     ) -> Array:
-        """Return the derivative of the pose by x, (P, 6, k), at the chain's present coordinates.
+        """Return the derivative of the pose by x, (P, 6, k), where the end and its screws are.
 
-        Args:
-            states: P states.
-            x: (k,) parameters.
-            end: pose of the end and screws of the coordinates.
-            without: coordinates that are held, so that what moves them moves nothing.
+        Coordinates `without` are held, so that what moves them moves nothing.
         """
         if without:
             screws = end.screws.copy()
@@ -105,17 +101,11 @@ class Model:
     def by_terms(
         self, states: PoseStates, x: Array, terms: Sequence[Term], points: Sequence[Array]
     ) -> tuple[Array, list[Array]]:
-        """Return predicted poses, and how they would follow parameters of terms of any model.
-
-        Args:
-            states: P states.
-            x: (k,) parameters of the model.
-            terms: the terms, whether the model has them or not.
-            points: parameters (k',) of each at which the derivative is taken.
+        """Return predicted poses, and how they would follow terms, of the model or not.
 
         Returns:
-            T_base_ee (P, 4, 4); for each term (P, 6, k'), velocity of the end over its angular
-            velocity, along base axes.
+            T_base_ee (P, 4, 4); for each term, at its parameters (k',) in `points`, (P, 6, k'),
+            velocity of the end over its angular velocity, along base axes.
         """
         T, screws = end_pose_and_screws(self.chain, self.chain_coordinates(states, x))
         moved = self._moved_columns((*terms, *(term for term, _ in self._yielding)))

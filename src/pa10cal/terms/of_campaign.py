@@ -120,13 +120,8 @@ def is_constant(term: Term) -> bool:
 def about_moved_base(terms: Sequence[Term], x: Array, small: Array) -> Array:
     """Return the parameters of terms (k,) once the motion of the base has become its frame.
 
-    How the base of another campaign or part departs is added to that motion; about the frame moved
-    by it the departure is a little different.
-
-    Args:
-        terms: without the motion of the base itself.
-        x: (k,) their parameters.
-        small: (6,) the motion of the base.
+    How the base of another campaign or part departs is added to that motion (6,); about the frame
+    moved by it the departure is a little different. The base's own motion is none of the terms.
     """
     x, first = x.copy(), 0
     back = np.linalg.inv(motion_of_base(small))

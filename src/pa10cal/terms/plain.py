@@ -16,10 +16,9 @@ from pydantic import TypeAdapter, ValidationError
 from pa10cal.errors import TermError, remedy_for
 from pa10cal.terms.effects.effect import every_effect
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.log_faults import FAULTS
 from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.term import OPTIONAL, Offsets, Term
-from pa10cal.terms.weights import Weights
+from pa10cal.terms.weights import FAULTS, Weights
 
 
 def term_to_plain(term: Term) -> dict[str, Any]:
@@ -42,11 +41,7 @@ def term_to_plain(term: Term) -> dict[str, Any]:
 
 
 def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
-    """Return the term that `term_to_plain` described.
-
-    Args:
-        content: what it returned; other keys may stand beside.
-        where: file and place, for the message.
+    """Return the term that `term_to_plain` described; other keys may stand beside.
 
     Raises:
         TermError: when there is no such term, or what shapes it is missing or of the wrong kind.

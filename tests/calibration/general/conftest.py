@@ -13,9 +13,8 @@ from pa10cal.arm.chain import Chain, end_pose
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.files.arms import load_arm
-from pa10cal.observe.distance import Distance
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.points import Points
+from pa10cal.observe.points import Distance, Points
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances
 from pa10cal.terms.term import link_departures

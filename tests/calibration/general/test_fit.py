@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from calibrated import general
 from pa10cal.calibration.general.case import fitted, suspected_outliers
-from pa10cal.observe.distance import Distance
-from pa10cal.observe.points import Points
+from pa10cal.observe.points import Distance, Points
 from pa10cal.observe.pose import Pose
 
 NOISE_M = 5e-5

@@ -30,9 +30,9 @@ from pa10cal.lab.simulated import (
     observations_of,
     payload_of_individual,
 )
-from pa10cal.terms.effects.in_time import BaseDrift
 from pa10cal.terms.effects.joint import ArrivalError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.model import Model
 
 ARM = load_arm("ur10")

@@ -18,7 +18,7 @@ from pa10cal.fit.fitted_model import load_model
 from pa10cal.fit.forward import Forward
 from pa10cal.fit.model_file import save_model
 from pa10cal.observe.joined import Member, join
-from pa10cal.observe.touched import Touched
+from pa10cal.observe.pose import Touched
 
 ARM = load_arm("ur10")
 NOISE_M = 2e-5

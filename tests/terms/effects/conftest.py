@@ -7,51 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
+from made_up_poses import context_of, states_of
+from pa10cal.arm.statics import PoseStates
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
 
-POSES, TARGETS = 6, 3
+ARM = load_arm("pa10_6ce")
 
 
 def some_states() -> PoseStates:
     rng = np.random.default_rng(20080427)
-    arm = load_arm("pa10_6ce")
-    down = rng.normal(size=(POSES, 3))
-    return PoseStates(
-        q_rad=rng.uniform(-1.5, 1.5, (POSES, arm.n)),
-        tau_Nm=rng.uniform(-0.6, 0.6, (POSES, arm.n)) * arm.torque_limit_Nm,
-        arrival=rng.choice([-1.0, 1.0], (POSES, arm.n)),
-        load_N=rng.choice([0.0, 44.0], POSES),
-        temperature_C=rng.uniform(19.0, 27.0, POSES),
-        time_s=np.sort(rng.uniform(100.0, 4e4, POSES)),
-        static_loads=StaticLoads(
-            link_Nm=rng.uniform(-60.0, 60.0, (POSES, arm.n, 3)),
-            base_Nm=rng.uniform(-100.0, 100.0, (POSES, 3)),
-            joint_Nm=rng.uniform(-60.0, 60.0, (POSES, arm.n)),
-            down_ee=down / np.linalg.norm(down, axis=1, keepdims=True),
-            by_weights=rng.normal(size=(POSES, arm.n, 4 * arm.n + 3)),
-            by_load=rng.normal(size=(POSES, arm.n)),
-        ),
-        seen=ObservedTargets(
-            p_instr_targets_m=rng.uniform(0.0, 0.9, (POSES, TARGETS, 3)),
-            pose_by_targets=rng.normal(size=(POSES, 6, 3 * TARGETS)),
-        ),
-    )
+    tau_Nm = rng.uniform(-0.6, 0.6, (6, ARM.n)) * ARM.torque_limit_Nm
+    return states_of(ARM, 20080427, 6, tau_Nm=tau_Nm)
 
 
 def some_surroundings() -> CandidateContext:
     states = some_states()
-    return CandidateContext(
-        arm=load_arm("pa10_6ce"),
+    return context_of(
+        ARM,
         flexible_joints=(2, 3, 5),
-        reference_temperature_C=21.0,
         tau_span_Nm=np.abs(states.tau_Nm).max(0),
-        T_instr_base=np.eye(4),
-        p_instr_middle_m=np.array([0.4, 0.5, 0.6]),
         q_span_rad=np.stack([states.q_rad.min(0), states.q_rad.max(0)], axis=-1),
-        time_span_s=(100.0, 4e4),
-        commanded=True,
     )
 
 
@@ -74,7 +50,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.fixture
 def arm():
-    return load_arm("pa10_6ce")
+    return ARM
 
 
 @pytest.fixture

@@ -43,16 +43,6 @@ def test_the_error_is_what_its_derivative_says(q_rad, x):
     np.testing.assert_allclose(shift, FINE.derivative(at(q_rad), x) @ x, atol=1e-15)
 
 
-@settings(deadline=None, max_examples=20)
-@given(angles, errors, st.integers(0, 35))
-def test_the_derivative_is_that_of_differences(q_rad, x, k):
-    step = np.zeros(36)
-    step[k] = 1e-4
-    difference = (FINE.shift(at(q_rad), x + step) - FINE.shift(at(q_rad), x - step)) / 2e-4
-    exact = FINE.derivative(at(q_rad), x)[:, :, k]
-    np.testing.assert_allclose(exact, difference, atol=1e-9)
-
-
 @settings(deadline=None, max_examples=40)
 @given(angles, errors, st.integers(-3, 3))
 def test_it_comes_again_after_a_turn(q_rad, x, turns):

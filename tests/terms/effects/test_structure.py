@@ -1,9 +1,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain, long_links
+from pa10cal.arm.statics import ObservedTargets
+from pa10cal.frame.rigid_fit import fit_rigid
 from pa10cal.terms.model import Model
 
 
@@ -64,3 +67,63 @@ def test_a_tool_sags_across_its_axis_and_not_along_it(at, arm, states):
     x_base_ee = Chain.of(arm).forward(states.q_rad)[:, :3, 0]
     np.testing.assert_allclose(moved[:, :3], 0.6e-4 * x_base_ee, atol=1e-18)
     assert not moved[:, 3:].any()
+
+
+# What goes with time or temperature.
+
+
+def test_a_creeping_base_carries_the_arm_along(at, arm, states):
+    rate = np.array([1e-5, -2e-5, 3e-5])
+    model = Model(Chain.of(arm), (at("base_drift", "base"),))
+    hourly = replace(states, time_s=100.0 + 3600.0 * np.arange(len(states)))
+    moved = model.predict(hourly, rate) - Chain.of(arm).forward(states.q_rad)
+    np.testing.assert_allclose(moved[:, :3, 3], np.outer(np.arange(len(states)), rate), atol=1e-15)
+    np.testing.assert_allclose(moved[:, :3, :3], 0.0, atol=1e-15)
+
+
+def test_a_warm_arm_is_one_with_a_longer_pedestal_and_longer_links(at, arm, states):
+    warm = replace(states, temperature_C=np.full(len(states), 31.0))
+    grown = 1.0 + 10.0 * 2e-5 * np.array([1, 1, 0, 1, 0, 0])  # rows of pedestal, upper arm, forearm
+    longer = replace(arm, d_m=arm.d_m * grown, a_m=arm.a_m * grown)
+    model = Model(Chain.of(arm), (at("thermal_growth", "arm"),))
+    np.testing.assert_allclose(
+        model.predict(warm, np.array([2e-5])), Chain.of(longer).forward(states.q_rad), atol=1e-15
+    )
+
+
+# False readings.
+
+
+BALLS_M = np.array([[0.095, 0.0, 0.31], [-0.05, 0.08, 0.31], [-0.05, -0.08, 0.312]])
+STEP_M = 1e-6
+
+
+def motion_in_ee(T_from, T_to):
+    """Small motion from one pose to another, along the axes of the first, (..., 6)."""
+    back = np.swapaxes(T_from[..., :3, :3], -1, -2)
+    shift = np.einsum("...ij,...j->...i", back, T_to[..., :3, 3] - T_from[..., :3, 3])
+    turn = Rotation.from_matrix((back @ T_to[..., :3, :3]).reshape(-1, 3, 3)).as_rotvec()
+    return np.concatenate([shift, turn.reshape(shift.shape)], axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("name", "x", "matrix"),
+    [
+        ("cmm_scale", [1e-4, -2e-4, 3e-4], np.diag([1e-4, -2e-4, 3e-4])),
+        ("cmm_squareness", [2e-4], 2e-4 * np.outer([1, 0, 0], [0, 1, 0])),
+    ],
+)
+def test_predicts_the_pose_that_a_false_instrument_reads(name, x, matrix, at, arm, states):
+    """The instrument stands at the base here, and reads p + matrix p."""
+    T_true = Chain.of(arm).forward(states.q_rad)
+    p_m = np.einsum("pij,bj->pbi", T_true[:, :3, :3], BALLS_M) + T_true[:, None, :3, 3]
+    nudges = STEP_M * np.eye(9).reshape(9, 1, 3, 3)
+    nudged = fit_rigid(BALLS_M, p_m + nudges).T
+    by_targets = np.moveaxis(motion_in_ee(T_true, nudged), 0, -1) / STEP_M
+    seen = ObservedTargets(p_instr_targets_m=p_m, pose_by_targets=by_targets)
+    model = Model(Chain.of(arm), (at(name, "instrument"),))
+    predicted = model.predict(replace(states, seen=seen), np.array(x))
+    read = fit_rigid(BALLS_M, p_m + p_m @ matrix.T).T
+    moved = motion_in_ee(T_true, read)
+    assert np.abs(moved).max() > 1e-5
+    np.testing.assert_allclose(motion_in_ee(T_true, predicted), moved, atol=2e-7)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made_up_poses import context_of
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, PoseStates, statics
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.effect import CandidateContext
-from pa10cal.terms.log_faults import LoadStated, ToolStated, fault_candidates
+from pa10cal.terms.weights import LoadStated, ToolStated, fault_candidates
 
 ARM = load_arm("pa10_6ce")
 TOOL = Payload(2.4, np.array([0.0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
@@ -25,24 +25,10 @@ def found(load_N=LOADS_N, tool=TOOL):
     )
 
 
-def context(torques="logged", loads_N=(0.0, 22.0, 40.0), tool_kg=2.4):
-    return CandidateContext(
-        arm=ARM,
-        flexible_joints=(2, 3),
-        reference_temperature_C=20.0,
-        tau_span_Nm=np.ones(ARM.n),
-        T_instr_base=np.eye(4),
-        p_instr_middle_m=np.zeros(3),
-        q_span_rad=np.tile([-1.0, 1.0], (ARM.n, 1)),
-        time_span_s=(0.0, 1.0),
-        loads_N=loads_N,
-        tool_kg=tool_kg,
-        torques=torques,
-    )
-
-
 def of(kind, **changes):
-    return [fault for fault in fault_candidates(context(**changes)) if isinstance(fault, kind)]
+    usual = {"loads_N": (0.0, 22.0, 40.0), "tool_kg": 2.4, "torques": "logged"}
+    context = context_of(ARM, **usual | changes)
+    return [fault for fault in fault_candidates(context) if isinstance(fault, kind)]
 
 
 def test_a_load_stated_too_small_is_held_in_its_own_poses():

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
+from made_up_poses import context_of, states_of
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.forms.catalogue import ReadingForm, forms_at, further
 from pa10cal.terms.forms.form import AngleForm
 
@@ -16,40 +15,17 @@ POSES = 40
 
 @pytest.fixture(scope="module")
 def states():
-    rng = np.random.default_rng(3)
-    q_rad = rng.uniform(-2.0, 2.0, (POSES, 6))
-    q_rad[:, 1] = rng.permutation(np.linspace(-3.0, 3.0, POSES))
-    return PoseStates(
-        q_rad=q_rad,
-        tau_Nm=rng.uniform(-50.0, 50.0, (POSES, 6)),
-        arrival=rng.choice([-1.0, 1.0], (POSES, 6)),
-        load_N=np.zeros(POSES),
-        temperature_C=np.full(POSES, 20.0),
-        time_s=np.sort(rng.uniform(1e9, 1e9 + 4e4, POSES)),
-        static_loads=StaticLoads(
-            link_Nm=np.zeros((POSES, 6, 3)),
-            base_Nm=rng.uniform(-100.0, 100.0, (POSES, 3)),
-            joint_Nm=np.zeros((POSES, 6)),
-            down_ee=np.zeros((POSES, 3)),
-            by_weights=np.zeros((POSES, 6, 27)),
-            by_load=np.zeros((POSES, 6)),
-        ),
-        seen=ObservedTargets(
-            p_instr_targets_m=rng.uniform(0.0, 0.9, (POSES, 3, 3)),
-            pose_by_targets=rng.normal(size=(POSES, 6, 9)),
-        ),
-    )
+    states = states_of(load_arm("pa10_6ce"), 3, POSES)
+    q_rad = 4.0 / 3.0 * states.q_rad
+    q_rad[:, 1] = np.random.default_rng(3).permutation(np.linspace(-3.0, 3.0, POSES))
+    return replace(states, q_rad=q_rad, time_s=1e9 + states.time_s)
 
 
 @pytest.fixture(scope="module")
 def context(states):
-    return CandidateContext(
-        arm=load_arm("pa10_6ce"),
-        flexible_joints=(2, 3, 5),
-        reference_temperature_C=21.0,
+    return context_of(
+        load_arm("pa10_6ce"),
         tau_span_Nm=np.abs(states.tau_Nm).max(0),
-        T_instr_base=np.eye(4),
-        p_instr_middle_m=np.array([0.4, 0.5, 0.6]),
         q_span_rad=np.stack([states.q_rad.min(0), states.q_rad.max(0)], axis=-1),
         time_span_s=(float(states.time_s[0]), float(states.time_s[-1])),
     )

@@ -39,9 +39,9 @@ from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.in_time import BaseDrift
 from pa10cal.terms.effects.joint import ArrivalError, Backlash
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.effects.unnamed import DirectionMap
 
 #: The remaining error counts as more than noise where it is so many times as large.

@@ -19,7 +19,7 @@ from pa10cal.terms.effects.effect import (
     JointEffect,
     time_in,
 )
-from pa10cal.terms.effects.in_time import FalseReading
+from pa10cal.terms.effects.structure import FalseReading
 from pa10cal.terms.term import JointTorqueOnly, TermParameter
 
 #: A campaign that was shorter shows no shape [s].

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement, product
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,14 +22,15 @@ from pa10cal.terms.effects.effect import (
     static_loads_in,
     turning_joints,
 )
-from pa10cal.terms.effects.in_time import FalseReading
+from pa10cal.terms.effects.structure import FalseReading
 from pa10cal.terms.forms.form import (
+    Along,
     AngleForm,
     Form,
     FormShape,
-    Numbers,
     PullForm,
     beyond,
+    settled_since,
     sines,
     sized,
 )
@@ -180,31 +181,36 @@ _SHIFT_M = 1e-4
 _READING_M, _FROM_MIDDLE_M = 3e-5, 0.3
 
 
+_M = ", M the overturning moment"
+_C1, _C2, _C3 = (
+    sized("cx cy", unit, _TILT_RAD / _MOMENT_NM**k)
+    for k, unit in ((1, "rad/(N m)"), (2, "rad/(N m)²"), (3, "rad/(N m)³"))
+)
+
+
 @dataclass(frozen=True)
 class TiltForm(Form):
     """The base tilts about x and y by a short form of its overturning moment M."""
 
     coordinates = ("base.rx", "base.ry")
+    adds_to = "base.rx += "
     shapes: ClassVar[Mapping[str, FormShape]] = {
         "moment_abs_moment": FormShape(
-            "base.rx += cx M_x |M_x|, base.ry += cy M_y |M_y|, M the overturning moment",
+            f"cx M_x |M_x|, base.ry += cy M_y |M_y|{_M}",
             lambda at: tuple(M * np.abs(M) for M in at.moments),
-            sized("cx cy", "rad/(N m)²", _TILT_RAD / _MOMENT_NM**2),
+            _C2,
         ),
         "moment_cubed": FormShape(
-            "base.rx += cx M_x^3, base.ry += cy M_y^3, M the overturning moment",
-            lambda at: tuple(M**3 for M in at.moments),
-            sized("cx cy", "rad/(N m)³", _TILT_RAD / _MOMENT_NM**3),
+            f"cx M_x^3, base.ry += cy M_y^3{_M}", lambda at: tuple(M**3 for M in at.moments), _C3
         ),
         "moment_beyond": FormShape(
-            "base.rx += cx sgn(M_x) max(|M_x| - {0:.4g}, 0), base.ry likewise with cy and M_y, "
-            "M the overturning moment",
-            lambda at: tuple(beyond(M, at.numbers[0]) for M in at.moments),
-            sized("cx cy", "rad/(N m)", _TILT_RAD / _MOMENT_NM),
+            "cx sgn(M_x) max(|M_x| - {0:.4g}, 0), base.ry likewise with cy and M_y" + _M,
+            lambda at, threshold: tuple(beyond(M, threshold) for M in at.moments),
+            _C1,
             ("threshold",),
         ),
         "sign_of_moment": FormShape(
-            "base.rx += cx sgn(M_x), base.ry += cy sgn(M_y), M the overturning moment",
+            f"cx sgn(M_x), base.ry += cy sgn(M_y){_M}",
             lambda at: tuple(np.sign(M) for M in at.moments),
             sized("cx cy", "rad", _TILT_RAD),
         ),
@@ -221,18 +227,18 @@ class ShiftForm(Form):
     """The base shifts by a short form of time."""
 
     coordinates = BASE[:3]
+    adds_to = "base.x, y, z += "
     shapes: ClassVar[Mapping[str, FormShape]] = {
         "settling": FormShape(
-            "base.x, y, z += (dx, dy, dz) exp(-(t - {1:.6g}) / {0:.4g}), t in s",
-            lambda at: (np.exp(-(at.states.time_s - at.numbers[1]) / at.numbers[0]),) * 3,
+            "(dx, dy, dz) exp(-(t - {1:.6g}) / {0:.4g}), t in s",
+            lambda at, *time_s: (settled_since(at, *time_s),) * 3,
             sized("dx dy dz", "m", _SHIFT_M),
             ("time",),
         ),
         "wave_in_time": FormShape(
-            "base.x, y, z += (dx, dy, dz) sin(2 pi t / {0:.4g}) "
-            "+ (ex, ey, ez) cos(2 pi t / {0:.4g}), t in s",
-            lambda at: tuple(
-                np.repeat(sines(2.0 * np.pi * at.states.time_s / at.numbers[0]), 3, axis=0)
+            "(dx, dy, dz) sin(2 pi t / {0:.4g}) + (ex, ey, ez) cos(2 pi t / {0:.4g}), t in s",
+            lambda at, period_s: tuple(
+                np.repeat(sines(2.0 * np.pi * at.states.time_s / period_s), 3, axis=0)
             ),
             sized("dx dy dz ex ey ez", "m", _SHIFT_M),
             ("period",),
@@ -244,12 +250,8 @@ class ShiftForm(Form):
         return np.asarray(self.values(states)[:, None, :] * axes)
 
 
-class Along(NamedTuple):
-    """Where the columns of a reading's form are taken, from its middle on [m]."""
-
-    u: Array  # coordinates along the first axis
-    v: Array  # along the second one; the first again where there is none
-    numbers: Numbers
+_CUBED = sized("c3", "1/m²", _READING_M / _FROM_MIDDLE_M**3)
+_SQUARED = ("1/m", _READING_M / _FROM_MIDDLE_M**2)
 
 
 @dataclass(frozen=True)
@@ -262,32 +264,29 @@ class ReadingForm(Form, FalseReading):
 
     # where the coordinates are counted from
     middle_instr_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    adds_to = "reading of {a} += "
     shapes: ClassVar[Mapping[str, FormShape]] = {
         "quadratic": FormShape(
-            "reading of {a} += c ({b} - {b}0)^2",
-            lambda at: (at.u**2, at.u),
-            (*sized("c", "1/m", _READING_M / _FROM_MIDDLE_M**2), *sized("d", "1", 1e-4)),
+            "c ({b} - {b}0)^2",
+            lambda at, *_: (at.u**2, at.u),
+            (*sized("c", *_SQUARED), *sized("d", "1", 1e-4)),
             ("axis", "along"),
         ),
         "cubic": FormShape(
-            "reading of {a} += c3 u^3 + c2 u^2 + c1 u, u = {b} {b0} m",
-            lambda at: (at.u**3, at.u**2, at.u),
-            (
-                *sized("c3", "1/m²", _READING_M / _FROM_MIDDLE_M**3),
-                *sized("c2", "1/m", _READING_M / _FROM_MIDDLE_M**2),
-                *sized("c1", "1", 1e-4),
-            ),
+            "c3 u^3 + c2 u^2 + c1 u, u = {b} {b0} m",
+            lambda at, *_: (at.u**3, at.u**2, at.u),
+            (*_CUBED, *sized("c2", *_SQUARED), *sized("c1", "1", 1e-4)),
             ("axis", "along"),
         ),
         "product": FormShape(
-            "reading of {a} += c ({b} {b0} m) ({c} {c0} m)",
-            lambda at: (at.u * at.v,),
-            sized("c", "1/m", _READING_M / _FROM_MIDDLE_M**2),
+            "c ({b} {b0} m) ({c} {c0} m)",
+            lambda at, *_: at.u * at.v,
+            sized("c", *_SQUARED),
             ("axis", "along", "along"),
         ),
         "wave": FormShape(
-            "reading of {a} += A sin(2 pi ({b} {b0} m) / ({2:.4g} m) + phi)",
-            lambda at: sines(2.0 * np.pi * at.u / at.numbers[2]),
+            "A sin(2 pi ({b} {b0} m) / ({2:.4g} m) + phi)",
+            lambda at, _axis, _along, period_m: sines(2.0 * np.pi * at.u / period_m),
             sized("s c", "m", _READING_M),
             ("axis", "along", "period"),
         ),
@@ -303,19 +302,15 @@ class ReadingForm(Form, FalseReading):
             for key, value in zip("bc", middle, strict=False)
         }
         a = "xyz"[int(self.numbers[0])]
-        return self.shape.words.format(*self.numbers, a=a, **names, **at)
+        words = f"{self.adds_to}{self.shape.words}"
+        return words.format(*self.numbers, a=a, **names, **at)
 
-    def of_place(self, p_instr_m: Array) -> Array:
-        """Return what each parameter is multiplied with at places (..., 3), (..., k)."""
+    def field(self, p_instr_m: Array) -> Array:
         from_middle_m = p_instr_m - np.array(self.middle_instr_m)
         names = zip(self.shape.numbers, self.numbers, strict=True)
         axes = [int(number) for name, number in names if name == "along"]
-        u, v = from_middle_m[..., axes[0]], from_middle_m[..., axes[-1]]
-        at = Along(u, v, self.numbers)
-        return np.stack(self.shape.columns(at), axis=-1)
-
-    def field(self, p_instr_m: Array) -> Array:
-        columns = self.of_place(p_instr_m)
+        at = Along(from_middle_m[..., axes[0]], from_middle_m[..., axes[-1]])
+        columns = self.shape.at(at, self.numbers)
         field = np.zeros((*p_instr_m.shape, columns.shape[-1]))
         field[:, :, int(self.numbers[0])] = columns
         return field

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -26,10 +26,9 @@ _ANY_VALUE = ("threshold", "start", "time", "period")
 
 
 class At(NamedTuple):
-    """Where the columns of a form are taken: poses, a joint, and what fixes the form."""
+    """Where the columns of a form are taken: poses, and a joint."""
 
     states: PoseStates
-    numbers: Numbers
     # (P,) the joint's angle [rad], its torque [N m] and the direction in which it arrived
     q: Array
     tau: Array
@@ -51,15 +50,30 @@ class At(NamedTuple):
         return self.states.tau_Nm[:, int(joint) - 1]
 
 
+class Along(NamedTuple):
+    """Where the columns of a reading's form are taken, from its middle on [m]."""
+
+    u: Array  # coordinates along the first axis
+    v: Array  # along the second one; the first again where there is none
+
+
 @dataclass(frozen=True)
 class FormShape:
     """One kind of form."""
 
-    words: str  # the formula, with `{j}` for the joint and `{0}`, `{1}`, … for the numbers
-    # what each parameter is multiplied with: (P,) each of an `At`; of readings see `ReadingForm`
-    columns: Callable[[Any], tuple[Array, ...]]
+    # the formula after what it adds to (`Form.adds_to`), `{j}` for the joint and `{0}`, `{1}`, …
+    # for the numbers
+    words: str
+    # what each parameter is multiplied with, (P,) or several of these, at an `At` (of readings an
+    # `Along`) and the numbers
+    columns: Callable[..., Array | tuple[Array, ...]]
     solved: tuple[TermParameter, ...]  # the parameters it is solved in
     numbers: tuple[str, ...] = ()  # names of the numbers that fix it and a reader has to be given
+
+    def at(self, place: At | Along, numbers: Numbers) -> Array:
+        """Return what each parameter is multiplied with, (P, k), at places (..., k)."""
+        columns = self.columns(place, *numbers)
+        return np.stack(columns if isinstance(columns, tuple) else (columns,), axis=-1)
 
     @property
     def between(self) -> int | None:
@@ -75,6 +89,7 @@ class Form(Effect):
     numbers: Numbers = ()  # what fixes it: orders, thresholds, other joints
     id = "short_form"
     shapes: ClassVar[Mapping[str, FormShape]]
+    adds_to: ClassVar[str] = ""  # what formulas start with
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -122,7 +137,7 @@ class Form(Effect):
 
     @property
     def formula(self) -> str:
-        words = self.shape.words.format(*self.numbers, j=self.joint)
+        words = f"{self.adds_to}{self.shape.words}".format(*self.numbers, j=self.joint)
         return words.replace("(1 q_", "(q_")
 
     @property
@@ -134,7 +149,7 @@ class Form(Effect):
     def values(self, states: PoseStates) -> Array:
         """Return what each parameter is multiplied with, (P, k)."""
         own = (of[:, self.joint - 1] for of in (states.q_rad, states.tau_Nm, states.arrival))
-        return np.stack(self.shape.columns(At(states, self.numbers, *own)), axis=1)
+        return self.shape.at(At(states, *own), self.numbers)
 
     def report(self, x: Array) -> Report:
         solved = self.shape.solved
@@ -174,136 +189,118 @@ _TORQUE_NM = 10.0
 _LOAD_NM = 30.0
 
 
-def _saw(at: At) -> Array:
-    teeth, start = at.numbers
-    turns = teeth * at.q / (2.0 * np.pi) - start
+def _saw(q: Array, teeth: float, start: float) -> Array:
+    turns = teeth * q / (2.0 * np.pi) - start
     return np.asarray(2.0 * (turns - np.floor(turns)) - 1.0)
 
 
-def _product_of_sines(at: At) -> tuple[Array, ...]:
-    of_own, of_other = sines(at.q), sines(at.q_of(at.numbers[0]))
+def _product_of_sines(at: At, joint: float) -> tuple[Array, ...]:
+    of_own, of_other = sines(at.q), sines(at.q_of(joint))
     return tuple(own * other for own in of_own for other in of_other)
+
+
+def settled_since(at: At, time_s: float, first_s: float) -> Array:
+    """Return what is left (P,) of something that settles with a time constant from a time on."""
+    return np.exp(-(at.states.time_s - first_s) / time_s)
 
 
 _A = sized("A", "rad", _ANGLE_RAD)
 _SINES = sized("s c", "rad", _ANGLE_RAD)
-_A_NM = _ANGLE_RAD / _LOAD_NM
-_PER_NM2, _PER_NM3 = _ANGLE_RAD / _LOAD_NM**2, _ANGLE_RAD / _LOAD_NM**3
+_FOUR = sized("a b c d", "rad", _ANGLE_RAD)
+_TWO_SINES = sized("s1 c1 s2 c2", "rad", _ANGLE_RAD)
+_C_ANGLE = sized("c", "1/rad", _ANGLE_RAD)
+#: Of torques: parts of a compliance, and of its square and cube.
+_UNITS_NM = {1: "rad/(N m)", 2: "rad/(N m)²", 3: "rad/(N m)³"}
+_C1, _C2, _C3 = (sized("c", unit, _ANGLE_RAD / _LOAD_NM**k) for k, unit in _UNITS_NM.items())
+_H1, _H2 = (sized("h", _UNITS_NM[k], _ANGLE_RAD / _LOAD_NM**k) for k in (1, 2))
+_SINES_NM = sized("s c", _UNITS_NM[1], _ANGLE_RAD / _LOAD_NM)
 _PULL = sized("k", "N m/rad", _TORQUE_NM)
+_PULL_FROM = (*_PULL, *sized("q0", "rad", _TORQUE_NM))
+_PULL_SINES = sized("s c", "N m", _TORQUE_NM)
 
 
 @dataclass(frozen=True)
 class AngleForm(Form):
     """The joint's angle is off by a short form."""
 
+    adds_to = "theta_{j} "
     shapes: ClassVar[Mapping[str, FormShape]] = {
         "harmonic": FormShape(
-            "theta_{j} += A sin({0:g} q_{j} + phi)",
-            lambda at: sines(at.numbers[0] * at.q),
-            _SINES,
-            ("order",),
+            "+= A sin({0:g} q_{j} + phi)", lambda at, k: sines(k * at.q), _SINES, ("order",)
         ),
         "two_harmonics": FormShape(
-            "theta_{j} += s1 sin({0:g} q_{j}) + c1 cos({0:g} q_{j}) + s2 sin({1:g} q_{j}) "
+            "+= s1 sin({0:g} q_{j}) + c1 cos({0:g} q_{j}) + s2 sin({1:g} q_{j}) "
             "+ c2 cos({1:g} q_{j})",
-            lambda at: (*sines(at.numbers[0] * at.q), *sines(at.numbers[1] * at.q)),
-            sized("s1 c1 s2 c2", "rad", _ANGLE_RAD),
+            lambda at, one, other: (*sines(one * at.q), *sines(other * at.q)),
+            _TWO_SINES,
             ("order", "order"),
         ),
         "sawtooth": FormShape(
-            "theta_{j} += A (2 frac({0:g} q_{j} / (2 pi) - {1:.4g}) - 1)",
-            lambda at: (_saw(at),),
+            "+= A (2 frac({0:g} q_{j} / (2 pi) - {1:.4g}) - 1)",
+            lambda at, teeth, start: _saw(at.q, teeth, start),
             _A,
             ("teeth", "start"),
         ),
         "square": FormShape(
-            "theta_{j} += A sgn sin({0:g} q_{j} - 2 pi {1:.4g})",
-            lambda at: (np.sign(-_saw(at)),),
+            "+= A sgn sin({0:g} q_{j} - 2 pi {1:.4g})",
+            lambda at, teeth, start: np.sign(-_saw(at.q, teeth, start)),
             _A,
             ("teeth", "start"),
         ),
         "step": FormShape(
-            "theta_{j} += A where q_{j} > {0:.4g}",
-            lambda at: ((at.q > at.numbers[0]).astype(float),),
-            _A,
-            ("threshold",),
+            "+= A where q_{j} > {0:.4g}", lambda at, q: (at.q > q) * 1.0, _A, ("threshold",)
         ),
-        "torque_squared": FormShape(
-            "theta_{j} -= c tau_{j}^2",
-            lambda at: (-(at.tau**2),),
-            sized("c", "rad/(N m)²", _PER_NM2),
-        ),
+        "torque_squared": FormShape("-= c tau_{j}^2", lambda at: -(at.tau**2), _C2),
         "torque_abs_torque": FormShape(
-            "theta_{j} -= c tau_{j} |tau_{j}|",
-            lambda at: (-at.tau * np.abs(at.tau),),
-            sized("c", "rad/(N m)²", _PER_NM2),
+            "-= c tau_{j} |tau_{j}|", lambda at: -at.tau * np.abs(at.tau), _C2
         ),
-        "torque_cubed": FormShape(
-            "theta_{j} -= c tau_{j}^3",
-            lambda at: (-(at.tau**3),),
-            sized("c", "rad/(N m)³", _PER_NM3),
-        ),
-        "sign_of_torque": FormShape(
-            "theta_{j} -= A sgn(tau_{j})", lambda at: (-np.sign(at.tau),), _A
-        ),
+        "torque_cubed": FormShape("-= c tau_{j}^3", lambda at: -(at.tau**3), _C3),
+        "sign_of_torque": FormShape("-= A sgn(tau_{j})", lambda at: -np.sign(at.tau), _A),
         "torque_beyond": FormShape(
-            "theta_{j} -= c sgn(tau_{j}) max(|tau_{j}| - {0:.4g}, 0)",
-            lambda at: (-beyond(at.tau, at.numbers[0]),),
-            sized("c", "rad/(N m)", _A_NM),
+            "-= c sgn(tau_{j}) max(|tau_{j}| - {0:.4g}, 0)",
+            lambda at, tau: -beyond(at.tau, tau),
+            _C1,
             ("threshold",),
         ),
         "torque_by_angle": FormShape(
-            "theta_{j} -= tau_{j} A sin({0:g} q_{j} + phi)",
-            lambda at: sines(at.numbers[0] * at.q, -at.tau),
-            sized("s c", "rad/(N m)", _A_NM),
+            "-= tau_{j} A sin({0:g} q_{j} + phi)",
+            lambda at, k: sines(k * at.q, -at.tau),
+            _SINES_NM,
             ("order",),
         ),
         "arrival_by_torque": FormShape(
-            "theta_{j} += h s_{j} |tau_{j}|",
-            lambda at: (at.arrival * np.abs(at.tau),),
-            sized("h", "rad/(N m)", _A_NM),
+            "+= h s_{j} |tau_{j}|", lambda at: at.arrival * np.abs(at.tau), _H1
         ),
         "arrival_by_torque_squared": FormShape(
-            "theta_{j} += h s_{j} tau_{j}^2",
-            lambda at: (at.arrival * at.tau**2,),
-            sized("h", "rad/(N m)²", _PER_NM2),
+            "+= h s_{j} tau_{j}^2", lambda at: at.arrival * at.tau**2, _H2
         ),
         "arrival_by_angle": FormShape(
-            "theta_{j} += s_{j} A sin({0:g} q_{j} + phi)",
-            lambda at: sines(at.numbers[0] * at.q, at.arrival),
+            "+= s_{j} A sin({0:g} q_{j} + phi)",
+            lambda at, k: sines(k * at.q, at.arrival),
             _SINES,
             ("order",),
         ),
         "other_angle": FormShape(
-            "theta_{j} += A sin({1:g} q_{0:g} + phi)",
-            lambda at: sines(at.numbers[1] * at.q_of(at.numbers[0])),
+            "+= A sin({1:g} q_{0:g} + phi)",
+            lambda at, joint, k: sines(k * at.q_of(joint)),
             _SINES,
             ("joint", "order"),
         ),
         "product_of_angles": FormShape(
-            "theta_{j} += c q_{j} q_{0:g}",
-            lambda at: (at.q * at.q_of(at.numbers[0]),),
-            sized("c", "1/rad", _ANGLE_RAD),
-            ("joint",),
+            "+= c q_{j} q_{0:g}", lambda at, joint: at.q * at.q_of(joint), _C_ANGLE, ("joint",)
         ),
         "product_of_sines": FormShape(
-            "theta_{j} += a sin q_{j} sin q_{0:g} + b sin q_{j} cos q_{0:g} "
+            "+= a sin q_{j} sin q_{0:g} + b sin q_{j} cos q_{0:g} "
             "+ c cos q_{j} sin q_{0:g} + d cos q_{j} cos q_{0:g}",
             _product_of_sines,
-            sized("a b c d", "rad", _ANGLE_RAD),
+            _FOUR,
             ("joint",),
         ),
         "other_torque": FormShape(
-            "theta_{j} += c tau_{0:g}",
-            lambda at: (at.tau_of(at.numbers[0]),),
-            sized("c", "rad/(N m)", _A_NM),
-            ("joint",),
+            "+= c tau_{0:g}", lambda at, joint: at.tau_of(joint), _C1, ("joint",)
         ),
         "settling": FormShape(
-            "theta_{j} += A exp(-(t - {1:.6g}) / {0:.4g}), t in s",
-            lambda at: (np.exp(-(at.states.time_s - at.numbers[1]) / at.numbers[0]),),
-            _A,
-            ("time",),
+            "+= A exp(-(t - {1:.6g}) / {0:.4g}), t in s", settled_since, _A, ("time",)
         ),
     }
 
@@ -320,29 +317,23 @@ class PullForm(JointTorqueOnly, Form):
     """The joint carries, beyond the weights, a torque of a short form."""
 
     acts_on_joint = True
+    adds_to = "tau_{j} "
     shapes: ClassVar[Mapping[str, FormShape]] = {
-        "pull": FormShape(
-            "tau_{j} += k (q_{j} - q0)",
-            lambda at: (at.q, np.ones(len(at.states))),
-            (*_PULL, *sized("q0", "rad", _TORQUE_NM)),
-        ),
+        "pull": FormShape("+= k (q_{j} - q0)", lambda at: (at.q, np.ones_like(at.q)), _PULL_FROM),
         "pull_beyond": FormShape(
-            "tau_{j} += k max(q_{j} - {0:.4g}, 0)",
-            lambda at: (np.maximum(at.q - at.numbers[0], 0.0),),
+            "+= k max(q_{j} - {0:.4g}, 0)",
+            lambda at, q: np.maximum(at.q - q, 0.0),
             _PULL,
             ("threshold",),
         ),
         "pull_below": FormShape(
-            "tau_{j} += k min(q_{j} - {0:.4g}, 0)",
-            lambda at: (np.minimum(at.q - at.numbers[0], 0.0),),
+            "+= k min(q_{j} - {0:.4g}, 0)",
+            lambda at, q: np.minimum(at.q - q, 0.0),
             _PULL,
             ("threshold",),
         ),
         "pull_harmonic": FormShape(
-            "tau_{j} += A sin({0:g} q_{j} + phi)",
-            lambda at: sines(at.numbers[0] * at.q),
-            sized("s c", "N m", _TORQUE_NM),
-            ("order",),
+            "+= A sin({0:g} q_{j} + phi)", lambda at, k: sines(k * at.q), _PULL_SINES, ("order",)
         ),
     }
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import homogeneous
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.straight_lines import axes_from_lines, fit_line, seed_from_lines
+from pa10cal.observe.seed import axes_from_lines, fit_line, seed_from_lines
 from pa10cal.options import BaseFrameOptions
 
 MEASURED = {"campaign": "a", "provenance": "made up", "origin_from": "both moves"}
