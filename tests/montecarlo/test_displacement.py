@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pa10cal.arm.chain import Chain
 from pa10cal.montecarlo.plane import (
     DisplacementBlock,
-    joint_motion,
+    joint_screws,
     plan_displacement,
     series_is_exact,
     turns,
@@ -26,7 +26,7 @@ def worst_difference(arm, moved_by, sigma_rad, seed):
     """
     source = np.random.default_rng(seed)
     q_rad = source.uniform(-2.5, 2.5, (3, arm.n))
-    plan = plan_displacement(joint_motion(Chain.of(arm), q_rad), sigma_rad)
+    plan = plan_displacement(joint_screws(Chain.of(arm), q_rad), sigma_rad)
     block = DisplacementBlock(plan, CYCLES)
     worst = 0.0
     for position, q in enumerate(q_rad):
@@ -76,7 +76,7 @@ def test_small_displacements_lose_no_digits(pa10, moved, sigma_rad):
 
 def plan_of(arm):
     q_rad = np.random.default_rng(0).uniform(-2, 2, (4, arm.n))
-    return plan_displacement(joint_motion(Chain.of(arm), q_rad), RESOLVER)
+    return plan_displacement(joint_screws(Chain.of(arm), q_rad), RESOLVER)
 
 
 def test_outermost_joints_through_the_point_are_left_out(pa10, make_arm):

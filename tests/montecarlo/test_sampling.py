@@ -7,7 +7,7 @@ import pytest
 
 from pa10cal.montecarlo.plane import (
     BLOCK_CYCLES,
-    joint_motion,
+    joint_screws,
     plan_displacement,
     sample_errors,
     stream,
@@ -24,7 +24,7 @@ def q_rad(pa10):
 
 
 def sums_of(chain, q_rad, positions, counts):
-    plan = plan_displacement(joint_motion(chain, q_rad[positions]), SIGMA)
+    plan = plan_displacement(joint_screws(chain, q_rad[positions]), SIGMA)
     return sample_errors(plan, [stream(7, 500, k) for k in positions], np.array(counts))
 
 
@@ -73,7 +73,7 @@ def test_every_position_plane_and_seed_has_its_own_stream():
 
 def test_progress_is_told(pa10_chain, q_rad):
     told = []
-    plan = plan_displacement(joint_motion(pa10_chain, q_rad[:2]), SIGMA)
+    plan = plan_displacement(joint_screws(pa10_chain, q_rad[:2]), SIGMA)
     sources = [stream(7, 500, k) for k in (0, 1)]
     sample_errors(plan, sources, np.array([50]), lambda *now: told.append(now))
     assert told == [(0, 2), (1, 2), (2, 2)]
