@@ -12,7 +12,7 @@ import pa10cal
 from calibrated import calibrated
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.discovery.preparation import setup_of
-from pa10cal.evaluation.compared import Evaluation
+from pa10cal.evaluation.holdout import Evaluation
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.options import SimulateOptions

@@ -14,13 +14,13 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
-from pa10cal.evaluation.compared import (
+from pa10cal.evaluation.holdout import (
     Evaluation,
     held_out_record,
     said_of_parts,
     transfer_record,
+    worth_cutting,
 )
-from pa10cal.evaluation.holdout import worth_cutting
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.options import TrackerOptions
 from pa10cal.lab.simulated import measure, observations_of, payload_of_individual

@@ -12,7 +12,7 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
-from pa10cal.evaluation.compared import Evaluation
+from pa10cal.evaluation.holdout import Evaluation
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.lab.cell.options import TrackerOptions
