@@ -30,7 +30,7 @@ from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import EvidenceProblem, NoiseModel, noise_models
 from pa10cal.discovery.evidence.search import linearise
 from pa10cal.discovery.finding import Finding, Untestable
-from pa10cal.discovery.in_time.wander import InTime
+from pa10cal.discovery.in_time import InTime
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.preparation import complete, targets_m

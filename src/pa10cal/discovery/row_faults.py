@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.finding import DiagnosedFault
-from pa10cal.discovery.in_time.wander import moved_between_repeats
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import (
     MEDIAN_TO_SIGMA,
@@ -329,11 +329,6 @@ def _beyond_tails(
     Rows (P, b) are of about unit size. Usual ones show what tails there are, judged ones may be
     beyond them; None for the same.
     """
-    """Return which single readings (P,) are further off than any tail of right data makes.
-
-    Rows (P, b) are of about unit size. Usual readings show what tails there are, judged ones may be
-    beyond them; None for the same.
-    """
     judged = usual if judged is None else judged
     beyond = np.zeros(len(readings), dtype=bool)
     # Those found count no more, so that they do not hide each other.
@@ -388,6 +383,43 @@ def _position_mm(readings: Observations, apart: Array) -> Array:
     """Return the length (P,) [mm] of what differs in positions or distances."""
     at = readings.measured.position_columns
     return np.asarray(1e3 * np.linalg.norm(apart[:, at], axis=1))
+
+
+# What moved between repeats, by running medians: gross errors do not sway it.
+
+#: Readings over which a median runs.
+_WINDOW = 11
+
+
+def moved_between_repeats(readings: Observations, left: Array, group: Index) -> Array:
+    """Return by how much the components of readings moved with time, (P, b).
+
+    Zero where the motion is smaller than the scatter about it, as where nothing moved.
+
+    Args:
+        readings: P single readings.
+        left: (P, b) what a model leaves of them.
+        group: (P,) number of the pose, load and direction of arrival of each, from 0.
+    """
+    found = np.zeros_like(left)
+    several = np.bincount(group)[group] > 1
+    if np.count_nonzero(several) <= _WINDOW:
+        return found
+    apart = np.empty_like(left)  # less the median of the group
+    for own in np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1]):
+        apart[own] = left[own] - np.median(left[own], axis=0)
+    rows = np.flatnonzero(several)
+    rows = rows[np.argsort(readings.states.time_s[rows], kind="stable")]
+    running = median_filter(apart[rows], size=(_WINDOW, 1), mode="nearest")
+    for _, at in readings.measured.component_kinds:
+        seen = readings.measured.components_seen[rows, at]
+        moved, rest = running[:, at], apart[rows, at] - running[:, at]
+        if not seen.any():
+            continue
+        scatter = MEDIAN_TO_SIGMA * float(np.median(np.abs(rest[seen])))
+        if float(np.sqrt(np.mean(moved[seen] ** 2))) > scatter:
+            found[rows, at] = np.where(seen, moved, 0.0)
+    return found
 
 
 # Loads written down at the wrong readings: what each reading says of its load.

@@ -7,7 +7,7 @@ import pytest
 
 from made_up_survey import POSITION_M, observe
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
-from pa10cal.discovery.in_time.channel import in_time_of, told_with_rivals
+from pa10cal.discovery.in_time import in_time_of, motion_unexplained
 from pa10cal.discovery.linear import with_base_term
 from pa10cal.discovery.noise import unweighted
 from pa10cal.discovery.preparation import Prepared
@@ -108,7 +108,7 @@ def test_a_jump_is_told_of_time_only_where_no_joint_goes_with_it(small, order):
     else:
         assert found.wander is None
         assert found.rivals == ("joint 2",)
-        (told,) = told_with_rivals(found, 0.0)
+        (told,) = motion_unexplained(found, None, 0.0)
         assert "joint 2" in told.why
         assert "in random order" in told.why
 

@@ -7,9 +7,9 @@ import pytest
 
 from made_up_arm import TARGET_NOISE_M
 from pa10cal.discovery.gap import beside_motion
-from pa10cal.discovery.in_time.wander import moved_between_repeats
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import same_circumstances
+from pa10cal.discovery.row_faults import moved_between_repeats
 
 
 def moved(measured, by_m):
