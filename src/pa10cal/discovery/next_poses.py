@@ -157,55 +157,49 @@ def separating_poses(
         return Plan((), ())
     pool = _pool(problem, random_seed)
     pairs = _separations(problem, found, rivals, predicted(problem, found, pool))
-    before, count = [pair.value for pair in pairs], min(count, len(pool))
+    every, count = Combined(pairs), min(count, len(pool))
+    before = every.values
     for pair in pairs:
         one_by_one(pair, count)
-    possible = [pair.value for pair in pairs]
-    sought = [k for k in range(len(pairs)) if possible[k] - before[k] >= LEAST_NATS]
+    possible = every.values
+    sought = np.flatnonzero(possible - before >= LEAST_NATS).tolist()
     order = np.zeros(0, dtype=np.intp)
     if sought:
         closest = Combined([pairs[k] for k in sought])
         chosen = exchange(closest, one_by_one(closest, count), most_sweeps=_MOST_SWEEPS).chosen
         order = one_by_one(closest, count, among=chosen)
-    for pair in pairs:
-        pair.restart()
-    nats = np.empty((len(order) + 1, len(pairs)))  # of each pair before any pose, and after each
-    nats[0] = [pair.value for pair in pairs]
-    for step, pose in enumerate(order.tolist()):
-        for pair in pairs:
-            pair.add(pose)
-        nats[step + 1] = [pair.value for pair in pairs]
+    every.restart()
+    steps = [every.values]
+    for pose in order.tolist():
+        every.add(pose)
+        steps.append(every.values)
+    nats = np.array(steps)  # of each pair before any pose, and after each
+    even_share = (nats[-1] - nats[0]) / max(len(order), 1)
     suggestions = []
-    for step, pose in enumerate(order.tolist()):
-        gained, even_share = nats[step + 1] - nats[step], (nats[-1] - nats[0]) / len(order)
-        nearest = min(sought, key=lambda k: nats[step, k])
+    for pose, last, after in zip(order.tolist(), nats[:-1], nats[1:], strict=True):
+        nearest = min(sought, key=lambda k: last[k])
+        helped = [k for k in sought if k == nearest or after[k] - last[k] >= even_share[k]]
         suggestions.append(
             SuggestedPose(
                 q_deg=np.degrees(pool.q_rad[pose]),
                 q_rad=pool.q_rad[pose],
                 load_N=float(pool.load_N[pose]),
                 arrive_from=-pool.arrival[pose],
-                separation_nats=float(nats[step + 1, sought].min()),
-                for_=tuple(
-                    label_of(*rivals[k])
-                    for k in sought
-                    if k == nearest or gained[k] >= even_share[k]
-                ),
+                separation_nats=float(after[sought].min()),
+                for_=tuple(label_of(*rivals[k]) for k in helped),
             )
         )
-    return Plan(
-        tuple(suggestions),
-        tuple(
-            ExpectedSeparation(
-                pair=label_of(*pair),
-                before_nats=before[k],
-                after_nats=float(nats[-1, k]),
-                possible_nats=max(possible[k], float(nats[-1, k])),
-                can_be_split=k in sought,
-            )
-            for k, pair in enumerate(rivals)
-        ),
+    separations = (
+        ExpectedSeparation(
+            pair=label_of(*pair),
+            before_nats=float(before[k]),
+            after_nats=float(nats[-1, k]),
+            possible_nats=float(max(possible[k], nats[-1, k])),
+            can_be_split=k in sought,
+        )
+        for k, pair in enumerate(rivals)
     )
+    return Plan(tuple(suggestions), tuple(separations))
 
 
 def _pool(problem: EvidenceProblem, random_seed: int) -> PoseStates:

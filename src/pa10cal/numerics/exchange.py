@@ -170,7 +170,12 @@ class Combined:
     @property
     def value(self) -> float:
         """Return the criterion of the poses added."""
-        return float(self._combined(np.array([each.value for each in self._parts])))
+        return float(self._combined(self.values))
+
+    @property
+    def values(self) -> Array:
+        """Return what is combined, of the poses added."""
+        return np.array([each.value for each in self._parts])
 
     def gains(self) -> Array:
         """Return by how much each candidate would make the criterion larger, (N,)."""
