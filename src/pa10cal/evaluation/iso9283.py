@@ -68,13 +68,9 @@ def iso9283_record(
         note = "a distance alone shows neither the position nor the orientation attained"
     elif not any(map(len, chosen.values())):
         note = f"no configuration has {LEAST_REPEATS} repeats"
+    about = {"campaign": campaign.name, "provenance": campaign.provenance}
     if note is not None:
-        return results.Iso9283Record(
-            campaign=campaign.name,
-            provenance=campaign.provenance,
-            calibration=calibration,
-            note=note,
-        )
+        return results.Iso9283Record(**about, calibration=calibration, note=note)
     repeated = [
         row
         for kind, rows in chosen.items()
@@ -82,8 +78,7 @@ def iso9283_record(
     ]
     names = list(judged[next(kind for kind, rows in chosen.items() if len(rows))])
     return results.Iso9283Record(
-        campaign=campaign.name,
-        provenance=campaign.provenance,
+        **about,
         calibration=calibration,
         repeatability=results.RepeatabilityRows.model_validate(repeated),
         accuracy={

@@ -148,36 +148,32 @@ def _parameters(first: FittedModel, second: FittedModel) -> results.ParameterRow
         }
         for model in (first, second)
     )
-    keys = [*mine, *(key for key in theirs if key not in mine)]
-    # Value, standard uncertainty and typical size of each.
-    one, other = (
-        np.array([known.get(key, (np.nan,) * 3) for key in keys]).reshape(-1, 3)
-        for known in (mine, theirs)
-    )
-    difference, u = other[:, 0] - one[:, 0], np.hypot(one[:, 1], other[:, 1])
-    if not np.allclose(first.R_ee_target, second.R_ee_target, rtol=0, atol=_SAME):
-        # Each counts from the orientation that its own fit began with; the frames show the whole.
-        difference[[unit == "rad" and of == "tool" for _, of, _, unit in keys]] = np.nan
-    # A parameter that no pose determines stays where it began, and one at the end of its range
-    # there: their uncertainties are rounding.
-    determined = np.all(
-        [each[:, 1] > _SAME * np.maximum(each[:, 2], np.abs(each[:, 0])) for each in (one, other)],
-        axis=0,
-    )
-    over_u = np.divide(difference, u, out=np.full(len(u), np.nan), where=determined)
-    term, of, parameter, unit = np.array(keys, dtype=str).reshape(-1, 4).T
-    return results.ParameterRows(
-        term=term,
-        of=of,
-        parameter=parameter,
-        unit=unit,
-        first=one[:, 0],
-        first_std=one[:, 1],
-        second=other[:, 0],
-        second_std=other[:, 1],
-        difference=difference,
-        over_u=over_u,
-    )
+    # Turns of the tool count from the orientation that their own fit began with; the frames show
+    # the whole.
+    began_alike = np.allclose(first.R_ee_target, second.R_ee_target, rtol=0, atol=_SAME)
+    rows = []
+    for key in dict.fromkeys((*mine, *theirs)):
+        term, of, parameter, unit = key
+        (x, u, scale), (y, v, size) = (known.get(key, (np.nan,) * 3) for known in (mine, theirs))
+        difference = y - x if began_alike or (of, unit) != ("tool", "rad") else np.nan
+        # A parameter that no pose determines stays where it began, and one at the end of its range
+        # there: their uncertainties are rounding.
+        determined = u > _SAME * max(scale, abs(x)) and v > _SAME * max(size, abs(y))
+        rows.append(
+            {
+                "term": term,
+                "of": of,
+                "parameter": parameter,
+                "unit": unit,
+                "first": x,
+                "first_std": u,
+                "second": y,
+                "second_std": v,
+                "difference": difference,
+                "over_u": difference / np.hypot(u, v) if determined else np.nan,
+            }
+        )
+    return results.ParameterRows.model_validate(rows)
 
 
 def _judged(
