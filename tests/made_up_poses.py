@@ -22,3 +22,10 @@ def measured_poses(
         ones,
         ones if readings is None else np.asarray(readings),
     )
+
+
+def shifted(readings, shift_m, rows=slice(None)):
+    """Return readings of which some are seen elsewhere, by (P, 3) or (3,)."""
+    T = readings.measured.T_instr_target.copy()
+    T[rows, :3, 3] += shift_m
+    return readings.with_measured(T_instr_target=T)
