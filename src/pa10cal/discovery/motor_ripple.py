@@ -107,9 +107,8 @@ def witnesses(
 ) -> tuple[MotorRipple | None, ...]:
     """Return what the ripple of every joint says; None where it shows none.
 
-    Args:
-        joints: for each joint its campaigns; no campaign of a joint that is not to be looked at.
-        stated_ratio: (n,) motor turns a joint turn by the arm's description; nan where not known.
+    By each joint's campaigns, none of a joint that is not to be looked at, and the motor turns a
+    joint turn (n,) that the arm's description states; nan where not known.
     """
     searched = sum(map(bool, joints))
     moved = [_long_enough([part.where(part.moved) for part in joint]) for joint in joints]

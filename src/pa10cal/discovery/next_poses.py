@@ -140,15 +140,9 @@ def separating_poses(
     """Choose the poses that best separate pairs of effects.
 
     Out of a pool drawn at random, the set with which the closest pair comes furthest apart, in the
-    order in which each pose brings most. Pairs that no such choice would split are omitted.
-
-    Args:
-        problem: the campaign.
-        found: the model with what was found, fitted.
-        rivals: pairs of an effect (of the fit, or not testable) and what explains the data as well
-            in its place: another effect, or None for the model's own parameters alone.
-        count: poses wanted.
-        random_seed: draws the pool.
+    order in which each pose brings most. Pairs that no such choice would split are omitted. The
+    fit is the model with what was found; of each pair the first is an effect of it, or one that is
+    not testable.
 
     Raises:
         DiscoveryError: when nothing can be predicted, or an effect needs what is not known.

@@ -386,12 +386,8 @@ _WINDOW = 11
 def moved_between_repeats(readings: Observations, left: Array, group: Index) -> Array:
     """Return by how much the components of readings moved with time, (P, b).
 
-    Zero where the motion is smaller than the scatter about it, as where nothing moved.
-
-    Args:
-        readings: P single readings.
-        left: (P, b) what a model leaves of them.
-        group: (P,) number of the pose, load and direction of arrival of each, from 0.
+    By what a model leaves of them (P, b), and the number of the pose, load and direction of arrival
+    of each (P,), from 0. Zero where the motion is smaller than the scatter about it.
     """
     found = np.zeros_like(left)
     several = np.bincount(group)[group] > 1

@@ -67,18 +67,12 @@ class Evaluation:
     def judge(
         self, *, kind: str = "holdout", elsewhere: bool = False, cuts_s: Sequence[float] = ()
     ) -> dict[str, results.HeldOutModel]:
-        """Judge the models.
+        """Return errors by model on poses of one kind; none where there are no such poses.
 
-        Args:
-            kind: of the poses to judge by: `holdout`, or `grid` for those of the calibration.
-            elsewhere: whether the models are of another campaign, so that base and tool are fitted
-                anew.
-            cuts_s: times at which the base moved, in order: it is then fitted part by part.
-
-        Returns:
-            Errors by model; none where there are no such poses. Elsewhere the extended model is
-            never worse than the last of the others where base and tool were fitted: its effects are
-            left out where they do not help there.
+        Elsewhere, in another campaign than that of the models, base and tool are fitted anew, the
+        base part by part where it moved at times in order. There the extended model is never worse
+        than the last of the others where base and tool were fitted: its effects are left out where
+        they do not help.
 
         Raises:
             CalibrationError: when base and tool are not determined by the poses.
@@ -216,8 +210,7 @@ def judged_where_repeated(
 ) -> dict[str, Mapping[str, results.HeldOutModel]]:
     """Judge models on all configurations of the kinds that have repeats, by kind.
 
-    Args:
-        held_out: errors of the held-out poses, as `own.judge()` gave them.
+    Errors of the held-out poses are those that `own.judge()` gave.
     """
     found: dict[str, Mapping[str, results.HeldOutModel]] = {}
     for kind in _KINDS:
@@ -242,11 +235,7 @@ def said_of_parts(parts: Sequence[results.PartOfCampaign]) -> str:
 
 
 def summary(record: results.HoldoutRecord, *, springs: bool) -> str:
-    """Return the errors in one line.
-
-    Args:
-        springs: whether the arm was calibrated with springs; linear and cubic are else one model.
-    """
+    """Return the errors in one line; without springs linear and cubic are one model."""
     if not record.models:
         return "no held-out rows to evaluate"
     rigid = {"linear": "calibrated", "cubic": ""}
@@ -270,12 +259,7 @@ def prepared(
     setup: MeasurementSetup,
     cuts_s: Sequence[float] = (),
 ) -> Observations:
-    """Return averaged poses of one kind, with what the terms of a model need in their states.
-
-    Args:
-        kind: `grid` or `holdout`.
-        cuts_s: times that part the campaign.
-    """
+    """Return averaged poses of one kind, with what the terms of a model need in their states."""
     poses = average_repeats(every.of_kind(kind), cuts_s)
     states, _ = with_torques(model.model, model.x, poses.states, setup.payload)
     poses = poses.with_states(states)
@@ -290,13 +274,10 @@ def held_out_errors(
     extrapolated: Mask | None = None,
     suspected: Mask | None = None,
 ) -> results.HeldOutModel:
-    """Return errors of one model over held-out poses, by load, by point and pose by pose.
+    """Return errors of one model over P poses `prepared` for it, by load, point and pose.
 
-    Args:
-        held_out: P poses, `prepared` for it.
-        extrapolated: (P,) which of them leave the joint angles that the model has learnt from;
-            None where it has learnt nothing that stops there.
-        suspected: (P,) which of them have a suspected reading; None for none.
+    Some leave the joint angles that the model has learnt from, (P,); None where it has learnt
+    nothing that stops there. Some have a suspected reading, (P,); None for none.
     """
     found, labels = model.deviations(held_out), np.unique(held_out.pose)
     twist, attitudes = None, held_out.measured.turned(model.R_ee_target).attitudes
@@ -371,10 +352,7 @@ class Placed:
 def placed(
     model: FittedModel, every: Observations, setup: MeasurementSetup, cuts_s: Sequence[float] = ()
 ) -> Placed:
-    """Fit base and tool of a model to the calibration poses of a campaign.
-
-    Args:
-        cuts_s: times at which the base moved: it is fitted part by part.
+    """Fit base and tool of a model to the calibration poses of a campaign, part by part.
 
     Raises:
         CalibrationError: when the poses do not determine base and tool.
@@ -392,10 +370,8 @@ def steps_elsewhere(
     """Return when instrument or base moved at once [s], by what a carried model leaves.
 
     None where the search in time tells no step as a fact, as where the order of rows is no time,
-    and in a group, each of whose campaigns has its own base.
-
-    Args:
-        model: the model, base and tool fitted to the calibration poses.
+    and in a group, each of whose campaigns has its own base. Base and tool of the model were fitted
+    to the calibration poses.
     """
     readings = every.of_kind("grid").turned(model.R_ee_target)
     if readings.measured.campaigns or not len(readings):
@@ -423,13 +399,10 @@ def steps_elsewhere(
 
 
 def worth_cutting(every: Observations, steps_s: Sequence[float]) -> tuple[float, ...]:
-    """Return the steps at which to part a campaign, in order of time.
+    """Return the steps at which to part a campaign in order of time, of those by certainty.
 
     A part with too few calibration poses for a base of its own joins its neighbour across the less
     certain step.
-
-    Args:
-        steps_s: the steps, the most certain first.
     """
     readings, kept = every.of_kind("grid"), list(steps_s)
     while kept:
@@ -445,12 +418,7 @@ def worth_cutting(every: Observations, steps_s: Sequence[float]) -> tuple[float,
 def parts_of(
     found: Placed, every: Observations, cuts_s: Sequence[float]
 ) -> tuple[results.PartOfCampaign, ...]:
-    """Return the parts of a campaign, and how the base moved between them.
-
-    Args:
-        found: a model with a base for every part.
-        cuts_s: where it is parted, in order of time.
-    """
+    """Return the parts of a campaign, and how the base of every part of a model moved."""
     model, states = found.model, found.poses.states
     before = replace(states, time_s=np.full(len(states), cuts_s[0]))
     ends_m = model.model.predict(before, model.x)[:, :3, 3]

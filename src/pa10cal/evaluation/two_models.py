@@ -43,10 +43,7 @@ _SAME = 1e-9
 def compare_models(
     first: FittedModel, second: FittedModel, names: tuple[str, str] = ("first", "second")
 ) -> results.ComparisonRecord:
-    """Compare two models of arms of the same layout.
-
-    Args:
-        names: what they are called in the record and in messages.
+    """Compare two models of arms of the same layout, under their names.
 
     Raises:
         ModelError: when the arms differ in layout, or a model with springs does not know the
@@ -354,12 +351,9 @@ def _without_base_and_tool(motions: Array, T: Array) -> tuple[Array, Array]:
 def _expected(noise: Array, left: Array) -> tuple[float, float]:
     """Return the rms size expected of differences, and the chance of those that are left.
 
+    By differences (3 P, k) under k independent causes of standard size one, and those found (P,).
     Their sum of squares is a weighted sum of chi-square variables; one chi-square of the same mean
     and variance stands for it (Satterthwaite).
-
-    Args:
-        noise: (3 P, k) differences under k independent causes of standard size one.
-        left: (P,) differences found.
     """
     square = noise.T @ noise
     mean, spread = float(np.trace(square)), float(np.sum(square**2))
@@ -377,10 +371,7 @@ _MOST = 24
 
 
 def drift(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftRecord:
-    """Return the parameters of an arm over campaigns.
-
-    Args:
-        models: of two campaigns or more, in order of time, with covariances.
+    """Return the parameters of an arm over two campaigns or more, in order of time.
 
     Raises:
         ModelError: when there are fewer than two, the arms differ in layout, or a covariance is not

@@ -52,11 +52,7 @@ _VERDICTS = {JOINT_ZERO: "joint_zero_moved", STIFFNESS: "stiffness_changed"}
 
 
 def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
-    """Return what moved between two models of arms of one layout; None without a covariance.
-
-    Args:
-        first, second: the models, in order of time.
-    """
+    """Return what moved between two models of one arm, in order; None without a covariance."""
     if first.covariance is None or second.covariance is None:
         return None
     found = differences(first, second)

@@ -59,10 +59,7 @@ def series_is_exact(sigma_rad: float) -> bool:
 def turns(normals: Array, versine: Array, work: Array, sigma_rad: float, *, series: bool) -> None:
     """Replace normals z by sin σz, and write 1 - cos σz, in few passes over memory.
 
-    Args:
-        sigma_rad: standard deviation σ of one joint's error.
-        series: whether by σz - (σz)³/6 and (σz)²/2; else by numpy's sine, with
-            1 - cos δ = 2 sin²(δ/2).
+    By the series σz - (σz)³/6 and (σz)²/2, or by numpy's sine with 1 - cos δ = 2 sin²(δ/2).
     """
     if series:
         np.square(normals, work)
@@ -169,10 +166,8 @@ def _displacement(
 class DisplacementBlock:
     """One block of cycles: from drawn normals to lengths of displacements, without allocating.
 
-    Attributes:
-        normals: (n, cycles), one row a joint: to be filled with standard normals before every
-            `displace`, which uses it up.
-        error_m: (cycles,) lengths of the displacements, after `displace`.
+    `normals` (n, cycles) are filled before every `displace`, which uses them up and leaves the
+    lengths `error_m` (cycles,).
     """
 
     def __init__(self, plan: DisplacementPlan, cycles: int) -> None:
@@ -245,9 +240,7 @@ def sample_errors(
 ) -> ErrorSums:
     """Draw the joint errors of every cycle at every position and sum the position errors.
 
-    Args:
-        counts: (C,) increasing counts of cycles at which the sums are kept; the last is the
-            number of cycles at each position.
+    Sums are kept at increasing counts of cycles (C,), the last of which is all of them.
     """
     cycles = int(counts[-1])
     starts = np.arange(0, cycles, BLOCK_CYCLES)
@@ -330,8 +323,7 @@ def moments(sums: ErrorSums) -> tuple[Array, Array]:
 def expected_error(jacobian: Array, sigma_rad: float) -> tuple[Array, Array]:
     """Return mean and standard deviation (P,) of the position error under independent joint errors.
 
-    Args:
-        jacobian: (P, 3, n) velocity of the flange by each joint [m/rad].
+    By the velocity of the flange by each joint (P, 3, n) [m/rad].
     """
     squares = sigma_rad**2 * (jacobian @ jacobian.transpose(0, 2, 1))
     # Rounding leaves an eigenvalue that should vanish a little below zero.
@@ -357,9 +349,6 @@ def study_plane(
     progress: Progress = lambda _done, _all: None,
 ) -> PlaneRecord:
     """Draw resolver errors at places of one plane and set the closed form beside them.
-
-    Args:
-        plane_mm: height of the flange above the base.
 
     Raises:
         SettingsError: when the plane cannot be reached or the map is too fine.

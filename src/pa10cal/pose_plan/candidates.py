@@ -121,12 +121,9 @@ def constraints_of(arm: Arm, options: PlanOptions) -> dict[str, Constraint]:
 
 
 def draw_candidates(arm: Arm, targets_m: Array, options: PlanOptions, least: int) -> Candidates:
-    """Draw poses within all constraints.
+    """Draw poses within all constraints, for targets (B, 3) on the end.
 
     As many as the options want, and some for each pose that is needed.
-
-    Args:
-        targets_m: (B, 3) targets on the end.
 
     Raises:
         CalibrationError: when too few are left, saying which constraint removed how many.
@@ -233,11 +230,7 @@ def expect(
     options: PlanOptions,
     calibration: CalibrationOptions,
 ) -> ExpectedRows:
-    """Return the rows of poses.
-
-    Args:
-        q: (N, n) joint positions [rad, or m of a prismatic joint].
-    """
+    """Return the rows of poses at joint positions (N, n) [rad, or m of a prismatic joint]."""
     loads = len(options.loads_N)
     observations, start = _foreseen(arm, kind, q, options)
     payload = payload_of(arm, options)

@@ -83,9 +83,8 @@ def plan_poses(
 ) -> PosePlan:
     """Choose poses to measure.
 
-    Args:
-        options: where arm and instrument may be, and what is measured; None for the defaults.
-        calibration: how the poses will be calibrated; None for the defaults.
+    By where arm and instrument may be and what is measured, and how it will be calibrated; None for
+    the defaults.
 
     Raises:
         CalibrationError: for an instrument that does not exist, too few poses for the unknowns, or
@@ -115,10 +114,8 @@ def _choose(rows: ExpectedRows, poses: int, effects: float) -> ExchangeResult:
     """Choose poses.
 
     The criterion is the log determinant of the information about the model's parameters, and that
-    about the effects once the model is projected out, each a parameter on average.
-
-    Args:
-        effects: part that the effects count, 0 to 1.
+    about the effects once the model is projected out, each a parameter on average. Effects count by
+    their part, 0 to 1.
     """
     k, every = rows.unknowns, rows.white.shape[2]
     criterion: Criterion = Information(np.ascontiguousarray(rows.white[..., :k]))
