@@ -10,9 +10,8 @@ from pa10cal.arm.room import Box, PosturePoints
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.kinds import instruments
-from pa10cal.pose_plan.candidates import joint_ranges
 from pa10cal.pose_plan.options import PlanOptions
-from pa10cal.pose_plan.plan import path_length, plan_poses, short_path
+from pa10cal.pose_plan.plan import PlanSetup, path_length, plan_poses, short_path
 
 FEW = {"candidates": 150, "effects": 0.0}
 
@@ -31,7 +30,7 @@ def test_every_instrument_gets_a_plan_that_beats_chance(instrument):
     assert np.all(np.diff(plan.expected.criterion) > 0.0)
     assert plan.expected.tool.plan_mm < plan.expected.tool.random_mm
     assert all(each.std > 0.0 for each in plan.expected.parameters.values())
-    low, high = joint_ranges(plan.arm, plan.options)
+    low, high = PlanSetup(plan.arm, plan.kind, plan.options).joint_ranges
     assert np.all((plan.q >= low - 1e-5) & (plan.q <= high + 1e-5))
 
 
