@@ -344,17 +344,11 @@ def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) 
             allowed="an arm and a tool whose masses are known",
             remedy="complete the descriptions of arm and tool",
         )
-    count = len(states)
     repeats = round(len(readings) / (1 + int(same_circumstances(readings).max())))
     states, _ = with_torques(baseline.model, baseline.x, states, setup.payload)
-    poses = Observations(
-        pose=np.array([f"next {k}" for k in range(count)]),
-        states=states,
-        measured=_as_seen(problem, baseline, states),
-        kind=np.full(count, "grid"),
-        repeat=np.ones(count, dtype=np.int64),
-        readings=np.full(count, repeats),
-    )
+    label = np.array([f"next {k}" for k in range(len(states))])
+    poses = Observations.single(label, states, _as_seen(problem, baseline, states))
+    poses = replace(poses, readings=np.full(len(states), repeats))
     states = complete(poses, baseline, setup).states
     if problem.torques_logged and states.static_loads is not None:
         tau_Nm = states.static_loads.joint_Nm + found.model.torque_Nm(states, found.at.x)
@@ -366,9 +360,8 @@ def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) 
     pose, torque, _ = noise_models(
         poses, cov, baseline, setup, torque_u_Nm, load_N, problem.in_time
     )
-    nothing_Nm = np.zeros_like(poses.states.tau_Nm)
     ahead = replace(problem, readings=poses, cells=poses, cell_cov=cov, pose=pose, torque=torque)
-    return replace(ahead, torque_left_Nm=nothing_Nm)
+    return replace(ahead, torque_left_Nm=np.zeros_like(states.tau_Nm))
 
 
 def _as_seen(problem: EvidenceProblem, at: FittedModel, states: PoseStates) -> Instrument:

@@ -52,15 +52,10 @@ class Information:
         And by rows (r, k) of all that is known without them; None for unknowns in the size expected
         of them, whose information is one.
         """
-        _, b, k = white.shape
+        self.candidates, b, k = white.shape
         self._white, self._unit = white, np.eye(b)
         self._known = np.eye(k) if known is None else np.linalg.qr(known, mode="r")
         self.restart()
-
-    @property
-    def candidates(self) -> int:
-        """Return how many candidates there are."""
-        return len(self._white)
 
     @property
     def poses(self) -> int:
