@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from pa10cal.arm.chain import Chain, long_links
+from calibrated import calibrated
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.room import PosturePoints
-from pa10cal.calibration.calibrate import calibrate
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.evidence import search as repeats
@@ -27,16 +27,12 @@ from pa10cal.discovery.preparation import setup_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
-from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.write import write_campaign
-from pa10cal.observe.observations import average_repeats
-from pa10cal.options import DiscoveryOptions, Tolerances
+from pa10cal.options import DiscoveryOptions
 from pa10cal.settings_reading import parse_section
 from pa10cal.terms.effects.effect import Effect, candidates
-from pa10cal.terms.joint_spring import baseline
-from pa10cal.terms.model import Model
 
 ARM = load_arm("pa10_6ce")
 FLEXIBLE = (2, 3, 5)
@@ -87,23 +83,15 @@ def measure(tmp_path_factory):
         made = simulate_campaign("c", ARM, parse_section(SimulateOptions, raw, where="test"))
         write_campaign(made, folder / "raw", folder / "truth.json")
         found = read_campaign(folder / "raw")
-        setup = setup_of(found.description, ARM, CalibrationOptions(), DiscoveryOptions())
-        problem = prepare(found.calibration, calibrated(found.calibration), setup)
+        options = CalibrationOptions(starts=1, flexible_joints=FLEXIBLE, inner_poses="all")
+        model = calibrated(found.description, ARM, found.calibration, options=options)
+        setup = setup_of(found.description, ARM, options, DiscoveryOptions())
+        problem = prepare(found.calibration, model.with_bends(), setup)
         start = fit(problem, (), (), (0.0, 0.0))
         shown, refused = repeats.testable(problem, start, candidates(problem.context))
         return Measured(problem, start, shown, tuple(entry.effect for entry in refused))
 
     return measured
-
-
-def calibrated(readings):
-    averaged = average_repeats(readings)
-    tau_Nm = np.abs(averaged.states.tau_Nm).max(axis=0)
-    model = baseline(ARM, FLEXIBLE, Tolerances(), tau_ref_Nm=tau_Nm)
-    options = CalibrationOptions(starts=1, inner_poses="all")
-    found = calibrate(model, averaged, options, readings, 5e-6)
-    bending = Model(Chain.of(ARM, bends=long_links(ARM)), model.terms)
-    return FittedModel(bending, found.solution.x, found.T_instr_base)
 
 
 RATIO = ("gear_ratio_error", "joint 2", {"eps": 2e-4})
