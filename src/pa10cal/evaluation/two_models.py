@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -379,12 +380,11 @@ def drift(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftR
     """
     _refuse(models, names)
     steps = []
-    for k in range(1, len(models)):
-        found = compare_models(models[k - 1], models[k], (names[k - 1], names[k]))
-        assert found.what_moved is not None
-        steps.append(
-            results.DriftStep(first=names[k - 1], second=names[k], what_moved=found.what_moved)
-        )
+    for (first, before), (second, after) in pairwise(zip(models, names, strict=True)):
+        _refuse_other_layout(first.arm, second.arm, (before, after))
+        moved = what_moved(first, second)
+        assert moved is not None
+        steps.append(results.DriftStep(first=before, second=after, what_moved=moved))
     told = [
         f"{step.first} to {step.second}: {step.what_moved.line}"
         for step in steps
