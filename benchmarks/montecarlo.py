@@ -18,7 +18,7 @@ from pa10cal.montecarlo.places import draw_places, reference_in_plane
 from pa10cal.montecarlo.plane import (
     BLOCK_CYCLES,
     counts_of,
-    joint_motion,
+    joint_screws,
     plan_displacement,
     sample_errors,
     stream,
@@ -65,7 +65,7 @@ def measure(rounds: int = ROUNDS) -> Timing:
     reference = reference_in_plane(chain, 1e-3 * PLANE_MM, settings.reach_m)
     source = stream(settings.random_seed, PLANE_MM, None)
     places = draw_places(chain, reference, settings.reach_m, settings.positions, source)
-    motion = joint_motion(chain, places.q_rad)
+    motion = joint_screws(chain, places.q_rad)
     plan = plan_displacement(motion, math.radians(settings.sigma_deg))
     counts = counts_of(settings.cycles)
     lengths = [

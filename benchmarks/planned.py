@@ -28,9 +28,14 @@ from pa10cal.lab.cell.robot import Departures, Mechanism, ring_of_targets, tool_
 from pa10cal.lab.simulated import as_read
 from pa10cal.observe.kinds import TrackerKind, instruments
 from pa10cal.options import DiscoveryOptions
-from pa10cal.pose_plan.candidates import draw_candidates, expect, instrument_named
 from pa10cal.pose_plan.options import PlanOptions
-from pa10cal.pose_plan.plan import covariance_of, plan_poses, rms_mm
+from pa10cal.pose_plan.plan import (
+    PlanSetup,
+    covariance_of,
+    instrument_named,
+    plan_poses,
+    rms_mm,
+)
 from pa10cal.terms.model import Model
 
 #: Test poses in the box: grids of these parts of the paper's spacing, other orientations each.
@@ -111,8 +116,7 @@ class Cell:
     def tested(self, options: PlanOptions) -> Array:
         """Return poses within the limits of a plan, others than its candidates, (200, n)."""
         other = options.model_copy(update={"random_seed": 77, "candidates": _TESTED})
-        targets_m = 1e-3 * np.array(self.targets_mm)
-        return draw_candidates(self.arm, targets_m, other, least=1).q
+        return PlanSetup(self.arm, instrument_named(self.instrument), other).draw(least=1).q
 
     def tested_like_grid(self) -> Array:
         """Return poses all over the box, with orientations as the grid has them, (81, n)."""
@@ -125,9 +129,8 @@ class Cell:
 
     def expected_mm(self, q: Array, tested: Array, options: PlanOptions) -> float:
         """Return the tool's expected standard uncertainty over tested poses, rms."""
-        kind = instrument_named(self.instrument)
-        every = np.concatenate([q, tested])
-        rows = expect(self.arm, kind, every, options, CalibrationOptions())
+        setup = PlanSetup(self.arm, instrument_named(self.instrument), options)
+        rows = setup.expect(np.concatenate([q, tested]), CalibrationOptions())
         return rms_mm(rows.tool[len(q) :], covariance_of(rows.white[: len(q)]))
 
     def simulated_mm(self, q: Array, tests: list[Array], seed: int) -> list[float]:

@@ -83,3 +83,10 @@ def frames(rng, count, spread_m=0.8):
     T[:, :3, :3] = Rotation.random(count, random_state=rng).as_matrix()
     T[:, :3, 3] = rng.uniform(-spread_m, spread_m, (count, 3))
     return T
+
+
+def shifted(readings, shift_m, rows=slice(None)):
+    """Return readings of which some are seen elsewhere, by (P, 3) or (3,)."""
+    T = readings.measured.T_instr_target.copy()
+    T[rows, :3, 3] += shift_m
+    return readings.with_measured(T_instr_target=T)

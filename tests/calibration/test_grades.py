@@ -15,7 +15,7 @@ from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.discovery.given import calibrated_with
 from pa10cal.discovery.preparation import setup_of
-from pa10cal.evaluation.compared import Evaluation
+from pa10cal.evaluation.holdout import Evaluation
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.options import SimulateOptions

@@ -78,36 +78,16 @@ def test_faults_do_not_make_it_harder_to_name_an_effect():
 
 
 def test_what_the_calibration_finds_wrong_in_the_log_is_a_fault_of_it():
+    given = [
+        ("departure", "delta_theta_3", "140 tolerances from nominal", None),
+        ("departure", "a_2", "109 tolerances from nominal", None),
+        ("joint_sign", "q6", "the sign of joint 6 is reversed", 0.05),
+        ("gravity", "campaign.yaml: gravity_m_s2", "upside down", None),
+    ]
     found = faults_of_input(
         [
-            InputFinding(
-                kind="departure",
-                where="delta_theta_3",
-                what="140 tolerances from nominal",
-                remedy="check the zero",
-                would_leave_mm=None,
-            ),
-            InputFinding(
-                kind="departure",
-                where="a_2",
-                what="109 tolerances from nominal",
-                remedy="check it",
-                would_leave_mm=None,
-            ),
-            InputFinding(
-                kind="joint_sign",
-                where="q6",
-                what="the sign of joint 6 is reversed",
-                remedy="reverse it",
-                would_leave_mm=0.05,
-            ),
-            InputFinding(
-                kind="gravity",
-                where="campaign.yaml: gravity_m_s2",
-                what="upside down",
-                remedy="state it",
-                would_leave_mm=None,
-            ),
+            InputFinding(kind=kind, where=where, what=what, remedy="mend it", would_leave_mm=left)
+            for kind, where, what, left in given
         ]
     )
     assert [(fault.kind, fault.where) for fault in found] == [

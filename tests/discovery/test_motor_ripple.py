@@ -5,13 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.motor_ripple import (
-    JointSeries,
-    agreement,
-    common_ratio,
-    lines,
-    witnesses,
-)
+from pa10cal.discovery.motor_ripple import JointSeries, agreement, common_ratio, lines, witnesses
 
 NOISE_RAD = 40e-6
 ERROR_RAD = 280e-6
@@ -87,18 +81,13 @@ def test_what_the_torque_turns_the_motor_by_is_found_beside_it():
     assert found.interval95[0] < 1.0 < found.interval95[1]
 
 
-def test_the_ratio_is_found_by_the_lines_alone():
-    joints = [[series("sensor", 3, orders=(4, 10))], [series("sensor", 4, orders=(10, 21))]]
-    found = witnesses(joints, np.full(2, np.nan))
+@pytest.mark.parametrize(("cause", "stated"), [("sensor", np.nan), ("gear", 80.0)])
+def test_the_ratio_is_found_by_the_lines_alone_whatever_is_stated(cause, stated):
+    joints = [[series(cause, 3, orders=(4, 10))], [series(cause, 4, orders=(10, 21))]]
+    found = witnesses(joints, np.full(2, stated))
     assert [each.ratio for each in found] == [101.0, 101.0]
     assert [each.orders for each in found] == [(4, 10), (10, 21)]
-    assert [each.cause for each in found] == ["sensor", "sensor"]
-
-
-def test_the_data_overrule_a_ratio_that_is_stated():
-    joints = [[series("gear", 3, orders=(4, 10))], [series("gear", 4, orders=(10, 21))]]
-    found = witnesses(joints, np.full(2, 80.0))
-    assert [each.ratio for each in found] == [101.0, 101.0]
+    assert [each.cause for each in found] == [cause, cause]
 
 
 def test_campaigns_of_one_joint_are_one_witness():
@@ -114,9 +103,9 @@ def test_a_line_that_shows_where_the_joint_stood_still_is_none_of_the_motor():
     joint = series("none", ripple_rad=0.0, poses=4000)
     every = [100.0 * order for order in (3, 7, 11)]
     left = joint.left_rad + 30e-6 * np.cos(np.outer(joint.q_rad, every)).sum(axis=1)
-    divided = JointSeries(joint.q_rad, left, joint.weight, joint.error_rad, 0 * left, joint.moved)
-    assert witnesses([[divided]], np.array([np.nan])) == (None,)
-    assert witnesses([[divided]], np.array([100.0])) == (None,)
+    divided = replace(joint, left_rad=left, torque_Nm=0 * left)
+    for stated in (np.nan, 100.0):
+        assert witnesses([[divided]], np.array([stated])) == (None,)
 
 
 def test_lines_of_chance_have_no_common_divisor():
@@ -124,9 +113,7 @@ def test_lines_of_chance_have_no_common_divisor():
     assert {round(line.order) for line in found} == {1010, 2020}
     assert common_ratio(found[:1]) is None
     assert common_ratio([]) is None
-
-
-def test_too_few_poses_say_nothing():
+    # Too few poses say nothing.
     assert witnesses([[series(poses=120)], []], np.array([101.0, 101.0])) == (None, None)
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from pa10cal.arm.chain import Chain, long_links
-from pa10cal.arm.statics import Payload
-from pa10cal.calibration.calibrate import calibrate
+from calibrated import calibrated
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.room import PosturePoints
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.evidence import search as repeats
@@ -16,20 +16,23 @@ from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
 from pa10cal.discovery.linear import residual
-from pa10cal.discovery.next_poses import LEAST_NATS, draw_near, predicted, separating_poses
-from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.discovery.next_poses import (
+    LEAST_NATS,
+    draw_near,
+    poses_at_unseen_angles,
+    predicted,
+    separating_poses,
+)
+from pa10cal.discovery.preparation import setup_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.write import write_campaign
-from pa10cal.observe.observations import average_repeats
-from pa10cal.options import Tolerances
+from pa10cal.options import DiscoveryOptions
 from pa10cal.settings_reading import parse_section
 from pa10cal.terms.effects.effect import Effect, candidates
-from pa10cal.terms.joint_spring import baseline
-from pa10cal.terms.model import Model
 
 ARM = load_arm("pa10_6ce")
 FLEXIBLE = (2, 3, 5)
@@ -54,6 +57,11 @@ class Measured:
     def search(self):
         return search(self.problem, self.shown, 0.01, self.start)
 
+    def apart(self, found, pair, count):
+        """Return the poses that separate a pair of effects, and what they are expected to bring."""
+        plan = separating_poses(self.problem, found, [pair], count)
+        return plan.poses, plan.separations[0]
+
 
 @pytest.fixture(scope="module")
 def measure(tmp_path_factory):
@@ -75,33 +83,15 @@ def measure(tmp_path_factory):
         made = simulate_campaign("c", ARM, parse_section(SimulateOptions, raw, where="test"))
         write_campaign(made, folder / "raw", folder / "truth.json")
         found = read_campaign(folder / "raw")
-        campaign, readings = found.description, found.calibration
-        tool = campaign.tool
-        payload = Payload(
-            tool.mass_kg,
-            1e-3 * np.array(tool.com_mm),
-            1e-3 * np.array(tool.load_point_mm),
-            np.array(campaign.gravity_m_s2),
-        )
-        setup = MeasurementSetup(
-            payload, 1e-3 * campaign.p_ee_balls_mm, campaign.reference_temperature_C
-        )
-        problem = prepare(readings, calibrated(readings), setup)
+        options = CalibrationOptions(starts=1, flexible_joints=FLEXIBLE, inner_poses="all")
+        model = calibrated(found.description, ARM, found.calibration, options=options)
+        setup = setup_of(found.description, ARM, options, DiscoveryOptions())
+        problem = prepare(found.calibration, model.with_bends(), setup)
         start = fit(problem, (), (), (0.0, 0.0))
         shown, refused = repeats.testable(problem, start, candidates(problem.context))
         return Measured(problem, start, shown, tuple(entry.effect for entry in refused))
 
     return measured
-
-
-def calibrated(readings):
-    averaged = average_repeats(readings)
-    tau_Nm = np.abs(averaged.states.tau_Nm).max(axis=0)
-    model = baseline(ARM, FLEXIBLE, Tolerances(), tau_ref_Nm=tau_Nm)
-    options = CalibrationOptions(starts=1, inner_poses="all")
-    found = calibrate(model, averaged, options, readings, 5e-6)
-    bending = Model(Chain.of(ARM, bends=long_links(ARM)), model.terms)
-    return FittedModel(bending, found.solution.x, found.T_instr_base)
 
 
 RATIO = ("gear_ratio_error", "joint 2", {"eps": 2e-4})
@@ -115,7 +105,7 @@ def ratio(measure):
 
 
 @pytest.fixture(scope="module")
-def searched(ratio):
+def found_first(ratio):
     return ratio.search()
 
 
@@ -137,16 +127,15 @@ def gain(measured, effect):
     return max(alone) - evidence.score((), ()).log_evidence
 
 
-def test_an_effect_and_its_double_come_apart_where_suggested(measure, ratio, searched):
+def test_an_effect_and_its_double_come_apart_where_suggested(measure, ratio, found_first):
     effect, rival = ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2])
-    assert names(searched) == [RATIO[:2]]
-    assert behind(searched, rival) < APART_NATS  # ambiguous so far
-    found = separating_poses(ratio.problem, searched.fit, [(effect, rival)], 4)
-    (separation,) = found.separations
+    assert names(found_first) == [RATIO[:2]]
+    assert behind(found_first, rival) < APART_NATS  # ambiguous so far
+    poses, separation = ratio.apart(found_first.fit, (effect, rival), 4)
     assert separation.before_nats < 2.0
     assert separation.can_be_split
-    assert separation.after_nats == found.poses[-1].separation_nats > APART_NATS
-    again = measure(*RATIO, further=found.poses).search()
+    assert separation.after_nats == poses[-1].separation_nats > APART_NATS
+    again = measure(*RATIO, further=poses).search()
     assert names(again) == [RATIO[:2]]
     # Expected with one load a pose; the cell hangs all three.
     rival = next(e for e in again.family if (e.id, e.of) == ECCENTRIC[:2])
@@ -160,7 +149,7 @@ def test_a_wrong_name_among_doubles_is_put_right(measure):
     truth, double = (first.effect(id_, "joint 2") for id_ in (ECCENTRIC[0], "encoder_ellipticity"))
     assert found.fit.effects == (double,)  # with these poses, the likelier of the two
     assert behind(found, truth) < APART_NATS
-    further = separating_poses(first.problem, found.fit, [(double, truth)], 4).poses
+    further, _ = first.apart(found.fit, (double, truth), 4)
     again = measure(*ECCENTRIC, further=further).search()
     assert names(again) == [ECCENTRIC[:2]]
     assert behind(again, double) > APART_NATS
@@ -172,10 +161,10 @@ def test_what_was_not_testable_shows_where_suggested(measure):
     effect = first.effect(*WINDUP[:2])
     assert effect in first.refused
     assert gain(first, effect) < LEAST_NATS
-    found = separating_poses(first.problem, first.start, [(effect, None)], 4)
-    assert found.separations[0].before_nats < LEAST_NATS
-    assert found.separations[0].can_be_split
-    again = measure(*WINDUP, further=found.poses)
+    poses, separation = first.apart(first.start, (effect, None), 4)
+    assert separation.before_nats < LEAST_NATS
+    assert separation.can_be_split
+    again = measure(*WINDUP, further=poses)
     effect = again.effect(*WINDUP[:2])
     assert effect in again.shown
     assert gain(again, effect) > APART_NATS
@@ -190,27 +179,27 @@ def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
     )
     for effect, rival in (pair, pair[::-1]):
         there = fit(first.problem, (effect,), (1,), (0.0, 0.0))
-        found = separating_poses(first.problem, there, [(effect, rival)])
-        assert found.poses == ()
-        assert not found.separations[0].can_be_split
-        assert found.separations[0].possible_nats < LEAST_NATS
+        poses, separation = first.apart(there, (effect, rival), 10)
+        assert poses == ()
+        assert not separation.can_be_split
+        assert separation.possible_nats < LEAST_NATS
 
 
-def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, searched):
+def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, found_first):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
     hopeless = (ratio.effect("thermal_growth", "arm"), None)
-    alone = separating_poses(ratio.problem, searched.fit, [pair], 3)
-    both = separating_poses(ratio.problem, searched.fit, [pair, hopeless], 3)
+    alone = separating_poses(ratio.problem, found_first.fit, [pair], 3)
+    both = separating_poses(ratio.problem, found_first.fit, [pair, hopeless], 3)
     assert [separation.can_be_split for separation in both.separations] == [True, False]
     for one, other in zip(alone.poses, both.poses, strict=True):
         assert np.array_equal(one.q_rad, other.q_rad)
         assert other.for_ == (both.separations[0].pair,)
 
 
-def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, searched):
+def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, found_first):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
     first, again = (
-        separating_poses(ratio.problem, searched.fit, [pair], 5, 3).poses for _ in range(2)
+        separating_poses(ratio.problem, found_first.fit, [pair], 5, 3).poses for _ in range(2)
     )
     nats = [suggestion.separation_nats for suggestion in first]
     assert np.all(np.diff(nats) > 0)
@@ -219,30 +208,23 @@ def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, searched):
     for suggestion in first:
         assert set(suggestion.arrive_from) <= {-1.0, 1.0}
         assert suggestion.load_N in (0.0, 44.0)
-    assert separating_poses(ratio.problem, searched.fit, [], 5).poses == ()
+    assert separating_poses(ratio.problem, found_first.fit, [], 5).poses == ()
 
 
-def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio):
+def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio, monkeypatch):
     q_rad = draw_near(ratio.problem, 300, 0)
     low, high = ARM.limits_rad.T
     assert q_rad.shape == (300, 6)
     assert np.all((q_rad > low + 0.049 * (high - low)) & (q_rad < high - 0.049 * (high - low)))
-    T = Chain.of(ARM).forward(q_rad)
-    balls = T[:, None, :3, 3] + np.einsum(
-        "pij,bj->pbi", T[:, :3, :3], ratio.problem.setup.p_ee_targets_m
+    drawn, measured = (
+        PosturePoints.of(Chain.of(ARM), q, ratio.problem.setup.p_ee_targets_m)
+        for q in (q_rad, ratio.problem.cells.states.q_rad)
     )
-    for p_base in (T[:, None, :3, 3], balls):
-        assert p_base[..., 2].min() > 0.15
-        assert np.hypot(p_base[..., 0], p_base[..., 1]).min() > 0.25
-    of_measured = Chain.of(ARM).forward(ratio.problem.cells.states.q_rad)
-    measured = of_measured[:, :3, 3]
-    assert np.all(T[:, :3, 3] > measured.min(axis=0) - 0.3)
-    assert np.all(T[:, :3, 3] < measured.max(axis=0) + 0.3)
-    room = np.ptp(measured, axis=0) + 0.6
-    assert np.ptp(T[:, :3, 3], axis=0) == pytest.approx(room, rel=0.1)
-
-
-def test_refuses_where_there_is_no_room(ratio, monkeypatch):
+    assert drawn.p_base_tool[..., 2].min() > 0.15
+    assert np.hypot(*drawn.p_base_tool[..., :2].T).min() > 0.25
+    end, low, high = drawn.p_base_end, *(f(measured.p_base_end, axis=0) for f in (np.min, np.max))
+    assert np.all((end > low - 0.3) & (end < high + 0.3))
+    assert np.ptp(end, axis=0) == pytest.approx(high - low + 0.6, rel=0.1)
     monkeypatch.setattr("pa10cal.discovery.next_poses._CLEARANCE_M", 5.0)
     with pytest.raises(DiscoveryError, match="no configuration"):
         draw_near(ratio.problem, 10, 0)
@@ -270,3 +252,46 @@ def test_what_is_predicted_is_what_was_measured(ratio):
         for part in (np.s_[:, :3], np.s_[:, 3:]):
             assert np.linalg.norm((foreseen - seen)[part]) < 0.2 * np.linalg.norm(seen[part])
     assert np.abs(residual(ratio.start.at, poses)).max() < 1e-12
+
+
+# Campaigns without repeats: angles not seen, and rivals.
+
+
+def test_suggested_poses_take_joints_to_angles_not_seen(nothing_hidden):
+    survey = nothing_hidden.survey
+    seen = angles_seen(survey.poses.states.q_rad, np.ones(6, dtype=bool))
+    found = poses_at_unseen_angles(survey, seen, 5)
+    assert len(found) == 5
+    for pose in found:
+        new = ~seen.each(pose.q_rad[None])[0]
+        joints = np.flatnonzero(new) + 1
+        assert pose.for_ == tuple(f"angle of joint {j} not seen" for j in joints)
+    joints = [len(pose.for_) for pose in found]
+    assert joints == sorted(joints, reverse=True)
+    limits = survey.context.arm.limits_rad
+    q_rad = np.array([pose.q_rad for pose in found])
+    assert np.all((q_rad > limits[:, 0]) & (q_rad < limits[:, 1]))
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_there_are_none_where_all_was_seen(nothing_hidden, count):
+    whole = AngleCoverage((np.array([[0.0, 2.0 * np.pi]]),) * 6, (True,) * 6)
+    assert poses_at_unseen_angles(nothing_hidden.survey, whole, count) == ()
+
+
+def test_what_is_ambiguous_among_poses_without_repeats_comes_apart_too(eccentric):
+    verdict = eccentric.discovery
+    (finding,) = verdict.findings
+    (rival,) = (
+        each
+        for each in candidates(verdict.context)
+        if (each.id, each.of) == ("gear_ratio_error", finding.of)
+    )
+    ambiguous = replace(verdict, findings=(replace(finding, alternatives=(rival,)),))
+    found = ambiguous.next_poses(3)
+    (separation,) = found.separations
+    nats = [separation.before_nats, *(pose.separation_nats for pose in found.poses)]
+    assert len(nats) == 4
+    assert np.all(np.diff(nats) > 0.0)
+    assert separation.after_nats == nats[-1]
+    assert verdict.next_poses(3).separations is None

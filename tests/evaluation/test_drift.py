@@ -25,9 +25,6 @@ def test_every_parameter_is_there_with_its_interval_and_what_moved_is_told():
     assert [step.what_moved.verdict for step in found.steps] == ["unchanged", "joint_zero_moved"]
     assert found.line.startswith("july to august: joint zero moved: the zero of joint 3")
     assert not set(rows.of) & {"tool", "base"}
-
-
-def test_nothing_that_moved_is_said_too():
     assert drift([campaign(1), campaign(2)], NAMES[:2]).line == "unchanged over 2 campaigns"
 
 

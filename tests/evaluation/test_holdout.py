@@ -1,15 +1,39 @@
+"""Held-out errors by hand, and a model carried to another campaign, whose instrument moved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from changed_arm import Change, draw_changed
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
-from pa10cal.evaluation.holdout import constant_tool_twist, held_out_errors
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
+from pa10cal.calibration.general.case import fitted
+from pa10cal.discovery.given import Extended
+from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.evaluation.holdout import (
+    Evaluation,
+    constant_tool_twist,
+    held_out_errors,
+    held_out_record,
+    said_of_parts,
+    transfer_record,
+    worth_cutting,
+)
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.lab.cell.options import TrackerOptions
+from pa10cal.lab.simulated import measure, observations_of, payload_of_individual
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.model import Model
 
 
@@ -35,7 +59,7 @@ def test_scattered_differences_are_not_explained_by_a_twist():
     assert found.after_deg > 0.95 * found.before_deg
 
 
-def test_judges_by_load_and_by_point():
+def test_judges_by_load_by_point_and_beyond_what_was_learnt():
     arm = load_arm("pa10_6ce")
     model = FittedModel(Model(Chain.of(arm), ()), np.zeros(0), np.eye(4))
     q_rad = np.random.default_rng(2).uniform(-1.0, 1.0, (4, 6))
@@ -45,7 +69,8 @@ def test_judges_by_load_and_by_point():
     zeros = np.zeros((4, 6))
     states = PoseStates(q_rad, zeros, zeros, load, np.zeros(4), np.zeros(4))
     labels = np.array(["H01", "H01", "H02", "H02"])
-    found = held_out_errors(model, measured_poses(labels, states, T, np.zeros((4, 6, 6))))
+    poses = measured_poses(labels, states, T, np.zeros((4, 6, 6)))
+    found = held_out_errors(model, poses)
     assert found.mean_mm == pytest.approx(3.0)
     assert found.peak_mm == pytest.approx(6.0)
     assert found.per_load["90N"].mean_mm == pytest.approx(4.0)
@@ -53,17 +78,155 @@ def test_judges_by_load_and_by_point():
     assert found.orientation_deg == pytest.approx(0.0, abs=1e-9)
     assert found.inside is found.outside is None
     assert found.tool_twist.angle_deg == pytest.approx(0.0, abs=1e-6)
+    parted = held_out_errors(model, poses, np.array([False, True, True, True]))
+    assert parted.inside.rms_mm == pytest.approx(1.0)
+    assert parted.outside.rms_mm == pytest.approx(7.0 / np.sqrt(3.0))
 
 
-def test_poses_beyond_what_was_learnt_are_judged_apart():
-    arm = load_arm("pa10_6ce")
-    model = FittedModel(Model(Chain.of(arm), ()), np.zeros(0), np.eye(4))
-    q_rad = np.random.default_rng(3).uniform(-1.0, 1.0, (4, 6))
-    T = Chain.of(arm).forward(q_rad)
-    T[:, 2, 3] += [1e-3, 1e-3, 1e-3, 5e-3]
-    zeros, zero = np.zeros((4, 6)), np.zeros(4)
-    states = PoseStates(q_rad, zeros, zeros, zero, zero, zero)
-    poses = measured_poses(np.array(["H1", "H2", "H3", "H4"]), states, T, np.zeros((4, 6, 6)))
-    found = held_out_errors(model, poses, np.array([False, False, False, True]))
-    assert found.inside.rms_mm == pytest.approx(1.0)
-    assert found.outside.rms_mm == pytest.approx(5.0)
+# The model of an arm in another campaign of that arm, which was mounted anew.
+
+ARM = load_arm("ur10")
+CAMPAIGN = SimpleNamespace(name="b", provenance="p", robot="ur10")
+POSES, KNOCKED_AT = 120, 70
+SHIFT_M, TURN_RAD = np.array([2.5e-4, -3e-4, 1e-4]), np.array([0.0, 1e-4, 1e-4])
+
+
+@pytest.fixture(scope="module", name="carried")
+def _carried():
+    plan = TrackerOptions(poses=POSES, holdout_share=0.0, flexible_joints=(2,), hardening=False)
+    robots = draw_changed(ARM, plan, Change(place=True), np.random.default_rng(4))
+    before, after = (observations_of(measure(robot, plan, k)) for k, robot in enumerate(robots))
+    payload = payload_of_individual(robots[0])
+    model = fitted(calibrate_general(ARM, before, find_start(ARM, before), payload))
+    after = after.take(np.argsort(after.states.time_s))
+    kind = np.where(np.arange(POSES) % 4 < 3, "grid", "holdout")
+    return model, replace(after, kind=kind), MeasurementSetup(payload, np.zeros((0, 3)), 20.0)
+
+
+def knocked(every):
+    """Return readings whose instrument was knocked before one of them."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_rotvec(TURN_RAD).as_matrix(), SHIFT_M
+    late = np.arange(POSES) >= KNOCKED_AT
+    seen = every.measured.T_instr_target
+    return every.with_measured(T_instr_target=np.where(late[:, None, None], T @ seen, seen))
+
+
+def elsewhere(carried, every):
+    model, _, setup = carried
+    return transfer_record(CAMPAIGN, "a", Evaluation(every, {"linear": model}, None, setup))
+
+
+@pytest.fixture(scope="module", name="in_parts")
+def _in_parts(carried):
+    return elsewhere(carried, knocked(carried[1]))
+
+
+@pytest.fixture(scope="module", name="still")
+def _still(carried):
+    return elsewhere(carried, carried[1])
+
+
+def test_base_and_tool_are_enough_for_the_same_arm(still):
+    assert still.models["linear"].rms_mm < 0.13
+    assert still.models["linear"].inside.configurations <= 30
+    assert not {"parts", "one_base"} & set(still.model_dump(mode="json"))
+    assert said_of_parts(still.parts or ()) == ""
+
+
+def test_a_base_for_every_part_brings_back_what_the_model_is_worth(still, in_parts):
+    rms_mm = still.models["linear"].rms_mm
+    assert in_parts.models["linear"].rms_mm < 1.1 * rms_mm
+    assert in_parts.one_base["linear"].rms_mm > 1.5 * rms_mm
+    plain = in_parts.model_dump(mode="json")
+    assert [set(part) for part in plain["parts"]] == [
+        {"from", "to", "poses", "held_out", "moved_by_mm", "turned_by_mrad"}
+    ] * 2
+    assert "a base for every part" in said_of_parts(in_parts.parts)
+
+
+def test_the_parts_and_the_motion_between_them_are_recovered(carried, in_parts):
+    first, second = in_parts.parts
+    times_s = carried[1].states.time_s
+    # Held-out poses have no part in it, so that the knock is known to within one of them.
+    assert abs(np.searchsorted(times_s, second.from_s) - KNOCKED_AT) <= 1
+    assert (first.poses + second.poses, first.held_out + second.held_out) == (90, 30)
+    assert first.moved_by_mm is None
+    places_m = carried[1].measured.T_instr_target[:, :3, 3]
+    by_m = places_m @ (Rotation.from_rotvec(TURN_RAD).as_matrix() - np.eye(3)).T + SHIFT_M
+    true_mm = 1e3 * np.sqrt(np.mean(np.sum(by_m**2, axis=1)))
+    assert second.moved_by_mm == pytest.approx(true_mm, abs=0.05)
+    assert second.turned_by_mrad == pytest.approx(1e3 * np.linalg.norm(TURN_RAD), abs=0.05)
+
+
+def test_rows_in_the_order_of_their_angles_are_not_cut(carried):
+    every = knocked(carried[1])
+    ramp = np.linspace(-1.0, 1.0, POSES)[:, None] * np.ones(ARM.n)
+    seen = carried[0].predict(ramp, frame="tool").T
+    T = np.eye(4)
+    T[:3, 3] = SHIFT_M
+    seen[KNOCKED_AT:] = T @ seen[KNOCKED_AT:]
+    seen[:, :3, 3] += 1e-5 * np.random.default_rng(1).standard_normal((POSES, 3))
+    every = every.with_states(replace(every.states, q_rad=ramp))
+    assert elsewhere(carried, every.with_measured(T_instr_target=seen)).parts is None
+
+
+def test_in_its_own_campaign_a_model_is_parted_where_the_verdict_tells_a_step(carried):
+    model, _, setup = carried
+    every, models = knocked(carried[1]), {"linear": model}
+    times_s = every.states.time_s
+    step_s = 0.5 * (times_s[KNOCKED_AT - 1] + times_s[KNOCKED_AT])
+
+    def record(extended):
+        return held_out_record(CAMPAIGN, "combined", Evaluation(every, models, extended, setup))
+
+    found, still = record(Extended(model, steps_s=(step_s,))), record(Extended(model))
+    assert [part.poses + part.held_out for part in found.parts] == [KNOCKED_AT, POSES - KNOCKED_AT]
+    whole = Evaluation(every, models, None, setup).judge(elsewhere=True)
+    assert found.by_parts["linear"].rms_mm < 0.7 * whole["linear"].rms_mm
+    assert still.by_parts is still.parts is None
+
+
+@pytest.mark.parametrize(
+    ("steps", "cuts"),
+    [
+        ((60, 30), (30, 60)),
+        # Eight readings before the first, or between two: across the less certain step.
+        ((60, 8), (60,)),
+        ((60, 66), (60,)),
+        ((66, 60), (66,)),
+    ],
+)
+def test_a_part_with_too_few_poses_joins_its_neighbour(carried, steps, cuts):
+    times_s = carried[1].states.time_s
+    assert worth_cutting(carried[1], times_s[list(steps)]) == tuple(times_s[list(cuts)])
+
+
+def judged_with_map(carried, knots):
+    """Judge the model elsewhere, with a map of joint 3 that has learnt from half of its turn."""
+    model, every, setup = carried
+    effect = JointErrorMap("joint 3")
+    longer = replace(
+        model,
+        model=Model(model.model.chain, (*model.model.terms, effect)),
+        x=np.concatenate([model.x, knots * np.ones(effect.knots)]),
+        covariance=None,
+    )
+    half = np.array([[-np.pi, 0.0]])
+    seen = AngleCoverage((half, *[np.array([[-10.0, 10.0]])] * 5), (False,) * 6)
+    extended = Extended(longer, seen)
+    return Evaluation(every, {"linear": model}, extended, setup).judge(elsewhere=True)
+
+
+def test_all_models_are_judged_apart_where_the_source_saw_no_such_angle(carried):
+    found = judged_with_map(carried, 1e-6 * np.sin(np.arange(12)))
+    assert set(found) == {"uncalibrated", "linear", "extended"}
+    counts = {(m.inside.configurations, m.outside.configurations) for m in found.values()}
+    assert len(counts) == 1
+    assert sum(*counts) == 30
+    assert all(count > 5 for count in next(iter(counts)))
+
+
+def test_effects_that_harm_in_the_poses_of_the_frames_stay_away(carried):
+    found = judged_with_map(carried, 2e-3 * np.sin(3.0 * np.arange(12)))
+    assert found["extended"] == found["linear"]

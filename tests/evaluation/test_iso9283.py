@@ -23,17 +23,19 @@ from pa10cal.terms.model import Model
 CAMPAIGN = SimpleNamespace(name="mine", provenance="made up", robot="pa10_6ce")
 
 
-def test_repeatability_of_positions_all_equally_far():
-    p_m = 1e-3 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-    RP_mm, RP_deg = repeatability(p_m, None)
-    assert RP_mm == pytest.approx(1.0)  # every distance is 1 mm, so they do not scatter
+@pytest.mark.parametrize(
+    ("p_mm", "expected_mm"),
+    [
+        # Every distance is 1 mm, so they do not scatter.
+        ([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], 1.0),
+        # Mean 1 mm; distances 1, 1, 1, 3 mm: mean 1.5, standard deviation 1; 1.5 + 3 x 1.
+        ([[0.0, 0, 0], [0, 0, 0], [0, 0, 0], [4, 0, 0]], 4.5),
+    ],
+)
+def test_repeatability_of_positions(p_mm, expected_mm):
+    RP_mm, RP_deg = repeatability(1e-3 * np.array(p_mm), None)
+    assert RP_mm == pytest.approx(expected_mm)
     assert RP_deg is None
-
-
-def test_repeatability_of_positions_along_a_line():
-    # Mean 1 mm; distances 1, 1, 1, 3 mm: mean 1.5, standard deviation 1; 1.5 + 3 x 1.
-    p_m = 1e-3 * np.array([[0.0, 0, 0], [0, 0, 0], [0, 0, 0], [4, 0, 0]])
-    assert repeatability(p_m, None)[0] == pytest.approx(4.5)
 
 
 def test_repeatability_of_angles_is_three_standard_deviations_about_each_axis():
@@ -76,11 +78,10 @@ def test_accuracy_is_the_mean_attained_less_the_commanded_pose():
     assert of.AP_largest_deg == pytest.approx(0.0, abs=1e-6)
 
 
-def test_says_whether_joints_arrived_from_one_side():
-    for arrival, alone in ((1.0, True), (-1.0, False)):
-        every, models = repeated(6, arrival=arrival)
-        found = iso9283_record(CAMPAIGN, "combined", every, models, np.eye(3))
-        assert found.repeatability.one_direction.tolist() == [alone]
+@pytest.mark.parametrize(("arrival", "alone"), [(1.0, True), (-1.0, False)])
+def test_says_whether_joints_arrived_from_one_side(arrival, alone):
+    found = iso9283_record(CAMPAIGN, "combined", *repeated(6, arrival=arrival), np.eye(3))
+    assert found.repeatability.one_direction.tolist() == [alone]
 
 
 def test_says_why_there_is_none():

@@ -102,13 +102,16 @@ def test_only_angles_that_both_have_seen_are_compared():
     assert pa10cal.compare(one, replace(other, seen=None)).agree
 
 
-def test_without_a_covariance_it_is_not_judged():
+def test_without_a_covariance_it_is_not_judged_and_a_doubtful_grade_is_said():
     found = pa10cal.compare(campaign(1), replace(campaign(2), covariance=None), ("a", "b"))
     assert found.agree is None
     assert found.frames["flange"].expected_mm is None
     assert found.second.covariance is False
     assert np.isnan(found.parameters.over_u).all()
     assert "cannot be judged: the covariance is missing of b; their flanges differ" in found.line
+    doubtful = campaign(2).fitted_to.model_copy(update={"grade": "suspect_input"})
+    found = pa10cal.compare(campaign(1), replace(campaign(2), fitted_to=doubtful), ("a", "b"))
+    assert found.line.endswith("; mind that b is graded suspect_input")
 
 
 def test_terms_of_one_only_are_told():
@@ -126,8 +129,7 @@ def test_terms_of_one_only_are_told():
 
 def test_parameters_that_no_pose_determines_are_not_called_different():
     one = campaign(1)
-    names = [parameter.name for parameter in one.model.parameters]
-    k = names.index("delta_d_1")
+    k = [parameter.name for parameter in one.model.parameters].index("delta_d_1")
     covariance = one.covariance.copy()
     covariance[k, k] = 1e-34
     held = replace(shifted(one, delta_d_1=1e-14), covariance=covariance)
@@ -163,12 +165,6 @@ def test_descriptions_that_differ_otherwise_are_told():
     unknown = replace(fitted("ur10", 3, lambda arm: (link_departures(arm, Tolerances()),)))
     found = pa10cal.compare(unknown, replace(unknown, payload=None))
     assert found.described_otherwise == ("payload",)
-
-
-def test_a_doubtful_grade_is_said():
-    doubtful = campaign(2).fitted_to.model_copy(update={"grade": "suspect_input"})
-    found = pa10cal.compare(campaign(1), replace(campaign(2), fitted_to=doubtful), ("a", "b"))
-    assert found.line.endswith("; mind that b is graded suspect_input")
 
 
 def test_arms_of_another_layout_are_refused():

@@ -51,19 +51,16 @@ def pair():
 
 
 @pytest.mark.parametrize("kind", ["pose", "points", "distance"])
-def test_nothing_moved(pair, kind):
+def test_nothing_moved_or_base_and_tool_alone(pair, kind):
     found = what_moved(*pair(Change(), kind))
     assert found.verdict == found.line == "unchanged"
     assert found.chance > 0.01
     assert 0.2 * found.dof < found.chi_square < 2.5 * found.dof
-
-
-@pytest.mark.parametrize("kind", ["pose", "points"])
-def test_base_and_tool_alone_moved(pair, kind):
-    found = what_moved(*pair(Change(place=True), kind))
-    assert found.verdict == "base_or_tool_moved"
-    assert {each.kind for each in found.moved} <= {"base", "tool"}
-    assert found.chance > 0.01
+    if kind != "distance":
+        found = what_moved(*pair(Change(place=True), kind))
+        assert found.verdict == "base_or_tool_moved"
+        assert {each.kind for each in found.moved} <= {"base", "tool"}
+        assert found.chance > 0.01
 
 
 @pytest.mark.parametrize("place", [False, True])
@@ -115,12 +112,8 @@ def test_springs_solved_at_other_torques_are_the_same_springs():
     assert found.chi_square == pytest.approx(0.0, abs=1e-9)
 
 
-def test_two_models_of_one_fit_differ_by_nothing():
+def test_two_models_of_one_fit_differ_by_nothing_if_their_covariance_is_known():
     model = campaign(1)
     found = what_moved(model, shifted(model))
     assert (found.verdict, found.chi_square, found.chance) == ("unchanged", 0.0, 1.0)
-
-
-def test_without_a_covariance_nothing_is_said():
-    model = campaign(1)
     assert what_moved(model, replace(model, covariance=None)) is None

@@ -1,82 +1,116 @@
-"""Places: uniform by area over what can be reached; rejections counted; refusals explained."""
+"""Places: uniform by area over what can be reached, in one posture; refusals explained."""
 
 import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from pa10cal.arm.chain import Chain
 from pa10cal.errors import SettingsError
-from pa10cal.montecarlo.places import draw_places, grid_places, reference_in_plane
+from pa10cal.montecarlo.places import draw_places, follow, grid_places, reference_in_plane
 from pa10cal.montecarlo.plane import stream
 
 REACH = (0.5, 0.85)
+HEIGHT_M = 0.3
 
 
 @pytest.fixture(scope="module")
 def reference(pa10_chain):
-    return reference_in_plane(pa10_chain, 0.3, REACH)
+    return reference_in_plane(pa10_chain, HEIGHT_M, REACH)
 
 
-def test_uniform_by_area(pa10_chain, reference):
-    places = draw_places(pa10_chain, reference, REACH, 900, stream(1, 300, None))
+@pytest.fixture(scope="module")
+def places(pa10_chain, reference):
+    return draw_places(pa10_chain, reference, REACH, 900, stream(1, 300, None))
+
+
+def test_uniform_by_area_and_fewer_places_are_the_first_of_more(pa10_chain, reference, places):
     radius = np.hypot(*places.p_base_m.T)
     azimuth = np.arctan2(*places.p_base_m.T[::-1])
     near, far = np.square(REACH)
     edge = np.radians(177)
     assert kstest(radius**2, "uniform", args=(near, far - near)).pvalue > 1e-3
     assert kstest(azimuth, "uniform", args=(-edge, 2 * edge)).pvalue > 1e-3
+    few = draw_places(pa10_chain, reference, REACH, 30, stream(1, 300, None))
+    np.testing.assert_array_equal(few.p_base_m, places.p_base_m[:30])
 
 
-def test_rejected_places_are_counted(pa10_chain, reference):
+def test_rejected_places_are_counted(places):
     """Joint 1 cannot turn to the last three degrees on either side of the negative x axis."""
-    places = draw_places(pa10_chain, reference, REACH, 900, stream(1, 300, None))
     parts = stream(1, 300, None).random((1000, 2))
     can_be_reached = np.abs(2 * parts[:, 1] - 1) < 177 / 180
     drawn = np.flatnonzero(can_be_reached)[899] + 1
     assert places.rejected == drawn - 900 > 0
 
 
-def test_places_are_where_the_joints_put_the_flange(pa10_chain, reference):
-    places = draw_places(pa10_chain, reference, REACH, 40, stream(1, 300, None))
-    ends = pa10_chain.forward(places.q_rad)[:, :3, 3]
-    np.testing.assert_allclose(ends[:, :2], places.p_base_m, atol=1e-9)
-    assert places.p_base_m.shape == (40, 2)
-
-
-def test_fewer_places_are_the_first_of_more(pa10_chain, reference):
-    few, many = (
-        draw_places(pa10_chain, reference, REACH, count, stream(1, 300, None))
-        for count in (30, 510)
-    )
-    np.testing.assert_allclose(few.p_base_m, many.p_base_m[:30], rtol=0, atol=0)
-
-
 def test_grid_holds_every_reachable_point(pa10_chain, reference):
     grid = grid_places(pa10_chain, reference, REACH, 0.1)
     along = 0.1 * np.arange(-8, 9)
-    x, y = (axis.ravel() for axis in np.meshgrid(along, along))
-    inside = (np.hypot(x, y) >= REACH[0]) & (np.hypot(x, y) <= REACH[1])
+    radius = np.hypot(*np.meshgrid(along, along))
+    inside = (radius >= REACH[0]) & (radius <= REACH[1])
     assert len(grid.p_base_m) + grid.rejected == inside.sum()
     assert grid.rejected == 4  # on the negative x axis, behind joint 1's limits: 0.5 to 0.8 m
     assert len({tuple(point) for point in grid.p_base_m.round(6)}) == len(grid.p_base_m)
-
-
-def test_grid_without_points(pa10_chain, reference):
     assert grid_places(pa10_chain, reference, REACH, 3.0).p_base_m.shape == (0, 2)
 
 
-def test_too_fine_a_grid_is_refused(pa10_chain, reference):
+def test_what_cannot_be_drawn_is_refused(pa10_chain, reference):
     with pytest.raises(SettingsError, match=r"map_spacing_mm.*too fine.*at least 12\.1 at"):
         grid_places(pa10_chain, reference, REACH, 1e-3)
     assert grid_places(pa10_chain, reference, (0.849, 0.85), 12.1e-3).rejected >= 0
-
-
-def test_plane_out_of_reach_is_refused(pa10_chain):
     with pytest.raises(SettingsError, match=r"cannot reach this plane.*got 1500.*0\.5 to 0\.85 m"):
         reference_in_plane(pa10_chain, 1.5, REACH)
-
-
-def test_hardly_reachable_plane_is_refused(pa10_chain):
     reach = (0.7, 6.0)
-    reference = reference_in_plane(pa10_chain, 0.5, reach)
+    wide = reference_in_plane(pa10_chain, 0.5, reach)
     with pytest.raises(SettingsError, match=r"reach_m.*hardly any position.*0\.7, 6\.0"):
-        draw_places(pa10_chain, reference, reach, 20, stream(1, 500, None))
+        draw_places(pa10_chain, wide, reach, 20, stream(1, 500, None))
+
+
+def test_other_radii_are_tried_in_turn(pa10_chain):
+    found = reference_in_plane(pa10_chain, 0.5, (0.6, 2.2))
+    assert found.radius_m == pytest.approx(0.6)
+
+
+# Postures: at their place, pointing down, inside the limits, and all of one kind.
+
+
+def assert_followed(chain, reference, radius, azimuth, least):
+    """Follow to places, of which so many at least are reached; return those."""
+    q_rad, reached = follow(chain, reference, radius, azimuth)
+    assert reached.mean() > least
+    q_rad, azimuth, T = q_rad[reached], azimuth[reached], chain.forward(q_rad[reached])
+    place = radius[reached, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    np.testing.assert_allclose(T[:, :2, 3], place, atol=1e-9)
+    np.testing.assert_allclose(T[:, 2, 3], reference.height_m, atol=1e-9)
+    np.testing.assert_allclose(T[:, :3, 2], np.tile([0, 0, -1.0], (len(T), 1)), atol=1e-9)
+    low, high = chain.arm.limits_rad.T
+    assert ((q_rad >= low) & (q_rad <= high)).all()
+    return q_rad, azimuth
+
+
+def spread(count, near, far):
+    source = np.random.default_rng(2)
+    return source.uniform(near, far, count), source.uniform(-np.pi, np.pi, count)
+
+
+def test_posture_of_the_pa10_stays_in_the_vertical_plane_elbow_up(pa10_chain, reference):
+    q_rad, azimuth = assert_followed(pa10_chain, reference, *spread(200, 0.5, 0.9), 0.95)
+    np.testing.assert_allclose(q_rad[:, 0], azimuth, atol=1e-9)
+    np.testing.assert_allclose(q_rad[:, [3, 5]], 0, atol=1e-9)
+    assert (q_rad[:, 2] > 0).all()
+
+
+def test_a_seven_joint_arm_with_odd_twists(make_arm):
+    rows = [(0.36, 0, -90), (0, 0, 85), (0.42, 0, 95), (0, 0, -90), (0.4, 0.01, -80), (0, 0, 90)]
+    chain = Chain.of(make_arm([*rows, (0.126, 0, 0)], limit_rad=2.9))
+    reference = reference_in_plane(chain, 0.3, (0.55, 0.55))
+    radius, azimuth = spread(60, 0.45, 0.6)
+    assert_followed(chain, reference, radius, 0.7 * azimuth, 0.9)
+
+
+def test_out_of_reach_of_links_or_of_joint_1_is_told(pa10_chain, reference):
+    radius = np.array([0.7, 1.2, 0.7, 0.89])
+    azimuth = np.array([1.0, 0.0, np.radians(178.5), 0.0])
+    _, reached = follow(pa10_chain, reference, radius, azimuth)
+    assert reached.tolist() == [True, False, False, True]
+    q_rad, _ = follow(pa10_chain, reference, np.empty(0), np.empty(0))
+    assert q_rad.shape == (0, 6)

@@ -10,9 +10,8 @@ from pa10cal.arm.room import Box, PosturePoints
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.kinds import instruments
-from pa10cal.pose_plan.candidates import joint_ranges
 from pa10cal.pose_plan.options import PlanOptions
-from pa10cal.pose_plan.plan import path_length, plan_poses, short_path
+from pa10cal.pose_plan.plan import PlanSetup, path_length, plan_poses, short_path
 
 FEW = {"candidates": 150, "effects": 0.0}
 
@@ -31,7 +30,7 @@ def test_every_instrument_gets_a_plan_that_beats_chance(instrument):
     assert np.all(np.diff(plan.expected.criterion) > 0.0)
     assert plan.expected.tool.plan_mm < plan.expected.tool.random_mm
     assert all(each.std > 0.0 for each in plan.expected.parameters.values())
-    low, high = joint_ranges(plan.arm, plan.options)
+    low, high = PlanSetup(plan.arm, plan.kind, plan.options).joint_ranges
     assert np.all((plan.q >= low - 1e-5) & (plan.q <= high + 1e-5))
 
 
@@ -48,8 +47,8 @@ def test_all_poses_keep_to_every_limit():
     plan = plan_poses(arm, "points", 20, options)
     targets_m = 1e-3 * np.array(options.targets_mm)
     at = PosturePoints.of(Chain.of(arm), plan.q, targets_m)
-    assert plan.p_base_target_m == pytest.approx(at.p_base_targets[:, 0])
     first = at.p_base_targets[:, 0]
+    assert plan.p_base_target_m == pytest.approx(first)
     assert np.all((first >= [-0.9, -0.9, 0.1]) & (first <= [0.9, 0.9, 1.2]))
     assert np.linalg.norm(first, axis=1).max() <= 1.0
     wall = Box(np.array([0.3, -2.0, -2.0]), np.array([0.5, 2.0, 0.5]))
@@ -75,12 +74,9 @@ def test_effects_count_where_they_are_wanted():
     assert much.expected.tool.plan_mm > little.expected.tool.plan_mm
 
 
-def test_there_is_something_to_choose_among_for_every_pose():
+def test_loads_show_springs_and_there_are_candidates_for_every_pose():
     plan = plan_poses(load_arm("gx4_351s"), "pose", 80, option(floor_mm=None))
     assert plan.expected.candidates == 3 * 80
-
-
-def test_loads_show_springs():
     arm, two = load_arm("pa10_6ce"), {"tool_kg": 2.0, "loads_N": (0.0, 44.0)}
     once, loaded = (plan_poses(arm, "pose", 15, option(**keys)) for keys in ({}, two))
     assert loaded.expected.springs

@@ -11,14 +11,8 @@ from pa10cal.results.plan import suggestion_table
 
 
 def pose(q_rad, load_N, arrive_from, nats, *serves):
-    return SuggestedPose(
-        q_deg=np.degrees(q_rad),
-        q_rad=q_rad,
-        load_N=load_N,
-        arrive_from=arrive_from,
-        separation_nats=nats,
-        for_=serves,
-    )
+    keys = {"load_N": load_N, "arrive_from": arrive_from, "separation_nats": nats}
+    return SuggestedPose(q_deg=np.degrees(q_rad), q_rad=q_rad, **keys, for_=serves)
 
 
 SUGGESTIONS = (
@@ -36,18 +30,12 @@ def test_the_table_reads_back():
     assert int(rows[0]["arrive1_from"]) == -1
     assert rows[0]["for"] == "a of b; c or d"
 
-
-def test_without_sides_the_table_has_no_columns_of_them():
-    rows = list(csv.DictReader(io.StringIO(suggestion_table(SUGGESTIONS, 2, with_sides=False))))
-    assert list(rows[0]) == ["order", "q1_deg", "q2_deg", "load_N", "for"]
-
-
-def test_without_suggestions_the_table_is_its_header():
-    lines = suggestion_table((), 6, with_sides=True).splitlines()
-    assert len(lines) == 1
-    assert lines[0].startswith("order,q1_deg,q2_deg")
-    assert "arrive6_from" in lines[0]
-
-
-def test_the_file_says_for():
     assert SUGGESTIONS[1].model_dump(mode="json")["for"] == ["a of b"]
+
+
+def test_columns_of_sides_are_there_where_they_are_wanted():
+    header, *rows = suggestion_table(SUGGESTIONS, 2, with_sides=False).splitlines()
+    assert (header, len(rows)) == ("order,q1_deg,q2_deg,load_N,for", 2)
+    (line,) = suggestion_table((), 6, with_sides=True).splitlines()
+    assert line.startswith("order,q1_deg,q2_deg")
+    assert "arrive6_from" in line

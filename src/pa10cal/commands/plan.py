@@ -96,7 +96,7 @@ def plan(
 
 
 def _lines(found: PosePlan, out: Path) -> Iterator[str]:
-    from pa10cal.pose_plan.candidates import instrument_place_m
+    from pa10cal.pose_plan.plan import PlanSetup
 
     expected = found.expected
     yield f"{out}: {len(found)} poses of {found.arm.name}, in an order of short moves"
@@ -120,7 +120,7 @@ def _lines(found: PosePlan, out: Path) -> Iterator[str]:
             f"size, {apart} whatever others are missing too"
         )
     if not found.kind.directional and found.options.instrument_at_mm is None:
-        place_m = instrument_place_m(found.arm, found.options)
+        place_m = PlanSetup(found.arm, found.kind, found.options).instrument_place_m
         place = ", ".join(f"{1e3 * each:.0f}" for each in place_m)
         yield f"instrument taken to be at {place} mm of the base; state --instrument-at-mm"
     removed = ", ".join(f"{name} {count}" for name, count in expected.removed.items() if count)

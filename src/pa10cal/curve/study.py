@@ -25,7 +25,7 @@ from pa10cal.campaign.read import Campaign
 from pa10cal.curve.angles import chain_arm
 from pa10cal.curve.postures import ChainPostures, draw_postures
 from pa10cal.discovery.preparation import setup_of
-from pa10cal.evaluation.compared import UNCALIBRATED, Evaluation
+from pa10cal.evaluation.holdout import UNCALIBRATED, Evaluation
 from pa10cal.evaluation.options import CurveStudyOptions
 from pa10cal.fit.fitted_model import models_of
 from pa10cal.lab.cell.campaign import simulate_campaign

@@ -107,9 +107,8 @@ def witnesses(
 ) -> tuple[MotorRipple | None, ...]:
     """Return what the ripple of every joint says; None where it shows none.
 
-    Args:
-        joints: for each joint its campaigns; no campaign of a joint that is not to be looked at.
-        stated_ratio: (n,) motor turns a joint turn by the arm's description; nan where not known.
+    By each joint's campaigns, none of a joint that is not to be looked at, and the motor turns a
+    joint turn (n,) that the arm's description states; nan where not known.
     """
     searched = sum(map(bool, joints))
     moved = [_long_enough([part.where(part.moved) for part in joint]) for joint in joints]
@@ -319,14 +318,11 @@ def _interval(below: Array) -> tuple[float, float]:
     """Return the 95 % interval about the best of all shares tried (A,), by log-likelihoods."""
     inside = np.flatnonzero(below > -_CHI2_95_HALF)
     first, last = int(inside[0]), int(inside[-1])
-
-    def crossing(within: int, beyond: int) -> float:
-        if not 0 <= beyond < len(below):
-            return float(_ALPHAS[within])
-        part = (below[within] + _CHI2_95_HALF) / (below[within] - below[beyond])
-        return float(_ALPHAS[within] + part * (_ALPHAS[beyond] - _ALPHAS[within]))
-
-    return crossing(first, first - 1), crossing(last, last + 1)
+    rises = slice(max(first - 1, 0), first + 1)
+    falls = np.arange(last, min(last + 2, len(below)))[::-1]
+    ends = (np.interp(-_CHI2_95_HALF, below[at], _ALPHAS[at]) for at in (rises, falls))
+    low, high = map(float, ends)
+    return low, high
 
 
 # What a model leaves of each joint's angle, pose by pose, as the ripple of its motor needs it.

@@ -30,7 +30,7 @@ from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import EvidenceProblem, NoiseModel, noise_models
 from pa10cal.discovery.evidence.search import linearise
 from pa10cal.discovery.finding import Finding, Untestable
-from pa10cal.discovery.in_time.wander import InTime
+from pa10cal.discovery.in_time import InTime
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.preparation import complete, targets_m
@@ -140,15 +140,9 @@ def separating_poses(
     """Choose the poses that best separate pairs of effects.
 
     Out of a pool drawn at random, the set with which the closest pair comes furthest apart, in the
-    order in which each pose brings most. Pairs that no such choice would split are omitted.
-
-    Args:
-        problem: the campaign.
-        found: the model with what was found, fitted.
-        rivals: pairs of an effect (of the fit, or not testable) and what explains the data as well
-            in its place: another effect, or None for the model's own parameters alone.
-        count: poses wanted.
-        random_seed: draws the pool.
+    order in which each pose brings most. Pairs that no such choice would split are omitted. The
+    fit is the model with what was found; of each pair the first is an effect of it, or one that is
+    not testable.
 
     Raises:
         DiscoveryError: when nothing can be predicted, or an effect needs what is not known.
@@ -157,55 +151,49 @@ def separating_poses(
         return Plan((), ())
     pool = _pool(problem, random_seed)
     pairs = _separations(problem, found, rivals, predicted(problem, found, pool))
-    before, count = [pair.value for pair in pairs], min(count, len(pool))
+    every, count = Combined(pairs), min(count, len(pool))
+    before = every.values
     for pair in pairs:
         one_by_one(pair, count)
-    possible = [pair.value for pair in pairs]
-    sought = [k for k in range(len(pairs)) if possible[k] - before[k] >= LEAST_NATS]
+    possible = every.values
+    sought = np.flatnonzero(possible - before >= LEAST_NATS).tolist()
     order = np.zeros(0, dtype=np.intp)
     if sought:
         closest = Combined([pairs[k] for k in sought])
         chosen = exchange(closest, one_by_one(closest, count), most_sweeps=_MOST_SWEEPS).chosen
         order = one_by_one(closest, count, among=chosen)
-    for pair in pairs:
-        pair.restart()
-    nats = np.empty((len(order) + 1, len(pairs)))  # of each pair before any pose, and after each
-    nats[0] = [pair.value for pair in pairs]
-    for step, pose in enumerate(order.tolist()):
-        for pair in pairs:
-            pair.add(pose)
-        nats[step + 1] = [pair.value for pair in pairs]
+    every.restart()
+    steps = [every.values]
+    for pose in order.tolist():
+        every.add(pose)
+        steps.append(every.values)
+    nats = np.array(steps)  # of each pair before any pose, and after each
+    even_share = (nats[-1] - nats[0]) / max(len(order), 1)
     suggestions = []
-    for step, pose in enumerate(order.tolist()):
-        gained, even_share = nats[step + 1] - nats[step], (nats[-1] - nats[0]) / len(order)
-        nearest = min(sought, key=lambda k: nats[step, k])
+    for pose, last, after in zip(order.tolist(), nats[:-1], nats[1:], strict=True):
+        nearest = min(sought, key=lambda k: last[k])
+        helped = [k for k in sought if k == nearest or after[k] - last[k] >= even_share[k]]
         suggestions.append(
             SuggestedPose(
                 q_deg=np.degrees(pool.q_rad[pose]),
                 q_rad=pool.q_rad[pose],
                 load_N=float(pool.load_N[pose]),
                 arrive_from=-pool.arrival[pose],
-                separation_nats=float(nats[step + 1, sought].min()),
-                for_=tuple(
-                    label_of(*rivals[k])
-                    for k in sought
-                    if k == nearest or gained[k] >= even_share[k]
-                ),
+                separation_nats=float(after[sought].min()),
+                for_=tuple(label_of(*rivals[k]) for k in helped),
             )
         )
-    return Plan(
-        tuple(suggestions),
-        tuple(
-            ExpectedSeparation(
-                pair=label_of(*pair),
-                before_nats=before[k],
-                after_nats=float(nats[-1, k]),
-                possible_nats=max(possible[k], float(nats[-1, k])),
-                can_be_split=k in sought,
-            )
-            for k, pair in enumerate(rivals)
-        ),
+    separations = (
+        ExpectedSeparation(
+            pair=label_of(*pair),
+            before_nats=float(before[k]),
+            after_nats=float(nats[-1, k]),
+            possible_nats=float(max(possible[k], nats[-1, k])),
+            can_be_split=k in sought,
+        )
+        for k, pair in enumerate(rivals)
     )
+    return Plan(tuple(suggestions), tuple(separations))
 
 
 def _pool(problem: EvidenceProblem, random_seed: int) -> PoseStates:
@@ -356,17 +344,11 @@ def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) 
             allowed="an arm and a tool whose masses are known",
             remedy="complete the descriptions of arm and tool",
         )
-    count = len(states)
     repeats = round(len(readings) / (1 + int(same_circumstances(readings).max())))
     states, _ = with_torques(baseline.model, baseline.x, states, setup.payload)
-    poses = Observations(
-        pose=np.array([f"next {k}" for k in range(count)]),
-        states=states,
-        measured=_as_seen(problem, baseline, states),
-        kind=np.full(count, "grid"),
-        repeat=np.ones(count, dtype=np.int64),
-        readings=np.full(count, repeats),
-    )
+    label = np.array([f"next {k}" for k in range(len(states))])
+    poses = Observations.single(label, states, _as_seen(problem, baseline, states))
+    poses = replace(poses, readings=np.full(len(states), repeats))
     states = complete(poses, baseline, setup).states
     if problem.torques_logged and states.static_loads is not None:
         tau_Nm = states.static_loads.joint_Nm + found.model.torque_Nm(states, found.at.x)
@@ -378,9 +360,8 @@ def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) 
     pose, torque, _ = noise_models(
         poses, cov, baseline, setup, torque_u_Nm, load_N, problem.in_time
     )
-    nothing_Nm = np.zeros_like(poses.states.tau_Nm)
     ahead = replace(problem, readings=poses, cells=poses, cell_cov=cov, pose=pose, torque=torque)
-    return replace(ahead, torque_left_Nm=nothing_Nm)
+    return replace(ahead, torque_left_Nm=np.zeros_like(states.tau_Nm))
 
 
 def _as_seen(problem: EvidenceProblem, at: FittedModel, states: PoseStates) -> Instrument:

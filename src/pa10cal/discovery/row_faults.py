@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.finding import DiagnosedFault
-from pa10cal.discovery.in_time.wander import moved_between_repeats
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import (
     MEDIAN_TO_SIGMA,
@@ -64,9 +64,9 @@ def row_faults(
 
     A payload of None is one that is not known.
     """
-    exchanged = loads_exchanged(readings, model, payload, torques)
-    other = exchanged.load_N != readings.states.load_N
-    faults = [*_of_loads(readings, exchanged.load_N, exchanged.gain)]
+    told_N, gain = loads_exchanged(readings, model, payload, torques)
+    other = told_N != readings.states.load_N
+    faults = [*_of_loads(readings, told_N, gain)]
     rest, excluded = readings.take(~other), other.copy()
     gross = gross_errors(rest, model)
     excluded[~other] = gross.excluded
@@ -74,7 +74,7 @@ def row_faults(
     for pose, (off_mm, times) in poses_off(readings.take(~excluded), model).items():
         excluded |= readings.pose == pose
         what = f"all its readings are {off_mm:.3g} mm off, {times:.3g} times as far as is usual"
-        faults.append(_outlier(pose, what))
+        faults.append(_outlier(pose, what, None, decides=False))
     return RowFaults(excluded, tuple(faults))
 
 
@@ -101,16 +101,13 @@ def carries(pose: str, name: str, gain: float | None) -> DiagnosedFault:
     what = (
         f"without this pose there is no evidence of {name}: one pose cannot show an effect of all"
     )
-    return _outlier(pose, what, gain=gain, decides=True)
+    return _outlier(pose, what, gain, decides=True)
 
 
-def _outlier(
-    pose: str, what: str, *, gain: float | None = None, decides: bool = False
-) -> DiagnosedFault:
-    where, look = f"pose {pose}", "check the readings of this pose: joints, load, labels"
-    return DiagnosedFault(
-        kind="outlier", where=where, what=what, remedy=look, gain=gain, decides=decides
-    )
+def _outlier(pose: str, what: str, gain: float | None, *, decides: bool) -> DiagnosedFault:
+    remedy = "check the readings of this pose: joints, load, labels"
+    told = {"where": f"pose {pose}", "what": what, "remedy": remedy}
+    return DiagnosedFault(kind="outlier", **told, gain=gain, decides=decides)
 
 
 def _of_loads(readings: Observations, told_N: Array, gain: Array) -> Iterator[DiagnosedFault]:
@@ -158,15 +155,11 @@ def _of_readings(
             moved = " and ".join(names[b] for b, other in enumerate(order_of[k]) if other != b)
             kind, what = "label", f"the labels of targets {moved} seem exchanged"
             remedy = "correct the labels of this configuration"
-        yield DiagnosedFault(
-            kind=kind,
-            where=f"{which}pose {readings.pose[row]}, {readings.states.load_N[row]:g} N, "
-            f"repeat {readings.repeat[row]}",
-            what=what,
-            remedy=remedy,
-            gain=float(gross.times[row] ** 2 / whole),
-            decides=kind == "label",
-        )
+        load_N, repeat = readings.states.load_N[row], readings.repeat[row]
+        where = f"{which}pose {readings.pose[row]}, {load_N:g} N, repeat {repeat}"
+        told = {"where": where, "what": what, "remedy": remedy}
+        gain = float(gross.times[row] ** 2 / whole)
+        yield DiagnosedFault(kind=kind, **told, gain=gain, decides=kind == "label")
 
 
 # Single readings that a gross error moved: their repeats do not confirm them.
@@ -211,14 +204,11 @@ def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
     """
     left, group = residual(model, readings), compared(readings)
     alone = np.bincount(group)[group] < 2
-    nobody, nothing = np.zeros(len(readings), dtype=bool), np.zeros(len(readings))
-    found = GrossErrors(nobody, nobody, nothing, nothing)
-    if not alone.all():
-        found = _off_repeats(readings, model, left, group)
+    found = _off_repeats(readings, model, left, group)
     if not alone.any():
         return found
     white = _by_scatter(readings, model, left)
-    far = alone & _beyond_tails(white, readings, ~nobody)
+    far = alone & _beyond_tails(white, readings, np.ones_like(alone))
     far &= ~confirmed(readings, left, np.flatnonzero(far))
     far &= ~_in_time(far, readings.states.time_s)
     return GrossErrors(
@@ -232,10 +222,12 @@ def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
 def _off_repeats(
     readings: Observations, model: FittedModel, left: Array, group: Index
 ) -> GrossErrors:
-    """Judge readings by the others of their circumstances, which some have."""
+    """Judge readings by the others of their circumstances, where some have any."""
     count, seen = len(readings), readings.measured.components_seen
     nobody, nothing = np.zeros(count, dtype=bool), np.zeros(count)
     alone = np.bincount(group)[group] < 2
+    if alone.all():
+        return GrossErrors(nobody, nobody, nothing, nothing)
     left = left - moved_between_repeats(readings, left, group)
     further = np.linalg.norm(by_stated(readings, left), axis=1)
 
@@ -329,11 +321,6 @@ def _beyond_tails(
     Rows (P, b) are of about unit size. Usual ones show what tails there are, judged ones may be
     beyond them; None for the same.
     """
-    """Return which single readings (P,) are further off than any tail of right data makes.
-
-    Rows (P, b) are of about unit size. Usual readings show what tails there are, judged ones may be
-    beyond them; None for the same.
-    """
     judged = usual if judged is None else judged
     beyond = np.zeros(len(readings), dtype=bool)
     # Those found count no more, so that they do not hide each other.
@@ -390,6 +377,39 @@ def _position_mm(readings: Observations, apart: Array) -> Array:
     return np.asarray(1e3 * np.linalg.norm(apart[:, at], axis=1))
 
 
+# What moved between repeats, by running medians: gross errors do not sway it.
+
+#: Readings over which a median runs.
+_WINDOW = 11
+
+
+def moved_between_repeats(readings: Observations, left: Array, group: Index) -> Array:
+    """Return by how much the components of readings moved with time, (P, b).
+
+    By what a model leaves of them (P, b), and the number of the pose, load and direction of arrival
+    of each (P,), from 0. Zero where the motion is smaller than the scatter about it.
+    """
+    found = np.zeros_like(left)
+    several = np.bincount(group)[group] > 1
+    if np.count_nonzero(several) <= _WINDOW:
+        return found
+    apart = np.empty_like(left)  # less the median of the group
+    for own in np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1]):
+        apart[own] = left[own] - np.median(left[own], axis=0)
+    rows = np.flatnonzero(several)
+    rows = rows[np.argsort(readings.states.time_s[rows], kind="stable")]
+    running = median_filter(apart[rows], size=(_WINDOW, 1), mode="nearest")
+    for _, at in readings.measured.component_kinds:
+        seen = readings.measured.components_seen[rows, at]
+        moved, rest = running[:, at], apart[rows, at] - running[:, at]
+        if not seen.any():
+            continue
+        scatter = MEDIAN_TO_SIGMA * float(np.median(np.abs(rest[seen])))
+        if float(np.sqrt(np.mean(moved[seen] ** 2))) > scatter:
+            found[rows, at] = np.where(seen, moved, 0.0)
+    return found
+
+
 # Loads written down at the wrong readings: what each reading says of its load.
 #
 # Torques, and joints that give way, tell the load of a reading apart from what is stated. Where a
@@ -408,22 +428,17 @@ _LEFT = 0.25
 _MOST = 0.1
 
 
-@dataclass(frozen=True)
-class ExchangedLoads:
-    """Readings whose load is that of another configuration."""
-
-    # (P,) the load that each reading tells, one of the campaign's; as stated but for those
-    # exchanged
-    load_N: Array
-    gain: Array  # (P,) part of the squared error of all readings that the other load takes away
-
-
 def loads_exchanged(
     readings: Observations, model: FittedModel, payload: Payload | None, torques: TorqueSource
-) -> ExchangedLoads:
-    """Find single readings whose load is that of another configuration."""
+) -> tuple[Array, Array]:
+    """Find single readings whose load is that of another configuration.
+
+    Returns:
+        The load that each reading tells (P,), one of the campaign's, as stated but for those
+        exchanged; and the part (P,) of the squared error of all readings that it takes away.
+    """
     stated_N = readings.states.load_N
-    nothing = ExchangedLoads(stated_N, np.zeros(len(readings)))
+    nothing = stated_N, np.zeros(len(readings))
     loads_N = np.unique(stated_N)
     if payload is None or len(loads_N) < 2 or torques == "none":
         return nothing
@@ -465,7 +480,7 @@ def loads_exchanged(
         return nothing
     instead = white - columns * (found - stated_N)[:, None]
     gain = np.sum(white**2 - instead**2, axis=1) / np.sum(white**2)
-    return ExchangedLoads(found, np.where(wrong, gain, 0.0))
+    return found, np.where(wrong, gain, 0.0)
 
 
 def _load_rows(

@@ -58,45 +58,47 @@ def stated_wrongly(
     return tuple(found)
 
 
+#: Of the products below: those of both halves of the readings together.
+_BOTH = 2
+
+
 @dataclass(frozen=True)
 class _TorqueProducts:
-    """Products of weighed rows of the torques, of two halves of the readings."""
+    """Products of weighed rows of the torques: of two halves of the readings, and of both."""
 
-    normal: Array  # (2, k, k) of the columns
-    with_data: Array  # (2, k) of the columns with the data
-    squares: Array  # (2,) of the data
+    normal: Array  # (3, k, k) of the columns
+    with_data: Array  # (3, k) of the columns with the data
+    squares: Array  # (3,) of the data
     known: int  # how many columns any log may need; those of the faults follow
     of_faults: tuple[Index, ...]  # columns of each fault
 
-    def gain(self, chosen: Sequence[int], fault: int, halves: Sequence[int] = (0, 1)) -> float:
-        """Return the squares that a further fault takes away, of some halves."""
-        return self._left(chosen, halves) - self._left([*chosen, fault], halves)
+    def gain(self, chosen: Sequence[int], fault: int, part: int = _BOTH) -> float:
+        """Return the squares that a further fault takes away."""
+        return self._left(chosen, part) - self._left([*chosen, fault], part)
 
     def needs(self, chosen: Sequence[int], fault: int) -> bool:
         """Return whether a further fault is there."""
-        lesser = min(self.gain(chosen, fault, [0]), self.gain(chosen, fault, [1]))
+        lesser = min(self.gain(chosen, fault, half) for half in range(_BOTH))
         _, covariance, _ = self.amounts([*chosen, fault], fault)
         nats = 0.5 * (self.gain(chosen, fault) + np.linalg.slogdet(covariance)[1])
         return bool(nats > _LEAST_NATS and lesser > _OF_A_HALF)
 
     def amounts(self, chosen: Sequence[int], fault: int) -> tuple[Array, Array, float]:
         """Return amounts of one of the chosen, in its sizes, their covariance, and its gain."""
-        at, covariance, x = self._solved(chosen, (0, 1))
+        at, covariance, x = self._solved(chosen, _BOTH)
         own = np.flatnonzero(np.isin(at, self.of_faults[fault]))
-        without = self._left([other for other in chosen if other != fault])
-        gain = (without - self._left(chosen)) / without
+        without = self._left([other for other in chosen if other != fault], _BOTH)
+        gain = (without - self._left(chosen, _BOTH)) / without
         return x[own], covariance[np.ix_(own, own)], gain
 
-    def _solved(self, chosen: Sequence[int], halves: Sequence[int]) -> tuple[Index, Array, Array]:
+    def _solved(self, chosen: Sequence[int], part: int) -> tuple[Index, Array, Array]:
         at = np.concatenate([np.arange(self.known), *(self.of_faults[k] for k in chosen)])
-        normal = self.normal[[*halves]].sum(axis=0)[np.ix_(at, at)] + np.eye(len(at))
-        covariance = np.linalg.inv(normal)
-        return at, covariance, covariance @ self.with_data[[*halves]].sum(axis=0)[at]
+        covariance = np.linalg.inv(self.normal[part][np.ix_(at, at)] + np.eye(len(at)))
+        return at, covariance, covariance @ self.with_data[part][at]
 
-    def _left(self, chosen: Sequence[int], halves: Sequence[int] = (0, 1)) -> float:
-        at, _, x = self._solved(chosen, halves)
-        with_data = self.with_data[[*halves]].sum(axis=0)[at]
-        return float(self.squares[[*halves]].sum() - with_data @ x)
+    def _left(self, chosen: Sequence[int], part: int) -> float:
+        at, _, x = self._solved(chosen, part)
+        return float(self.squares[part] - self.with_data[part][at] @ x)
 
 
 def _rows(
@@ -136,14 +138,12 @@ def _rows(
     drawn = np.random.default_rng(0).permutation(len(poses))
     halves = [drawn[::2], drawn[1::2]]
     rows = [(white[half].reshape(-1, count), data[half].ravel()) for half in halves]
-    stops = known.shape[2] + np.cumsum([0, *(own.shape[2] for own in of_faults)])
-    return _TorqueProducts(
-        np.stack([own.T @ own for own, _ in rows]),
-        np.stack([own.T @ off for own, off in rows]),
-        np.array([off @ off for _, off in rows]),
-        known.shape[2],
-        tuple(np.arange(*ends) for ends in pairwise(stops.tolist())),
-    )
+    products = ([own.T @ own, own.T @ off, off @ off] for own, off in rows)
+    normal, with_data, squares = (np.stack([a, b, a + b]) for a, b in zip(*products, strict=True))
+    first = known.shape[2]
+    stops = first + np.cumsum([0, *(own.shape[2] for own in of_faults)])
+    columns_of = tuple(np.arange(*ends) for ends in pairwise(stops.tolist()))
+    return _TorqueProducts(normal, with_data, squares, first, columns_of)
 
 
 def _spread(left_Nm: Array) -> Array:

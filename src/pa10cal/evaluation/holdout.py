@@ -1,21 +1,26 @@
-"""Models judged on held-out points and loads (paper, Section II.E and Fig. 6)."""
+"""Models judged on held-out points and loads (paper, Section II.E and Fig. 6).
+
+On poses of their own campaign, or of another one, where base and tool are fitted anew.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.general.other_campaign import refit_frames, with_tool_of
-from pa10cal.calibration.uncertainty import summarise, summarise_by_load
+from pa10cal.calibration.uncertainty import align_nominal, summarise, summarise_by_load
+from pa10cal.discovery import preparation
 from pa10cal.discovery.finding import steps_told
-from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time
+from pa10cal.discovery.given import Extended
+from pa10cal.discovery.in_time import in_time_of, steps_in_time
 from pa10cal.discovery.linear import residual, with_base_term
 from pa10cal.discovery.noise import pose_weights, same_circumstances
 from pa10cal.discovery.preparation import (
@@ -25,6 +30,7 @@ from pa10cal.discovery.preparation import (
     context_of,
     sought,
 )
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.instrument import group_means
@@ -33,10 +39,214 @@ from pa10cal.observe.observations import (
     average_repeats,
     measured_as_poses,
     part_of,
+    poses_of,
     reading_groups,
 )
+from pa10cal.observe.order import with_arrivals
 from pa10cal.results import evaluation as results
+from pa10cal.results.record import CampaignIdentity
+from pa10cal.terms.joint_spring import nominal
 from pa10cal.terms.of_campaign import OfPart, motion_of_base
+
+#: Kinds of poses that are repeated.
+_KINDS = ("grid", "holdout")
+UNCALIBRATED, EXTENDED = "uncalibrated", "extended"
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Models to judge, and the campaign to judge them by."""
+
+    every: Observations  # single readings of the campaign
+    # fitted models by name; where none is called `uncalibrated`, the nominal model stands for it,
+    # its base aligned once on the unloaded positions
+    models: Mapping[str, FittedModel]
+    extended: Extended | None  # the model with the effects that are missing, or None
+    setup: MeasurementSetup  # what is known of the campaign besides the poses
+
+    def judge(
+        self, *, kind: str = "holdout", elsewhere: bool = False, cuts_s: Sequence[float] = ()
+    ) -> dict[str, results.HeldOutModel]:
+        """Return errors by model on poses of one kind; none where there are no such poses.
+
+        Elsewhere, in another campaign than that of the models, base and tool are fitted anew, the
+        base part by part where it moved at times in order. There the extended model is never worse
+        than the last of the others where base and tool were fitted: its effects are left out where
+        they do not help.
+
+        Raises:
+            CalibrationError: when base and tool are not determined by the poses.
+        """
+        every, models, extended, setup = self.every, self.models, self.extended, self.setup
+        if not (every.kind == kind).any():
+            return {}
+        if UNCALIBRATED not in models:
+            rigid = nominal(next(iter(models.values())).arm)
+            T_instr_base = align_nominal(rigid, poses_of(every, "grid"))
+            models = {UNCALIBRATED: FittedModel(rigid, np.zeros(0), T_instr_base), **models}
+
+        # Those far from the last model, which knows most, by what its own poses scatter.
+        *_, best = models.values()
+        suspected = None
+        if kind == "holdout" and not elsewhere and (every.kind == "grid").any():
+            suspected = preparation.prepared(every, best, setup).suspected
+
+        def judged(
+            model: FittedModel, every: Observations, seen: AngleCoverage | None
+        ) -> tuple[results.HeldOutModel, float]:
+            """Return the errors of a model, and what it leaves of poses it is placed by."""
+            left_mm = 0.0
+            if elsewhere:
+                there = placed(model, every, setup, cuts_s)
+                model, left_mm = there.model, there.rms_mm
+            poses = prepared(every, kind, model, setup, cuts_s)
+            beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
+            return held_out_errors(model, poses, beyond, suspected), left_mm
+
+        learnt = None if extended is None else extended.seen
+        # In another campaign what is new is told by the same angles for all models.
+        seen = learnt or best.seen if elsewhere else None
+        found, left_mm = {}, np.inf
+        for name, model in models.items():
+            found[name], left_mm = judged(model, every, seen)
+        if extended is not None:
+            *_, last = found.values()
+            errors, with_effects_mm = judged(
+                extended.model, with_arrivals(every)[0], seen or learnt
+            )
+            # Effects that do not even help in the poses to which base and tool were fitted stay
+            # away.
+            found[EXTENDED] = errors if not elsewhere or with_effects_mm < left_mm else last
+        return found
+
+    def judge_in_parts(
+        self, cuts_s: Sequence[float]
+    ) -> tuple[dict[str, results.HeldOutModel], tuple[results.PartOfCampaign, ...]]:
+        """Judge the models with a base for every part of the campaign; return the parts too."""
+        found = self.judge(elsewhere=True, cuts_s=cuts_s)
+        return found, parts_of(*self.best(cuts_s), cuts_s)
+
+    def best(self, cuts_s: Sequence[float] = ()) -> tuple[Placed, Observations]:
+        """Return what leaves least of the calibration poses, and the readings as it takes them."""
+        *_, last = self.models.values()
+        best = placed(last, self.every, self.setup, cuts_s)
+        if self.extended is None:
+            return best, self.every
+        arrived = with_arrivals(self.every)[0]
+        with_effects = placed(self.extended.model, arrived, self.setup, cuts_s)
+        return (with_effects, arrived) if with_effects.rms_mm < best.rms_mm else (best, self.every)
+
+
+def held_out_record(
+    campaign: CampaignIdentity, calibration: str, own: Evaluation
+) -> results.HoldoutRecord:
+    """Judge models on held-out poses of their own campaign.
+
+    Where the verdict tells steps, they are judged with a base for every part as well.
+
+    Raises:
+        CalibrationError: when base and tool are not determined by the poses.
+    """
+    found = own.judge()
+    cuts_s: Sequence[float] = ()
+    if found and own.extended is not None and not own.every.measured.campaigns:
+        cuts_s = worth_cutting(own.every, own.extended.steps_s)
+    parts = by_parts = None
+    if cuts_s:
+        in_parts, parts = own.judge_in_parts(cuts_s)
+        by_parts = _errors_of(in_parts)
+    return results.HoldoutRecord(
+        calibration=calibration,
+        parts=parts,
+        by_parts=by_parts,
+        note=None if found else "no held-out rows measured",
+        **_shared_keys(campaign, found),
+    )
+
+
+def transfer_record(
+    campaign: CampaignIdentity, from_: str, there: Evaluation
+) -> results.TransferRecord:
+    """Judge models of one campaign in another, part by part where instrument or base moved there.
+
+    Raises:
+        CalibrationError: when base and tool are not determined by the poses.
+    """
+    found = there.judge(elsewhere=True)
+    cuts_s: Sequence[float] = ()
+    if found:
+        best, arrived = there.best()
+        cuts_s = steps_elsewhere(best.model, arrived, there.setup)
+    parts = one_base = None
+    if cuts_s:
+        one_base = _errors_of(found)
+        found, parts = there.judge_in_parts(cuts_s)
+    return results.TransferRecord(
+        from_=from_, parts=parts, one_base=one_base, **_shared_keys(campaign, found)
+    )
+
+
+def _shared_keys(
+    campaign: CampaignIdentity, models: Mapping[str, results.HeldOutModel]
+) -> dict[str, Any]:
+    return {
+        "campaign": campaign.name,
+        "provenance": campaign.provenance,
+        "configurations": max((each.configurations for each in models.values()), default=0),
+        "models": models,
+    }
+
+
+def _errors_of(models: Mapping[str, results.HeldOutModel]) -> dict[str, results.Accuracy]:
+    """Return the errors of models over all configurations."""
+    return {
+        name: results.Accuracy.model_validate(model, from_attributes=True)
+        for name, model in models.items()
+    }
+
+
+def judged_where_repeated(
+    own: Evaluation, *, held_out: Mapping[str, results.HeldOutModel]
+) -> dict[str, Mapping[str, results.HeldOutModel]]:
+    """Judge models on all configurations of the kinds that have repeats, by kind.
+
+    Errors of the held-out poses are those that `own.judge()` gave.
+    """
+    found: dict[str, Mapping[str, results.HeldOutModel]] = {}
+    for kind in _KINDS:
+        single = own.every.of_kind(kind)
+        if len(single) == len(np.unique(reading_groups(single))):
+            continue
+        known = held_out if kind == "holdout" else None
+        found[kind] = known or own.judge(kind=kind)
+    return found
+
+
+def said_of_parts(parts: Sequence[results.PartOfCampaign]) -> str:
+    """Return in one sentence how instrument or base moved between parts; empty where not."""
+    moves = [
+        f"{part.moved_by_mm:.2g} mm before {part.from_s:g} s"
+        for part in parts
+        if part.moved_by_mm is not None
+    ]
+    if not moves:
+        return ""
+    return f"instrument or base moved at once, by {', '.join(moves)}: a base for every part"
+
+
+def summary(record: results.HoldoutRecord, *, springs: bool) -> str:
+    """Return the errors in one line; without springs linear and cubic are one model."""
+    if not record.models:
+        return "no held-out rows to evaluate"
+    rigid = {"linear": "calibrated", "cubic": ""}
+    names = {name: name if springs else rigid.get(name, name) for name in record.models}
+    errors = ", ".join(
+        f"{names[name]} {results.mean_and_peak(model, model.trusted)}"
+        for name, model in record.models.items()
+        if names[name]
+    )
+    return f"held out ({record.configurations}): mean/peak {errors}"
+
 
 #: More points than this are listed pose by pose only.
 _MOST_POINTS = 500
@@ -49,12 +259,7 @@ def prepared(
     setup: MeasurementSetup,
     cuts_s: Sequence[float] = (),
 ) -> Observations:
-    """Return averaged poses of one kind, with what the terms of a model need in their states.
-
-    Args:
-        kind: `grid` or `holdout`.
-        cuts_s: times that part the campaign.
-    """
+    """Return averaged poses of one kind, with what the terms of a model need in their states."""
     poses = average_repeats(every.of_kind(kind), cuts_s)
     states, _ = with_torques(model.model, model.x, poses.states, setup.payload)
     poses = poses.with_states(states)
@@ -66,16 +271,13 @@ def prepared(
 def held_out_errors(
     model: FittedModel,
     held_out: Observations,
-    extrapolated: NDArray[np.bool_] | None = None,
-    suspected: NDArray[np.bool_] | None = None,
+    extrapolated: Mask | None = None,
+    suspected: Mask | None = None,
 ) -> results.HeldOutModel:
-    """Return errors of one model over held-out poses, by load, by point and pose by pose.
+    """Return errors of one model over P poses `prepared` for it, by load, point and pose.
 
-    Args:
-        held_out: P poses, `prepared` for it.
-        extrapolated: (P,) which of them leave the joint angles that the model has learnt from;
-            None where it has learnt nothing that stops there.
-        suspected: (P,) which of them have a suspected reading; None for none.
+    Some leave the joint angles that the model has learnt from, (P,); None where it has learnt
+    nothing that stops there. Some have a suspected reading, (P,); None for none.
     """
     found, labels = model.deviations(held_out), np.unique(held_out.pose)
     twist, attitudes = None, held_out.measured.turned(model.R_ee_target).attitudes
@@ -83,14 +285,14 @@ def held_out_errors(
         R_predicted = model.T_instr_base[:3, :3] @ model.as_read(held_out)[:, :3, :3]
         twist = constant_tool_twist(R_predicted, attitudes)
 
-    def errors(rows: NDArray[np.bool_] | None) -> results.Accuracy | None:
-        return summarise(found.take(rows)) if rows is not None and rows.any() else None
+    def errors(rows: Mask | None) -> results.Accuracy | None:
+        return summarise(found, rows) if rows is not None and rows.any() else None
 
     return results.HeldOutModel(
         **dict(summarise(found)),
         per_load=summarise_by_load(found, held_out.states.load_N),
         per_point={
-            str(label): summarise(found.take(held_out.pose == label))
+            str(label): summarise(found, held_out.pose == label)
             for label in (labels if len(labels) <= _MOST_POINTS else ())
         },
         tool_twist=twist,
@@ -150,10 +352,7 @@ class Placed:
 def placed(
     model: FittedModel, every: Observations, setup: MeasurementSetup, cuts_s: Sequence[float] = ()
 ) -> Placed:
-    """Fit base and tool of a model to the calibration poses of a campaign.
-
-    Args:
-        cuts_s: times at which the base moved: it is fitted part by part.
+    """Fit base and tool of a model to the calibration poses of a campaign, part by part.
 
     Raises:
         CalibrationError: when the poses do not determine base and tool.
@@ -171,10 +370,8 @@ def steps_elsewhere(
     """Return when instrument or base moved at once [s], by what a carried model leaves.
 
     None where the search in time tells no step as a fact, as where the order of rows is no time,
-    and in a group, each of whose campaigns has its own base.
-
-    Args:
-        model: the model, base and tool fitted to the calibration poses.
+    and in a group, each of whose campaigns has its own base. Base and tool of the model were fitted
+    to the calibration poses.
     """
     readings = every.of_kind("grid").turned(model.R_ee_target)
     if readings.measured.campaigns or not len(readings):
@@ -202,13 +399,10 @@ def steps_elsewhere(
 
 
 def worth_cutting(every: Observations, steps_s: Sequence[float]) -> tuple[float, ...]:
-    """Return the steps at which to part a campaign, in order of time.
+    """Return the steps at which to part a campaign in order of time, of those by certainty.
 
     A part with too few calibration poses for a base of its own joins its neighbour across the less
     certain step.
-
-    Args:
-        steps_s: the steps, the most certain first.
     """
     readings, kept = every.of_kind("grid"), list(steps_s)
     while kept:
@@ -224,12 +418,7 @@ def worth_cutting(every: Observations, steps_s: Sequence[float]) -> tuple[float,
 def parts_of(
     found: Placed, every: Observations, cuts_s: Sequence[float]
 ) -> tuple[results.PartOfCampaign, ...]:
-    """Return the parts of a campaign, and how the base moved between them.
-
-    Args:
-        found: a model with a base for every part.
-        cuts_s: where it is parted, in order of time.
-    """
+    """Return the parts of a campaign, and how the base of every part of a model moved."""
     model, states = found.model, found.poses.states
     before = replace(states, time_s=np.full(len(states), cuts_s[0]))
     ends_m = model.model.predict(before, model.x)[:, :3, 3]

@@ -25,18 +25,12 @@ _MM = 1e3
 
 
 def repeatability(p_m: Array, R: Array | None) -> tuple[float, Array | None]:
-    """Return the repeatability of a pose that was attained n times (ISO 9283, 7.2.2).
+    """Return the repeatability of a pose attained n >= 2 times (ISO 9283, 7.2.2): RP_l [mm].
 
-    RP_l = mean(l) + 3 S_l with l_j the distance of attained position j from their mean and S_l
-    the standard deviation of these distances; RP_a = 3 S_a of each angle.
-
-    Args:
-        p_m: (n, 3) attained positions, n >= 2.
-        R: (n, 3, 3) attained orientations; None where none are measured. Angles are the small
-            rotations from their mean, about the axes along which orientations are given.
-
-    Returns:
-        RP_l [mm], and RP_a, RP_b, RP_c (3,) [deg]; None where no orientation is measured.
+    And RP_a, RP_b, RP_c (3,) [deg]; None where no orientation is measured. RP_l = mean(l) + 3 S_l
+    with l_j the distance of attained position j (n, 3) from their mean and S_l the standard
+    deviation of these distances; RP_a = 3 S_a of each angle, the small rotations of attained
+    orientations (n, 3, 3) from their mean, about the axes along which these are given.
     """
     distance = np.linalg.norm(p_m - p_m.mean(axis=0), axis=1)
     RP_mm = _MM * float(distance.mean() + 3.0 * distance.std(ddof=1))
@@ -56,9 +50,8 @@ def iso9283_record(
 ) -> results.Iso9283Record:
     """Return accuracy under every model and repeatability of every configuration repeated enough.
 
-    Args:
-        judged: models judged on every configuration, by kind of poses and name of the model.
-        R_instr_base: (3, 3) orientation of the base, along whose axes rotations are given.
+    Models were judged on every configuration, by kind of poses and name; rotations are given along
+    the axes of the base (3, 3).
     """
     readings = {kind: every.of_kind(kind) for kind in judged}
     groups = {kind: reading_groups(single) for kind, single in readings.items()}
@@ -68,13 +61,9 @@ def iso9283_record(
         note = "a distance alone shows neither the position nor the orientation attained"
     elif not any(map(len, chosen.values())):
         note = f"no configuration has {LEAST_REPEATS} repeats"
+    about = {"campaign": campaign.name, "provenance": campaign.provenance}
     if note is not None:
-        return results.Iso9283Record(
-            campaign=campaign.name,
-            provenance=campaign.provenance,
-            calibration=calibration,
-            note=note,
-        )
+        return results.Iso9283Record(**about, calibration=calibration, note=note)
     repeated = [
         row
         for kind, rows in chosen.items()
@@ -82,8 +71,7 @@ def iso9283_record(
     ]
     names = list(judged[next(kind for kind, rows in chosen.items() if len(rows))])
     return results.Iso9283Record(
-        campaign=campaign.name,
-        provenance=campaign.provenance,
+        **about,
         calibration=calibration,
         repeatability=results.RepeatabilityRows.model_validate(repeated),
         accuracy={

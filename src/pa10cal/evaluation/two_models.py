@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -43,10 +44,7 @@ _SAME = 1e-9
 def compare_models(
     first: FittedModel, second: FittedModel, names: tuple[str, str] = ("first", "second")
 ) -> results.ComparisonRecord:
-    """Compare two models of arms of the same layout.
-
-    Args:
-        names: what they are called in the record and in messages.
+    """Compare two models of arms of the same layout, under their names.
 
     Raises:
         ModelError: when the arms differ in layout, or a model with springs does not know the
@@ -148,36 +146,32 @@ def _parameters(first: FittedModel, second: FittedModel) -> results.ParameterRow
         }
         for model in (first, second)
     )
-    keys = [*mine, *(key for key in theirs if key not in mine)]
-    # Value, standard uncertainty and typical size of each.
-    one, other = (
-        np.array([known.get(key, (np.nan,) * 3) for key in keys]).reshape(-1, 3)
-        for known in (mine, theirs)
-    )
-    difference, u = other[:, 0] - one[:, 0], np.hypot(one[:, 1], other[:, 1])
-    if not np.allclose(first.R_ee_target, second.R_ee_target, rtol=0, atol=_SAME):
-        # Each counts from the orientation that its own fit began with; the frames show the whole.
-        difference[[unit == "rad" and of == "tool" for _, of, _, unit in keys]] = np.nan
-    # A parameter that no pose determines stays where it began, and one at the end of its range
-    # there: their uncertainties are rounding.
-    determined = np.all(
-        [each[:, 1] > _SAME * np.maximum(each[:, 2], np.abs(each[:, 0])) for each in (one, other)],
-        axis=0,
-    )
-    over_u = np.divide(difference, u, out=np.full(len(u), np.nan), where=determined)
-    term, of, parameter, unit = np.array(keys, dtype=str).reshape(-1, 4).T
-    return results.ParameterRows(
-        term=term,
-        of=of,
-        parameter=parameter,
-        unit=unit,
-        first=one[:, 0],
-        first_std=one[:, 1],
-        second=other[:, 0],
-        second_std=other[:, 1],
-        difference=difference,
-        over_u=over_u,
-    )
+    # Turns of the tool count from the orientation that their own fit began with; the frames show
+    # the whole.
+    began_alike = np.allclose(first.R_ee_target, second.R_ee_target, rtol=0, atol=_SAME)
+    rows = []
+    for key in dict.fromkeys((*mine, *theirs)):
+        term, of, parameter, unit = key
+        (x, u, scale), (y, v, size) = (known.get(key, (np.nan,) * 3) for known in (mine, theirs))
+        difference = y - x if began_alike or (of, unit) != ("tool", "rad") else np.nan
+        # A parameter that no pose determines stays where it began, and one at the end of its range
+        # there: their uncertainties are rounding.
+        determined = u > _SAME * max(scale, abs(x)) and v > _SAME * max(size, abs(y))
+        rows.append(
+            {
+                "term": term,
+                "of": of,
+                "parameter": parameter,
+                "unit": unit,
+                "first": x,
+                "first_std": u,
+                "second": y,
+                "second_std": v,
+                "difference": difference,
+                "over_u": difference / np.hypot(u, v) if determined else np.nan,
+            }
+        )
+    return results.ParameterRows.model_validate(rows)
 
 
 def _judged(
@@ -358,12 +352,9 @@ def _without_base_and_tool(motions: Array, T: Array) -> tuple[Array, Array]:
 def _expected(noise: Array, left: Array) -> tuple[float, float]:
     """Return the rms size expected of differences, and the chance of those that are left.
 
+    By differences (3 P, k) under k independent causes of standard size one, and those found (P,).
     Their sum of squares is a weighted sum of chi-square variables; one chi-square of the same mean
     and variance stands for it (Satterthwaite).
-
-    Args:
-        noise: (3 P, k) differences under k independent causes of standard size one.
-        left: (P,) differences found.
     """
     square = noise.T @ noise
     mean, spread = float(np.trace(square)), float(np.sum(square**2))
@@ -381,10 +372,7 @@ _MOST = 24
 
 
 def drift(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftRecord:
-    """Return the parameters of an arm over campaigns.
-
-    Args:
-        models: of two campaigns or more, in order of time, with covariances.
+    """Return the parameters of an arm over two campaigns or more, in order of time.
 
     Raises:
         ModelError: when there are fewer than two, the arms differ in layout, or a covariance is not
@@ -392,12 +380,11 @@ def drift(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftR
     """
     _refuse(models, names)
     steps = []
-    for k in range(1, len(models)):
-        found = compare_models(models[k - 1], models[k], (names[k - 1], names[k]))
-        assert found.what_moved is not None
-        steps.append(
-            results.DriftStep(first=names[k - 1], second=names[k], what_moved=found.what_moved)
-        )
+    for (first, before), (second, after) in pairwise(zip(models, names, strict=True)):
+        _refuse_other_layout(first.arm, second.arm, (before, after))
+        moved = what_moved(first, second)
+        assert moved is not None
+        steps.append(results.DriftStep(first=before, second=after, what_moved=moved))
     told = [
         f"{step.first} to {step.second}: {step.what_moved.line}"
         for step in steps

@@ -37,7 +37,7 @@ from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.of_campaign import OfCampaign, small_motion
-from pa10cal.terms.term import Offsets, Term
+from pa10cal.terms.term import Offsets, Term, TermParameter
 from pa10cal.terms.weights import Weights
 
 #: What a frame may have moved by, in its unit.
@@ -52,11 +52,7 @@ _VERDICTS = {JOINT_ZERO: "joint_zero_moved", STIFFNESS: "stiffness_changed"}
 
 
 def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
-    """Return what moved between two models of arms of one layout; None without a covariance.
-
-    Args:
-        first, second: the models, in order of time.
-    """
+    """Return what moved between two models of one arm, in order; None without a covariance."""
     if first.covariance is None or second.covariance is None:
         return None
     found = differences(first, second)
@@ -80,7 +76,7 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
     elif len(of_arm) == 1:
         verdict = _VERDICTS.get(next(iter(of_arm)), verdict)
     # Chi-square of the arm's differences along directions that both fits identify.
-    scale = found.scale[:arm]
+    scale = np.array([parameter.scale for parameter in found.parameters])
     values, vectors = np.linalg.eigh(found.covariance[:arm, :arm] / np.outer(scale, scale))
     seen = (values > 0.0) & (values < _OPEN**2)
     along = vectors[:, seen].T @ (found.by[:arm] / scale)
@@ -155,7 +151,7 @@ def _thing(
         # What else moved is as likely as its size says; of the thing itself nothing is expected.
         information += np.diag(np.append(0.0, np.ones(len(information) - 1)))
         covariance = np.linalg.inv(information)
-        size, unit = float(what.directions[k, 0]), found.units[k]
+        size, unit = float(what.directions[k, 0]), found.parameters[k].unit
         by = float((covariance @ (directions.T @ disagreement.pull))[0] * size)
         std = float(np.sqrt(covariance[0, 0]) * abs(size))
         if what.kind == STIFFNESS:
@@ -207,14 +203,13 @@ class Differences:
     x: Array  # (s,) their parameters in the first model
     by: Array  # (k,) second less first: of the arm, then of the tool, then six motions of the base
     covariance: Array  # (k, k) that they are expected to scatter with
-    scale: Array  # (k,) typical sizes
     tool: NDArray[np.intp]  # columns of the tool
     base: NDArray[np.intp]  # columns of the base
 
     @property
-    def units(self) -> list[str]:
-        """Return the units of the arm's parameters."""
-        return [parameter.unit for term in self.terms for parameter in term.parameters]
+    def parameters(self) -> list[TermParameter]:
+        """Return the arm's parameters."""
+        return [parameter for term in self.terms for parameter in term.parameters]
 
 
 def differences(first: FittedModel, second: FittedModel) -> Differences:
@@ -255,9 +250,8 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
     C1 = _aligned(first, np.concatenate([own, tool_1, base_1]), _gone(first, second))
     C2 = _aligned(second, np.concatenate([away, tool_2, base_2]), _gone(second, first))
     change = block_diag(*changes, np.eye(len(C2) - len(away)))
-    arm, frames = len(own), np.arange(len(own), len(C1))
+    frames = np.arange(len(own), len(C1))
     base = small_motion(np.linalg.inv(first.T_instr_base) @ second.T_instr_base)
-    scale = [parameter.scale for term in terms for parameter in term.parameters]
     places = np.zeros(0)
     if not len(tool):  # targets that both models name, x, y, z of each [m]
         named_1, named_2 = (
@@ -275,7 +269,6 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
         x=first.x[own],
         by=np.concatenate([*by, tool, base, places]),
         covariance=covariance,
-        scale=np.array([*scale, *[UNIT] * (len(covariance) - arm)]),
         tool=frames[: len(tool)] if len(tool) else np.arange(len(C1), len(covariance)),
         base=frames[-6:],
     )

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arrays import Array
@@ -62,7 +63,7 @@ def draw_places(
         SettingsError: when hardly any place can be reached.
     """
     near, far = reach_m
-    points, joints, reached = [], [], []
+    batches = []
     drawn = found = 0
     while found < count:
         if drawn > _MOST_REJECTED * count + _BATCH:
@@ -76,18 +77,13 @@ def draw_places(
         parts = source.random((_BATCH, 2))
         radius = np.sqrt(near**2 + (far**2 - near**2) * parts[:, 0])
         azimuth = np.pi * (2.0 * parts[:, 1] - 1.0)
-        postures = follow(chain, reference, radius, azimuth)
-        points.append(radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1))
-        joints.append(postures.q_rad)
-        reached.append(postures.reached)
+        points = radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+        batches.append((points, *follow(chain, reference, radius, azimuth)))
         drawn += _BATCH
-        found += int(postures.reached.sum())
-    kept = np.flatnonzero(np.concatenate(reached))[:count]
-    return PlanePositions(
-        p_base_m=np.concatenate(points)[kept],
-        q_rad=np.concatenate(joints)[kept],
-        rejected=int(kept[-1]) + 1 - count,
-    )
+        found += int(batches[-1][2].sum())
+    p_m, q_rad, reached = map(np.concatenate, zip(*batches, strict=True))
+    kept = np.flatnonzero(reached)[:count]
+    return PlanePositions(p_m[kept], q_rad[kept], rejected=int(kept[-1]) + 1 - count)
 
 
 def grid_places(
@@ -113,16 +109,12 @@ def grid_places(
     radius = np.hypot(*points.T)
     points = points[(radius >= near) & (radius <= far)]
     parts = np.array_split(points, len(points) // _BATCH + 1)
-    postures = [
+    followed = [
         follow(chain, reference, np.hypot(*part.T), np.arctan2(part[:, 1], part[:, 0]))
         for part in parts
     ]
-    reached = np.concatenate([part.reached for part in postures])
-    return PlanePositions(
-        p_base_m=points[reached],
-        q_rad=np.concatenate([part.q_rad for part in postures])[reached],
-        rejected=int((~reached).sum()),
-    )
+    q_rad, reached = map(np.concatenate, zip(*followed, strict=True))
+    return PlanePositions(points[reached], q_rad[reached], rejected=int((~reached).sum()))
 
 
 @dataclass(frozen=True)
@@ -133,15 +125,6 @@ class Reference:
     radius_m: float  # distance of the flange from the base axis; its azimuth is zero
     height_m: float  # height of the flange above the base
     R_base_ee: Array  # (3, 3) orientation of the flange
-
-
-@dataclass(frozen=True)
-class PlanePostures:
-    """Joint positions for P places."""
-
-    q_rad: Array  # (P, n) joint positions; meaningless where not reached
-    # (P,) whether the flange is at its place and orientation, inside the limits
-    reached: NDArray[np.bool_]
 
 
 def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, float]) -> Reference:
@@ -171,9 +154,9 @@ def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, floa
         z = np.array([0.0, 0.0, -1.0])
         down = np.stack([x, np.cross(z, x), z], axis=1)
         rough = Reference(q_rad[best], float(radius_m), height_m, down)
-        exact = follow(chain, rough, np.array([radius_m]), np.array([0.0]))
-        if exact.reached[0]:
-            return replace(rough, q_rad=exact.q_rad[0])
+        (exact_rad,), reached = follow(chain, rough, np.array([radius_m]), np.array([0.0]))
+        if reached[0]:
+            return replace(rough, q_rad=exact_rad)
     raise SettingsError(
         f"{chain.arm.name} cannot reach this plane with its flange pointing down",
         where="montecarlo.planes_mm (--plane-mm)",
@@ -185,30 +168,26 @@ def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, floa
 
 def follow(
     chain: Chain, reference: Reference, radius_m: Array, azimuth_rad: Array
-) -> PlanePostures:
-    """Carry the reference's posture to P places at its height, given by radius and azimuth."""
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Carry the reference's posture to P places at its height, given by radius and azimuth.
+
+    Returns:
+        Joint positions (P, n), and (P,) whether the flange is at its place and orientation, inside
+        the limits: where it is not, they are meaningless.
+    """
     low, high = chain.arm.limits_rad.T
     q_rad = np.tile(reference.q_rad, (len(radius_m), 1))
+    height = np.full_like(radius_m, reference.height_m)
     for part in np.linspace(0.0, 1.0, _PATH_STEPS + 1)[1:]:
         radius = reference.radius_m + part * (radius_m - reference.radius_m)
-        place, attitude = _targets(reference, radius, part * azimuth_rad)
+        turned = Rotation.from_rotvec(part * azimuth_rad[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+        place = np.column_stack([radius[:, None] * turned[:, :2, 0], height])
+        attitude = turned @ reference.R_base_ee
         for _ in range(_STEPS_AT_THE_END if part == 1.0 else _STEPS_ON_THE_WAY):
             residual, jacobian = _residual(chain, q_rad, place, attitude)
             q_rad = _step(q_rad, residual, jacobian, low, high)
     residual, _ = _residual(chain, q_rad, place, attitude)
-    return PlanePostures(q_rad, np.abs(residual).max(axis=1) < _ARRIVED)
-
-
-def _targets(reference: Reference, radius_m: Array, azimuth_rad: Array) -> tuple[Array, Array]:
-    """Return places (P, 3) and orientations (P, 3, 3) in the base frame."""
-    cos, sin = np.cos(azimuth_rad), np.sin(azimuth_rad)
-    height = np.full_like(radius_m, reference.height_m)
-    about_z = np.zeros((len(radius_m), 3, 3))
-    about_z[:, 0, 0], about_z[:, 0, 1] = cos, -sin
-    about_z[:, 1, 0], about_z[:, 1, 1] = sin, cos
-    about_z[:, 2, 2] = 1.0
-    place = np.stack([radius_m * cos, radius_m * sin, height], axis=1)
-    return place, about_z @ reference.R_base_ee
+    return q_rad, np.abs(residual).max(axis=1) < _ARRIVED
 
 
 def _residual(chain: Chain, q_rad: Array, place: Array, attitude: Array) -> tuple[Array, Array]:

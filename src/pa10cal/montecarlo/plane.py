@@ -59,10 +59,7 @@ def series_is_exact(sigma_rad: float) -> bool:
 def turns(normals: Array, versine: Array, work: Array, sigma_rad: float, *, series: bool) -> None:
     """Replace normals z by sin σz, and write 1 - cos σz, in few passes over memory.
 
-    Args:
-        sigma_rad: standard deviation σ of one joint's error.
-        series: whether by σz - (σz)³/6 and (σz)²/2; else by numpy's sine, with
-            1 - cos δ = 2 sin²(δ/2).
+    By the series σz - (σz)³/6 and (σz)²/2, or by numpy's sine with 1 - cos δ = 2 sin²(δ/2).
     """
     if series:
         np.square(normals, work)
@@ -79,18 +76,13 @@ def turns(normals: Array, versine: Array, work: Array, sigma_rad: float, *, seri
     np.sin(normals, normals)
 
 
-@dataclass(frozen=True)
-class JointMotion:
-    """What each joint does to the flange at P positions of the arm."""
+def joint_screws(chain: Chain, q_rad: Array) -> Array:
+    """Return what each joint does to the flange at joint positions (P, n), (P, 6, n).
 
-    axes: Array  # (P, n, 3) unit vectors of the joint axes, in the base frame
-    jacobian: Array  # (P, 3, n) velocity of the flange by each joint [m/rad], in the base frame
-
-
-def joint_motion(chain: Chain, q_rad: Array) -> JointMotion:
-    """Return axes and Jacobian at joint positions (P, n) of an arm whose joints all turn."""
-    screws = chain.forward_with_screws(q_rad).screws[:, :, chain.joint_columns]
-    return JointMotion(axes=screws[:, 3:].transpose(0, 2, 1), jacobian=screws[:, :3])
+    Velocity of the flange by each joint [m/rad], then the unit vector of its axis, in the base
+    frame.
+    """
+    return chain.forward_with_screws(q_rad).screws[:, :, chain.joint_columns]
 
 
 @dataclass(frozen=True)
@@ -118,13 +110,13 @@ class DisplacementPlan:
     matrix: Array  # (P, 3, rows) from rows to displacements [m]
 
 
-def plan_displacement(motion: JointMotion, sigma_rad: float) -> DisplacementPlan:
-    """Lay out the displacement for joint errors of `sigma_rad` at the given positions.
+def plan_displacement(screws: Array, sigma_rad: float) -> DisplacementPlan:
+    """Lay out the displacement for joint errors of `sigma_rad` at positions of screws (P, 6, n).
 
     It is seen from the link from which it takes the fewest rows.
     """
-    n = motion.axes.shape[1]
-    moves = np.linalg.norm(motion.jacobian, axis=1).max(axis=0) > _STILL_M
+    n = screws.shape[2]
+    moves = np.linalg.norm(screws[:, :3], axis=1).max(axis=0) > _STILL_M
     plans = []
     for link in range(n + 1):  # so many joints lie before it
         chains = []  # of joints from the link outwards, to the tip and to the base
@@ -135,8 +127,8 @@ def plan_displacement(motion: JointMotion, sigma_rad: float) -> DisplacementPlan
         moving = 1 + max((*chains[0], *chains[1]), default=-1)
         products: list[Product] = []
         # Seen from the link, the joints before it turn the other way.
-        tip = _displacement(motion, chains[0], 1.0, moving, products)
-        base = _displacement(motion, chains[1], -1.0, moving, products)
+        tip = _displacement(screws, chains[0], 1.0, moving, products)
+        base = _displacement(screws, chains[1], -1.0, moving, products)
         used = products[-1].into.stop if products else n + moving
         matrix = np.ascontiguousarray((tip - base)[:, :, :used])
         plans.append(DisplacementPlan(sigma_rad, n, moving, tuple(products), matrix))
@@ -144,16 +136,16 @@ def plan_displacement(motion: JointMotion, sigma_rad: float) -> DisplacementPlan
 
 
 def _displacement(
-    motion: JointMotion, chain: list[int], sign: float, moving: int, products: list[Product]
+    screws: Array, chain: list[int], sign: float, moving: int, products: list[Product]
 ) -> Array:
     """Return (P, 3, rows): the point moved by the joints of a chain, in the base frame.
 
     Products that this takes are appended to those there are.
     """
-    positions, n = motion.axes.shape[:2]
+    positions, _, n = screws.shape
     u = np.zeros((positions, 3, n + moving + 4 * n * n))
     for joint in reversed(chain):
-        axis = sign * motion.axes[:, joint]
+        velocity, axis = sign * screws[:, :3, joint], sign * screws[:, 3:, joint]
         turned = np.cross(axis[:, :, None], u, axis=1)
         made_of = np.flatnonzero(np.abs(turned).max(axis=(0, 1)) > _VANISHES_M)
         if len(made_of):
@@ -166,7 +158,6 @@ def _displacement(
             products.append(Product(components, rows, joint, into))
             turned = directions[:, :, :count]
             u[:, :, into] = np.dstack([turned, np.cross(axis[:, :, None], turned, axis=1)])
-        velocity = sign * motion.jacobian[:, :, joint]
         u[:, :, joint] += velocity
         u[:, :, n + joint] += np.cross(axis, velocity)
     return u
@@ -175,10 +166,8 @@ def _displacement(
 class DisplacementBlock:
     """One block of cycles: from drawn normals to lengths of displacements, without allocating.
 
-    Attributes:
-        normals: (n, cycles), one row a joint: to be filled with standard normals before every
-            `displace`, which uses it up.
-        error_m: (cycles,) lengths of the displacements, after `displace`.
+    `normals` (n, cycles) are filled before every `displace`, which uses them up and leaves the
+    lengths `error_m` (cycles,).
     """
 
     def __init__(self, plan: DisplacementPlan, cycles: int) -> None:
@@ -251,9 +240,7 @@ def sample_errors(
 ) -> ErrorSums:
     """Draw the joint errors of every cycle at every position and sum the position errors.
 
-    Args:
-        counts: (C,) increasing counts of cycles at which the sums are kept; the last is the
-            number of cycles at each position.
+    Sums are kept at increasing counts of cycles (C,), the last of which is all of them.
     """
     cycles = int(counts[-1])
     starts = np.arange(0, cycles, BLOCK_CYCLES)
@@ -296,14 +283,6 @@ _NORMAL_95 = 1.959963984540054
 _MEAN_OF_CHI_3 = np.sqrt(8.0 / np.pi)
 
 
-@dataclass(frozen=True)
-class ExpectedError:
-    """Expected length of the flange's displacement at P positions."""
-
-    mean_m: Array  # (P,) mean
-    std_m: Array  # (P,) standard deviation
-
-
 def counts_of(cycles: int, most: int = 20, first: int = 10) -> NDArray[np.int64]:
     """Return at most `most` counts of cycles, evenly spread by ratio, that end with all of them."""
     return np.unique(np.round(np.geomspace(min(first, cycles), cycles, most)).astype(np.int64))
@@ -341,18 +320,16 @@ def moments(sums: ErrorSums) -> tuple[Array, Array]:
     return mean, np.maximum(sums.squared_m2 - sums.error_m * mean, 0.0) / (sums.cycles - 1)
 
 
-def expected_error(jacobian: Array, sigma_rad: float) -> ExpectedError:
-    """Return the expected position error of joints with independent errors of `sigma_rad`.
+def expected_error(jacobian: Array, sigma_rad: float) -> tuple[Array, Array]:
+    """Return mean and standard deviation (P,) of the position error under independent joint errors.
 
-    Args:
-        jacobian: (P, 3, n) velocity of the flange by each joint [m/rad].
+    By the velocity of the flange by each joint (P, 3, n) [m/rad].
     """
     squares = sigma_rad**2 * (jacobian @ jacobian.transpose(0, 2, 1))
     # Rounding leaves an eigenvalue that should vanish a little below zero.
     eigenvalues = np.maximum(np.linalg.eigvalsh(squares), 0.0)
     mean_m = _MEAN_OF_CHI_3 * elliprg(*eigenvalues.T)
-    variance = np.maximum(eigenvalues.sum(axis=1) - mean_m**2, 0.0)
-    return ExpectedError(mean_m=mean_m, std_m=np.sqrt(variance))
+    return mean_m, np.sqrt(np.maximum(eigenvalues.sum(axis=1) - mean_m**2, 0.0))
 
 
 _ATTITUDE = (
@@ -373,9 +350,6 @@ def study_plane(
 ) -> PlaneRecord:
     """Draw resolver errors at places of one plane and set the closed form beside them.
 
-    Args:
-        plane_mm: height of the flange above the base.
-
     Raises:
         SettingsError: when the plane cannot be reached or the map is too fine.
         ArmError: when a joint slides.
@@ -393,18 +367,17 @@ def study_plane(
     on_map = grid_places(chain, reference, settings.reach_m, 1e-3 * settings.map_spacing_mm)
     seed, count = settings.random_seed, settings.positions
     places = draw_places(chain, reference, settings.reach_m, count, stream(seed, plane_mm, None))
-    motion = joint_motion(chain, places.q_rad)
+    screws = joint_screws(chain, places.q_rad)
     sums = sample_errors(
-        plan_displacement(motion, sigma_rad),
+        plan_displacement(screws, sigma_rad),
         [stream(seed, plane_mm, position) for position in range(count)],
         counts_of(settings.cycles),
         progress,
     )
-    expected = expected_error(motion.jacobian, sigma_rad)
-    map_expected = expected_error(joint_motion(chain, on_map.q_rad).jacobian, sigma_rad)
+    expected_m, expected_std_m = expected_error(screws[:, :3], sigma_rad)
+    on_map_m, _ = expected_error(joint_screws(chain, on_map.q_rad)[:, :3], sigma_rad)
     mean_m, variance = (each[:, -1] for each in moments(sums))
-    expected_m = float(expected.mean_m.mean())
-    per_place = [places.p_base_m, mean_m, np.sqrt(variance), expected.mean_m]
+    per_place = [places.p_base_m, mean_m, np.sqrt(variance), expected_m]
     return PlaneRecord(
         campaign=campaign,
         robot=robot,
@@ -418,9 +391,9 @@ def study_plane(
         positions=count,
         rejected_positions=places.rejected,
         std_is=_STD,
-        closed_form_mean_mm=_mm(expected_m),
-        closed_form_std_mm=_mm(np.sqrt(np.mean(expected.std_m**2))),
-        closed_form_relative_difference=float(f"{np.mean(mean_m) / expected_m - 1:.6g}"),
+        closed_form_mean_mm=_mm(np.mean(expected_m)),
+        closed_form_std_mm=_mm(np.sqrt(np.mean(expected_std_m**2))),
+        closed_form_relative_difference=float(f"{np.mean(mean_m) / np.mean(expected_m) - 1:.6g}"),
         per_position=PlacesDrawn(
             columns=("x_mm", "y_mm", "mean_mm", "std_mm", "closed_form_mean_mm"),
             rows=_mm_each(np.column_stack(per_place)),
@@ -429,7 +402,7 @@ def study_plane(
             spacing_mm=settings.map_spacing_mm,
             unreachable_points=on_map.rejected,
             columns=("x_mm", "y_mm", "closed_form_mean_mm"),
-            rows=_mm_each(np.column_stack([on_map.p_base_m, map_expected.mean_m])),
+            rows=_mm_each(np.column_stack([on_map.p_base_m, on_map_m])),
         ),
         **drawn_keys(sums),
     )

@@ -47,22 +47,15 @@ class Information:
     """
 
     def __init__(self, white: Array, known: Array | None = None) -> None:
-        """Start without poses.
+        """Start without poses, by the rows of candidates (N, b, k), of unit variance.
 
-        Args:
-            white: (N, b, k) rows of the candidates, of unit variance.
-            known: (r, k) rows of all that is known without them; None for unknowns in the size
-                expected of them, whose information is one.
+        And by rows (r, k) of all that is known without them; None for unknowns in the size expected
+        of them, whose information is one.
         """
-        _, b, k = white.shape
+        self.candidates, b, k = white.shape
         self._white, self._unit = white, np.eye(b)
         self._known = np.eye(k) if known is None else np.linalg.qr(known, mode="r")
         self.restart()
-
-    @property
-    def candidates(self) -> int:
-        """Return how many candidates there are."""
-        return len(self._white)
 
     @property
     def poses(self) -> int:
@@ -127,13 +120,11 @@ class SeparationCriterion(Information):
     """
 
     def __init__(self, white: Array, known: Array, contributions: int, components: int) -> None:
-        """Start with what was measured.
+        """Start with what was measured: D components of it.
 
-        Args:
-            white: (N, b, k + m) rows of the candidates, of unit variance: of what may be adjusted,
-                in the size expected of it, and of the m contributions of the effect.
-            known: (r, k + m) rows of what was measured, and of the sizes expected.
-            components: D of what was measured.
+        By the rows of candidates (N, b, k + m), of unit variance: of what may be adjusted, in the
+        size expected of it, and of the m contributions of the effect; and by those (r, k + m) of
+        what was measured, and of the sizes expected.
         """
         self._of_effect, self._measured = contributions, components
         super().__init__(white, known)
@@ -170,7 +161,12 @@ class Combined:
     @property
     def value(self) -> float:
         """Return the criterion of the poses added."""
-        return float(self._combined(np.array([each.value for each in self._parts])))
+        return float(self._combined(self.values))
+
+    @property
+    def values(self) -> Array:
+        """Return what is combined, of the poses added."""
+        return np.array([each.value for each in self._parts])
 
     def gains(self) -> Array:
         """Return by how much each candidate would make the criterion larger, (N,)."""
@@ -206,14 +202,9 @@ Criterion = Information | Combined
 def one_by_one(
     criterion: Criterion, most: int, among: Sequence[int] | Index | None = None
 ) -> Index:
-    """Add candidates to a criterion, each time the one that it gains most by.
+    """Return the candidates, some or all, that a criterion gains most by, one after the other.
 
-    Args:
-        criterion: of the candidates; with these poses afterwards, and no others.
-        among: candidates to choose from; None for all.
-
-    Returns:
-        (most,) candidates in the order in which they were added.
+    The criterion has these poses afterwards, and no others.
     """
     every = np.arange(criterion.candidates)
     left = np.isin(every, every if among is None else among)
@@ -232,11 +223,7 @@ def exchange(
     """Exchange poses for better candidates until none is left that gains anything.
 
     Every pose in turn is taken out, and the candidate put in its place that the criterion gains
-    most by: often itself. No candidate is chosen twice.
-
-    Args:
-        start: (n,) candidates to set out with.
-        most_sweeps: bound on the turns through all poses.
+    most by: often itself. No candidate is chosen twice. The turns through all poses are bounded.
     """
     chosen = np.array(start, dtype=np.intp)
     criterion.restart(chosen)

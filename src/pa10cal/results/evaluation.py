@@ -44,12 +44,7 @@ class Accuracy(Distances):
 
 
 def mean_and_peak(whole: Accuracy, trusted: Accuracy | None) -> str:
-    """Return mean and largest error in words, those with readings flagged as wrong apart.
-
-    Args:
-        whole: over all configurations.
-        trusted: without those that have such a reading; None where none has.
-    """
+    """Return mean and largest error in words: whole, and without readings flagged as wrong."""
     text = f"{whole.mean_mm:.3f}/{whole.peak_mm:.3f} mm"
     if trusted is None:
         return text

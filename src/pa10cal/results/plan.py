@@ -79,12 +79,7 @@ class PlanRecord(Record):
 def suggestion_table(suggestions: Sequence[SuggestedPose], joints: int, *, with_sides: bool) -> str:
     """Return the configurations to measure as the text of a CSV file that a robot can read.
 
-    Only the header where there are none.
-
-    Args:
-        suggestions: the configurations.
-        joints: n, joints of the arm.
-        with_sides: whether they say from which side each joint should arrive.
+    Only the header where there are none. They may say from which side each joint should arrive.
     """
     numbers = range(1, joints + 1)
     sides = [*(f"arrive{j}_from" for j in numbers), "separation_nats"] if with_sides else []

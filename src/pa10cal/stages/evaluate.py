@@ -29,7 +29,7 @@ def evaluate(
           calibration/combined.json --extended extended.json --out holdout.json
     """
     from pa10cal.discovery.preparation import setup_of
-    from pa10cal.evaluation.compared import (
+    from pa10cal.evaluation.holdout import (
         Evaluation,
         held_out_record,
         judged_where_repeated,
@@ -94,7 +94,7 @@ def transfer(
     """
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.errors import CalibrationError, RecordError
-    from pa10cal.evaluation.compared import Evaluation, said_of_parts, transfer_record
+    from pa10cal.evaluation.holdout import Evaluation, said_of_parts, transfer_record
     from pa10cal.options import DiscoveryOptions
     from pa10cal.results.calibration import GeneralCalibrationRecord
     from pa10cal.results.codec import write

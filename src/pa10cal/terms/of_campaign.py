@@ -139,8 +139,8 @@ def about_moved_base(terms: Sequence[Term], x: Array, small: Array) -> Array:
 
 
 def motion_of_base(small: Array) -> Array:
-    """Return the pose (4, 4) that six small motions of the base come to."""
-    return homogeneous(Rotation.from_euler("XYZ", small[3:]).as_matrix(), small[:3])
+    """Return the poses (..., 4, 4) that six small motions of the base (..., 6) come to."""
+    return homogeneous(Rotation.from_euler("XYZ", small[..., 3:]).as_matrix(), small[..., :3])
 
 
 def small_motion(T: Array) -> Array:

@@ -34,7 +34,7 @@ from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey, survey
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, left_by
 from pa10cal.discovery.gates import WORSE
-from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
+from pa10cal.discovery.in_time import in_time_of, motion_unexplained, steps_in_time
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.linear import by_targets, by_terms, mean_error_of_noise_mm, possible_sizes
 from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
@@ -327,8 +327,7 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         findings=findings,
         unexplained=(
             *unexplained(remaining, searched.nameless),
-            *wandering(judged.wander, floor_mm),
-            *told_with_rivals(in_time, floor_mm),
+            *motion_unexplained(in_time, judged.wander, floor_mm),
             *(() if judged.lag is None else (judged.lag.unexplained(remaining.mean_mm),)),
         ),
         not_testable=(*unknown, *searched.hidden),

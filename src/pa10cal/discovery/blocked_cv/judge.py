@@ -31,7 +31,7 @@ from pa10cal.discovery.blocked_cv.search import (
 )
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, ShapedEffect, Survey
 from pa10cal.discovery.finding import CARRIED, MayHaveCarrier, Untestable
-from pa10cal.discovery.in_time.channel import like_a_scan
+from pa10cal.discovery.in_time import like_a_scan
 from pa10cal.discovery.linear import by_effects, by_own_terms, error_mm, rms, standard_error
 from pa10cal.discovery.noise import AS_FOUND
 from pa10cal.discovery.preparation import computable, sought

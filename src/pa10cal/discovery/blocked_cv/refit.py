@@ -23,7 +23,6 @@ from pa10cal.discovery.blocked_cv.survey import (
     products,
 )
 from pa10cal.discovery.gap import PairedErrors, gap
-from pa10cal.discovery.in_time.wander import moved_frames
 from pa10cal.discovery.linear import (
     ModelWithEffects,
     at_unknowns,
@@ -55,7 +54,7 @@ from pa10cal.terms.effects.joint_error_map import (
     b_splines_by_knots,
     harmonic_orders,
 )
-from pa10cal.terms.of_campaign import OfCampaign
+from pa10cal.terms.of_campaign import OfCampaign, motion_of_base
 from pa10cal.terms.term import Report, Term
 
 # Rows weighed by what a model leaves that lacks nothing of the vocabulary.
@@ -335,7 +334,7 @@ def compare(
     """Return the gap of calibrated and extended model on measured poses."""
     after, seen = extended.fitted(), seen_by_maps(campaign, extended.effects)
     poses, wander = complete_about(poses, campaign.baseline, after, campaign.setup), campaign.wander
-    T_moved = None if wander is None else moved_frames(wander.motions(poses.states.time_s))
+    T_moved = None if wander is None else motion_of_base(wander.motions(poses.states.time_s))
     return gap(poses, campaign.baseline, after, noise_floor_mm, seen, T_moved)
 
 

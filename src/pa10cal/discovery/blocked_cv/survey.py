@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.discovery.in_time.wander import Wander
+from pa10cal.discovery.in_time import Wander
 from pa10cal.discovery.linear import (
     by_joints,
     by_targets,

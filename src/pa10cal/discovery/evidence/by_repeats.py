@@ -40,8 +40,7 @@ from pa10cal.discovery.evidence.search import (
     threshold,
 )
 from pa10cal.discovery.gap import PairedErrors, gap, left_by
-from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
-from pa10cal.discovery.in_time.wander import STILL, moved_between_repeats, moved_frames
+from pa10cal.discovery.in_time import STILL, in_time_of, motion_unexplained, steps_in_time
 from pa10cal.discovery.lack_of_fit import (
     CellResiduals,
     TorqueResiduals,
@@ -59,6 +58,7 @@ from pa10cal.discovery.preparation import (
     is_fault,
     sought,
 )
+from pa10cal.discovery.row_faults import moved_between_repeats
 from pa10cal.discovery.short_forms import Arena
 from pa10cal.discovery.verdict import Plan, Searched
 from pa10cal.errors import DiscoveryError
@@ -69,6 +69,7 @@ from pa10cal.results.analysis import Channel, LackOfFit, PureErrorTest
 from pa10cal.results.discovery import SearchByRepeats, SharedError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
+from pa10cal.terms.of_campaign import motion_of_base
 
 _ROUNDS_OF_TIME = 2
 #: Blocks of poses that are left out in turn, where short forms compete.
@@ -233,8 +234,7 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
         findings=judgement.findings,
         unexplained=(
             *judgement.unexplained,
-            *wandering(wander, floor),
-            *told_with_rivals(problem.in_time, floor),
+            *motion_unexplained(problem.in_time, wander, floor),
         ),
         nameless=tuple(
             effect
@@ -310,9 +310,9 @@ def compare(
         group = reading_groups(single)
         of_groups_s = group_means(single.states.time_s, group)
         if len(of_groups_s) == len(poses) and np.allclose(of_groups_s, times_s):
-            T_moved = moved_frames(group_means(wander.motions(single.states.time_s), group))
+            T_moved = motion_of_base(group_means(wander.motions(single.states.time_s), group))
         else:
-            T_moved = moved_frames(wander.motions(times_s))
+            T_moved = motion_of_base(wander.motions(times_s))
     found = gap(poses, problem.baseline, after, floor, T_moved=T_moved)
     if searched is None or not any(effect.generic for effect in searched.effects):
         return found

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.arrays import Array
-from pa10cal.discovery.in_time.wander import STILL, InTime
+from pa10cal.discovery.in_time import STILL, InTime
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import (
     Noise,

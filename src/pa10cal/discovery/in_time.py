@@ -1,0 +1,600 @@
+"""Motion of the instrument or the base in the course of time: jumps, and a slow wander.
+
+A jump is six motions of the base times a unit step. A wander is a random walk of the base in its
+first waves (Karhunen and Loève), of a size chosen. Gaussian sizes are expected of both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from copy import copy
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from pa10cal.arm.statics import PoseStates
+from pa10cal.arrays import Array, Index, Mask
+from pa10cal.discovery.finding import DiagnosedFault
+from pa10cal.discovery.linear import (
+    by_effects,
+    by_joints,
+    by_own_terms,
+    by_targets,
+    by_terms,
+    error_mm,
+    position_noise,
+    residual,
+    rms,
+)
+from pa10cal.discovery.noise import same_circumstances
+from pa10cal.discovery.preparation import why_unknown
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.order import Parting, drivers, measured_again, partings, slow_joints
+from pa10cal.results.discovery import Unexplained
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.term import base_frame
+
+#: Waves of a random walk over the campaign: beyond them 4 % of its variance is left.
+WAVES = 16
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A sudden motion of the base against the instrument."""
+
+    time_s: float  # its most likely time
+    # before_s and after_s: times of the readings between which it happened
+    before_s: float
+    after_s: float
+    size_m: float = 0.0  # standard deviation expected of its shift
+    turn: float = 0.0  # expected turn a shift [rad/m]
+
+
+@dataclass(frozen=True, eq=False)
+class Wander:
+    """Motion of the base in the course of time, its mean over the readings zero."""
+
+    times_s: Array  # (P,) times of the readings, in order; the walk goes with their number
+    jumps: tuple[Jump, ...]  # sudden motions, the most certain first
+    walk_m: float = 0.0  # root mean square expected of the walk's shift; 0 without a walk
+    walk_turn: float = 0.0  # its expected turn a shift [rad/m]
+    # (6 c,) most likely motions for each course, in their expected sizes
+    amounts: Array | None = None
+    # root mean square of the motion at the readings, and of the walk alone
+    rms_mm: tuple[float, float] = (0.0, 0.0)
+
+    def courses(self, time_s: Array) -> Array:
+        """Return the courses at times (P,), (P, c): unit steps, then waves of the walk.
+
+        Their mean over the readings is zero.
+        """
+
+        def bare(at_s: Array) -> Array:
+            steps = [(at_s > jump.time_s).astype(float) for jump in self.jumps]
+            part = np.interp(at_s, self.times_s, np.linspace(0.0, 1.0, len(self.times_s)))
+            number = np.arange(1, WAVES + 1 if self.walk_m else 1)
+            waves = np.sqrt(2.0) * np.cos(np.pi * np.outer(part, number))
+            return np.column_stack([*steps, waves])
+
+        return np.asarray(bare(time_s) - bare(self.times_s).mean(axis=0))
+
+    @property
+    def sizes(self) -> Array:
+        """Return the standard deviation expected of each motion of each course, (6 c,)."""
+        parts = [sizes_of_six(jump.size_m, jump.turn) for jump in self.jumps]
+        if self.walk_m:
+            waves = self.walk_m * np.sqrt(6.0) / (np.pi * np.arange(1, WAVES + 1))
+            parts += [sizes_of_six(size, self.walk_turn) for size in waves]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def columns(self, at: FittedModel, poses: Observations) -> Array:
+        """Return how measured less predicted components follow it, a unit each, (P, b, 6 c)."""
+        return motions_along(by_base(at, poses), self.courses(poses.states.time_s)) * self.sizes
+
+    def shift(self, at: FittedModel, poses: Observations) -> Array:
+        """Return by how much it moves the components of poses, (P, b)."""
+        motions = self.motions(poses.states.time_s)
+        return np.asarray((by_base(at, poses) @ motions[:, :, None])[:, :, 0])
+
+    def motions(self, time_s: Array) -> Array:
+        """Return the most likely motions of the base at times (P,), (P, 6) [m, rad]."""
+        return self.courses(time_s) @ self.unit_motions
+
+    @property
+    def unit_motions(self) -> Array:
+        """Return the most likely six motions for each course, of jumps first, (c, 6) [m, rad]."""
+        assert self.amounts is not None
+        return (self.amounts * self.sizes).reshape(-1, 6)
+
+
+@dataclass(frozen=True, eq=False)
+class InTime:
+    """What readings show of time."""
+
+    wander: Wander | None  # jumps and walk; None where the data prefer neither
+    drifts: bool  # whether an effect of time shows beside them
+    # joints, rails and loads, in words, that the order goes with where more was seen: errors that
+    # go with them explain that as well
+    rivals: tuple[str, ...] = ()
+    rivals_mm: float = 0.0  # root mean square of all that was seen before they were held against it
+
+
+STILL = InTime(None, drifts=False)
+
+
+def by_base(at: FittedModel, poses: Observations) -> Array:
+    """Return how measured less predicted components follow six motions of the base, (P, b, 6)."""
+    return by_terms(at, poses, [base_frame()], [np.zeros(6)])[0]
+
+
+def motions_along(by_motions: Array, courses: Array) -> Array:
+    """Return columns (P, b, 6 c) of six motions (P, b, 6) in each course (P, c)."""
+    both = courses[:, None, :, None] * by_motions[:, :, None, :]
+    return np.asarray(both.reshape(*by_motions.shape[:2], -1))
+
+
+def sizes_of_six(size_m: float, turn: float) -> Array:
+    """Return the sizes of six motions: three shifts, three turns."""
+    return np.array([size_m] * 3 + [size_m * turn] * 3)
+
+
+# How the base moves is found by evidence.
+#
+# Readings of one pose at different times differ by noise and by what moved in between, whatever the
+# model of the arm lacks. All single readings are compared: Gaussian parameters are integrated out,
+# among them the model's own, every effect of the vocabulary, and an error that the readings of a
+# pose share. The time of a jump is scanned. Where the data prefer neither jump nor walk, nothing of
+# the search changes.
+
+#: Root mean square of the walk, and standard deviation of a jump, that are tried [m].
+_WALKS_M = np.geomspace(3e-6, 3e-3, 9)
+_JUMPS_M = (3e-5, 3e-4, 3e-3)
+#: Turns expected with a shift, or none [rad/m].
+_TURNS = (0.0, 1.0)
+#: Sizes of effects that are tried, in their plausible size.
+_SCALES = (0.1, 1.0, 3.0)
+#: Variances of the error that readings of a pose share, in those of one reading.
+_SHARED = (0.0, *np.geomspace(0.1, 1e4, 7))
+#: Probability allowed of seeing a motion where there is none.
+_FALSE_RATE = 1e-3
+#: Jumps that may be found, readings that there must be on either side, and times first scanned.
+_MOST_JUMPS = 4
+_LEAST_SIDE = 4
+_COARSE = 40
+#: A motion counts from this part of the noise of one reading on, root mean squares.
+_LEAST_PART = 0.5
+#: Noise is no less than this part of that by which rows are whitened: more columns than rows could
+#: else explain it all.
+_LEAST_NOISE = 0.3
+#: Log evidence by which another time of a jump may be worse.
+_AS_GOOD = 3.0
+#: Log evidence from which a drift shows between the readings of a pose.
+_DRIFTS = 5.0
+
+
+def _found(rows: _Rows, *, walks: bool) -> InTime:
+    """Find how the base moves in the course of time; jumps alone, where no walk is sought."""
+    poses, found = rows.poses, Wander(rows.times_s, ())
+    best = rows.about(found)[0]
+    needed_jump = float(np.log(len(poses) * len(_JUMPS_M) * len(_TURNS) / _FALSE_RATE))
+    needed_walk = float(np.log(len(_WALKS_M) * len(_TURNS) / _FALSE_RATE))
+    while len(found.jumps) < _MOST_JUMPS:
+        value, more = rows.best_jump(found)
+        beyond = value - best - needed_jump
+        if walks and not found.walk_m:
+            of_walk, with_walk = rows.best_walk(found)
+            if of_walk - best - needed_walk >= beyond:
+                value, more, beyond = of_walk, with_walk, of_walk - best - needed_walk
+        if beyond <= 0.0:
+            break
+        best, found = value, more
+    for jump in found.jumps if walks else ():  # a first jump may have stood for a walk
+        less = replace(found, jumps=tuple(other for other in found.jumps if other != jump))
+        value, less = rows.best_walk(less)
+        if best - value < needed_jump - needed_walk:
+            best, found = value, less
+    static = rows.without_time()
+    drifts = rows.about(found)[0] - static.about(found)[0] > _DRIFTS
+    if not found.jumps and not found.walk_m:
+        return InTime(None, drifts)
+    # Where no effect of time shows, what goes with time is that of the courses.
+    amounts = (rows if drifts else static).amounts(found)
+    found = replace(found, amounts=amounts)
+    walk = replace(found, jumps=(), amounts=amounts[6 * len(found.jumps) :])
+    all_mm, walk_mm = (
+        rms(error_mm(poses.measured, each.shift(rows.at, poses))) for each in (found, walk)
+    )
+    cov = np.asarray(np.linalg.inv(np.swapaxes(rows.whitener, 1, 2) @ rows.whitener))
+    position = np.trace(position_noise(poses.measured, cov), axis1=1, axis2=2)
+    noise_mm = 1e3 * float(np.sqrt(np.median(position))) * rows.about(found)[2]
+    if all_mm < _LEAST_PART * noise_mm:
+        return InTime(None, drifts)
+    return InTime(replace(found, rms_mm=(all_mm, walk_mm)), drifts)
+
+
+#: Place of the data among products.
+_DATA = slice(-1, None)
+
+
+class _Rows:
+    """Whitened rows of single readings, and the evidence of motions in time."""
+
+    def __init__(self, at: FittedModel, poses: Observations, whitener: Array, *held: Array) -> None:
+        """Whiten P single readings, complete, about a model with a term of its own for the base.
+
+        Held are columns (P, b, k) of the model's own parameters, of effects that do not go with
+        time and of those that do, each at the size expected of it.
+        """
+        self.at, self.poses, self.whitener = at, poses, whitener
+        self.time_s = poses.states.time_s
+        self.times_s = np.sort(self.time_s)
+        self._white = whitener @ by_base(at, poses)
+        seen = poses.measured.components_seen
+        self._seen = int(seen.sum())
+        self._group = same_circumstances(poses)
+        self._count = np.bincount(self._group)
+        self._shared = _SHARED if self._count.max() > 1 else (0.0,)
+        self._components = self._seen / len(seen)
+        self._held = whitener @ np.concatenate(held, axis=2)
+        self._widths = [columns.shape[2] for columns in held]
+        self._data = whitener @ -residual(at, poses)[:, :, None]
+        walk = Wander(self.times_s, (), walk_m=1.0)
+        self._walk = motions_along(self._white, walk.courses(self.time_s))
+        self._products: dict[tuple[float, ...], list[tuple[Array, float]]] = {}
+        # The size of effects, in their plausible one, is chosen by the evidence.
+        self._scale, self._with_time = 1.0, True
+        found, still = [], Wander(self.times_s, ())
+        for scale in _SCALES:
+            self._scale = scale
+            found.append(max(self.about(still)[0], self.best_walk(still)[0]))
+        self._scale = _SCALES[int(np.argmax(found))]
+
+    def best_walk(self, wander: Wander) -> tuple[float, Wander]:
+        """Return the greatest log evidence with another walk, and jumps and walk."""
+        every = product(_WALKS_M.tolist(), _TURNS)
+        tried = [replace(wander, walk_m=size, walk_turn=turn) for size, turn in every]
+        reduced = self._reduced(wander.jumps)
+        values = [self.about(walk, reduced)[0] for walk in tried]
+        return max(values), tried[int(np.argmax(values))]
+
+    def best_jump(self, wander: Wander) -> tuple[float, Wander]:
+        """Return the greatest log evidence with one more jump, and jumps and walk."""
+        times_s = self.times_s
+        apart = np.flatnonzero(np.diff(times_s) > 0.0)
+        apart = apart[(apart >= _LEAST_SIDE - 1) & (apart < len(times_s) - _LEAST_SIDE)]
+        taken = {jump.time_s for jump in wander.jumps}
+        best = (-np.inf, wander)
+        places = np.unique(np.linspace(0, len(apart) - 1, _COARSE).round().astype(int))
+        for _ in range(2):
+            gaps = [times_s[apart[k] : apart[k] + 2].tolist() for k in places if len(apart)]
+            tried = [Jump(0.5 * (first + last), first, last) for first, last in gaps]
+            tried = [jump for jump in tried if jump.time_s not in taken]
+            if not tried:
+                break
+            values, sizes = self._scan(tried, wander)
+            k = int(np.argmax(values))
+            close = [tried[other] for other in np.flatnonzero(values >= values[k] - _AS_GOOD)]
+            between_s = close[0].before_s, close[-1].after_s
+            more = Jump(tried[k].time_s, *between_s, *sizes[k])
+            best = float(values[k]), replace(wander, jumps=(*wander.jumps, more))
+            middle = int(np.searchsorted(times_s[apart], tried[k].before_s))
+            wide = -(-len(apart) // _COARSE)
+            places = np.arange(max(middle - wide, 0), min(middle + wide + 1, len(apart)))
+        return best
+
+    def without_time(self) -> _Rows:
+        """Return the same without the effects of time."""
+        found = copy(self)
+        found._with_time = False
+        return found
+
+    def amounts(self, wander: Wander) -> Array:
+        """Return the most likely amounts of all courses, in their sizes."""
+        _, products, _ = self.about(wander)
+        sizes, at = wander.sizes, self._places(wander)
+        gram = products[np.ix_(at, at)] * np.outer(sizes, sizes)
+        return np.asarray(np.linalg.solve(np.eye(len(at)) + gram, products[at, -1] * sizes))
+
+    def _scan(self, tried: list[Jump], wander: Wander) -> tuple[Array, list[tuple[float, float]]]:
+        """Return the greatest log evidence of each as one more jump, with its size and turn."""
+        reduced = self._reduced((*wander.jumps, *tried), keep=False)
+        at = self._places(wander, more=len(tried))
+        first, values = 6 * len(wander.jumps), np.full(len(tried), -np.inf)
+        chosen = [(0.0, 0.0)] * len(tried)
+        for products, constant in reduced:
+            taken, determinant = _without(products, at, wander.sizes)
+            for k, size, turn in product(range(len(tried)), _JUMPS_M, _TURNS):
+                own = np.arange(first + 6 * k, first + 6 * k + 6)
+                left, more = _without(taken, own, sizes_of_six(size, turn), _DATA)
+                value = self._log(left[0, 0], determinant + more + constant)
+                if value > values[k]:
+                    values[k], chosen[k] = value, (size, turn)
+        return values, chosen
+
+    def about(
+        self, wander: Wander, reduced: list[tuple[Array, float]] | None = None
+    ) -> tuple[float, Array, float]:
+        """Return the log evidence at the best shared error, its products and scale of noise.
+
+        That scale is in the noise by which rows are whitened.
+        """
+        at = self._places(wander)
+        best: tuple[float, Array, float] = (-np.inf, np.zeros((0, 0)), 1.0)
+        for products, constant in reduced or self._reduced(wander.jumps):
+            left, determinant = _without(products, at, wander.sizes, _DATA)
+            value = self._log(left[0, 0], determinant + constant)
+            if value > best[0]:
+                noise = float(np.sqrt(left[0, 0] / self._seen))
+                best = value, products, max(noise, _LEAST_NOISE)
+        return best
+
+    def _log(self, squares: float, determinant: float) -> float:
+        variance = max(squares / self._seen, _LEAST_NOISE**2)
+        logarithm = self._seen * np.log(variance) + squares / variance
+        return float(-0.5 * logarithm - 0.5 * determinant)
+
+    def _places(self, wander: Wander, more: int = 0) -> Index:
+        """Return the places of jumps and walk among the products, with so many jumps between."""
+        of_jumps, first = np.arange(6 * len(wander.jumps)), 6 * (len(wander.jumps) + more)
+        of_walk = np.arange(first, first + 6 * WAVES) if wander.walk_m else of_jumps[:0]
+        return np.concatenate([of_jumps, of_walk])
+
+    def _reduced(self, jumps: tuple[Jump, ...], *, keep: bool = True) -> list[tuple[Array, float]]:
+        """Return products of jumps, walk and data, all held integrated out, at each shared error.
+
+        With each, the logarithm of the determinant of what was and of the noise.
+        """
+        key = tuple(jump.time_s for jump in jumps)
+        every = self._products.get(key) or self._multiplied(jumps)
+        if keep:
+            self._products[key] = every
+        size = np.repeat([1.0, self._scale, float(self._with_time)], self._widths)
+        held, rest = np.arange(len(size)), slice(len(size), None)
+        found = []
+        for products, determinant in every:
+            reduced, more = _without(products, held, size, rest)
+            found.append((reduced, determinant + more))
+        return found
+
+    def _multiplied(self, jumps: tuple[Jump, ...]) -> list[tuple[Array, float]]:
+        """Return products of all columns and the data at each shared error.
+
+        With each, the logarithm of the determinant of the noise.
+        """
+        steps = motions_along(self._white, Wander(self.times_s, jumps).courses(self.time_s))
+        rows = np.concatenate([self._held, steps, self._walk, self._data], axis=2)
+        flat = rows.reshape(-1, rows.shape[2])
+        total = flat.T @ flat
+        sums = np.zeros((len(self._count), *rows.shape[1:]))
+        np.add.at(sums, self._group, rows)
+        # Of what groups of m readings share; last come poses read once.
+        between: dict[int, Array] = {}
+        for m in sorted(set(self._count.tolist()), key=lambda m: (m == 1, m)):
+            own = sums[self._count == m] if m > 1 else rows[self._count[self._group] == 1]
+            part = own.reshape(-1, rows.shape[2]) / np.sqrt(m)
+            between[m] = part.T @ part
+        found = []
+        for variance in self._shared:
+            products, determinant = total, 0.0
+            for m, shared in between.items() if variance else ():
+                products = products - (1.0 - 1.0 / (1.0 + m * variance)) * shared
+                many = int(np.sum(self._count == m))
+                determinant += self._components * many * float(np.log1p(m * variance))
+            found.append((products, determinant))
+        return found
+
+
+def _without(
+    products: Array, at: Index, sizes: Array, kept: slice = slice(None)
+) -> tuple[Array, float]:
+    """Return the products of what is kept with some columns of given sizes integrated out.
+
+    With the logarithm of the determinant of what was.
+    """
+    factor = np.linalg.cholesky(np.eye(len(at)) + products[np.ix_(at, at)] * np.outer(sizes, sizes))
+    across = np.linalg.solve(factor, products[at, kept] * sizes[:, None])
+    left: Array = products[kept, kept] - across.T @ across
+    return left, 2.0 * float(np.log(np.diag(factor)).sum())
+
+
+#: Effects of time are expected to be so many plausible sizes large: theirs is what they explain.
+_SIZES = 3.0
+#: Waves of a joint's error a turn, and their size, that are taken out where poses are read once;
+#: more of a joint that moves little from one pose to the next.
+_WAVES = (8, 24)
+_WAVE_RAD = 3e-4
+#: Motion of the base expected from load to load [m, rad], and places of targets.
+_BY_LOAD, _TARGET_M = 1e-3, 3e-2
+#: Of more readings so many, spread evenly over time, stand for all.
+_MOST_READINGS = 1200
+#: Waves of the base's motion over the positions of a joint that goes with the order, that motion,
+#: and how often what is found of time is held against errors that go with more joints.
+_RIVAL_WAVES = 8
+_RIVAL_M = 1e-3
+_MOST_RIVALS = 4
+
+
+def in_time_of(
+    at: FittedModel,
+    poses: Observations,
+    whitener: Array,
+    effects: Iterable[Effect],
+    *,
+    logged: bool,
+    weights: bool,
+) -> InTime:
+    """Find how the base moves in time, beside what candidate effects and loads can explain.
+
+    Nothing is found where times were not recorded, and where poses are read once and follow each
+    other like those of a scan: what goes with time and with place are then the same. What is found
+    where a joint or the load goes from one side to the other, or a joint moves slowly, is held
+    against errors that go with it: only what these do not take is told of time.
+
+    The model has a term of its own for the base; the P single readings are complete, and their
+    noise whitened by (P, b, b). Torques may have been logged, those of the weights be known.
+    """
+    once = len(np.unique(poses.pose)) == len(poses)
+    slow = slow_joints(poses.states)
+    if not poses.states.tells_time or (once and like_a_scan(poses)):
+        return STILL
+    if len(poses) > _MOST_READINGS:
+        order = np.argsort(poses.states.time_s, kind="stable")
+        shown = order[np.linspace(0, len(order) - 1, _MOST_READINGS).round().astype(int)]
+        poses, whitener = poses.take(shown), whitener[shown]
+    known = [
+        effect
+        for effect in effects
+        if not (isinstance(effect, JointErrorMap) or (effect.generic and effect.goes_with_time))
+        and why_unknown(effect, poses.states, logged=logged, weights=weights) is None
+    ]
+    own = [term for term in at.model.terms if not isinstance(term, JointErrorMap)]
+    load_N = poses.states.load_N
+    by_load = motions_along(by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
+    held = [*by_own_terms(at, poses, own), by_targets(at, poses) * _TARGET_M, _BY_LOAD * by_load]
+    shapes = [effect for effect in known for _ in effect.starts]
+    starts = [start for effect in known for start in effect.starts]
+    columns = [np.zeros((*whitener.shape[:2], 0)), *by_effects(at, poses, shapes, starts)]
+    with_time = np.array([False, *(effect.goes_with_time for effect in shapes)])
+    with_time = np.repeat(with_time, [each.shape[2] for each in columns])
+    every = np.concatenate(columns, axis=2)
+    static, of_time = every[..., ~with_time], _SIZES * every[..., with_time]
+    if once:
+        static = np.concatenate([static, _waves(at, poses, slow)], axis=2)
+
+    def find(rivals: tuple[Parting, ...]) -> InTime:
+        own = np.concatenate([*held, _motions_by(rivals, at, poses)], axis=2)
+        walks = all(np.isfinite(rival.at) for rival in rivals)
+        return _found(_Rows(at, poses, whitener, own, static, of_time), walks=walks)
+
+    shows = find(())
+    if measured_again(poses):
+        return shows
+    rivals: tuple[Parting, ...] = ()
+    first_mm = 0.0 if shows.wander is None else shows.wander.rms_mm[0]
+    prismatic = at.model.chain.arm.prismatic
+    for _ in range(_MOST_RIVALS):
+        more = _rivals_of(shows, poses.states, prismatic)
+        if not more:
+            break
+        if set(more) <= set(rivals):  # what is left beside them still goes with the order
+            shows = STILL
+            break
+        both = dict.fromkeys((*rivals, *more))
+        rivals = tuple(sorted(both, key=lambda rival: rival.at == np.inf))
+        shows = find(rivals)
+    else:
+        shows = STILL
+    if not rivals:
+        return shows
+    said = tuple(dict.fromkeys(str(rival.driver) for rival in rivals))
+    return replace(shows, rivals=said, rivals_mm=first_mm)
+
+
+_REMEDY = (
+    "measure reference targets before and after, or calibrate the readings before and after as two "
+    "campaigns"
+)
+
+
+def steps_in_time(
+    wander: Wander | None, at: FittedModel, readings: Observations
+) -> tuple[DiagnosedFault, ...]:
+    """Return the jumps as faults of the log."""
+    if wander is None:
+        return ()
+    order = np.argsort(readings.states.time_s, kind="stable")
+    time_s, pose = readings.states.time_s[order], readings.pose[order]
+    found = []
+    for k, jump in enumerate(wander.jumps):
+        last = int(np.searchsorted(time_s, jump.before_s, side="right")) - 1
+        next_ = int(np.searchsorted(time_s, jump.after_s))
+        motion = wander.unit_motions[k]
+        size_mm = rms(error_mm(readings.measured, by_base(at, readings) @ motion))
+        turn_mrad = 1e3 * float(np.linalg.norm(motion[3:]))
+        begin, end = (f"{pose[k]} at {time_s[k]:.10g} s" for k in (last, next_))
+        what = f"the instrument or the base moved by {size_mm:.2g} mm and {turn_mrad:.2f} mrad"
+        told = {"where": f"between {begin} and {end}", "what": what, "remedy": _REMEDY}
+        found.append(DiagnosedFault(kind="step_in_time", **told, at_s=jump.time_s))
+    return tuple(found)
+
+
+def _rivals_of(found: InTime, states: PoseStates, prismatic: Mask) -> tuple[Parting, ...]:
+    """Return the errors by joints and the load that explain as well what was found of time.
+
+    Places that part the rows as a jump does; for a walk joints that move slowly, parted nowhere.
+    """
+    if (wander := found.wander) is None:
+        return ()
+    rivals = [each for jump in wander.jumps for each in partings(states, jump.time_s, prismatic)]
+    if wander.walk_m:
+        slow = slow_joints(states)
+        moving = [one for one in drivers(states, prismatic) if one.joint]
+        rivals += [Parting(one, np.inf) for one in moving if slow[one.joint - 1]]
+    return tuple(rivals)
+
+
+def _motions_by(rivals: tuple[Parting, ...], at: FittedModel, poses: Observations) -> Array:
+    """Return how the base's motion by rivals moves the components of poses, (P, b, c)."""
+    from scipy.stats import rankdata  # late: half a second, for few campaigns
+
+    states = poses.states
+    courses = [np.zeros((len(poses), 0))]
+    courses += [
+        (rival.driver.of(states) > rival.at).astype(np.float64)[:, None]
+        for rival in rivals
+        if np.isfinite(rival.at)
+    ]
+    waves = np.arange(1, _RIVAL_WAVES + 1)
+    for driver in dict.fromkeys(rival.driver for rival in rivals):
+        rank = rankdata(driver.of(states)) / len(poses)
+        courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
+    together = np.column_stack(courses)
+    six = np.tile(sizes_of_six(_RIVAL_M, 1.0), together.shape[1])
+    return motions_along(by_base(at, poses), together - np.mean(together, axis=0)) * six
+
+
+def motion_unexplained(
+    in_time: InTime, wander: Wander | None, floor_mm: float
+) -> tuple[Unexplained, ...]:
+    """Return the walk, and what goes with joints as well: what exceeds the repeatability."""
+    found: list[tuple[str | None, float, str]] = []
+    if wander is not None and wander.walk_m and wander.rms_mm[1] > floor_mm:
+        hours = float(np.ptp(wander.times_s)) / 3600.0
+        why = (
+            f"the instrument or the base wandered by {wander.rms_mm[1]:.3g} mm (root mean square) "
+            f"in {hours:.2g} h, neither steadily nor at once"
+        )
+        found.append(("base", wander.rms_mm[1], why))
+    if in_time.rivals and in_time.rivals_mm > floor_mm:
+        why = (
+            f"{in_time.rivals_mm:.3g} mm (root mean square) go with the order of the poses, and "
+            f"with {' and '.join(in_time.rivals)} alike: the arm errs by that, or the instrument "
+            "or the base moved; measure the poses in random order"
+        )
+        found.append((None, in_time.rivals_mm, why))
+    return tuple(
+        Unexplained(of=of, form=None, shared_error_mm=moved_mm, why=why)
+        for of, moved_mm, why in found
+    )
+
+
+def like_a_scan(poses: Observations) -> bool:
+    """Return whether poses follow each other so closely that time and place go together."""
+    return float(slow_joints(poses.states).mean()) > 0.5
+
+
+def _waves(at: FittedModel, poses: Observations, slow: Mask) -> Array:
+    """Return waves of the error of every turning joint by its angle, (P, b, w)."""
+    arm = at.model.chain.arm
+    joints = [joint for joint, slides in enumerate(arm.prismatic, start=1) if not slides]
+    screws = by_joints(at, poses, joints)
+    q_rad = poses.states.q_rad[:, [joint - 1 for joint in joints]]
+    columns = [np.zeros((*screws.shape[:2], 0))]
+    for k, joint in enumerate(joints):
+        angle = q_rad[:, k, None] * np.arange(1, _WAVES[int(slow[joint - 1])] + 1)
+        waves = np.concatenate([np.sin(angle), np.cos(angle)], axis=1)
+        columns.append(screws[:, :, k, None] * waves[:, None])
+    return np.asarray(_WAVE_RAD * np.concatenate(columns, axis=2))

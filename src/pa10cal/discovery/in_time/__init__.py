@@ -1,1 +1,0 @@
-"""Time as a channel of its own: what moved between readings while a campaign lasted."""
