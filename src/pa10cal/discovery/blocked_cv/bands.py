@@ -8,8 +8,10 @@ and stretches of angles of each joint with all their poses left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields, replace
+from functools import reduce
+from operator import add
 
 import numpy as np
 from scipy.linalg import block_diag, lapack
@@ -19,12 +21,12 @@ from pa10cal.discovery.blocked_cv.family import Candidate, solve
 from pa10cal.discovery.blocked_cv.search import (
     FINER_KNOTS,
     Level,
+    joints_and_knots,
     level_of,
     maps_among,
-    products_by_kind,
     with_form,
 )
-from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, Products, in_terms_of
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, Products
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
 from pa10cal.results import maps as results
@@ -95,33 +97,28 @@ def in_bands(rows: BlockedRows, fine: Level) -> InBands | None:
     rows = replace(rows, shaped=shaped)
     members = tuple(with_form(member, FINE) for member in fine.members)
     waves = _Waves(rows, maps)
-    splines: tuple[Products, ...] = ()  # of all blocks, of positions and of other rows
+    splines: list[Products] = []  # of all blocks, of positions and of other rows
     by_kind = []
     for b in range(BLOCKS):
-        kinds = products_by_kind(rows, maps_among(members), b)
-        splines = tuple(map(_sum, zip(splines, kinds, strict=True))) if splines else kinds
-        by_kind.append(tuple(waves.of(each) for each in kinds))
+        kinds = rows.products_by_kind(b, *joints_and_knots(members))
+        splines = [*map(add, splines, kinds)] if splines else [*kinds]
+        by_kind.append([waves.of(each) for each in kinds])
     share = _attitudes(by_kind, waves, len(maps))
     blocks = [_weighed(kinds, share) for kinds in by_kind]
-    total = _sum(blocks)
+    total = reduce(add, blocks)
     measured = rows.survey.poses.measured
     seen = measured.components_seen.sum(axis=0)
     positions = int(seen[measured.position_columns].sum())
     # Rows that weigh less count as fewer rows.
     counted = positions + share**2 * (int(seen.sum()) - positions)
-    squares, count = float(total.squares), round(counted)
-    found = most_likely(
-        Waves(total.gram, total.projection, squares, count, waves.leading, waves.orders)
-    )
+    found = most_likely(Waves(total, round(counted), waves.leading, waves.orders))
     spectra: list[list[Spectrum | None]] = [[each.spectrum for each in maps], [*found.bands]]
     sizes = [waves.sizes(each, maps, found.scatter) for each in spectra]
-    of_time = np.array([[_left(total, out, (out,), each)[0] for each in sizes] for out in blocks])
-    of_angles = np.array(
-        [
-            [_left(total, out, (out,), each)[0] for each in sizes]
-            for out in _stretches(rows, members, waves, share)
-        ]
-    )
+
+    def left_out(parts: Iterable[Products]) -> Array:
+        return np.array([[_left(total, out, (out,), each)[0] for each in sizes] for out in parts])
+
+    of_time, of_angles = left_out(blocks), left_out(_stretches(rows, members, waves, share))
     if not _no_worse(of_time, of_angles):
         return None
     bands = iter(found.bands)
@@ -137,7 +134,7 @@ def in_bands(rows: BlockedRows, fine: Level) -> InBands | None:
     )
 
 
-def _attitudes(by_kind: Sequence[tuple[Products, ...]], waves: _Waves, maps: int) -> float:
+def _attitudes(by_kind: Sequence[Sequence[Products]], waves: _Waves, maps: int) -> float:
     """Return what orientations should weigh, in their scatter, for left-out poses.
 
     Their errors go with the pose where a target is tilted or bends: then they average out less than
@@ -148,7 +145,7 @@ def _attitudes(by_kind: Sequence[tuple[Products, ...]], waves: _Waves, maps: int
     best, least = 1.0, np.inf
     for share in _SHARES:
         blocks = [_weighed(kinds, share) for kinds in by_kind]
-        total = _sum(blocks)
+        total = reduce(add, blocks)
         left = np.array(
             [_left(total, out, kinds, sizes) for out, kinds in zip(blocks, by_kind, strict=True)]
         ).sum(axis=0)
@@ -164,12 +161,7 @@ def _attitudes(by_kind: Sequence[tuple[Products, ...]], waves: _Waves, maps: int
 def _weighed(kinds: Sequence[Products], share: float) -> Products:
     """Return the products of positions and of other rows, these with a weight."""
     positions, others = kinds
-    square = share**2
-    return Products(
-        positions.gram + square * others.gram,
-        positions.projection + square * others.projection,
-        positions.squares + square * others.squares,
-    )
+    return positions + others.times(share**2)
 
 
 def _no_worse(of_time: Array, of_angles: Array) -> bool:
@@ -186,10 +178,9 @@ class _Waves:
     """Products in terms of waves, without the model's parameters that are held at their bounds."""
 
     def __init__(self, rows: BlockedRows, maps: Sequence[JointErrorMap]) -> None:
-        dense = len(rows.own) + sum(each.effect.linear for each in rows.shaped)
-        self._free = np.ones(dense + 2 * _HIGHEST * len(maps), dtype=bool)
+        self._dense = rows.dense
+        self._free = np.ones(rows.dense + 2 * _HIGHEST * len(maps), dtype=bool)
         self._free[: len(rows.own)] = ~rows.pressing
-        self._dense = dense
         self.orders = harmonic_orders(2 * _HIGHEST + 1)[1:]
         waves = harmonics_at_knots(FINE)[:, 1 : 1 + 2 * _HIGHEST]
         self._bases = [b_splines_by_knots(FINE) @ waves] * len(maps)
@@ -201,10 +192,8 @@ class _Waves:
 
     def of(self, splines: Products) -> Products:
         """Return products of B-splines as products of waves."""
-        found = in_terms_of(splines.gram, splines.projection, self._dense, self._bases)
-        gram, projection = found
-        free = self._free
-        return Products(gram[np.ix_(free, free)], projection[free], splines.squares)
+        found, free = splines.in_terms_of(self._dense, self._bases), self._free
+        return Products(found.gram[np.ix_(free, free)], found.projection[free], found.squares)
 
     def sizes(
         self, spectra: Sequence[Spectrum | None], before: Sequence[JointErrorMap], scatter: float
@@ -249,17 +238,9 @@ def _stretches(
         tenth = np.argsort(np.argsort(angle, kind="stable")) * 10 // len(angle)
         for chosen in _TENTHS if len(maps) <= _FEW else _TENTHS[k % 2 :][:1]:
             survey = replace(rows.survey, block=np.where(tenth == chosen, 0, -1))
-            kinds = products_by_kind(replace(rows, survey=survey), maps, 0)
+            chosen_rows = replace(rows, survey=survey)
+            kinds = chosen_rows.products_by_kind(0, *joints_and_knots(members))
             yield waves.of(_weighed(kinds, share))
-
-
-def _sum(parts: Sequence[Products]) -> Products:
-    """Return products of the rows of several parts."""
-    return Products(
-        np.sum([each.gram for each in parts], axis=0),
-        np.sum([each.projection for each in parts], axis=0),
-        np.sum([each.squares for each in parts], axis=0),
-    )
 
 
 # The band of a joint's error, found from the data by marginal likelihood.
@@ -289,11 +270,7 @@ _DIFFERENCE = 1e-4
 class Waves:
     """Products of weighed rows in columns whose sizes are known, then waves of one map a joint."""
 
-    # gram, projection and squares: (N, N), (N,) and a number: of columns with each other, of
-    # columns with the data, of the data with themselves
-    gram: Array
-    projection: Array
-    squares: float
+    products: Products  # of N columns
     rows: int  # how many rows there were
     leading: int  # columns before the waves; each in its size
     orders: Array  # (M,) cycles a turn of the waves, the same for every map
@@ -301,7 +278,7 @@ class Waves:
     @property
     def maps(self) -> int:
         """Return how many maps there are."""
-        return (len(self.projection) - self.leading) // len(self.orders)
+        return (len(self.products.projection) - self.leading) // len(self.orders)
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,9 +319,10 @@ def minus_twice_log_likelihood(
     """
     sizes = np.concatenate([np.ones(waves.leading), np.exp(log_sizes)])
     precision = float(np.exp(-2.0 * log_scatter))
-    gram = waves.gram * sizes[:, None]
+    gram = waves.products.gram * sizes[:, None]
     gram *= sizes * precision
-    projection, data = waves.projection * (sizes * precision), waves.squares * precision
+    projection = waves.products.projection * (sizes * precision)
+    data = float(waves.products.squares) * precision
     normal = gram.copy(order="F")
     normal[np.diag_indices_from(normal)] += 1.0
     root, failed = lapack.dpotrf(normal, lower=1, overwrite_a=1)

@@ -14,6 +14,7 @@ from itertools import pairwise, product
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
@@ -244,9 +245,23 @@ def no_wider_than(normal: Array, prior: Array) -> Array:
     return inverse
 
 
+def inverse(normal: Array, prior: Array) -> Array:
+    """Return the inverse (k, k) of normal equations that hold a prior precision (k, k)."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.diag(prior)))
+    factor, wrong = dpotrf((normal * np.outer(scale, scale)).T, overwrite_a=1)
+    if wrong:
+        return no_wider_than(normal, prior)
+    upper, _ = dpotri(factor, overwrite_c=1)  # of zeros below its diagonal
+    upper *= np.outer(scale, scale)
+    whole: Array = upper + upper.T
+    whole[np.diag_indices_from(whole)] = np.diag(upper)
+    return whole
+
+
 def _inverse(gram: Array, sizes: Array) -> Array:
     """Return the inverse of products plus what is expected of the parameters."""
-    return solve(gram, np.eye(len(sizes)), np.diag(sizes**-2.0))
+    prior = np.diag(sizes**-2.0)
+    return inverse(gram + prior, prior)
 
 
 # The family of candidates of a survey, and what its poses can show of each.

@@ -17,7 +17,6 @@ from pa10cal.discovery.blocked_cv.family import (
     below_detection_limit,
     both_kinds_agree,
     family,
-    solve,
     surely_worse,
 )
 from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
@@ -32,7 +31,14 @@ from pa10cal.discovery.blocked_cv.search import (
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, ShapedEffect, Survey
 from pa10cal.discovery.finding import CARRIED, MayHaveCarrier, Untestable
 from pa10cal.discovery.in_time.channel import like_a_scan
-from pa10cal.discovery.linear import by_effects, by_own_terms, error_mm, rms, standard_error
+from pa10cal.discovery.linear import (
+    by_effects,
+    by_own_terms,
+    error_mm,
+    left_out,
+    rms,
+    standard_error,
+)
 from pa10cal.discovery.noise import AS_FOUND
 from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.verdict import smooth_unknown
@@ -258,53 +264,48 @@ def _contradicting(others: Sequence[Tried]) -> list[Tried]:
 class Squares:
     """Squared errors of held-out poses, weighed."""
 
-    total: Array  # (B,) of every block
-    positions: Array  # (B,) the part of positions in it
+    kinds: Array  # (2, B) of every block, of positions and of all else
     rms_mm: float  # root mean square of the position error
 
     @property
-    def kinds(self) -> tuple[Array, Array]:
-        """Return the squares of positions, and of all else."""
-        return self.positions, self.total - self.positions
+    def total(self) -> Array:
+        """Return the squares of every block, (B,)."""
+        return np.asarray(self.kinds.sum(axis=0))
 
 
 class HeldPoses:
     """Every tenth pose held out in turn, about a model whose maps stay."""
 
     def __init__(self, survey: Survey, found: Refit, least_gain: float) -> None:
-        """Take what is predicted.
-
-        Args:
-            survey: the campaign.
-            found: the model with the effects found, and what poses count in it.
-            least_gain: sum of squares by which anything must help at least.
-        """
-        self._least_gain = least_gain
-        self._survey, self._at = survey, found.at
-        self._whiteners = found.weights.whiteners()
+        """Take a survey, its model, and the sum of squares by which anything must help at least."""
+        self._survey, self._at, self._least_gain = survey, found.at, least_gain
         self._block = np.arange(len(survey.poses)) % BLOCKS
-        at, poses = found.at, survey.poses
-        self._left = -survey.left_by(at)
-        own = [term for term in at.model.terms if not isinstance(term, JointErrorMap | BaseDrift)]
-        columns = np.concatenate(by_own_terms(at, poses, own), axis=2)
-        self._own = columns, self._whiteners @ columns
+        self._whiten, self._left = found.weights.whiteners(), -survey.left_by(found.at)
+        terms = found.model.terms
+        own = [term for term in terms if not isinstance(term, JointErrorMap | BaseDrift)]
+        self._own = by_own_terms(found.at, survey.poses, own, self._whiten)
 
     def squares(self, effects: Sequence[Effect] = (), *, lag: bool = True) -> Squares:
         """Return what is left of held-out poses with effects beside the model.
 
         Orientations may lag behind the motion, where the survey has them so, unless told otherwise.
         """
-        left = self._predicted(effects, lag)
-        white = (self._whiteners @ left[:, :, None])[:, :, 0] ** 2
-        measured = self._survey.poses.measured
-
-        def summed(columns: Array) -> Array:
-            return np.bincount(self._block, columns.sum(axis=1), BLOCKS).astype(np.float64)
-
+        left, poses, of_lag = self._left, self._survey.poses, self._survey.lag
+        starts = [effect.starts[0] for effect in effects]
+        added = by_effects(self._at, poses, effects, starts, self._whiten)
+        if of_lag is not None and lag:
+            added.append(self._whiten @ of_lag.columns(self._at, poses))
+        elif of_lag is not None and of_lag.amounts is not None:
+            left = left + of_lag.shift(self._survey.baseline, poses)
+        columns = np.concatenate([*self._own, *added], axis=2).reshape(left.size, -1)
+        data = (self._whiten @ left[:, :, None]).ravel()
+        white = left_out(data, columns, np.repeat(self._block, left.shape[1])).reshape(left.shape)
+        measured = poses.measured
+        of_positions = np.isin(np.arange(left.shape[1]), measured.position_columns)
+        kinds = (white[:, kind] ** 2 for kind in (of_positions, ~of_positions))
         return Squares(
-            total=summed(white),
-            positions=summed(white[:, measured.position_columns]),
-            rms_mm=rms(error_mm(measured, left)),
+            np.stack([np.bincount(self._block, kind.sum(axis=1), BLOCKS) for kind in kinds]),
+            rms(error_mm(measured, np.linalg.solve(self._whiten, white[:, :, None])[:, :, 0])),
         )
 
     def helps(self, before: Squares, after: Squares) -> bool:
@@ -314,35 +315,12 @@ class HeldPoses:
         than noise.
         """
         gain = float((before.total - after.total).sum())
-        return gain > LEAST_SHARE * float(after.positions.sum()) and self.matters(before, after)
+        return gain > LEAST_SHARE * float(after.kinds[0].sum()) and self.matters(before, after)
 
     def matters(self, before: Squares, after: Squares) -> bool:
         """Return whether they come out better by more than chance makes of it."""
         gain = before.total - after.total
         return float(gain.sum()) > max(self._least_gain, STANDARD_ERRORS * standard_error(gain))
-
-    def _predicted(self, effects: Sequence[Effect], lag: bool) -> Array:
-        """Return what is left of each pose, its block held out, (P, b)."""
-        left, poses, of_lag = self._left.copy(), self._survey.poses, self._survey.lag
-        starts = [effect.starts[0] for effect in effects]
-        added = by_effects(self._at, poses, effects, starts)
-        if of_lag is not None and lag:
-            added.append(of_lag.columns(self._at, poses))
-        elif of_lag is not None and of_lag.amounts is not None:
-            left += of_lag.shift(self._survey.baseline, poses)
-        own, own_white = self._own
-        columns = np.concatenate([own, *added], axis=2)
-        white = np.concatenate([own_white, *(self._whiteners @ each for each in added)], axis=2)
-        data = self._whiteners @ left[:, :, None]
-        blocks = [self._block == b for b in range(BLOCKS)]
-        rows = [(white[here].reshape(-1, white.shape[2]), data[here].ravel()) for here in blocks]
-        grams = [columns.T @ columns for columns, _ in rows]
-        projections = [columns.T @ values for columns, values in rows]
-        unit = np.eye(columns.shape[2])
-        for here, gram, projection in zip(blocks, grams, projections, strict=True):
-            x = solve(sum(grams) - gram, sum(projections) - projection, unit)
-            left[here] -= columns[here] @ x
-        return left
 
 
 def proof_of(before: Squares, after: Squares) -> BlockPrediction:
@@ -521,11 +499,9 @@ def by_arrival(effect: Effect | EffectName) -> bool:
 
 def _stays(held: HeldPoses, without: Squares, every: Squares) -> bool:
     """Return whether one matters beside the others, and neither kind loses much of the gain."""
-    gains = [before - after for before, after in zip(without.kinds, every.kinds, strict=True)]
-    whole = float(sum(gain.sum() for gain in gains))
-    contradict = any(
-        surely_worse(gain) and float(gain.sum()) < -_MOST_LOST * whole for gain in gains
-    )
+    gains = without.kinds - every.kinds
+    most_lost = -_MOST_LOST * float(gains.sum())
+    contradict = any(surely_worse(gain) and float(gain.sum()) < most_lost for gain in gains)
     return held.matters(without, every) and not contradict
 
 

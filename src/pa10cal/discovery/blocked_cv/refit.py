@@ -7,20 +7,17 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import LinAlgError, block_diag
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg import block_diag
 
-from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
+from pa10cal.discovery.blocked_cv.family import inverse, solve
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
     BlockedRows,
+    Products,
     ShapedEffect,
     Survey,
-    in_terms_of,
     map_columns,
-    products,
 )
 from pa10cal.discovery.gap import PairedErrors, gap
 from pa10cal.discovery.in_time.wander import moved_frames
@@ -52,6 +49,7 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
     FadingPrior,
     JointErrorMap,
+    b_splines,
     b_splines_by_knots,
     harmonic_orders,
 )
@@ -229,10 +227,13 @@ class _NormalFit:
         self._dense: list[Term] = [
             term for term in self._model.terms if not isinstance(term, JointErrorMap)
         ]
-        self._dense_at = [columns[self._model.columns_of(term)] for term in self._dense]
-        map_at = [columns[self._model.columns_of(each)] for each in self._maps]
+        of_dense, of_maps = (
+            [columns[self._model.columns_of(term)] for term in terms]
+            for terms in (self._dense, self._maps)
+        )
         targets = columns[first : first + len(own.targets_m)]
-        self._order = np.concatenate([*self._dense_at, targets, *map_at])
+        self.dense_at = np.concatenate([*of_dense, targets])  # unknowns of all but maps
+        self._order = np.concatenate([self.dense_at, *of_maps])
         tail = len(targets) + 6
         prior = [np.diag(sizes[: len(own.x)] ** -2.0)]
         for effect in effects:
@@ -240,44 +241,43 @@ class _NormalFit:
             shapes = np.zeros((len(effect.parameters) - effect.linear,) * 2)
             prior.append(block_diag(factor.T @ factor, shapes))
         self.prior = block_diag(*prior, np.diag(sizes[-tail:] ** -2.0))
-        self._middle = np.zeros(len(sizes))
-        self._middle[: len(own.x)] = own.x
-        self._middle[targets] = own.targets_m
-        self._parameters = (*self._model.parameters, *measured.target_parameters)
-
-    @property
-    def bounds(self) -> Bounds:
-        """Return the physical range of every parameter."""
-        return Bounds.of(self._parameters)
+        self.middle = np.zeros(len(sizes))
+        self.middle[: len(own.x)] = own.x
+        self.middle[targets] = own.targets_m
+        # Physical range of every parameter.
+        self.bounds = Bounds.of((*self._model.parameters, *measured.target_parameters))
 
     def place(self, x: Array) -> FittedModel:
         """Return the model at a point."""
         k = len(self._model.parameters)
         return replace(self._survey.baseline, model=self._model, x=x[:k], targets_m=x[k:])
 
-    def equations(self, x: Array, weights: PoseWeights) -> Equations:
-        """Return the problem at a point."""
-        at, poses = self.place(x), self._survey.poses
-        whiten = weights.whiteners()
-        points = [x[place] for place in self._dense_at]
-        # The maps' joints come last.
+    def columns(self, at: FittedModel, whiten: Array) -> tuple[Array, Array]:
+        """Return whitened columns (P, b, d) of all but maps, and what the maps' joints do."""
+        poses = self._survey.poses
         joints = positions_of(at, [each.joint for each in self._maps])
         *of_terms, screws = by_terms(
-            at, poses, [*self._dense, joints], [*points, np.zeros(len(self._maps))], whiten
+            at,
+            poses,
+            [*self._dense, joints],
+            [*map(at.values_of, self._dense), np.zeros(len(self._maps))],
+            whiten,
         )
-        dense = np.concatenate([*of_terms, whiten @ by_targets(at, poses)], axis=2)
-        q_rad = poses.states.q_rad[:, [each.joint - 1 for each in self._maps]]
+        return np.concatenate([*of_terms, whiten @ by_targets(at, poses)], axis=2), screws
+
+    def equations(self, x: Array, weights: PoseWeights) -> Equations:
+        """Return the problem at a point."""
+        at, states, knots = self.place(x), self._survey.poses.states, [m.knots for m in self._maps]
+        whiten = weights.whiteners()
+        dense, screws = self.columns(at, whiten)
+        q_rad = states.q_rad[:, [each.joint - 1 for each in self._maps]]
         white = (whiten @ self._survey.left_by(at)[:, :, None]).ravel()
-        gram, projection, _ = products(
-            white,
-            dense.reshape(-1, dense.shape[2]),
-            map_columns(screws, q_rad, [each.knots for each in self._maps]),
-        )
-        bases = [b_splines_by_knots(each.knots) for each in self._maps]
-        gram, projection = in_terms_of(gram, projection, dense.shape[2], bases)
+        d = dense.shape[2]
+        found = Products.of(white, dense.reshape(-1, d), map_columns(screws, q_rad, knots))
+        found = found.in_terms_of(d, [b_splines_by_knots(each) for each in knots])
         order = np.argsort(self._order)
-        gram, projection = gram[np.ix_(order, order)], projection[order]
-        off = x - self._middle
+        gram, projection = found.gram[np.ix_(order, order)], found.projection[order]
+        off = x - self.middle
         cost = float(white @ white + off @ self.prior @ off)
         return Equations(cost, projection + self.prior @ off, gram + self.prior)
 
@@ -288,7 +288,7 @@ class _NormalFit:
     def cost(self, x: Array, weights: PoseWeights) -> float:
         """Return the sum of squares at a point."""
         white = weights.whiteners() @ self._survey.left_by(self.place(x))[:, :, None]
-        off = x - self._middle
+        off = x - self.middle
         return float(np.sum(white**2) + off @ self.prior @ off)
 
 
@@ -299,27 +299,9 @@ def _inverse(information: Array, prior: Array, free: Mask) -> Array:
     """
     free = free & (np.diag(information) > 0.0)
     own = np.ix_(free, free)
-    scale = 1.0 / np.sqrt(np.diag(information)[free])
-    inverse = np.zeros_like(information)
-    try:
-        unit = (information if free.all() else information[own]) * scale
-        unit *= scale[:, None]
-        factor, wrong = dpotrf(unit.T, overwrite_a=1)  # of zeros below its diagonal
-        if wrong:
-            raise LinAlgError
-        upper, wrong = dpotri(factor, overwrite_c=1)
-        if wrong:
-            raise LinAlgError
-        upper *= scale
-        upper *= scale[:, None]
-        whole = upper + upper.T
-        whole[np.diag_indices_from(whole)] = np.diag(upper)
-        if free.all():
-            return np.asarray(whole)
-        inverse[own] = whole
-    except LinAlgError:
-        inverse[own] = no_wider_than(information[own], prior[own])
-    return inverse
+    found = np.zeros_like(information)
+    found[own] = inverse(information[own], prior[own])
+    return found
 
 
 # How far models are from measured poses: what a fit has seen, and name by name.
@@ -356,61 +338,28 @@ class PartialFits:
     def __init__(self, campaign: Survey, extended: Refit) -> None:
         """Take the model with all effects, and linearise it in all but its maps."""
         self._campaign, self._extended = campaign, extended
-        at, model, measured = extended.at, extended.model, campaign.poses.measured
-        effects = [each for each in extended.effects if not isinstance(each, JointErrorMap)]
-        own = [term for term in model.terms if term not in extended.effects]
-        points = [at.x[model.columns_of(term)] for term in (*own, *effects)]
-        found = by_terms(at, campaign.poses, (*own, *effects), points)
-        amounts = [
-            columns[:, :, : each.linear]
-            for columns, each in zip(found[len(own) :], effects, strict=True)
-        ]
-        columns = np.concatenate(
-            [*found[: len(own)], by_targets(at, campaign.poses), *amounts], axis=2
-        )
-        self._whiten = whiten = extended.weights.whiteners()
-        white = (whiten @ columns).reshape(-1, columns.shape[2])
+        self._fit = _NormalFit(campaign, extended.effects)
+        self._whiten = extended.weights.whiteners()
+        white, _ = self._fit.columns(extended.at, self._whiten)
+        towards = np.swapaxes(self._whiten, 1, 2) @ white
+        self._towards, white = (each.reshape(-1, white.shape[2]) for each in (towards, white))
         self._gram = white.T @ white
-        self._towards = (np.swapaxes(whiten, 1, 2) @ white.reshape(columns.shape)).reshape(
-            white.shape
-        )
-        # Where each column stands among the unknowns, and which effect it is of.
-        unknown, baseline = extended.own_columns(), campaign.baseline
-        first = [extended.columns_of(each).start for each in effects]
-        self._at = np.concatenate(
-            [
-                unknown,
-                *(np.arange(k, k + each.linear) for k, each in zip(first, effects, strict=True)),
-            ]
-        )
-        self._effect = np.repeat(
-            np.arange(-1, len(effects)), [len(unknown), *(each.linear for each in effects)]
-        )
-        self._effects = effects
-        expected = np.diag(possible_sizes(with_base_term(baseline), measured))
-        sizes = block_diag(expected, *(each.prior_factor for each in effects))
-        inverse = np.linalg.inv(sizes)
-        self._prior = inverse.T @ inverse
-        self._middle = np.zeros(len(self._at))
-        self._middle[: len(baseline.x)] = baseline.x
-        self._middle[len(unknown) - len(baseline.targets_m) : len(unknown)] = baseline.targets_m
-        self._bounds = Bounds.of((*model.parameters, *measured.target_parameters))
 
     def model_with(self, some: tuple[Effect, ...]) -> FittedModel:
         """Return the model with some of its effects."""
-        extended, x = self._extended, self._extended.x.copy()
+        extended, fit, x = self._extended, self._fit, self._extended.x.copy()
+        fitted = np.ones(len(x), dtype=bool)
         for effect in extended.effects:
+            columns = extended.columns_of(effect)
+            shapes = columns.start + effect.linear
             if effect not in some:
-                first = extended.columns_of(effect).start
-                x[first : first + effect.linear] = 0.0
-        there = np.flatnonzero(
-            np.isin(
-                self._effect, [-1, *(k for k, each in enumerate(self._effects) if each in some)]
-            )
-        )
-        free, own = self._at[there], np.ix_(there, there)
-        bounds = Bounds(self._bounds.lower[free], self._bounds.upper[free])
-        prior, middle = self._prior[own], self._middle[there]
+                x[columns.start : shapes] = 0.0
+            known = effect in some and not isinstance(effect, JointErrorMap)
+            fitted[shapes if known else columns.start : columns.stop] = False
+        there = np.flatnonzero(fitted[fit.dense_at])
+        free, own = fit.dense_at[there], np.ix_(there, there)
+        bounds = Bounds(fit.bounds.lower[free], fit.bounds.upper[free])
+        prior, middle = fit.prior[np.ix_(free, free)], fit.middle[free]
         normal = self._gram[own] + prior
 
         def at(values: Array) -> FittedModel:
@@ -557,10 +506,8 @@ def pair_of(
 
 def _error_rad(effect: JointErrorMap, x: Array) -> Array:
     """Return the error at `ANGLES_RAD`."""
-    q_rad = np.zeros((len(ANGLES_RAD), effect.joint))
-    q_rad[:, -1] = ANGLES_RAD
-    zeros, zero = np.zeros_like(q_rad), np.zeros(len(q_rad))
-    return effect.shift(PoseStates(q_rad, zeros, zeros, zero, zero, zero), x)[:, 0]
+    error: Array = b_splines(effect.knots, ANGLES_RAD) @ (b_splines_by_knots(effect.knots) @ x)
+    return error
 
 
 def _correlation(x: Array, y: Array) -> float:

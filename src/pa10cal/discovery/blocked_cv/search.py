@@ -14,7 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.family import (
@@ -31,11 +30,8 @@ from pa10cal.discovery.blocked_cv.family import (
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
     BlockedRows,
-    BlockRows,
     Products,
     ShapedEffect,
-    map_columns,
-    products,
 )
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.linear import standard_error
@@ -313,33 +309,21 @@ def level_of(total: Products, rows: BlockedRows, members: tuple[Candidate, ...])
 
 def products_of(rows: BlockedRows, members: tuple[Candidate, ...]) -> Products:
     """Return the products of own parameters, effects, and B-splines of maps, block by block."""
-    maps, found = maps_among(members), []
-    for b in range(BLOCKS):
-        block, splines = _columns(rows, maps, b)
-        found.append(products(block.data, block.dense, splines))
-    gram, projection, squares = zip(*found, strict=True)
-    return Products(np.stack(gram), np.stack(projection), np.array(squares))
-
-
-def products_by_kind(
-    rows: BlockedRows, maps: Sequence[JointErrorMap], b: int
-) -> tuple[Products, ...]:
-    """Return the products of one block: of its rows of positions, and of the others."""
-    block, splines = _columns(rows, maps, b)
     found = []
-    for at in rows.kinds(len(block.data)):
-        gram, projection, squares = products(block.data[at], block.dense[at], splines[at])
-        found.append(Products(gram, projection, np.asarray(squares)))
-    return tuple(found)
+    for b in range(BLOCKS):
+        positions, others = rows.products_by_kind(b, *joints_and_knots(members))
+        found.append(positions + others)
+    return Products(
+        np.stack([each.gram for each in found]),
+        np.stack([each.projection for each in found]),
+        np.array([each.squares for each in found]),
+    )
 
 
-def _columns(
-    rows: BlockedRows, maps: Sequence[JointErrorMap], b: int
-) -> tuple[BlockRows, csr_array]:
-    """Return the rows of a block, and the columns of the B-splines of some maps."""
-    at, block = [rows.joints.index(each.joint) for each in maps], rows.block(b)
-    knots = [each.knots for each in maps]
-    return block, map_columns(block.screws[:, :, at], block.q_rad[:, at], knots)
+def joints_and_knots(members: Sequence[Candidate]) -> tuple[list[int], list[int]]:
+    """Return the joints that have maps among members, and the knots of these."""
+    maps = maps_among(members)
+    return [each.joint for each in maps], [each.knots for each in maps]
 
 
 def maps_among(members: Sequence[Candidate]) -> list[JointErrorMap]:

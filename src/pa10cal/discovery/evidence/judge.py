@@ -28,7 +28,7 @@ from pa10cal.discovery.evidence.search import (
     threshold,
 )
 from pa10cal.discovery.finding import CARRIED, Finding, MayHaveCarrier
-from pa10cal.discovery.linear import mean_length, of_weights, position_noise
+from pa10cal.discovery.linear import left_out, mean_length, of_weights, position_noise
 from pa10cal.discovery.preparation import effects_in, is_fault
 from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
 from pa10cal.observe.observations import reading_groups
@@ -211,19 +211,7 @@ def _left_out(
     """Return how member k does on each fold, all being fitted on the others."""
     fold, pose = fold_of_cell[rows.cell], pose_of_cell[rows.cell]
     without = np.delete(rows.own, rows.members[k], axis=1)
-    errors = []
-    for own in (rows.own, without):
-        everything = np.concatenate([own, rows.data[:, None]], axis=1)
-        total = everything.T @ everything
-        squares = np.zeros(int(pose.max()) + 1)
-        for number in np.unique(fold):
-            here = fold == number
-            part = everything[here]
-            products = total - part.T @ part
-            factor = cho_factor(products[:-1, :-1] + np.eye(own.shape[1]))
-            left = part[:, -1] - part[:, :-1] @ cho_solve(factor, products[:-1, -1])
-            np.add.at(squares, pose[here], left**2)
-        errors.append(squares)
+    errors = [np.bincount(pose, left_out(rows.data, own, fold) ** 2) for own in (rows.own, without)]
     gain = errors[1] - errors[0]
     spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
     return CrossValidation(
