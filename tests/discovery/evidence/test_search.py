@@ -51,7 +51,7 @@ def test_where_nothing_is_missing_nothing_is_found(null):
     assert found.score.log_evidence == found.nothing.log_evidence
     # What is left is the noise: no pose is off by more than its readings.
     assert found.score.pose_variance < 0.05
-    gains = found.evidence.additions((), (), list(range(len(found.family))))
+    gains = found.evidence.additions((), list(range(len(found.family))))
     assert max(gain for gain, _ in gains) < threshold(len(found.family), ERROR_RATE)
 
 
@@ -88,7 +88,7 @@ def test_a_proxy_that_came_first_is_dropped_when_the_right_effects_enter(two_wav
     right = tuple(two_waves.effect("transmission_error", f"joint {j}") for j in (2, 3))
     family = (proxy, *right, two_waves.effect("encoder_eccentricity", "joint 1"))
     first = evidence_about(two_waves.problem, two_waves.start, family)
-    gains = [gain for gain, _ in first.additions((), (), list(range(len(family))))]
+    gains = [gain for gain, _ in first.additions((), list(range(len(family))))]
     assert np.argmax(gains) == 0
     found = search(two_waves.problem, family, ERROR_RATE, two_waves.start)
     assert set(found.fit.effects) == set(right)
@@ -103,7 +103,7 @@ def test_a_proxy_found_before_is_dropped_when_the_right_effects_may_enter(two_wa
     evidence = evidence_about(alone.problem, alone.fit, (proxy, *right))
     scores = {
         members: max(
-            evidence.score(members, (size,) * len(members)).log_evidence for size in range(3)
+            evidence.score(tuple((k, size) for k in members)).log_evidence for size in range(3)
         )
         for members in ((0,), (0, 1), (0, 1, 2), (1, 2))
     }

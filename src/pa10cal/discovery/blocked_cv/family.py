@@ -310,6 +310,12 @@ def both_kinds_agree(before: EffectSet, after: EffectSet) -> bool:
     return not (surely_worse(positions) or surely_worse(attitudes))
 
 
+def as_good(squares: Array, than: Array) -> bool:
+    """Return whether sums of squares of blocks (B,) are no larger, to within a standard error."""
+    lost = squares - than
+    return bool(lost.sum() <= standard_error(lost))
+
+
 def surely_worse(gain: Array) -> bool:
     """Return whether a sum over blocks is below zero by more than its scatter between them."""
     return float(gain.sum()) < -_SURELY_WORSE * standard_error(gain)

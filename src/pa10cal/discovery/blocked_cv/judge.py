@@ -14,6 +14,7 @@ from pa10cal.discovery.blocked_cv.family import (
     SPACINGS,
     Candidate,
     EffectSet,
+    as_good,
     below_detection_limit,
     both_kinds_agree,
     family,
@@ -173,8 +174,7 @@ def alternatives(
         return ()
     close: dict[tuple[str, str], Effect] = {}
     for other, alone in zip(others, less.with_each(others), strict=True):
-        lost = alone - chosen.squares
-        if lost.sum() <= standard_error(lost) and not search.helps(alone, beside[other]):
+        if as_good(alone, chosen.squares) and not search.helps(alone, beside[other]):
             close.setdefault(other.name, other.effect)
     return tuple(close.values())
 
@@ -203,14 +203,6 @@ def tried(search: Search, chosen: EffectSet) -> tuple[Tried, ...]:
         if other.name not in best or entry.gain > best[other.name].gain:
             best[other.name] = entry
     return tuple(sorted(best.values(), key=lambda entry: -entry.gain))
-
-
-def without_rivals(chosen: EffectSet) -> EffectSet:
-    """Return the set without what has no name."""
-    for k in reversed(range(len(chosen.members))):
-        if chosen.members[k].effect.generic:
-            chosen = chosen.reduced(k)
-    return chosen
 
 
 def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexplained, ...]:
@@ -303,9 +295,10 @@ class HeldPoses:
         measured = poses.measured
         of_positions = np.isin(np.arange(left.shape[1]), measured.position_columns)
         kinds = (white[:, kind] ** 2 for kind in (of_positions, ~of_positions))
+        left_m: Array = np.linalg.solve(self._whiten, white[:, :, None])[:, :, 0]
         return Squares(
             np.stack([np.bincount(self._block, kind.sum(axis=1), BLOCKS) for kind in kinds]),
-            rms(error_mm(measured, np.linalg.solve(self._whiten, white[:, :, None])[:, :, 0])),
+            rms(error_mm(measured, left_m)),
         )
 
     def helps(self, before: Squares, after: Squares) -> bool:
@@ -354,24 +347,16 @@ def slow_drift(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tupl
     without, with_drift = held.squares(), held.squares([drift])
     if not held.helps(without, with_drift):
         return ()
-    others = []
-    for effect in _effects_of_time(survey, there):
-        lost = held.squares([effect]).total - with_drift.total
-        if lost.sum() <= standard_error(lost):
-            others.append(effect)
-    return (Judged(drift, proof_of(without, with_drift), tuple(others)),)
-
-
-def _effects_of_time(survey: Survey, there: Sequence[Effect]) -> list[Effect]:
-    """Return named effects of time that are not in the model, and can be computed."""
-    held = {effect.id for effect in there}
+    in_model = {effect.id for effect in there}
     of_time = (
         each
         for each in sought(survey.context, survey.baseline.model.terms)
-        if each.goes_with_time and not each.generic and each.id not in held
+        if each.goes_with_time and not each.generic and each.id not in in_model
     )
     logged = survey.torques_logged
-    return computable(of_time, survey.poses.states, logged=logged, weights=True)[0]
+    known, _ = computable(of_time, poses.states, logged=logged, weights=True)
+    others = (each for each in known if as_good(held.squares([each]).total, with_drift.total))
+    return (Judged(drift, proof_of(without, with_drift), tuple(others)),)
 
 
 # What the search of a survey comes to, fitted; and what is found after it beside that.
@@ -514,8 +499,8 @@ def _instead(
 ) -> tuple[Effect, ...]:
     """Return lost motion of the same joint, where that predicts held-out poses as well."""
     other = Backlash(one.of)
-    lost = held.squares([other if each is one else each for each in chosen]).total - every.total
-    return (other,) if lost.sum() <= standard_error(lost) else ()
+    instead = held.squares([other if each is one else each for each in chosen])
+    return (other,) if as_good(instead.total, every.total) else ()
 
 
 # A search by held-out blocks, and what is known of everything it found.
@@ -545,7 +530,9 @@ def searched_rows(rows: BlockedRows) -> tuple[SearchReport, tuple[Candidate, ...
     chosen = search.run()
     others = tried(search, chosen)
     nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
-    chosen = without_rivals(chosen)
+    for k in reversed(range(len(chosen.members))):
+        if chosen.members[k].effect.generic:  # rivals are not in the model
+            chosen = chosen.reduced(k)
     judged, errors_mm = judged_members(rows, search, chosen)
     found = SearchReport(
         judged=judged,

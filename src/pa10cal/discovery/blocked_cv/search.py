@@ -21,6 +21,7 @@ from pa10cal.discovery.blocked_cv.family import (
     Candidate,
     Columns,
     EffectSet,
+    as_good,
     both_kinds_agree,
     predicted_squares,
     solve,
@@ -174,7 +175,11 @@ class Search:
         every = self._names_at(tried, candidate.effect)
         if not every:
             return None
-        lost = tried.with_each([_together(every)])[0] - chosen.squares
+        together = Columns(
+            np.concatenate([each.at for each in every]),
+            np.concatenate([each.sizes for each in every]),
+        )
+        lost = tried.with_each([together])[0] - chosen.squares
         if lost.sum() > _HOPELESS * standard_error(lost):
             return None
         for _ in range(_MOST_NAMES):
@@ -195,9 +200,8 @@ class Search:
 
         As a rival without a name, where it does not help enough over them to be found at all.
         """
-        lost = named.squares - chosen.squares
         if candidate.is_map:
-            return bool(lost.sum() <= standard_error(lost))
+            return as_good(named.squares, chosen.squares)
         return not self.helps(named.squares, chosen.squares)
 
     def _names_at(self, chosen: EffectSet, effect: Effect) -> list[Candidate]:
@@ -207,14 +211,6 @@ class Search:
             for other in self.others(chosen)
             if other.is_named and _same_place(other.effect, effect)
         ]
-
-
-def _together(candidates: Sequence[Candidate]) -> Columns:
-    """Return the columns of candidates as if they were one."""
-    return Columns(
-        np.concatenate([candidate.at for candidate in candidates]),
-        np.concatenate([candidate.sizes for candidate in candidates]),
-    )
 
 
 def _same_place(named: Effect, other: Effect) -> bool:
@@ -268,8 +264,7 @@ def finest(rows: BlockedRows, members: tuple[Candidate, ...]) -> Level:
         ahead, after = _held_out(
             rows, tuple(with_form(each, knots) if _has_finest(each) else each for each in members)
         )
-        gain = left - after
-        if gain.sum() <= standard_error(gain):
+        if as_good(left, after):
             break
         best, left = ahead, after
     return best

@@ -425,12 +425,12 @@ def fit_given(
         The campaign made ready about the fit, and the fit.
     """
     current = fit(problem, (), (), (0.0, 0.0))
-    members, sizes = tuple(range(len(effects))), (_USUAL,) * len(effects)
+    sizes = (_USUAL,) * len(effects)
     settled: tuple[object, ...] = ()
     for _ in range(_MOST_ROUNDS):
         evidence = evidence_about(problem, current, effects)
-        _, sizes = resized(evidence, members, sizes)
-        score = evidence.score(members, sizes)
+        chosen = resized(evidence, tuple(enumerate(sizes)))
+        score, sizes = evidence.score(chosen), tuple(size for _, size in chosen)
         choice = (sizes, score.nearest)
         problem, current = refit(problem, effects, sizes, score.variances, current)
         if choice == settled:

@@ -296,11 +296,11 @@ def _refitted(
     """
     worse = threshold(effects_in(found.family), MISSED_RATE)
     place = found.fit.effects.index(effect)
-    kept, sizes = less(found.members, place), less(found.fit.sizes, place)
+    kept = less(found.chosen, place)
     candidates = [found.family.index(e) for e in family if e not in found.fit.effects]
-    without = found.evidence.score(kept, sizes).log_evidence
+    without = found.evidence.score(kept).log_evidence
     here = found.score.log_evidence
-    gains = found.evidence.additions(kept, sizes, candidates)
+    gains = found.evidence.additions(kept, candidates)
     close = [
         (without + gain, candidate, size)
         for (gain, size), candidate in zip(gains, candidates, strict=True)
@@ -308,11 +308,11 @@ def _refitted(
     ]
     refits = []
     for _, candidate, size in sorted(close, reverse=True)[:_MOST_REFITS]:
-        effects = tuple(found.family[k] for k in (*kept, candidate))
-        variances = found.score.variances
-        refit = fit(found.problem, effects, (*sizes, size), variances, found.fit)
+        effects = tuple(found.family[k] for k in (*(k for k, _ in kept), candidate))
+        sizes = (*(size for _, size in kept), size)
+        refit = fit(found.problem, effects, sizes, found.score.variances, found.fit)
         own = evidence_about(found.problem, refit, refit.effects)
-        score = own.score(tuple(range(len(refit.effects))), refit.sizes)
+        score = own.score(tuple(enumerate(refit.sizes)))
         if score.log_evidence >= here - worse:
             refits.append((refit, score))
     return sorted(refits, key=lambda pair: -pair[1].log_evidence)
@@ -345,14 +345,15 @@ def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ..
     """
     if not unexplained:
         return False
-    members, sizes = found.members, found.fit.sizes
+    chosen, evidence = found.chosen, found.evidence
     for k, rival in enumerate(found.family):
-        if (rival.generic or rival.id == MAP) and rival.of == effect.of and k not in members:
-            _, size = found.evidence.additions(members, sizes, [k])[0]
-            members, sizes = (*members, k), (*sizes, size)
-    place = members.index(found.family.index(effect))
-    whole = found.evidence.score(members, sizes).log_evidence
-    without = found.evidence.score(less(members, place), less(sizes, place)).log_evidence
+        there = rival in found.fit.effects
+        if (rival.generic or rival.id == MAP) and rival.of == effect.of and not there:
+            ((_, size),) = evidence.additions(chosen, [k])
+            chosen = (*chosen, (k, size))
+    place = found.fit.effects.index(effect)
+    whole = evidence.score(chosen).log_evidence
+    without = evidence.score(less(chosen, place)).log_evidence
     return whole - without < threshold(effects_in(found.family), MISSED_RATE)
 
 
