@@ -238,9 +238,6 @@ def mean_covariance(cov: Array, seen: Mask, code: Index) -> Array:
     """
     count = np.bincount(code)
     total, times = np.zeros((len(count), *cov.shape[1:])), np.zeros((len(count), cov.shape[1]))
-    if seen.all():
-        np.add.at(total, code, cov)
-        return np.asarray(total / count[:, None, None] / count[:, None, None])
     np.add.at(times, code, seen)
     share = seen / np.maximum(times, 1.0)[code]
     np.add.at(total, code, share[:, :, None] * cov * share[:, None, :])
@@ -254,10 +251,7 @@ def _whole(cov: Array, seen: Mask) -> Array:
 
 
 def _variance_components(difference: Array, sources: Array, seen: Mask) -> Array:
-    """Fit non-negative variances of sources (D, s, b, b) to the squares of differences (D, b).
-
-    Whitened by the covariance found before, all products of components weigh about the same.
-    """
+    """Fit non-negative variances of sources (D, s, b, b) to the squares of differences (D, b)."""
     count = sources.shape[1]
     if seen.all():
         about = np.atleast_2d(np.cov(difference.T, bias=True))

@@ -137,9 +137,8 @@ def in_bands(rows: BlockedRows, fine: Level) -> InBands | None:
 def _attitudes(by_kind: Sequence[Sequence[Products]], waves: _Waves, maps: int) -> float:
     """Return what orientations should weigh, in their scatter, for left-out poses.
 
-    Their errors go with the pose where a target is tilted or bends: then they average out less than
-    their scatter says. The weight is halved while positions and orientations of left-out blocks,
-    each with a scatter of its own, become more likely.
+    Where a target is tilted or bends their errors average out less than their scatter says. The
+    weight is halved while left-out blocks, each kind with its own scatter, become more likely.
     """
     sizes = waves.sizes([TYPICAL] * maps, [], 1.0)
     best, least = 1.0, np.inf
@@ -165,11 +164,7 @@ def _weighed(kinds: Sequence[Products], share: float) -> Products:
 
 
 def _no_worse(of_time: Array, of_angles: Array) -> bool:
-    """Return whether bands predict no kind of left-out poses surely worse.
-
-    That the data as a whole prefer them is what they were found by. Each stretch counts alike: of
-    some joint all that is left out may be far from where the others are.
-    """
+    """Return whether bands predict no kind of left-out poses surely worse, each stretch alike."""
     gains = [np.log(squares[:, 0] / squares[:, 1]) for squares in (of_time, of_angles)]
     return all(float(gain.sum()) >= -standard_error(gain) for gain in gains)
 
@@ -198,12 +193,9 @@ class _Waves:
     def sizes(
         self, spectra: Sequence[Spectrum | None], before: Sequence[JointErrorMap], scatter: float
     ) -> Array:
-        """Return the sizes (N,) of all columns, in the scatter of the rows.
+        """Return the sizes (N,) of all columns by the spectra of maps, in the scatter of the rows.
 
-        Args:
-            spectra: of each map.
-            before: maps whose own spectrum goes no further than their knots.
-            scatter: of the rows.
+        Of maps that had their spectrum before it goes no further than their knots.
         """
         found = [np.ones(self.leading)]
         for k, spectrum in enumerate(spectra):
@@ -216,10 +208,7 @@ class _Waves:
 
 
 def _left(total: Products, out: Products, judged: Sequence[Products], sizes: Array) -> list[float]:
-    """Return the squared error of rows that are judged, predicted from all rows but those out.
-
-    Columns are of the sizes given (N,).
-    """
+    """Return the squared error of judged rows, predicted from all but those out; sizes are (N,)."""
     gram = (total.gram - out.gram) * (sizes[:, None] * sizes)
     projection = (total.projection - out.projection) * sizes
     x = sizes * solve(gram, projection, np.eye(len(sizes)))
@@ -289,7 +278,6 @@ class BandEstimates:
     log_std: Array  # (maps, k) standard uncertainty of the logarithms of the numbers of each
     scatter: float  # of the rows, in their stated unit
     shared: bool  # whether all maps have one band
-    nats: float  # log-likelihood at the maximum, up to a constant
 
 
 def most_likely(waves: Waves) -> BandEstimates:
@@ -308,14 +296,8 @@ def minus_twice_log_likelihood(
 ) -> tuple[float, Array, float, Array]:
     """Return minus twice the marginal log-likelihood, and its derivatives.
 
-    Args:
-        waves: products.
-        log_sizes: (maps M,) logarithms of the standard deviations of all waves.
-        log_scatter: logarithm of the scatter of the rows.
-
-    Returns:
-        The value; the derivative by each of `log_sizes`; that by `log_scatter`; the second
-        derivative (maps M, maps M) by `log_sizes` to be expected.
+    By each of the logarithms of the standard deviations of all waves, (maps M,); by that of the
+    scatter of the rows; and the second (maps M, maps M) by the former, as is to be expected.
     """
     sizes = np.concatenate([np.ones(waves.leading), np.exp(log_sizes)])
     precision = float(np.exp(-2.0 * log_scatter))
@@ -404,11 +386,7 @@ def _climb(cost: _Cost, start: Array) -> _Point:
 
 
 def _minus_twice_log_evidence(point: _Point) -> float:
-    """Return minus twice the log evidence with the numbers integrated out, up to a constant.
-
-    By Laplace's approximation: numbers that the data fix far more sharply than was expected of them
-    cost what they were free to be.
-    """
+    """Return minus twice the log evidence, the numbers integrated out (Laplace's approximation)."""
     _, volume = np.linalg.slogdet(0.5 * point.curvature[:-1, :-1])
     return point.value + float(volume)
 
@@ -429,7 +407,6 @@ def _bands(waves: Waves, point: _Point) -> BandEstimates:
         log_std=np.array(log_std),
         scatter=float(np.exp(point.at[-1])),
         shared=not own,
-        nats=-0.5 * point.value,
     )
 
 

@@ -298,31 +298,30 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     if wander is not None:
         found = found_in(judged.moving(wander), shaped)
     found = with_more(found, slow_drift(found.survey, found.held_poses, found.extended.effects))
-    judged, rows, searched = found.survey, found.rows, found.searched
-    extended, poses = found.extended, judged.poses
+    judged, extended, poses = found.survey, found.extended, found.survey.poses
     noise = judged.noise_about(extended.fitted())
     floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
-    remaining = remaining_error(rows, searched.errors_mm, floor_mm, searched.tried)
+    remaining = remaining_error(found.rows, found.errors_mm, floor_mm, found.tried)
     findings = tuple(
         Finding(
             effect, *extended.reported(effect, extended.covariance), each.alternatives, each.proof
         )
-        for effect, each in zip(extended.effects, searched.judged, strict=True)
+        for effect, each in zip(extended.effects, found.judged, strict=True)
     )
     held_out = campaign.held_out
     found_by_blocks = VerdictByBlocks(
         prepared=campaign,
         context=judged.context,
-        candidates=searched.candidates,
+        candidates=found.candidates,
         findings=findings,
         unexplained=(
-            *unexplained(remaining, searched.nameless),
+            *unexplained(remaining, found.nameless),
             *wandering(judged.wander, floor_mm),
             *told_with_rivals(in_time, floor_mm),
             *(() if judged.lag is None else (judged.lag.unexplained(remaining.mean_mm),)),
         ),
-        not_testable=(*unknown, *searched.hidden),
-        below_detection_limit=searched.below_detection_limit,
+        not_testable=(*unknown, *found.hidden),
+        below_detection_limit=found.below_detection_limit,
         extended=extended,
         covariance=extended.covariance,
         noise_floor_mm=floor_mm,
@@ -331,14 +330,14 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         holdout=None if held_out is None else compare(judged, extended, held_out, floor_mm),
         faults_of_rows=steps_in_time(judged.wander, extended.at, poses),
         survey=judged,
-        nameless=searched.nameless if remaining.over_floor else (),
+        nameless=found.nameless if remaining.over_floor else (),
         over_noise=remaining.over_floor,
         remaining=remaining,
-        least_gain=searched.least_gain,
+        least_gain=found.least_gain,
         noise=noise,
         bands=found.bands,
     )
-    return with_causes(_motion_aside(_with_rivals(found_by_blocks, searched.nameless)))
+    return with_causes(_motion_aside(_with_rivals(found_by_blocks, found.nameless)))
 
 
 def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> VerdictByBlocks:

@@ -230,11 +230,7 @@ def solve(gram: Array, projection: Array, prior: Array) -> Array:
 def no_wider_than(normal: Array, prior: Array) -> Array:
     """Return the inverse of normal equations that rounding left less certain than their prior.
 
-    Products less what other columns take of them are no smaller than zero.
-
-    Args:
-        normal: (k, k) with the prior in it.
-        prior: (k, k) precision expected; a row of zeros for a parameter without.
+    The prior precision (k, k) is in them; it has a row of zeros for a parameter without.
     """
     bare = np.diag(prior) == 0.0
     root = np.linalg.cholesky(prior + np.diag(np.where(bare, _ROUNDING * np.diag(normal), 0.0)))
@@ -410,8 +406,7 @@ def _beside(gram: Array, own: Index, columns: Columns) -> tuple[Array, Array]:
 def _nearly_always(left: Array) -> float:
     """Return the gain that an effect of plausible size reaches in all but one of 20 directions.
 
-    Poses may show one parameter well and another hardly, such as a tilt along the line of sight of
-    a distance. Products of its columns (k, k) are in their sizes.
+    Poses may show one parameter well and another hardly. Products of columns (k, k) are in sizes.
     """
     values = np.maximum(np.linalg.eigvalsh(left), 0.0)
     drawn = np.random.default_rng(0).standard_normal((_DIRECTIONS, len(values))) ** 2

@@ -13,6 +13,7 @@ from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
 from pa10cal.discovery.blocked_cv.family import (
     SPACINGS,
     Candidate,
+    Columns,
     EffectSet,
     as_good,
     below_detection_limit,
@@ -75,8 +76,7 @@ def prediction(
 ) -> BlockPrediction:
     """Return how well held-out blocks are predicted without an effect and with it.
 
-    The weighed sum of squares of every block, `whole` in all without the effect, comes down by its
-    gain (B,); root mean square errors are those without it and with it.
+    The weighed sum of squares, `whole` without the effect, comes down by the gain of each (B,).
     """
     part, std = float(gain.sum()) / whole, standard_error(gain) / whole
     return BlockPrediction(
@@ -125,10 +125,7 @@ def judged_members(
 
 
 def _carrier(rows: BlockedRows, gain: Array, whole: float, least_gain: float) -> str | None:
-    """Return the pose without which nearly nothing is gained (P,); None for none.
-
-    The whole gain holds what uncertain weights would have to be, beside that of the poses.
-    """
+    """Return the pose without which nearly nothing of the whole gain is left; None for none."""
     by_pose: dict[str, float] = {}
     for label, each in zip(rows.survey.poses.pose.tolist(), gain.tolist(), strict=True):
         by_pose[label] = by_pose.get(label, 0.0) + each
@@ -158,9 +155,8 @@ def alternatives(
 ) -> tuple[Effect, ...]:
     """Return the effects that predict as well in one's place, within a standard error.
 
-    One that leaves it needed all the same is no alternative. The map of a joint can always do what
-    a named form of that joint does, and is none. The sums of squares of blocks with each of the
-    other candidates `beside` the set are given.
+    One that leaves it needed, by the squares with each other candidate `beside` the set, is no
+    alternative; nor is the map of a joint, which can always do what a named form of it does.
     """
     own = chosen.members[member]
     less = chosen.reduced(member)
@@ -362,15 +358,22 @@ def slow_drift(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tupl
 # What the search of a survey comes to, fitted; and what is found after it beside that.
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SearchOutcome:
     """What a survey comes to."""
 
     survey: Survey  # the campaign, with the motion of its base as these effects leave it
     rows: BlockedRows  # by which it was searched
-    searched: SearchReport  # what the search found
     fine: Level  # the effects, by linear least squares
     bands: InBands | None = None  # of maps that have one; None where none has
+    judged: tuple[Judged, ...]  # each of the effects
+    nameless: tuple[Effect, ...]  # rivals that the search held
+    tried: tuple[Tried, ...]  # what each candidate not chosen would still gain
+    errors_mm: Array  # (P,) position errors of held-out blocks
+    hidden: tuple[Untestable, ...]  # effects that these poses cannot show
+    below_detection_limit: tuple[Untestable, ...]
+    candidates: int  # how many effects were tried
+    least_gain: float  # sum of squares by which one must help at least
 
     @cached_property
     def extended(self) -> Refit:
@@ -383,24 +386,54 @@ class SearchOutcome:
     @property
     def held_poses(self) -> HeldPoses:
         """Return every tenth pose, predicted by the model and weighed as its fit weighs them."""
-        return HeldPoses(self.survey, self.extended, self.searched.least_gain)
+        return HeldPoses(self.survey, self.extended, self.least_gain)
 
 
-def found_in(judged: Survey, shaped: tuple[ShapedEffect, ...]) -> SearchOutcome:
+def found_in(survey: Survey, shaped: tuple[ShapedEffect, ...]) -> SearchOutcome:
     """Search a survey."""
-    rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
-    searched, members = searched_rows(rows)
-    found = _settled(SearchOutcome(judged, rows, searched, finest(rows, members)))
-    if judged.context.commanded:
-        found = with_more(found, arrivals(judged, found.held_poses, found.extended.effects))
+    found = _settled(_searched(weighted_rows(survey, shaped, SPACINGS[-1][0])))
+    if survey.context.commanded:
+        found = with_more(found, arrivals(survey, found.held_poses, found.extended.effects))
     bands = in_bands(found.rows, found.fine)
     if bands is not None:
         found = replace(found, fine=bands.level, bands=bands)
     found = _settled(found)
-    held = found.held_poses if judged.lag is not None else None
+    held = found.held_poses if survey.lag is not None else None
     if held is not None and not held.helps(held.squares(lag=False), held.squares()):
         found = replace(found, survey=replace(found.survey, lag=None))
     return found
+
+
+def _searched(rows: BlockedRows) -> SearchOutcome:
+    """Search, and judge what was found."""
+    products = rows.products()
+    known = family(rows, products)
+    noise = noise_squares(rows, rows.survey.noise_about(rows.place))
+    error_rate = rows.survey.setup.options.error_rate
+    search = Search(products, Columns(rows.own, rows.own_sizes), known.shown, noise, error_rate)
+    chosen = search.run()
+    others = tried(search, chosen)
+    nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
+    for k in reversed(range(len(chosen.members))):
+        if chosen.members[k].effect.generic:  # rivals are not in the model
+            chosen = chosen.reduced(k)
+    judged, errors_mm = judged_members(rows, search, chosen)
+    members, effects, least_gain = chosen.members, search.effects, search.least_gain
+    below = below_detection_limit(known, search.is_surely_found)
+    del products, search, chosen  # they are large
+    return SearchOutcome(
+        survey=rows.survey,
+        rows=rows,
+        fine=finest(rows, members),
+        judged=judged,
+        nameless=nameless,
+        tried=others,
+        errors_mm=errors_mm,
+        hidden=known.hidden,
+        below_detection_limit=below,
+        candidates=effects,
+        least_gain=least_gain,
+    )
 
 
 def _settled(found: SearchOutcome) -> SearchOutcome:
@@ -416,7 +449,7 @@ def with_more(found: SearchOutcome, more: Sequence[Judged]) -> SearchOutcome:
     """Return what was found with effects beside it; a slow drift takes the place of a constant."""
     if not more:
         return found
-    searched, names = found.searched, {(each.effect.id, each.effect.of) for each in more}
+    names = {(each.effect.id, each.effect.of) for each in more}
     stays = [k for k, each in enumerate(found.fine.members) if each.name not in names]
     places = {each.effect.of for each in more if by_arrival(each.effect)}
     none = np.zeros(0, np.intp), np.zeros(0)
@@ -428,19 +461,14 @@ def with_more(found: SearchOutcome, more: Sequence[Judged]) -> SearchOutcome:
     in_time = any(each.effect.goes_with_time for each in more)
     return replace(
         found,
-        searched=replace(
-            searched,
-            judged=(*(searched.judged[k] for k in stays), *more),
-            # The same motion is not told twice.
-            nameless=tuple(
-                each for each in searched.nameless if not (in_time and each.goes_with_time)
-            ),
-            # Nor is what was tried in vain in the search, and helped after it, in any form.
-            tried=tuple(
-                each
-                for each in searched.tried
-                if (each.id, each.of) not in names and not (by_arrival(each) and each.of in places)
-            ),
+        judged=(*(found.judged[k] for k in stays), *more),
+        # The same motion is not told twice.
+        nameless=tuple(each for each in found.nameless if not (in_time and each.goes_with_time)),
+        # Nor is what was tried in vain in the search, and helped after it, in any form.
+        tried=tuple(
+            each
+            for each in found.tried
+            if (each.id, each.of) not in names and not (by_arrival(each) and each.of in places)
         ),
         fine=level(replace(found.rows, shaped=shaped), members),
     )
@@ -501,47 +529,3 @@ def _instead(
     other = Backlash(one.of)
     instead = held.squares([other if each is one else each for each in chosen])
     return (other,) if as_good(instead.total, every.total) else ()
-
-
-# A search by held-out blocks, and what is known of everything it found.
-
-
-@dataclass(frozen=True, eq=False)
-class SearchReport:
-    """What the search found, without its products, which are large."""
-
-    judged: tuple[Judged, ...]
-    nameless: tuple[Effect, ...]
-    tried: tuple[Tried, ...]
-    errors_mm: Array
-    hidden: tuple[Untestable, ...]
-    below_detection_limit: tuple[Untestable, ...]
-    candidates: int
-    least_gain: float
-
-
-def searched_rows(rows: BlockedRows) -> tuple[SearchReport, tuple[Candidate, ...]]:
-    """Search, and judge what was found: return it, and the members of the search."""
-    products = rows.products()
-    known = family(rows, products)
-    noise = noise_squares(rows, rows.survey.noise_about(rows.place))
-    error_rate = rows.survey.setup.options.error_rate
-    search = Search(products, rows.own, known.shown, noise, error_rate, rows.own_sizes)
-    chosen = search.run()
-    others = tried(search, chosen)
-    nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
-    for k in reversed(range(len(chosen.members))):
-        if chosen.members[k].effect.generic:  # rivals are not in the model
-            chosen = chosen.reduced(k)
-    judged, errors_mm = judged_members(rows, search, chosen)
-    found = SearchReport(
-        judged=judged,
-        nameless=nameless,
-        tried=others,
-        errors_mm=errors_mm,
-        hidden=known.hidden,
-        below_detection_limit=below_detection_limit(known, search.is_surely_found),
-        candidates=search.effects,
-        least_gain=search.least_gain,
-    )
-    return found, chosen.members

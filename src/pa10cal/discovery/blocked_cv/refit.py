@@ -97,10 +97,7 @@ def noise_squares(rows: BlockedRows, noise: Noise) -> float:
 
 
 def _left_by_everything(rows: BlockedRows) -> tuple[Array, float]:
-    """Return what all columns together leave, (P, b), and how many parameters that takes.
-
-    The richest set of columns that leaves enough of the readings is taken.
-    """
+    """Return what the richest columns that leave enough readings leave, and their parameters."""
     total = rows.products().summed()
     harmonics = np.tile(_FADING.sizes_rad(harmonic_orders(rows.knots)[1:]), len(rows.joints))
     own, every = len(rows.own), len(total.projection)
@@ -150,14 +147,11 @@ def refit(
         starts: parameters of each to set out from.
         weights: what each pose counts at first.
         widening: how components scatter, where that is known better than by their median.
-        own: fit of the same model with fewer effects, of which all that belongs to no effect is
-            where to set out from; None for the calibrated model.
+        own: fit with fewer effects, of which all else is where to set out from; None for the
+            calibrated model.
     """
-    fit = _NormalFit(survey, effects)
-    baseline = survey.baseline
-    base, at = np.zeros(6), baseline
-    if own is not None:
-        base, at = own.x[-6:], own
+    fit, baseline = _NormalFit(survey, effects), survey.baseline
+    base, at = (np.zeros(6), baseline) if own is None else (own.x[-6:], own)
     x = np.concatenate([at.x[: len(baseline.x)], *starts, base, at.targets_m])
     bounds = fit.bounds
     counts = weights.widened(widening)
@@ -201,10 +195,7 @@ def refit(
 
 
 def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
-    """Return what some poses alone say of all unknowns (k,), by one step from a fit to all.
-
-    With them comes their covariance (k, k).
-    """
+    """Return unknowns (k,) by some poses, one step from a fit to all, and their covariance."""
     fewer = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
     counts = PoseWeights(found.weights.whitener[rows], found.weights.weight[rows])
     fit = _NormalFit(fewer, found.effects)
@@ -293,11 +284,8 @@ class _NormalFit:
 
 
 def _inverse(information: Array, prior: Array, free: Mask) -> Array:
-    """Return the inverse of the normal equations of free parameters, zero for the others.
-
-    The shape of an effect of no amount moves nothing: it counts as one of the others.
-    """
-    free = free & (np.diag(information) > 0.0)
+    """Return the inverse of the normal equations of free parameters, zero for the others."""
+    free = free & (np.diag(information) > 0.0)  # the shape of an effect of no amount is not
     own = np.ix_(free, free)
     found = np.zeros_like(information)
     found[own] = inverse(information[own], prior[own])
@@ -330,9 +318,8 @@ def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AngleCoverage
 class PartialFits:
     """The model with some of its effects: maps as they are, all else fitted again.
 
-    An effect of few parameters takes other amounts beside others. Taking effects out moves the
-    model by millimetres, over which its derivative is the same to a thousandth: one derivative,
-    at the model with all of them, serves every step of every fit.
+    Taking effects out moves the model by millimetres, over which its derivative is the same to a
+    thousandth: the one at the model with all of them serves every step of every fit.
     """
 
     def __init__(self, campaign: Survey, extended: Refit) -> None:
@@ -465,10 +452,7 @@ def visited(q_rad: Array) -> Mask:
 def pair_of(
     first: tuple[str, JointErrorAlone], second: tuple[str, JointErrorAlone]
 ) -> CampaignsAgree:
-    """Compare the curves of two campaigns, each given with its name.
-
-    Slopes are of the second by the first, both uncertain alike.
-    """
+    """Compare the curves of two campaigns; slopes are of the second, both uncertain alike."""
     (one, a), (two, b) = first, second
     both = a.visited & b.visited
     x, y = a.error_mrad[both], b.error_mrad[both]

@@ -58,29 +58,22 @@ class Search:
     def __init__(
         self,
         products: Products,
-        own: Index,
+        own: Columns,
         family: Sequence[Candidate],
         noise: float,
         error_rate: float,
-        own_sizes: Array | None = None,
     ) -> None:
-        """Take what is judged.
+        """Take products of all columns, those of the calibrated model, and the candidates.
 
-        Args:
-            products: of all columns, block by block.
-            own: columns of the calibrated model.
-            family: candidates.
-            noise: sum of squares that noise alone leaves.
-            error_rate: probability allowed of naming anything where nothing is missing.
-            own_sizes: sizes expected of the calibrated model's parameters; None for one.
+        Noise is the sum of squares that it alone leaves; the error rate the probability allowed of
+        naming anything where nothing is missing.
         """
         self.family = tuple(family)
         self.noise = noise
         names = {candidate.name for candidate in family if not is_fault(candidate.effect)}
         self.effects = len(names)
         self.least_gain = 2.0 * threshold(max(self.effects, 1), error_rate)
-        own_sizes = np.ones(len(own)) if own_sizes is None else own_sizes
-        self._nothing = start(products, Columns(own, own_sizes))
+        self._nothing = start(products, own)
 
     def run(self) -> EffectSet:
         """Search until the set stays."""
@@ -134,13 +127,11 @@ class Search:
 
     def _smoothed(self, chosen: EffectSet) -> EffectSet:
         """Choose spacing and smoothness of each map anew, the others being there."""
-        for name in [candidate.name for candidate in chosen.members if candidate.is_map]:
-            place = [candidate.name for candidate in chosen.members].index(name)
-            forms = [candidate for candidate in self.family if candidate.name == name]
-            less = chosen.reduced(place)
-            found = less.with_each(forms).sum(axis=1)
-            best = forms[int(np.argmin(found))]
-            if best.shaped != chosen.members[place].shaped:
+        for one in [candidate for candidate in chosen.members if candidate.is_map]:
+            forms = [candidate for candidate in self.family if candidate.name == one.name]
+            less = chosen.reduced(chosen.members.index(one))
+            best = forms[int(np.argmin(less.with_each(forms).sum(axis=1)))]
+            if best.shaped != one.shaped:
                 chosen = less.extended(best)
         return chosen
 
@@ -166,10 +157,7 @@ class Search:
         return chosen
 
     def _named_instead(self, chosen: EffectSet, place: int) -> EffectSet | None:
-        """Return the set with names in one's place that do as well, None without.
-
-        All names of the place together show first whether they can do its work at all.
-        """
+        """Return the set with names in one's place that do as well, None without."""
         candidate, tried = chosen.members[place], chosen.reduced(place)
         there = len(tried.members)
         every = self._names_at(tried, candidate.effect)
@@ -178,7 +166,7 @@ class Search:
         together = Columns(
             np.concatenate([each.at for each in every]),
             np.concatenate([each.sizes for each in every]),
-        )
+        )  # show first whether names can do its work at all
         lost = tried.with_each([together])[0] - chosen.squares
         if lost.sum() > _HOPELESS * standard_error(lost):
             return None
@@ -196,10 +184,7 @@ class Search:
         return None
 
     def _as_good(self, named: EffectSet, chosen: EffectSet, candidate: Candidate) -> bool:
-        """Return whether names do as well: as a map, within a standard error of what they lose.
-
-        As a rival without a name, where it does not help enough over them to be found at all.
-        """
+        """Return whether names do as well: as a map, or so that a rival does not help over them."""
         if candidate.is_map:
             return as_good(named.squares, chosen.squares)
         return not self.helps(named.squares, chosen.squares)
@@ -228,7 +213,7 @@ FINER_KNOTS = (216, 360)
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Members with maps of one spacing each, by linear least squares about the calibrated one."""
+    """Members with maps of one spacing each, by linear least squares about the calibrated model."""
 
     members: tuple[Candidate, ...]
     # products over all blocks: own parameters, effects, B-splines of one map after the other
@@ -237,11 +222,9 @@ class Level:
     at: tuple[Index, ...]  # columns of each member
 
     def fit(self) -> tuple[Array, tuple[Array, ...]]:
-        """Solve for all columns.
+        """Return own parameters (k,), beyond those calibrated and in their possible sizes.
 
-        Returns:
-            Own parameters (k,), beyond those calibrated and in their possible sizes; parameters of
-            each member's effect.
+        Then the parameters of each member's effect.
         """
         own = np.setdiff1d(np.arange(len(self.prior)), np.concatenate([np.zeros(0, int), *self.at]))
         at = np.concatenate([own, *self.at])

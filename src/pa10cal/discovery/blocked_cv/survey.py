@@ -63,9 +63,7 @@ class Survey:
     torques_logged: bool  # whether the torques are those of a log, and not of described masses
     # how the base moves in the course of time; None where the data prefer that it does not
     wander: Wander | None = None
-    lag: AttitudeLag | None = (
-        None  # of orientations behind the motion; None where there can be none
-    )
+    lag: AttitudeLag | None = None  # of orientations behind the motion; None where there is none
 
     @property
     def cells(self) -> Observations:
@@ -87,9 +85,7 @@ class Survey:
     def left_by(self, at: FittedModel, poses: Observations | None = None) -> Array:
         """Return predicted minus measured components, (P, b), without motion of the base or lag.
 
-        Args:
-            at: the model.
-            poses: P complete poses of the campaign; None for all of the survey.
+        Of complete poses of the campaign; None for all of the survey.
         """
         if poses is None:
             return residual(at, self.poses) + self._beside
@@ -119,14 +115,13 @@ class Survey:
 
     def with_amounts(self, found: Array) -> Survey:
         """Return the survey with the amounts of these, one after the other (k,)."""
-        stops = np.cumsum([0, *(len(each.sizes) for each in self.nuisances)])
-        parts = [found[first:last] for first, last in pairwise(stops)]
-        own = [
-            replace(each, amounts=part) for each, part in zip(self.nuisances, parts, strict=True)
-        ]
-        wander = next((each for each in own if isinstance(each, Wander)), None)
-        lag = next((each for each in own if isinstance(each, AttitudeLag)), None)
-        return replace(self, wander=wander, lag=lag)
+        own, wander, lag = found, self.wander, self.lag
+        if wander is not None:
+            wander, own = (
+                replace(wander, amounts=own[: len(wander.sizes)]),
+                own[len(wander.sizes) :],
+            )
+        return replace(self, wander=wander, lag=None if lag is None else replace(lag, amounts=own))
 
 
 def survey(
@@ -136,13 +131,7 @@ def survey(
     *,
     torques_logged: bool,
 ) -> Survey:
-    """Make a campaign ready.
-
-    Args:
-        readings: the poses of the fit, orientations and torques as the model has them.
-        baseline: the calibrated model, its chain with the bends of the long links.
-        setup: what is known besides the poses.
-        torques_logged: whether the torques are those of a log.
+    """Make a campaign ready: the poses of the fit, orientations and torques as the model has them.
 
     Raises:
         DiscoveryError: when there are too few poses for blocks.
@@ -172,10 +161,9 @@ def survey(
 
 
 def _stretches(poses: Observations) -> Index:
-    """Return the block of each pose (P,): stretches of time, in a group one of every campaign.
+    """Return the block of each pose (P,): stretches of time, of every campaign of a group.
 
-    Campaigns show an effect more or less; in blocks of one campaign each, that difference would
-    count as chance.
+    In blocks of one campaign each, what campaigns show more or less of would count as chance.
     """
     block = np.zeros(len(poses), dtype=np.intp)
     campaign = poses.states.campaign
@@ -188,8 +176,7 @@ def _stretches(poses: Observations) -> Index:
 def _as_springs_take_them(poses: Observations) -> Observations:
     """Return poses in which an error of the log is one of what the springs are given: the log.
 
-    With the weights' torques in its place, a gain would take the noise and the friction of the log
-    out of the springs, and be preferred for that.
+    Else a gain would take noise and friction of the log out of the springs, and be preferred.
     """
     loads = poses.states.static_loads
     if loads is None:
@@ -252,8 +239,7 @@ class AttitudeLag:
         )
         why = (
             f"orientations go with the way that {said} came, and positions do not: it is the "
-            "reader "
-            "of orientations or its mount that lags, and no joint that stops short"
+            "reader of orientations or its mount that lags, and no joint that stops short"
         )
         return Unexplained(of="instrument", form="attitude_lag", shared_error_mm=left_mm, why=why)
 
@@ -343,15 +329,9 @@ class Products:
 
 
 def map_columns(screws: Array, q_rad: Array, knots: Sequence[int]) -> csr_array:
-    """Return how rows follow the B-splines of every joint's map, sparse.
+    """Return how rows follow the B-splines of joints' maps, sparse (b P, K1 + K2 + …), by pose.
 
-    Args:
-        screws: (P, 6, j) how rows follow the joints' angles.
-        q_rad: (P, j) these angles.
-        knots: K1, K2, … of the maps.
-
-    Returns:
-        (6 P, K1 + K2 + …), the rows pose by pose.
+    From how they follow the joints' angles (P, b, j), these angles (P, j), and the maps' knots.
     """
     count, rows, joints = screws.shape
     if not joints:
@@ -531,11 +511,7 @@ class BlockedRows:
         return BlockRows(data.ravel(), dense.reshape(-1, dense.shape[2]), screws, q_rad)
 
     def left_of(self, b: int, x: Array) -> Array:
-        """Return what m sets of parameters (N, m) leave of a block, measured less predicted.
-
-        Returns:
-            (p, b, m) components [m, rad], neither whitened nor weighed.
-        """
+        """Return what parameters (N, m) leave of a block, measured less predicted, (p, b, m)."""
         rows, columns = self.block(b), x.shape[1]
         harmonics = x[self.dense :].reshape(len(self.joints), self.knots - 1, columns)
         maps = rows.maps([self.knots] * len(self.joints)) @ (

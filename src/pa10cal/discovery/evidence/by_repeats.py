@@ -391,11 +391,10 @@ def channel_tests(problem: EvidenceProblem, found: EvidenceFit) -> tuple[Channel
 
 
 def _left_over(model: NoiseModel, rows: Array, test: Channel) -> Array:
-    """Return measured less predicted, less the errors common to all poses, (C, b).
+    """Return measured less predicted (C, b), from rows (C, b, 1 + k), less what poses all share.
 
-    Rows (C, b, 1 + k) are predicted less measured, and its derivative. Common errors have unit
-    variance each, by which they are held back; the error that poses share by the test of the
-    channel keeps them from taking what the model lacks.
+    The error that each pose shares, by the test of the channel, keeps common errors from taking
+    what the model lacks.
     """
     left = -model.rows(rows[:, :, :1])
     weight = 1.0 / (1.0 + test.shared_variance_of_a_reading * model.shared_size)[:, None]

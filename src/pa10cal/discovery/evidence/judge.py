@@ -176,10 +176,7 @@ def _flipped(rows: WeighedRows, k: int, pose: Index, signs: Array) -> float:
 def _carrier(
     rows: WeighedRows, k: int, pose: Index, labels: NDArray[np.str_], needed: float
 ) -> str | None:
-    """Return the pose without which nearly nothing speaks for member k; None for none.
-
-    The products of each pose are taken from the sums; sizes and weights stay as they are.
-    """
+    """Return the pose without which nearly nothing speaks for member k; None for none."""
     columns = np.concatenate([rows.own, rows.data[:, None]], axis=1)
     own = np.arange(rows.own.shape[1])
     without = np.delete(own, rows.members[k])
@@ -339,10 +336,7 @@ def _unexplained(
 
 
 def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ...]) -> bool:
-    """Return whether an effect may only stand in for something unexplained at its own place.
-
-    It may where generic effects of its place, all together, could do without it.
-    """
+    """Return whether generic effects of an effect's place, all together, could do without it."""
     if not unexplained:
         return False
     chosen, evidence = found.chosen, found.evidence

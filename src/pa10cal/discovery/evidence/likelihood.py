@@ -264,9 +264,8 @@ def _minus_twice_log(gram: Array, projection: Array, constant: Array) -> Array:
 def _between(values: Array, least: int) -> tuple[float, float]:
     """Return how much lower a spline through the values lies near the least, and at which variance.
 
-    In the logarithm of the variance, whose steps are even from the second value on. The steps are
-    wide: a parabola through three values would be wrong by tens of nats where hundreds of rows have
-    a part in the error.
+    A parabola through three values would be wrong by tens of nats where hundreds of rows have a
+    part in the error.
     """
     if least < 2 or least >= len(values) - 1:
         return 0.0, float(SHARED_VARIANCES[least])

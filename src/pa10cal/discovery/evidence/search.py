@@ -148,10 +148,7 @@ def testable(
 def _beside_own(
     problem: EvidenceProblem, found: EvidenceFit, effects: tuple[Effect, ...]
 ) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Yield rows of each effect: of poses, what own parameters leave of these, of torques.
-
-    In their plausible size; those of torques bare, and weighed.
-    """
+    """Yield rows of each effect: of poses, what own parameters leave of these, torques, weighed."""
     lin = linearise(problem, found, effects)
     pose = problem.pose.whitening(0.0)
     own, _ = np.linalg.qr(np.concatenate([pose(lin.own), np.eye(lin.own.shape[1])]))
@@ -326,8 +323,7 @@ def _best_addition(
 ) -> tuple[float, CandidateSet]:
     """Return the evidence of the best set with one more member, and that set.
 
-    Nothing forbidden may join, nor what looks the same as a member. Where nothing may, the set as
-    it is, and no evidence for it.
+    Nothing forbidden may join, nor what looks the same as a member.
     """
     looks_new = ~same[:, [k for k, _ in chosen]].any(axis=1)
     open_to = [k for k in np.flatnonzero(looks_new).tolist() if k not in forbidden]
@@ -342,14 +338,11 @@ def _best_addition(
 def _weakest(
     evidence: SetEvidence, chosen: CandidateSet, needed: float
 ) -> tuple[int, float, CandidateSet]:
-    """Return which member the set would miss least, how much, and the set without it.
-
-    Those left may take the size they have without it: beside a proxy the right effect is small.
-    """
+    """Return which member the set would miss least, how much, and the set without it."""
     whole = evidence.score(chosen).log_evidence
     left = [less(chosen, k) for k in range(len(chosen))]
     scores = [evidence.score(each).log_evidence for each in left]
-    if whole - max(scores) >= needed:  # only then is it worth the time
+    if whole - max(scores) >= needed:  # beside a proxy the right effect is small
         left = [resized(evidence, each) for each in left]
         scores = [evidence.score(each).log_evidence for each in left]
     weakest = int(np.argmax(scores))
