@@ -9,7 +9,12 @@ from scipy.sparse import csr_array
 
 import pa10cal
 from made_up_survey import observe
-from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable_shapes, family
+from pa10cal.discovery.blocked_cv.family import (
+    Columns,
+    below_detection_limit,
+    computable_shapes,
+    family,
+)
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import (
@@ -170,7 +175,7 @@ def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(f
     for each in (rows, replace(rows, weights=weights)):
         products = each.products()
         known = family(each, products)
-        search = Search(products, each.own, known.shown, 0.0, 0.05)
+        search = Search(products, Columns(each.own, each.own_sizes), known.shown, 0.0, 0.05)
         below = below_detection_limit(known, search.is_surely_found)
         assert name in {candidate.name for candidate in known.shown}
         found.append((known.gains[name], name in {(e.effect.id, e.effect.of) for e in below}))

@@ -158,12 +158,6 @@ def test_a_candidate_may_be_what_the_shared_error_of_torques_was(made):
     assert gain == pytest.approx(best, abs=0.5)
 
 
-def test_the_order_of_members_does_not_matter(made):
-    evidence = made.evidence(made.data(5, 1.0, 1.0, (0, 2)))
-    there, back = evidence.score(((0, 1), (2, 2))), evidence.score(((2, 2), (0, 1)))
-    assert there.log_evidence == pytest.approx(back.log_evidence)
-
-
 def test_without_torques_poses_speak_alone(made):
     pose_data = made.data(6)[0]
     blocks = tuple(

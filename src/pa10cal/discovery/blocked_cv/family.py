@@ -256,8 +256,7 @@ def inverse(normal: Array, prior: Array) -> Array:
 
 def _inverse(gram: Array, sizes: Array) -> Array:
     """Return the inverse of products plus what is expected of the parameters."""
-    prior = np.diag(sizes**-2.0)
-    return inverse(gram + prior, prior)
+    return solve(gram, np.eye(len(sizes)), np.diag(sizes**-2.0))
 
 
 # The family of candidates of a survey, and what its poses can show of each.

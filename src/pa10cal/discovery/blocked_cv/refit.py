@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -395,21 +396,22 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
     shared = [each for each in found.effects if not isinstance(each, OfCampaign)]
     if campaign is None or not shared:
         return ()
-    names = [name for name, _ in survey.poses.measured.campaigns]
-    alone = {
-        name: one_step(survey, found, np.flatnonzero(campaign == number))
-        for number, name in enumerate(names)
+    rows = {
+        name: np.flatnonzero(campaign == number)
+        for number, (name, _) in enumerate(survey.poses.measured.campaigns)
         if np.any(campaign == number)
     }
+    alone = {name: one_step(survey, found, own) for name, own in rows.items()}
     each = []
     for effect in shared:
         at = found.columns_of(effect)
         curves: dict[str, JointErrorAlone] = {}
         if isinstance(effect, JointErrorMap):
+            unit = b_splines(effect.knots, ANGLES_RAD) @ b_splines_by_knots(effect.knots)
             for name, (x, _) in alone.items():
-                q_rad = survey.poses.states.q_rad[campaign == names.index(name), effect.joint - 1]
+                q_rad = survey.poses.states.q_rad[rows[name], effect.joint - 1]
                 curves[name] = JointErrorAlone(
-                    error_mrad=1e3 * _error_rad(effect, x[at]), visited=visited(q_rad)
+                    error_mrad=1e3 * unit @ x[at], visited=visited(q_rad)
                 )
         each.append(
             EffectByCampaign(
@@ -458,10 +460,9 @@ def pair_of(
     x, y = a.error_mrad[both], b.error_mrad[both]
     arc = (ANGLES_RAD[both] // _ARC_RAD).astype(int)
     arcs = np.unique(arc)
+    named: dict[str, Any] = {"first": one, "second": two, "share_of_turn": float(both.mean())}
     if len(arcs) < _LEAST_ARCS or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
-        nothing = dict.fromkeys(CampaignsAgree.model_fields)
-        named = {"first": one, "second": two, "share_of_turn": float(both.mean())}
-        return CampaignsAgree(**(nothing | named))
+        return CampaignsAgree(**(dict.fromkeys(CampaignsAgree.model_fields) | named))
 
     def interval(of: Callable[[Array, Array], float]) -> tuple[float, float, float]:
         """Return a quantity and its interval, by leaving out arc by arc (jackknife)."""
@@ -475,8 +476,7 @@ def pair_of(
     slope, low, high = interval(_slope)
     x, y = x - x.mean(), y - y.mean()
     return CampaignsAgree(
-        first=one,
-        second=two,
+        **named,
         correlation=float(np.tanh(z)),
         correlation95=(float(np.tanh(z_low)), float(np.tanh(z_high))),
         slope=slope,
@@ -484,14 +484,7 @@ def pair_of(
         first_rms_mrad=rms(x),
         second_rms_mrad=rms(y),
         difference_rms_mrad=rms(x - y),
-        share_of_turn=float(both.mean()),
     )
-
-
-def _error_rad(effect: JointErrorMap, x: Array) -> Array:
-    """Return the error at `ANGLES_RAD`."""
-    error: Array = b_splines(effect.knots, ANGLES_RAD) @ (b_splines_by_knots(effect.knots) @ x)
-    return error
 
 
 def _correlation(x: Array, y: Array) -> float:
