@@ -284,11 +284,11 @@ def most_likely(waves: Waves) -> BandEstimates:
     """Return the bands under which the data are most likely, one for all maps or one for each."""
     together = _climb(_Cost(waves, own=False), np.append(_logs(TYPICAL), 0.0))
     if waves.maps == 1:
-        return _bands(waves, together)
+        return _bands(together)
     at = together.at
     start = np.concatenate([at[:_NUMBERS], np.zeros(_NUMBERS * waves.maps), at[_NUMBERS:]])
     apart = _climb(_Cost(waves, own=True), start)
-    return _bands(waves, min(together, apart, key=_minus_twice_log_evidence))
+    return _bands(min(together, apart, key=_minus_twice_log_evidence))
 
 
 def minus_twice_log_likelihood(
@@ -332,7 +332,8 @@ class _Point:
     value: float  # minus twice the log-likelihood, with what is expected of the numbers
     gradient: Array  # its derivative
     curvature: Array  # its second derivative, as is to be expected
-    logs: tuple[Array, ...]  # the logarithms of every map
+    # (maps 7, k + own k) how the logarithms of every map follow the point, but for the scatter
+    by_point: Array
 
 
 class _Cost:
@@ -341,7 +342,6 @@ class _Cost:
     def __init__(self, waves: Waves, *, own: bool) -> None:
         self._waves, self._own = waves, waves.maps if own else 0
         self._typical = _logs(TYPICAL)
-        # How the logarithms of every map follow the point, but for the scatter.
         shared = np.tile(np.eye(_NUMBERS), (waves.maps, 1))
         of_own = np.kron(np.eye(self._own), np.diag(_OF_A_JOINT))
         self._by_point = np.asarray(np.hstack([shared, of_own]) if own else shared)
@@ -349,7 +349,7 @@ class _Cost:
     def __call__(self, at: Array) -> _Point:
         """Return the cost at a point."""
         waves = self._waves
-        logs = tuple((self._by_point @ at[:-1]).reshape(-1, _NUMBERS))
+        logs = (self._by_point @ at[:-1]).reshape(-1, _NUMBERS)
         value, by_sizes, by_scatter, curvature = minus_twice_log_likelihood(
             waves,
             np.concatenate([_log_sizes(each, waves.orders) for each in logs]),
@@ -364,7 +364,7 @@ class _Cost:
             value + float(off @ off),
             np.append(slopes.T @ by_sizes + 2.0 * expected * off, by_scatter),
             block_diag(by_numbers, np.full((1, 1), 4.0 * waves.rows)),  # the scatter's is last
-            logs,
+            self._by_point,
         )
 
 
@@ -391,22 +391,15 @@ def _minus_twice_log_evidence(point: _Point) -> float:
     return point.value + float(volume)
 
 
-def _bands(waves: Waves, point: _Point) -> BandEstimates:
+def _bands(point: _Point) -> BandEstimates:
     """Return the bands at a point, as uncertain as the expected curvature says."""
-    own = len(point.at) > 1 + _NUMBERS
     covariance = 2.0 * np.linalg.inv(point.curvature[:-1, :-1])
-    by_point = np.hstack([np.eye(_NUMBERS), np.zeros((_NUMBERS, len(covariance) - _NUMBERS))])
-    log_std = []
-    for k in range(waves.maps):
-        of_map = by_point.copy()
-        if own:
-            of_map[:, _NUMBERS * (k + 1) : _NUMBERS * (k + 2)] = np.diag(_OF_A_JOINT)
-        log_std.append(np.sqrt(np.diag(of_map @ covariance @ of_map.T)))
+    variances = np.diag(point.by_point @ covariance @ point.by_point.T)
     return BandEstimates(
-        bands=tuple(_band(each) for each in point.logs),
-        log_std=np.array(log_std),
+        bands=tuple(map(_band, (point.by_point @ point.at[:-1]).reshape(-1, _NUMBERS))),
+        log_std=np.sqrt(variances).reshape(-1, _NUMBERS),
         scatter=float(np.exp(point.at[-1])),
-        shared=not own,
+        shared=len(point.at) == 1 + _NUMBERS,
     )
 
 

@@ -94,18 +94,13 @@ class EffectSet:
     @cached_property
     def squares(self) -> Array:
         """Return the sum of squares of every block, predicted from the others, (B,)."""
-        return np.array(
-            [predicted_squares(self.products, b, self.at, x) for b, x in enumerate(self.solution)]
-        )
+        return self._squares(self.products, self.solution)
 
     @cached_property
     def position_squares(self) -> Array:
         """Return the part of `squares` that is of positions, (B,)."""
-        positions = self.products.of_positions
-        assert positions is not None
-        return np.array(
-            [predicted_squares(positions, b, self.at, x) for b, x in enumerate(self.solution)]
-        )
+        assert self.products.of_positions is not None
+        return self._squares(self.products.of_positions, self.solution)
 
     def with_each(self, candidates: Sequence[Columns]) -> Array:
         """Return the sums of squares with each of some candidates added, (m, B)."""
@@ -114,11 +109,14 @@ class EffectSet:
 
     def without_each(self) -> Array:
         """Return the sums of squares with each member taken out, (m, B)."""
-        found = np.empty((len(self.members), len(self.squares)))
-        for k in range(len(found)):
-            for b, x in enumerate(self.solution_without(k)):
-                found[k, b] = predicted_squares(self.products, b, self.at, x)
-        return found
+        solutions = map(self.solution_without, range(len(self.members)))
+        found = [self._squares(self.products, each) for each in solutions]
+        return np.array(found).reshape(-1, len(self.squares))
+
+    def _squares(self, products: Products, solution: Array) -> Array:
+        return np.array(
+            [predicted_squares(products, b, self.at, x) for b, x in enumerate(solution)]
+        )
 
     def solution_without(self, member: int) -> Array:
         """Return the parameters (B, n) with a member taken out, its own zero."""

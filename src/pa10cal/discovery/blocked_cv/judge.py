@@ -31,7 +31,7 @@ from pa10cal.discovery.blocked_cv.search import (
     level,
 )
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, ShapedEffect, Survey
-from pa10cal.discovery.finding import CARRIED, MayHaveCarrier, Untestable
+from pa10cal.discovery.finding import MayHaveCarrier, Untestable, carrier_of
 from pa10cal.discovery.in_time.channel import like_a_scan
 from pa10cal.discovery.linear import (
     by_effects,
@@ -111,27 +111,19 @@ def judged_members(
     rms = np.sqrt(np.mean(errors_mm**2, axis=0))
     others = search.others(chosen)
     beside = dict(zip(others, chosen.with_each(others), strict=True)) if others else {}
+    labels, pose = np.unique(rows.survey.poses.pose, return_inverse=True)
     found = []
     for k, without in enumerate(chosen.without_each()):
         gain = without - chosen.squares
-        by_pose = squares[:, k + 1] - squares[:, 0]
-        carrier = _carrier(rows, by_pose, float(gain.sum()), search.least_gain)
+        whole = float(gain.sum())  # with what uncertain weights would have to be
+        left = whole - np.bincount(pose, squares[:, k + 1] - squares[:, 0])
+        carrier = carrier_of(labels, left, whole, search.least_gain)
         rms_mm = float(rms[k + 1]), float(rms[0])
         proof = prediction(gain, float(without.sum()), rms_mm, carrier)
         found.append(
             Judged(chosen.members[k].effect, proof, alternatives(search, chosen, k, beside))
         )
     return tuple(found), errors_mm[:, 0]
-
-
-def _carrier(rows: BlockedRows, gain: Array, whole: float, least_gain: float) -> str | None:
-    """Return the pose without which nearly nothing of the whole gain is left; None for none."""
-    by_pose: dict[str, float] = {}
-    for label, each in zip(rows.survey.poses.pose.tolist(), gain.tolist(), strict=True):
-        by_pose[label] = by_pose.get(label, 0.0) + each
-    worst = max(by_pose, key=lambda label: by_pose[label])
-    left = whole - by_pose[worst]
-    return worst if left < min(least_gain, CARRIED * whole) else None
 
 
 def remaining_error(
@@ -291,7 +283,7 @@ class HeldPoses:
         measured = poses.measured
         of_positions = np.isin(np.arange(left.shape[1]), measured.position_columns)
         kinds = (white[:, kind] ** 2 for kind in (of_positions, ~of_positions))
-        left_m: Array = np.linalg.solve(self._whiten, white[:, :, None])[:, :, 0]
+        left_m = np.asarray(np.linalg.solve(self._whiten, white[:, :, None]), np.float64)[:, :, 0]
         return Squares(
             np.stack([np.bincount(self._block, kind.sum(axis=1), BLOCKS) for kind in kinds]),
             rms(error_mm(measured, left_m)),
@@ -334,8 +326,8 @@ def slow_drift(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tupl
     """Return a slow drift beside the effects found, where it helps."""
     poses = survey.poses
     time_s = poses.states.time_s
-    known = len(np.unique(time_s)) > _OWN_TIMES * len(poses)
-    if survey.wander is not None or poses.states.campaign is not None or not known:
+    timed = len(np.unique(time_s)) > _OWN_TIMES * len(poses)
+    if survey.wander is not None or poses.states.campaign is not None or not timed:
         return ()
     if like_a_scan(poses) or not poses.states.tells_time:
         return ()

@@ -142,14 +142,8 @@ def refit(
 ) -> Refit:
     """Fit the calibrated model with effects to all poses of a survey.
 
-    Args:
-        survey: the campaign.
-        effects: what to add.
-        starts: parameters of each to set out from.
-        weights: what each pose counts at first.
-        widening: how components scatter, where that is known better than by their median.
-        own: fit with fewer effects, of which all else is where to set out from; None for the
-            calibrated model.
+    From starts of each effect, and all else as calibrated, or as in a fit of its own with fewer
+    effects. Poses count by weights at first; components scatter by their median, or by a widening.
     """
     fit, baseline = _NormalFit(survey, effects), survey.baseline
     base, at = (np.zeros(6), baseline) if own is None else (own.x[-6:], own)

@@ -226,12 +226,8 @@ class Level:
 
         Then the parameters of each member's effect.
         """
-        own = np.setdiff1d(np.arange(len(self.prior)), np.concatenate([np.zeros(0, int), *self.at]))
-        at = np.concatenate([own, *self.at])
-        there = np.ix_(at, at)
-        x = np.zeros(len(self.prior))
-        x[at] = solve(self.total.gram[there], self.total.projection[at], self.prior[there])
-        return x[own], tuple(
+        x = solve(self.total.gram, self.total.projection, self.prior)
+        return np.delete(x, np.concatenate([np.zeros(0, int), *self.at])), tuple(
             _amounts(member.shaped, x[columns])
             for member, columns in zip(self.members, self.at, strict=True)
         )

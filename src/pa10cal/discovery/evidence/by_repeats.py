@@ -391,16 +391,10 @@ def channel_tests(problem: EvidenceProblem, found: EvidenceFit) -> tuple[Channel
 
 
 def _left_over(model: NoiseModel, rows: Array, test: Channel) -> Array:
-    """Return measured less predicted (C, b), from rows (C, b, 1 + k), less what poses all share.
-
-    The error that each pose shares, by the test of the channel, keeps common errors from taking
-    what the model lacks.
-    """
+    """Return measured less predicted (C, b), from rows (C, b, 1 + k), less what poses all share."""
     left = -model.rows(rows[:, :, :1])
-    weight = 1.0 / (1.0 + test.shared_variance_of_a_reading * model.shared_size)[:, None]
-    normal = model.common.T @ (weight * model.common) + np.eye(model.common.shape[1])
-    common = cho_solve(cho_factor(normal), model.common.T @ (weight * left))
-    left = left - model.common @ common
+    variance = test.shared_variance_of_a_reading
+    left = left - model.common @ model.common_amounts(left, variance)
     white = model.shared.turn.T @ left.reshape(len(rows), -1)
     return np.asarray(np.linalg.solve(model.whitener, white[..., None])[:, :, 0])
 

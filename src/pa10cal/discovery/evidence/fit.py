@@ -13,6 +13,7 @@ from pa10cal.discovery.linear import (
     ModelWithEffects,
     at_unknowns,
     possible_sizes,
+    residual,
     residual_and_jacobian,
     residual_then_jacobian,
     unknowns,
@@ -116,14 +117,10 @@ def apparatus_m(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     They are integrated out in the fit, and are known best once it is done: the error of their
     places that the poses all share.
     """
-    u_m = problem.setup.apparatus_m
-    scale = problem.pose.whitening(found.pose_variance).scale[:, None]
-    common = scale * problem.pose.common
-    left = scale * problem.pose.rows(pose_rows(problem, found.at)[:, :, :1])
-    information = common.T @ common + np.eye(common.shape[1])
-    units = np.linalg.solve(information, common.T @ left)[:, 0]
+    left = problem.pose.rows(residual(found.at, problem.cells)[:, :, None])
+    units = problem.pose.common_amounts(left, found.pose_variance)[:, 0]
     stated = problem.cells.measured.by_stated_targets.shape[2]  # what else is common follows
-    return np.asarray(-u_m * units[:stated], dtype=np.float64)
+    return np.asarray(-problem.setup.apparatus_m * units[:stated], dtype=np.float64)
 
 
 class _Weighed:

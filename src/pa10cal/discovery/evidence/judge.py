@@ -27,7 +27,7 @@ from pa10cal.discovery.evidence.search import (
     linearise,
     threshold,
 )
-from pa10cal.discovery.finding import CARRIED, Finding, MayHaveCarrier
+from pa10cal.discovery.finding import Finding, MayHaveCarrier, carrier_of
 from pa10cal.discovery.linear import left_out, mean_length, of_weights, position_noise
 from pa10cal.discovery.preparation import effects_in, is_fault
 from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
@@ -153,20 +153,19 @@ def _flipped(rows: WeighedRows, k: int, pose: Index, signs: Array) -> float:
 
     data, of_row = left(rows.data[:, None]), pose[rows.cell]
 
-    def gain(columns: Array, signs: Array | None) -> Array:
-        """Return the gain in evidence under each flip of signs (F, P), or as measured."""
+    def gain(columns: Array, signs: Array) -> Array:
+        """Return the gain in evidence under each flip of signs (F, P)."""
         columns = left(columns)
         scores = np.zeros((int(of_row.max()) + 1, columns.shape[1]))  # pose by pose
         np.add.at(scores, of_row, columns * data)
         values, vectors = np.linalg.eigh(columns.T @ columns)
         values = np.maximum(values, 0.0)
-        total = (scores.sum(axis=0, keepdims=True) if signs is None else signs @ scores) @ vectors
         sizes = np.array(SIZES)[:, None] ** 2
-        explained = (total**2) @ (sizes / (1.0 + sizes * values)).T
+        explained = (signs @ scores @ vectors) ** 2 @ (sizes / (1.0 + sizes * values)).T
         best: Array = 0.5 * (explained - np.log1p(sizes * values).sum(axis=1)).max(axis=1)
         return best
 
-    mine = gain(rows.own[:, rows.members[k]], None)
+    mine = gain(rows.own[:, rows.members[k]], np.ones((1, signs.shape[1])))
     highest = np.full(len(signs), -np.inf)
     for columns in rows.family:
         highest = np.maximum(highest, gain(columns, signs))
@@ -197,9 +196,7 @@ def _carrier(
     for number in range(len(labels)):
         part = columns[of_row == number]
         left[number] = loss(total - part.T @ part)
-    worst = int(left.argmin())
-    carried = left[worst] < min(needed, CARRIED * whole)
-    return str(labels[worst]) if carried else None
+    return carrier_of(labels, left, whole, needed)
 
 
 def _left_out(

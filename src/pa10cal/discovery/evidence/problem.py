@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from pa10cal.arm.statics import Payload, Statics
@@ -130,6 +131,16 @@ class NoiseModel:
         count, b, k = white.shape
         turned: Array = self._turn @ white.reshape(count, b * k)
         return turned.reshape(count * b, k)
+
+    def common_amounts(self, rows: Array, variance: float) -> Array:
+        """Return the most likely amounts (c, k) of the common errors in whitened rows (R, k).
+
+        The error that each pose shares, of a variance, keeps them from taking what a model lacks.
+        """
+        weight = 1.0 / (1.0 + variance * self.shared_size)[:, None]
+        normal = self.common.T @ (weight * self.common) + np.eye(self.common.shape[1])
+        found: Array = cho_solve(cho_factor(normal), self.common.T @ (weight * rows))
+        return found
 
     @cached_property
     def _turn(self) -> csr_array:
