@@ -14,7 +14,6 @@ from itertools import pairwise, product
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.linalg.lapack import dpotrf, dpotri
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
@@ -237,19 +236,6 @@ def no_wider_than(normal: Array, prior: Array) -> Array:
     vectors = np.linalg.solve(root.T, vectors)
     inverse: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T
     return inverse
-
-
-def inverse(normal: Array, prior: Array) -> Array:
-    """Return the inverse (k, k) of normal equations that hold a prior precision (k, k)."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.diag(prior)))
-    factor, wrong = dpotrf((normal * np.outer(scale, scale)).T, overwrite_a=1)
-    if wrong:
-        return no_wider_than(normal, prior)
-    upper, _ = dpotri(factor, overwrite_c=1)  # of zeros below its diagonal
-    upper *= np.outer(scale, scale)
-    whole: Array = upper + upper.T
-    whole[np.diag_indices_from(whole)] = np.diag(upper)
-    return whole
 
 
 def _inverse(gram: Array, sizes: Array) -> Array:

@@ -116,8 +116,9 @@ def judged_members(
     for k, without in enumerate(chosen.without_each()):
         gain = without - chosen.squares
         whole = float(gain.sum())  # with what uncertain weights would have to be
-        left = whole - np.bincount(pose, squares[:, k + 1] - squares[:, 0])
-        carrier = carrier_of(labels, left, whole, search.least_gain)
+        by_pose = np.bincount(pose, squares[:, k + 1] - squares[:, 0])
+        without_each = np.asarray(whole - by_pose, dtype=np.float64)
+        carrier = carrier_of(labels, without_each, whole, search.least_gain)
         rms_mm = float(rms[k + 1]), float(rms[0])
         proof = prediction(gain, float(without.sum()), rms_mm, carrier)
         found.append(
@@ -198,6 +199,10 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
     if not remaining.over_floor:
         return ()
     left_mm, others = remaining.mean_mm, remaining.tried
+    contradicting: dict[str, Tried] = {}  # the best of each place that makes a kind worse
+    for entry in others:
+        if entry.helps and entry.positions_and_attitudes_agree is False:
+            contradicting.setdefault(entry.of, entry)
     places = [smooth_unknown(each, left_mm, "held-out blocks") for each in nameless]
     places += [
         Unexplained(
@@ -208,7 +213,7 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
             f"{entry.of}, but positions and orientations contradict each other: it is no "
             "effect of that name",
         )
-        for entry in _contradicting(others)
+        for entry in contradicting.values()
     ]
     if places:
         return tuple(places)
@@ -223,15 +228,6 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
             f"({100 * nearest.gain:.1f} ± {100 * nearest.gain_std:.1f}) % of it"
         )
     return (Unexplained(of=None, form=None, shared_error_mm=left_mm, why=why),)
-
-
-def _contradicting(others: Sequence[Tried]) -> list[Tried]:
-    """Return what helps and makes positions or orientations worse, the best of each place."""
-    best: dict[str, Tried] = {}
-    for entry in others:
-        if entry.helps and entry.positions_and_attitudes_agree is False:
-            best.setdefault(entry.of, entry)
-    return list(best.values())
 
 
 # Every tenth pose predicted from the others: for what the search's stretches of time hardly see.

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.discovery.blocked_cv.family import inverse, solve
+from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
     BlockedRows,
@@ -148,29 +149,21 @@ def refit(
     fit, baseline = _NormalFit(survey, effects), survey.baseline
     base, at = (np.zeros(6), baseline) if own is None else (own.x[-6:], own)
     x = np.concatenate([at.x[: len(baseline.x)], *starts, base, at.targets_m])
-    bounds = fit.bounds
-    counts = weights.widened(widening)
-
-    known: tuple[Step, Array] | None = None
-
-    def covariance_before(taken: Step) -> Array:
-        """Return the covariance where a step set out from: both that ask for it ask in turn."""
-        nonlocal known
-        if known is None or known[0] is not taken:
-            known = (taken, _inverse(taken.before.normal, fit.prior, ~taken.held))
-        return known[1]
+    bounds, counts = fit.bounds, weights.widened(widening)
+    before = np.zeros(
+        (0, 0)
+    )  # covariance where the last step set out from; reweighting comes first
 
     def reweighted(x: Array, taken: Step) -> Equations:
-        nonlocal counts
-        left = survey.left_by(fit.place(x))
-        found = pose_weights(left, fit.dof(covariance_before(taken)), survey.poses.measured)
+        nonlocal counts, before
+        before = _inverse(taken.before.normal, fit.prior, ~taken.held)
+        found = pose_weights(survey.left_by(fit.place(x)), fit.dof(before), survey.poses.measured)
         counts = found.widened(widening)
         return fit.equations(x, counts)
 
     def arrived(_: Array, taken: Step) -> bool:
         free = ~taken.held
-        variance = np.diag(covariance_before(taken))[free]
-        std = np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+        std = np.sqrt(np.maximum(np.diag(before)[free], np.finfo(float).tiny))
         return taken.damping < _HARDLY and float(np.abs(taken.step[free] / std).max()) < _ARRIVED
 
     found = minimise(
@@ -283,7 +276,14 @@ def _inverse(information: Array, prior: Array, free: Mask) -> Array:
     free = free & (np.diag(information) > 0.0)  # the shape of an effect of no amount is not
     own = np.ix_(free, free)
     found = np.zeros_like(information)
-    found[own] = inverse(information[own], prior[own])
+    scale = 1.0 / np.sqrt(np.diag(information)[free])
+    factor, wrong = dpotrf((information[own] * np.outer(scale, scale)).T, overwrite_a=1)
+    if wrong:
+        found[own] = no_wider_than(information[own], prior[own])
+        return found
+    upper, _ = dpotri(factor, overwrite_c=1)  # of zeros below its diagonal
+    upper *= np.outer(scale, scale)
+    found[own] = upper + upper.T - np.diag(np.diag(upper))
     return found
 
 

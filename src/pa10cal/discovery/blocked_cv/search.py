@@ -191,18 +191,10 @@ class Search:
 
     def _names_at(self, chosen: EffectSet, effect: Effect) -> list[Candidate]:
         """Return the named candidates that may do the work of a map or a rival."""
-        return [
-            other
-            for other in self.others(chosen)
-            if other.is_named and _same_place(other.effect, effect)
-        ]
-
-
-def _same_place(named: Effect, other: Effect) -> bool:
-    """Return whether a named form may do the work of a map or a rival."""
-    if isinstance(other, JointErrorMap):
-        return named.coordinates == other.coordinates
-    return named.of == other.of
+        names = [other for other in self.others(chosen) if other.is_named]
+        if isinstance(effect, JointErrorMap):
+            return [other for other in names if other.effect.coordinates == effect.coordinates]
+        return [other for other in names if other.effect.of == effect.of]
 
 
 # Members in rows of their own, each map with its own B-splines, as fine as helps.

@@ -362,7 +362,7 @@ def channel_tests(problem: EvidenceProblem, found: EvidenceFit) -> tuple[Channel
     channels = [(problem.pose, pose_rows(problem, found.at))]
     if problem.torque is not None:
         channels.append((problem.torque, torque_rows(problem, found.at)))
-    weighed = [channel.whitening(0.0)(channel.rows(values)) for channel, values in channels]
+    weighed = [channel.weighed(values, 0.0) for channel, values in channels]
     # Columns by the possible size of each parameter, so that those that the rows do not determine
     # take no degree of freedom.
     by_x = [rows[:, 1:] * possible_sizes(found.model, problem.cells.measured) for rows in weighed]

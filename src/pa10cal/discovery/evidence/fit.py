@@ -134,12 +134,8 @@ class _Weighed:
         variances: tuple[float, float],
         at: FittedModel,
     ) -> None:
-        self._problem, self._at = problem, at
-        self._pose = problem.pose.whitening(variances[0])
-        shows = any(shows_torque(effect) for effect in effects)
-        self._torque = (
-            problem.torque.whitening(variances[1]) if problem.torque is not None and shows else None
-        )
+        self._problem, self._at, self._variances = problem, at, variances
+        self._torque = problem.torque if any(map(shows_torque, effects)) else None
         possible = possible_sizes(at.model, problem.cells.measured)
         rows = np.diag(1.0 / possible)
         # Zero of an effect does not determine its shape: zero, the middle of what is expected
@@ -167,11 +163,11 @@ class _Weighed:
     def cost(self, x: Array) -> float:
         """Return the sum of squares at parameters (k,): all that a step uphill needs."""
         self._look_at(x)
-        problem, off = self._problem, self._expected @ (x - self._middle)[:, None]
-        rows = [self._pose(problem.pose.rows(self._left[:, :, None]))]
-        if problem.torque is not None and self._torque is not None:
-            torque = torque_left(problem, self._at)
-            rows.append(self._torque(problem.torque.rows(torque[:, :, None])))
+        problem, off = self._problem, self._expected @ (x - self._middle)
+        rows = [problem.pose.weighed(self._left[:, :, None], self._variances[0])]
+        if self._torque is not None:
+            left_Nm = torque_left(problem, self._at)
+            rows.append(self._torque.weighed(left_Nm[:, :, None], self._variances[1]))
         return float(sum(np.sum(part**2) for part in (*rows, off)))
 
     def equations(self, x: Array) -> Equations:
@@ -179,9 +175,9 @@ class _Weighed:
         self._look_at(x)
         problem, off = self._problem, self._expected @ (x - self._middle)
         of_pose = np.concatenate([self._left[:, :, None], self._jacobian()], axis=2)
-        rows = [self._pose(problem.pose.rows(of_pose))]
-        if problem.torque is not None and self._torque is not None:
-            rows.append(self._torque(problem.torque.rows(torque_rows(problem, self._at))))
+        rows = [problem.pose.weighed(of_pose, self._variances[0])]
+        if self._torque is not None:
+            rows.append(self._torque.weighed(torque_rows(problem, self._at), self._variances[1]))
         rows.append(np.concatenate([off[:, None], self._expected], axis=1))
         everything = np.concatenate(rows)
         return Equations.of(everything[:, 0], everything[:, 1:])

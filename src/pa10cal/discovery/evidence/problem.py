@@ -132,6 +132,10 @@ class NoiseModel:
         turned: Array = self._turn @ white.reshape(count, b * k)
         return turned.reshape(count * b, k)
 
+    def weighed(self, values: Array, variance: float) -> Array:
+        """Return independent rows of unit variance (C b, k) of values (C, b, k)."""
+        return self.whitening(variance)(self.rows(values))
+
     def common_amounts(self, rows: Array, variance: float) -> Array:
         """Return the most likely amounts (c, k) of the common errors in whitened rows (R, k).
 
