@@ -231,6 +231,9 @@ def mean_covariance(cov: Array, seen: Mask, code: Index) -> Array:
     """
     count = np.bincount(code)
     total, times = np.zeros((len(count), *cov.shape[1:])), np.zeros((len(count), cov.shape[1]))
+    if seen.all():
+        np.add.at(total, code, cov)
+        return np.asarray(total / count[:, None, None] / count[:, None, None])
     np.add.at(times, code, seen)
     share = seen / np.maximum(times, 1.0)[code]
     np.add.at(total, code, share[:, :, None] * cov * share[:, None, :])

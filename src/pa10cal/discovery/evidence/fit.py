@@ -163,7 +163,7 @@ class _Weighed:
     def cost(self, x: Array) -> float:
         """Return the sum of squares at parameters (k,): all that a step uphill needs."""
         self._look_at(x)
-        problem, off = self._problem, self._expected @ (x - self._middle)
+        problem, off = self._problem, self._expected @ (x - self._middle)[:, None]
         rows = [problem.pose.weighed(self._left[:, :, None], self._variances[0])]
         if self._torque is not None:
             left_Nm = torque_left(problem, self._at)
