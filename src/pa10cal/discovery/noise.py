@@ -106,11 +106,18 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
         squares = np.sum(turned**2, axis=0)
         by_direction_Nm = np.sum(turned * torque_difference, axis=0) / np.where(squares, squares, 1)
         torque_difference = torque_difference - turned * by_direction_Nm
-    of_joints, of_kinds = _sources(screws, measured)
-    sources = np.concatenate([of_joints, stated[:, None], of_kinds], axis=1)
+    of_sources = [np.einsum("pik,pjk->pkij", screws, screws), stated[:, None]]
+    for _, at in measured.component_kinds:  # the same independent error of all of a kind
+        rows, of_kind = np.arange(seen.shape[1])[at], np.zeros((len(seen), 1, *stated.shape[1:]))
+        of_kind[:, 0, rows, rows] = seen[:, at]
+        of_sources.append(of_kind)
+    sources = np.concatenate(of_sources, axis=1)
     both = seen[first] & seen[second]
-    of_pairs = 0.5 * (sources[first] + sources[second])
-    of_pairs = np.where((both[:, :, None] & both[:, None, :])[:, None], of_pairs, 0.0)
+    of_pairs = np.where(
+        (both[:, :, None] & both[:, None, :])[:, None],
+        0.5 * (sources[first] + sources[second]),
+        0.0,
+    )
     try:
         variances = _variance_components(np.where(both, difference, 0.0), of_pairs, both)
     except np.linalg.LinAlgError:
@@ -246,18 +253,11 @@ def _whole(cov: Array, seen: Mask) -> Array:
     return here + np.eye(seen.shape[1]) * ~seen[:, :, None]
 
 
-def _sources(screws: Array, measured: Instrument) -> tuple[Array, Array]:
-    """Return the covariances (P, k, b, b) by a unit variance of each joint, and of each kind."""
-    seen, kinds = measured.components_seen, measured.component_kinds
-    of_kinds = np.zeros((len(seen), len(kinds), seen.shape[1], seen.shape[1]))
-    for k, (_, kind) in enumerate(kinds):
-        at = np.arange(seen.shape[1])[kind]
-        of_kinds[:, k, at, at] = seen[:, kind]
-    return np.einsum("pik,pjk->pkij", screws, screws), of_kinds
-
-
 def _variance_components(difference: Array, sources: Array, seen: Mask) -> Array:
-    """Fit non-negative variances of sources (D, s, b, b) to the squares of differences (D, b)."""
+    """Fit non-negative variances of sources (D, s, b, b) to the squares of differences (D, b).
+
+    Whitened by the covariance found before, all products of components weigh about the same.
+    """
     count = sources.shape[1]
     if seen.all():
         about = np.atleast_2d(np.cov(difference.T, bias=True))
@@ -435,19 +435,23 @@ def scatter_of(at: FittedModel, poses: Observations, left: Array) -> PoseDeviati
     """Return what complete poses of its fit scatter by about a model that leaves (P, b) of them."""
     every = max(1, len(poses) // _ENOUGH_POSES)
     poses, left = poses.take(np.arange(0, len(poses), every)), left[::every]
-    turned, seen = by_joints(at, poses, range(1, at.arm.n + 1)), poses.measured.components_seen
-    both = (seen[:, :, None] & seen[:, None, :])[:, None]
-    parts = np.where(both, np.concatenate(_sources(turned, poses.measured), axis=1), 0.0)
+    turned = by_joints(at, poses, range(1, at.arm.n + 1))
+    parts = [own[:, :, None] * own[:, None, :] for own in np.moveaxis(turned, 2, 0)]
+    seen, unit = poses.measured.components_seen, np.eye(left.shape[1])
+    parts += [np.diag(unit[kind].sum(axis=0))[None] for _, kind in poses.measured.component_kinds]
+    unseen = np.where(seen, 0.0, 1.0)[:, :, None] * unit
+    both = seen[:, :, None] & seen[:, None, :]
+    parts = [np.where(both, part, 0.0) for part in parts]
     left = np.where(seen, left, 0.0)
 
     def cost(logs: Array) -> tuple[float, Array]:
         sizes = np.exp(logs)
-        covariance = _whole(np.einsum("s,psij->pij", sizes, parts), seen)
+        covariance = unseen + sum(size * part for size, part in zip(sizes, parts, strict=True))
         inverse = np.linalg.inv(covariance)
         white = (inverse @ left[:, :, None])[:, :, 0]
         value = np.linalg.slogdet(covariance)[1].sum() + np.sum(white * left)
         slope = inverse - white[:, :, None] * white[:, None, :]
-        by_size = np.einsum("pij,psij->s", slope, parts)
+        by_size = np.array([np.sum(slope * part) for part in parts])
         return float(value) / len(left), sizes * by_size / len(left)
 
     of_kinds = {  # half the mean square of each
