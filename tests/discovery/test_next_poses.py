@@ -116,15 +116,15 @@ def names(found):
 def behind(found, effect):
     """Return how much less likely the data are with one effect alone than with what was found."""
     k = found.family.index(effect)
-    alone = [found.evidence.score((k,), (size,)).log_evidence for size in range(len(SIZES))]
+    alone = [found.evidence.score(((k, size),)).log_evidence for size in range(len(SIZES))]
     return found.score.log_evidence - max(alone)
 
 
 def gain(measured, effect):
     """Return what one effect adds to the evidence of the baseline."""
     evidence = evidence_about(measured.problem, measured.start, (effect,))
-    alone = [evidence.score((0,), (size,)).log_evidence for size in range(len(SIZES))]
-    return max(alone) - evidence.score((), ()).log_evidence
+    alone = [evidence.score(((0, size),)).log_evidence for size in range(len(SIZES))]
+    return max(alone) - evidence.score(()).log_evidence
 
 
 def test_an_effect_and_its_double_come_apart_where_suggested(measure, ratio, found_first):

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from pa10cal.arrays import Array
@@ -59,6 +60,16 @@ class MayHaveCarrier(Part):
         description="the one pose without which not half of this would be left, and too "
         "little for a name; None where there is no such pose",
     )
+
+
+def carrier_of(labels: NDArray[np.str_], left: Array, whole: float, needed: float) -> str | None:
+    """Return the pose that carries a name alone; None for none.
+
+    By what of the whole that speaks for it is left without each of the poses (P,).
+    """
+    worst = int(left.argmin())
+    carried = left[worst] < min(needed, CARRIED * whole)
+    return str(labels[worst]) if carried else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,21 +96,17 @@ def with_lines_named(found: V) -> V:
 
 def _named(found: V, proposal: FormulaProposal) -> V | None:
     """Return the verdict with a line in its map's place; None where it has no name."""
-    order, held = proposal.form.order, proposal.instead
-    alone = len(held) == 1 and held[0].id == MAP and held[0].of == proposal.form.of
-    if proposal.form.form != "harmonic" or order is None or not alone:
+    order, held, form = proposal.form.order, proposal.instead, proposal.form
+    of_one_map = len(held) == 1 and held[0].id == MAP and held[0].of == form.of
+    if form.form != "harmonic" or not of_one_map or found.falls_back is not None:
         return None
-    if (
-        proposal.record.orders != (order, order)
-        or order <= NAMED_ORDERS
-        or found.falls_back is not None
-    ):
+    if order is None or order <= NAMED_ORDERS or proposal.record.orders != (order, order):
         return None
-    joint = joint_of(proposal.form.of)
+    joint = joint_of(form.of)
     gear = 2.0 * float(found.context.arm.gear_ratio[joint - 1])
     if abs(order - gear) < NEAR_ORDER or not all_around(found.states.q_rad[:, joint - 1]):
         return None
-    line = PeriodicError(proposal.form.of, float(order))
+    line = PeriodicError(form.of, float(order))
     findings: tuple[Finding[object], ...] = found.findings
     (of_map,) = (each for each in findings if each.effect == held[0])
     # A fit takes an effect in the place of one of which it is an alternative.

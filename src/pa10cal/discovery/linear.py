@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.arrays import Array, Index, Mask
@@ -174,6 +175,23 @@ def rms(values: Array) -> float:
 def standard_error(gain: Array) -> float:
     """Return the standard error of a sum over blocks, from how it scatters between them."""
     return float(np.sqrt(len(gain)) * gain.std(ddof=1))
+
+
+def left_out(data: Array, columns: Array, fold: Index) -> Array:
+    """Return what is left of rows (R,), those of each fold predicted from all others.
+
+    By columns (R, k), each in the size expected of it.
+    """
+    every = np.concatenate([columns, data[:, None]], axis=1)
+    found = np.empty(len(data))
+    parts = [np.flatnonzero(fold == number) for number in np.unique(fold)]
+    products = [every[rows].T @ every[rows] for rows in parts]
+    total = sum(products) + np.eye(every.shape[1])
+    for rows, part in zip(parts, products, strict=True):
+        others = total - part
+        x = cho_solve(cho_factor(others[:-1, :-1]), others[:-1, -1])
+        found[rows] = data[rows] - columns[rows] @ x
+    return found
 
 
 def position_m(

@@ -207,13 +207,8 @@ def choose(
 ) -> FormulaProposal | None:
     """Return the shortest form that does as well as maps and rivals; None where none does.
 
-    Args:
-        arena: what the forms are held against.
-        forms: what is tried.
-        instead: maps and rivals that a form may stand for.
-        error_rate: probability allowed of proposing anything where nothing is.
-        whole: gives the arena of all poses, where the other is of some of them, by which forms are
-            ruled out; else None.
+    The error rate is the probability allowed of proposing anything where nothing is. Where the
+    arena is of some poses, by which forms are ruled out, `whole` gives that of all.
     """
     if not forms:
         return None

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.blocked_cv.bands import Waves, minus_twice_log_likelihood, most_likely
+from pa10cal.discovery.blocked_cv.survey import Products
 from pa10cal.terms.effects.joint_error_map import BandPrior, harmonic_orders
 
 NOISE_RAD = 3e-5
@@ -26,7 +27,8 @@ def waves_of(bands, *, poses=3000, knots=81, seed=0, visited=1.0):
         amounts.append(rng.standard_normal(len(orders)) * band.sizes_rad(orders))
     rows = np.hstack(columns)
     data = rows @ np.concatenate(amounts) + rng.standard_normal(poses)
-    return Waves(rows.T @ rows, rows.T @ data, float(data @ data), poses, 1, orders)
+    products = Products(rows.T @ rows, rows.T @ data, np.asarray(data @ data))
+    return Waves(products, poses, 1, orders)
 
 
 def test_derivatives_are_those_of_differences():

@@ -9,15 +9,19 @@ from scipy.sparse import csr_array
 
 import pa10cal
 from made_up_survey import observe
-from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable_shapes, family
+from pa10cal.discovery.blocked_cv.family import (
+    Columns,
+    below_detection_limit,
+    computable_shapes,
+    family,
+)
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import (
     BlockedRows,
+    Products,
     ShapedEffect,
-    in_terms_of,
     map_columns,
-    products,
     survey,
 )
 from pa10cal.discovery.linear import by_joints, by_terms, residual, with_base_term
@@ -104,12 +108,11 @@ def test_products_in_terms_of_other_parameters_are_those_of_turned_columns():
     dense, first, second = (rng.standard_normal((50, n)) for n in (3, 8, 5))
     bases = [rng.standard_normal((8, 6)), rng.standard_normal((5, 5))]
     data = rng.standard_normal(50)
-    gram, projection, squares = products(data, dense, csr_array(np.hstack([first, second])))
+    found = Products.of(data, dense, csr_array(np.hstack([first, second]))).in_terms_of(3, bases)
     turned = np.hstack([dense, first @ bases[0], second @ bases[1]])
-    gram, projection = in_terms_of(gram, projection, 3, bases)
-    np.testing.assert_allclose(gram, turned.T @ turned, atol=1e-10)
-    np.testing.assert_allclose(projection, turned.T @ data, atol=1e-10)
-    assert squares == pytest.approx(data @ data)
+    np.testing.assert_allclose(found.gram, turned.T @ turned, atol=1e-10)
+    np.testing.assert_allclose(found.projection, turned.T @ data, atol=1e-10)
+    assert found.squares == pytest.approx(data @ data)
 
 
 def test_left_of_is_the_data_less_what_the_columns_say(rows):
@@ -172,7 +175,7 @@ def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(f
     for each in (rows, replace(rows, weights=weights)):
         products = each.products()
         known = family(each, products)
-        search = Search(products, each.own, known.shown, 0.0, 0.05)
+        search = Search(products, Columns(each.own, each.own_sizes), known.shown, 0.0, 0.05)
         below = below_detection_limit(known, search.is_surely_found)
         assert name in {candidate.name for candidate in known.shown}
         found.append((known.gains[name], name in {(e.effect.id, e.effect.of) for e in below}))

@@ -56,34 +56,19 @@ def by_hand(rows, members):
     return np.array(found)
 
 
-def test_squares_are_those_of_least_squares(rows):
-    state = started(rows, ONE, TWO)
-    np.testing.assert_allclose(state.squares, by_hand(rows, (OWN, ONE, TWO)), rtol=1e-9)
-    np.testing.assert_allclose(state.position_squares, state.squares)
-
-
-def test_a_member_more_is_as_if_it_had_been_there(rows):
-    state = started(rows, ONE)
-    grown = state.extended(TWO).extended(THREE)
-    np.testing.assert_allclose(grown.squares, by_hand(rows, (OWN, ONE, TWO, THREE)), rtol=1e-8)
-
-
-def test_a_member_less_is_as_if_it_had_never_been_there(rows):
-    less = started(rows, ONE, TWO, THREE).reduced(1)
+def test_members_that_join_and_leave_are_as_if_solved_anew(rows):
+    grown = started(rows, ONE, TWO, THREE)
+    less = grown.reduced(1)
     assert less.members == (ONE, THREE)
-    np.testing.assert_allclose(less.squares, by_hand(rows, (OWN, *less.members)), rtol=1e-8)
+    for state in (grown, less):
+        np.testing.assert_allclose(state.squares, by_hand(rows, (OWN, *state.members)), rtol=1e-8)
+        np.testing.assert_allclose(state.position_squares, state.squares)
 
 
-def test_candidates_are_judged_without_joining(rows):
-    state = started(rows, ONE)
-    found = state.with_each([TWO, THREE])
-    np.testing.assert_allclose(found[0], by_hand(rows, (OWN, ONE, TWO)), rtol=1e-8)
-    np.testing.assert_allclose(found[1], by_hand(rows, (OWN, ONE, THREE)), rtol=1e-8)
-
-
-def test_members_are_judged_without_leaving(rows):
+def test_candidates_are_judged_without_joining_and_members_without_leaving(rows):
     state = started(rows, ONE, TWO)
-    found = state.without_each()
-    np.testing.assert_allclose(found[0], by_hand(rows, (OWN, TWO)), rtol=1e-8)
-    np.testing.assert_allclose(found[1], by_hand(rows, (OWN, ONE)), rtol=1e-8)
+    joined, left = started(rows, ONE).with_each([TWO, THREE]), state.without_each()
+    sets = ((ONE, TWO), (ONE, THREE), (TWO,), (ONE,))
+    for squares, members in zip((*joined, *left), sets, strict=True):
+        np.testing.assert_allclose(squares, by_hand(rows, (OWN, *members)), rtol=1e-8)
     assert np.all(state.solution_without(1)[:, -2:] == 0.0)

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from made_up_arm import Missing, harmonic, measure
+from pa10cal.arm.statics import PoseStates
+from pa10cal.discovery.evidence.judge import floor_mm
 from pa10cal.discovery.next_poses import unresolved
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.terms.effects import effect
@@ -47,7 +49,12 @@ def test_a_transmission_error_is_named_and_the_gap_closed(wave, null):
     assert name(finding.effect) == ("transmission_error", "joint 2")
     std = np.sqrt(np.diag(finding.covariance))
     assert (np.abs(finding.x - [2e-4, 1.0]) < 4.0 * std).all()
+    assert (std < [1e-5, 0.05]).all()
+    assert finding.proof.p_sign_flips_max_t < 0.01
     assert found.extended.effects == (finding.effect,)
+    search = found.judgement.found
+    assert search.fit.converged
+    assert search.score.pose_variance < 0.05 < search.nothing.pose_variance
     for closed, bare in (
         (found.train, null.discovery.train),
         (found.holdout, null.discovery.holdout),
@@ -78,7 +85,9 @@ def test_a_bowed_axis_is_unexplained_at_the_instrument(bowed):
     judged = found.judgement
     assert found.verdict == "unexplained"
     assert judged.findings == ()
-    assert [(place.of, place.form) for place in judged.unexplained] == [("instrument", "place_map")]
+    (place,) = judged.unexplained
+    assert (place.of, place.form) == ("instrument", "place_map")
+    assert place.shared_error_mm > floor_mm(bowed.problem)
     # No name, no improvement: what only says where is not in the extended model.
     assert found.extended.effects == ()
     assert found.holdout.after.mean_mm > 3.0 * found.noise_floor_mm
@@ -142,11 +151,15 @@ def campaign():
 
 
 class TestANewEffect:
-    def test_without_it_only_the_place_is_named(self, campaign):
-        found = campaign.discovery.judgement
-        assert [name(finding.effect) for finding in found.findings] == [
-            ("joint_error_map", "joint 1")
-        ]
+    def test_without_it_only_the_place_is_named_and_its_map_is_the_error(self, campaign):
+        (finding,) = campaign.discovery.judgement.findings
+        assert name(finding.effect) == ("joint_error_map", "joint 1")
+        assert finding.alternatives == ()
+        q_rad, zero = np.zeros((40, 6)), np.zeros(40)
+        q_rad[:, 0] = np.linspace(*campaign.problem.context.q_span_rad[0], 40)
+        states = PoseStates(q_rad, q_rad, q_rad, zero, zero, zero)
+        off = finding.effect.shift(states, finding.x)[:, 0] - 3e-4 * np.sin(3.0 * q_rad[:, 0] + 1.0)
+        assert np.std(off) < 0.1 * 3e-4  # less a constant that calibration takes
 
     def test_dropped_into_the_library_it_is_found_and_named(self, campaign, monkeypatch):
         known = (*effect.every_effect(), ThirdHarmonic)

@@ -15,6 +15,7 @@ from pa10cal.discovery.evidence.search import indistinguishable, linearise
 from pa10cal.discovery.linear import at_unknowns, residual, with_base_term
 from pa10cal.discovery.preparation import LEAST_SHARE
 from pa10cal.terms.effects.effect import JointEffect
+from pa10cal.terms.effects.joint import TransmissionError
 from pa10cal.terms.term import TermParameter
 
 
@@ -133,19 +134,17 @@ class TestLinearise:
         assert block.factor.shape == (len(effect.starts),) * 2
 
 
+NOT_LOGGED, UNSEEN = "what it depends on was not logged", "the poses do not exercise it"
+
+
 class TestTestable:
     def divide(self, null, *effects):
         shown, refused = search.testable(null.problem, null.start, effects)
         assert len(shown) + len(refused) == len(effects)
         return shown, {entry.effect: entry for entry in refused}
 
-    def test_what_the_poses_show_is_testable(self, null):
-        shown, refused = self.divide(null, MadeUp("joint 2"))
-        assert shown == (MadeUp("joint 2"),)
-        assert not refused
-
     @pytest.mark.parametrize("kind", [Constant, NearlyConstant])
-    def test_what_the_model_absorbs_is_not(self, null, kind):
+    def test_what_the_poses_show_is_testable_and_what_the_model_absorbs_is_not(self, null, kind):
         shown, refused = self.divide(null, kind("joint 2"), MadeUp("joint 2"))
         assert shown == (MadeUp("joint 2"),)
         entry = refused[kind("joint 2")]
@@ -154,20 +153,26 @@ class TestTestable:
         assert float(left) < 100.0 * LEAST_SHARE
         assert entry.by_these_poses
 
-    def test_what_depends_on_something_that_was_not_logged_is_not(self, null):
-        _, refused = self.divide(null, Warm("joint 2"), null.effect("thermal_growth", "arm"))
-        assert len(refused) == 2
-        for entry in refused.values():
-            assert entry.why == "what it depends on was not logged"
-            assert not entry.by_these_poses
-
-    def test_a_transmission_error_is_not_where_the_gear_ratio_is_not_known(self, null):
-        unknown = replace(null.effect("transmission_error", "joint 2"), order=np.nan)
-        problem, start = null.problem, null.start
-        shown, (entry,) = search.testable(problem, start, (unknown,))
-        assert not shown
-        assert entry.why == "the gear ratio of the joint is not known"
-        assert not entry.by_these_poses
+    @pytest.mark.parametrize(
+        ("effect", "why", "by_these_poses"),
+        [
+            (Warm("joint 2"), NOT_LOGGED, False),
+            (("thermal_growth", "arm"), NOT_LOGGED, False),
+            (
+                TransmissionError("joint 2", np.nan),
+                "the gear ratio of the joint is not known",
+                False,
+            ),
+            (OfMotion("joint 2"), UNSEEN, True),
+            (("torque_gain", "joint 1"), UNSEEN, True),  # its axis is upright: no weight loads it
+            (Tiny("joint 2"), "ten times its plausible size would not rise above the noise", True),
+        ],
+        ids=str,
+    )
+    def test_what_they_do_not_is_refused_with_the_reason(self, null, effect, why, by_these_poses):
+        effect = null.effect(*effect) if isinstance(effect, tuple) else effect
+        _, refused = self.divide(null, effect)
+        assert (refused[effect].why, refused[effect].by_these_poses) == (why, by_these_poses)
 
     def test_what_was_logged_after_all_is_testable(self, null):
         readings = null.problem.readings
@@ -176,15 +181,6 @@ class TestTestable:
         problem = prepare(readings, null.baseline, null.setup)
         start = fit(problem, (), (), (0.0, 0.0))
         assert search.testable(problem, start, (Warm("joint 2"),))[0] == (Warm("joint 2"),)
-
-    def test_what_the_poses_do_not_exercise_is_not(self, null):
-        gain = null.effect("torque_gain", "joint 1")  # its axis is upright: no weight loads it
-        _, refused = self.divide(null, OfMotion("joint 2"), gain)
-        assert {entry.why for entry in refused.values()} == {"the poses do not exercise it"}
-
-    def test_what_would_drown_in_the_noise_is_not(self, null):
-        _, refused = self.divide(null, Tiny("joint 2"))
-        assert "would not rise above the noise" in refused[Tiny("joint 2")].why
 
     def test_an_effect_that_needs_masses_is_not_where_they_are_not_known(self, null):
         setup = replace(null.setup, payload=None)

@@ -90,7 +90,7 @@ def lawless():
 
 def test_flips_hold_where_poses_are_off_for_no_reason(lawless):
     evidence = evidence_about(lawless.problem, lawless.start, lawless.family)
-    gains = evidence.additions((), (), list(range(len(lawless.family))))
+    gains = evidence.additions((), list(range(len(lawless.family))))
     named = [k for k, effect in enumerate(lawless.family) if not effect.generic]
     best = max(named, key=lambda k: gains[k][0])
     assert gains[best][0] > 5.0  # the evidence alone makes more of it than of noise

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from made_up_arm import ERROR_RATE, Missing, forced, harmonic, measure
-from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.evidence.judge import floor_mm, judge, mean_length, shared_error_mm
 from pa10cal.discovery.evidence.search import search
 from pa10cal.discovery.verdict import MAP, word_of
@@ -29,23 +28,6 @@ def eccentric_judged(eccentric):
     return judge(eccentric.found)
 
 
-def test_nothing_found_is_a_verdict(null):
-    judged = judge(null.found)
-    assert (word(judged), judged.findings, judged.unexplained) == ("none", (), ())
-
-
-def test_what_stands_alone_is_named_with_its_uncertainty(wave):
-    judged = judge(wave.found)
-    assert word(judged) == "named"
-    (finding,) = judged.findings
-    assert name(finding.effect) == ("transmission_error", "joint 2")
-    assert finding.alternatives == ()
-    std = np.sqrt(np.diag(finding.covariance))
-    assert (np.abs(finding.x - [2e-4, 1.0]) < 4.0 * std).all()
-    assert (std < [1e-5, 0.05]).all()
-    assert finding.proof.p_sign_flips_max_t < 0.01
-
-
 def test_rivals_that_do_as_well_stand_beside_the_name(eccentric_judged):
     judged = eccentric_judged
     assert word(judged) == "ambiguous"
@@ -65,34 +47,6 @@ def test_a_name_takes_the_place_of_a_map_that_is_no_better(eccentric):
     two = (shape, eccentric.effect("encoder_eccentricity", "joint 2"))
     (finding,) = judge(forced(eccentric, (shape,), (1,), family=two)).findings
     assert name(finding.effect) == ("encoder_eccentricity", "joint 2")
-
-
-def test_the_map_stands_where_no_name_does():
-    third = measure(Missing(turn=harmonic(1, 3.0, 3e-4, 1.0)))
-    judged = judge(third.found)
-    assert word(judged) == "named"
-    (finding,) = judged.findings
-    assert name(finding.effect) == (MAP, "joint 1")
-    assert finding.alternatives == ()
-    # The map is the error that was put there, less a constant that calibration takes.
-    q_rad = np.linspace(*third.problem.context.q_span_rad[0], 40)
-    at = np.zeros((40, 6))
-    at[:, 0] = q_rad
-    zero = np.zeros(40)
-    states = PoseStates(at, at, at, zero, zero, zero)
-    columns = finding.effect.derivative(states, finding.x)[:, 0]
-    found, there = columns @ finding.x, 3e-4 * np.sin(3.0 * q_rad + 1.0)
-    different = (found - found.mean()) - (there - there.mean())
-    assert np.sqrt((different**2).mean()) < 0.1 * 3e-4
-
-
-def test_what_no_name_explains_is_unexplained_where_it_sits(bowed):
-    judged = judge(bowed.found)
-    assert word(judged) == "unexplained"
-    assert judged.findings == ()
-    (place,) = judged.unexplained
-    assert (place.of, place.form) == ("instrument", "place_map")
-    assert place.shared_error_mm > floor_mm(bowed.problem)
 
 
 def test_what_sits_nowhere_is_unexplained_all_the_same():

@@ -8,8 +8,10 @@ and stretches of angles of each joint with all their poses left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields, replace
+from functools import reduce
+from operator import add
 
 import numpy as np
 from scipy.linalg import block_diag, lapack
@@ -19,12 +21,12 @@ from pa10cal.discovery.blocked_cv.family import Candidate, solve
 from pa10cal.discovery.blocked_cv.search import (
     FINER_KNOTS,
     Level,
+    joints_and_knots,
     level_of,
     maps_among,
-    products_by_kind,
     with_form,
 )
-from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, Products, in_terms_of
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, Products
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
 from pa10cal.results import maps as results
@@ -95,33 +97,28 @@ def in_bands(rows: BlockedRows, fine: Level) -> InBands | None:
     rows = replace(rows, shaped=shaped)
     members = tuple(with_form(member, FINE) for member in fine.members)
     waves = _Waves(rows, maps)
-    splines: tuple[Products, ...] = ()  # of all blocks, of positions and of other rows
+    splines: list[Products] = []  # of all blocks, of positions and of other rows
     by_kind = []
     for b in range(BLOCKS):
-        kinds = products_by_kind(rows, maps_among(members), b)
-        splines = tuple(map(_sum, zip(splines, kinds, strict=True))) if splines else kinds
-        by_kind.append(tuple(waves.of(each) for each in kinds))
+        kinds = rows.products_by_kind(b, *joints_and_knots(members))
+        splines = [*map(add, splines, kinds)] if splines else [*kinds]
+        by_kind.append([waves.of(each) for each in kinds])
     share = _attitudes(by_kind, waves, len(maps))
     blocks = [_weighed(kinds, share) for kinds in by_kind]
-    total = _sum(blocks)
+    total = reduce(add, blocks)
     measured = rows.survey.poses.measured
     seen = measured.components_seen.sum(axis=0)
     positions = int(seen[measured.position_columns].sum())
     # Rows that weigh less count as fewer rows.
     counted = positions + share**2 * (int(seen.sum()) - positions)
-    squares, count = float(total.squares), round(counted)
-    found = most_likely(
-        Waves(total.gram, total.projection, squares, count, waves.leading, waves.orders)
-    )
+    found = most_likely(Waves(total, round(counted), waves.leading, waves.orders))
     spectra: list[list[Spectrum | None]] = [[each.spectrum for each in maps], [*found.bands]]
     sizes = [waves.sizes(each, maps, found.scatter) for each in spectra]
-    of_time = np.array([[_left(total, out, (out,), each)[0] for each in sizes] for out in blocks])
-    of_angles = np.array(
-        [
-            [_left(total, out, (out,), each)[0] for each in sizes]
-            for out in _stretches(rows, members, waves, share)
-        ]
-    )
+
+    def left_out(parts: Iterable[Products]) -> Array:
+        return np.array([[_left(total, out, (out,), each)[0] for each in sizes] for out in parts])
+
+    of_time, of_angles = left_out(blocks), left_out(_stretches(rows, members, waves, share))
     if not _no_worse(of_time, of_angles):
         return None
     bands = iter(found.bands)
@@ -137,18 +134,17 @@ def in_bands(rows: BlockedRows, fine: Level) -> InBands | None:
     )
 
 
-def _attitudes(by_kind: Sequence[tuple[Products, ...]], waves: _Waves, maps: int) -> float:
+def _attitudes(by_kind: Sequence[Sequence[Products]], waves: _Waves, maps: int) -> float:
     """Return what orientations should weigh, in their scatter, for left-out poses.
 
-    Their errors go with the pose where a target is tilted or bends: then they average out less than
-    their scatter says. The weight is halved while positions and orientations of left-out blocks,
-    each with a scatter of its own, become more likely.
+    Where a target is tilted or bends their errors average out less than their scatter says. The
+    weight is halved while left-out blocks, each kind with its own scatter, become more likely.
     """
     sizes = waves.sizes([TYPICAL] * maps, [], 1.0)
     best, least = 1.0, np.inf
     for share in _SHARES:
         blocks = [_weighed(kinds, share) for kinds in by_kind]
-        total = _sum(blocks)
+        total = reduce(add, blocks)
         left = np.array(
             [_left(total, out, kinds, sizes) for out, kinds in zip(blocks, by_kind, strict=True)]
         ).sum(axis=0)
@@ -164,20 +160,11 @@ def _attitudes(by_kind: Sequence[tuple[Products, ...]], waves: _Waves, maps: int
 def _weighed(kinds: Sequence[Products], share: float) -> Products:
     """Return the products of positions and of other rows, these with a weight."""
     positions, others = kinds
-    square = share**2
-    return Products(
-        positions.gram + square * others.gram,
-        positions.projection + square * others.projection,
-        positions.squares + square * others.squares,
-    )
+    return positions + others.times(share**2)
 
 
 def _no_worse(of_time: Array, of_angles: Array) -> bool:
-    """Return whether bands predict no kind of left-out poses surely worse.
-
-    That the data as a whole prefer them is what they were found by. Each stretch counts alike: of
-    some joint all that is left out may be far from where the others are.
-    """
+    """Return whether bands predict no kind of left-out poses surely worse, each stretch alike."""
     gains = [np.log(squares[:, 0] / squares[:, 1]) for squares in (of_time, of_angles)]
     return all(float(gain.sum()) >= -standard_error(gain) for gain in gains)
 
@@ -186,10 +173,9 @@ class _Waves:
     """Products in terms of waves, without the model's parameters that are held at their bounds."""
 
     def __init__(self, rows: BlockedRows, maps: Sequence[JointErrorMap]) -> None:
-        dense = len(rows.own) + sum(each.effect.linear for each in rows.shaped)
-        self._free = np.ones(dense + 2 * _HIGHEST * len(maps), dtype=bool)
+        self._dense = rows.dense
+        self._free = np.ones(rows.dense + 2 * _HIGHEST * len(maps), dtype=bool)
         self._free[: len(rows.own)] = ~rows.pressing
-        self._dense = dense
         self.orders = harmonic_orders(2 * _HIGHEST + 1)[1:]
         waves = harmonics_at_knots(FINE)[:, 1 : 1 + 2 * _HIGHEST]
         self._bases = [b_splines_by_knots(FINE) @ waves] * len(maps)
@@ -201,20 +187,15 @@ class _Waves:
 
     def of(self, splines: Products) -> Products:
         """Return products of B-splines as products of waves."""
-        found = in_terms_of(splines.gram, splines.projection, self._dense, self._bases)
-        gram, projection = found
-        free = self._free
-        return Products(gram[np.ix_(free, free)], projection[free], splines.squares)
+        found, free = splines.in_terms_of(self._dense, self._bases), self._free
+        return Products(found.gram[np.ix_(free, free)], found.projection[free], found.squares)
 
     def sizes(
         self, spectra: Sequence[Spectrum | None], before: Sequence[JointErrorMap], scatter: float
     ) -> Array:
-        """Return the sizes (N,) of all columns, in the scatter of the rows.
+        """Return the sizes (N,) of all columns by the spectra of maps, in the scatter of the rows.
 
-        Args:
-            spectra: of each map.
-            before: maps whose own spectrum goes no further than their knots.
-            scatter: of the rows.
+        Of maps that had their spectrum before it goes no further than their knots.
         """
         found = [np.ones(self.leading)]
         for k, spectrum in enumerate(spectra):
@@ -227,10 +208,7 @@ class _Waves:
 
 
 def _left(total: Products, out: Products, judged: Sequence[Products], sizes: Array) -> list[float]:
-    """Return the squared error of rows that are judged, predicted from all rows but those out.
-
-    Columns are of the sizes given (N,).
-    """
+    """Return the squared error of judged rows, predicted from all but those out; sizes are (N,)."""
     gram = (total.gram - out.gram) * (sizes[:, None] * sizes)
     projection = (total.projection - out.projection) * sizes
     x = sizes * solve(gram, projection, np.eye(len(sizes)))
@@ -249,17 +227,9 @@ def _stretches(
         tenth = np.argsort(np.argsort(angle, kind="stable")) * 10 // len(angle)
         for chosen in _TENTHS if len(maps) <= _FEW else _TENTHS[k % 2 :][:1]:
             survey = replace(rows.survey, block=np.where(tenth == chosen, 0, -1))
-            kinds = products_by_kind(replace(rows, survey=survey), maps, 0)
+            chosen_rows = replace(rows, survey=survey)
+            kinds = chosen_rows.products_by_kind(0, *joints_and_knots(members))
             yield waves.of(_weighed(kinds, share))
-
-
-def _sum(parts: Sequence[Products]) -> Products:
-    """Return products of the rows of several parts."""
-    return Products(
-        np.sum([each.gram for each in parts], axis=0),
-        np.sum([each.projection for each in parts], axis=0),
-        np.sum([each.squares for each in parts], axis=0),
-    )
 
 
 # The band of a joint's error, found from the data by marginal likelihood.
@@ -289,11 +259,7 @@ _DIFFERENCE = 1e-4
 class Waves:
     """Products of weighed rows in columns whose sizes are known, then waves of one map a joint."""
 
-    # gram, projection and squares: (N, N), (N,) and a number: of columns with each other, of
-    # columns with the data, of the data with themselves
-    gram: Array
-    projection: Array
-    squares: float
+    products: Products  # of N columns
     rows: int  # how many rows there were
     leading: int  # columns before the waves; each in its size
     orders: Array  # (M,) cycles a turn of the waves, the same for every map
@@ -301,7 +267,7 @@ class Waves:
     @property
     def maps(self) -> int:
         """Return how many maps there are."""
-        return (len(self.projection) - self.leading) // len(self.orders)
+        return (len(self.products.projection) - self.leading) // len(self.orders)
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,18 +278,17 @@ class BandEstimates:
     log_std: Array  # (maps, k) standard uncertainty of the logarithms of the numbers of each
     scatter: float  # of the rows, in their stated unit
     shared: bool  # whether all maps have one band
-    nats: float  # log-likelihood at the maximum, up to a constant
 
 
 def most_likely(waves: Waves) -> BandEstimates:
     """Return the bands under which the data are most likely, one for all maps or one for each."""
     together = _climb(_Cost(waves, own=False), np.append(_logs(TYPICAL), 0.0))
     if waves.maps == 1:
-        return _bands(waves, together)
+        return _bands(together)
     at = together.at
     start = np.concatenate([at[:_NUMBERS], np.zeros(_NUMBERS * waves.maps), at[_NUMBERS:]])
     apart = _climb(_Cost(waves, own=True), start)
-    return _bands(waves, min(together, apart, key=_minus_twice_log_evidence))
+    return _bands(min(together, apart, key=_minus_twice_log_evidence))
 
 
 def minus_twice_log_likelihood(
@@ -331,20 +296,15 @@ def minus_twice_log_likelihood(
 ) -> tuple[float, Array, float, Array]:
     """Return minus twice the marginal log-likelihood, and its derivatives.
 
-    Args:
-        waves: products.
-        log_sizes: (maps M,) logarithms of the standard deviations of all waves.
-        log_scatter: logarithm of the scatter of the rows.
-
-    Returns:
-        The value; the derivative by each of `log_sizes`; that by `log_scatter`; the second
-        derivative (maps M, maps M) by `log_sizes` to be expected.
+    By each of the logarithms of the standard deviations of all waves, (maps M,); by that of the
+    scatter of the rows; and the second (maps M, maps M) by the former, as is to be expected.
     """
     sizes = np.concatenate([np.ones(waves.leading), np.exp(log_sizes)])
     precision = float(np.exp(-2.0 * log_scatter))
-    gram = waves.gram * sizes[:, None]
+    gram = waves.products.gram * sizes[:, None]
     gram *= sizes * precision
-    projection, data = waves.projection * (sizes * precision), waves.squares * precision
+    projection = waves.products.projection * (sizes * precision)
+    data = float(waves.products.squares) * precision
     normal = gram.copy(order="F")
     normal[np.diag_indices_from(normal)] += 1.0
     root, failed = lapack.dpotrf(normal, lower=1, overwrite_a=1)
@@ -372,7 +332,8 @@ class _Point:
     value: float  # minus twice the log-likelihood, with what is expected of the numbers
     gradient: Array  # its derivative
     curvature: Array  # its second derivative, as is to be expected
-    logs: tuple[Array, ...]  # the logarithms of every map
+    # (maps 7, k + own k) how the logarithms of every map follow the point, but for the scatter
+    by_point: Array
 
 
 class _Cost:
@@ -381,7 +342,6 @@ class _Cost:
     def __init__(self, waves: Waves, *, own: bool) -> None:
         self._waves, self._own = waves, waves.maps if own else 0
         self._typical = _logs(TYPICAL)
-        # How the logarithms of every map follow the point, but for the scatter.
         shared = np.tile(np.eye(_NUMBERS), (waves.maps, 1))
         of_own = np.kron(np.eye(self._own), np.diag(_OF_A_JOINT))
         self._by_point = np.asarray(np.hstack([shared, of_own]) if own else shared)
@@ -389,7 +349,7 @@ class _Cost:
     def __call__(self, at: Array) -> _Point:
         """Return the cost at a point."""
         waves = self._waves
-        logs = tuple((self._by_point @ at[:-1]).reshape(-1, _NUMBERS))
+        logs = (self._by_point @ at[:-1]).reshape(-1, _NUMBERS)
         value, by_sizes, by_scatter, curvature = minus_twice_log_likelihood(
             waves,
             np.concatenate([_log_sizes(each, waves.orders) for each in logs]),
@@ -404,7 +364,7 @@ class _Cost:
             value + float(off @ off),
             np.append(slopes.T @ by_sizes + 2.0 * expected * off, by_scatter),
             block_diag(by_numbers, np.full((1, 1), 4.0 * waves.rows)),  # the scatter's is last
-            logs,
+            self._by_point,
         )
 
 
@@ -426,32 +386,20 @@ def _climb(cost: _Cost, start: Array) -> _Point:
 
 
 def _minus_twice_log_evidence(point: _Point) -> float:
-    """Return minus twice the log evidence with the numbers integrated out, up to a constant.
-
-    By Laplace's approximation: numbers that the data fix far more sharply than was expected of them
-    cost what they were free to be.
-    """
+    """Return minus twice the log evidence, the numbers integrated out (Laplace's approximation)."""
     _, volume = np.linalg.slogdet(0.5 * point.curvature[:-1, :-1])
     return point.value + float(volume)
 
 
-def _bands(waves: Waves, point: _Point) -> BandEstimates:
+def _bands(point: _Point) -> BandEstimates:
     """Return the bands at a point, as uncertain as the expected curvature says."""
-    own = len(point.at) > 1 + _NUMBERS
     covariance = 2.0 * np.linalg.inv(point.curvature[:-1, :-1])
-    by_point = np.hstack([np.eye(_NUMBERS), np.zeros((_NUMBERS, len(covariance) - _NUMBERS))])
-    log_std = []
-    for k in range(waves.maps):
-        of_map = by_point.copy()
-        if own:
-            of_map[:, _NUMBERS * (k + 1) : _NUMBERS * (k + 2)] = np.diag(_OF_A_JOINT)
-        log_std.append(np.sqrt(np.diag(of_map @ covariance @ of_map.T)))
+    variances = np.diag(point.by_point @ covariance @ point.by_point.T)
     return BandEstimates(
-        bands=tuple(_band(each) for each in point.logs),
-        log_std=np.array(log_std),
+        bands=tuple(map(_band, (point.by_point @ point.at[:-1]).reshape(-1, _NUMBERS))),
+        log_std=np.sqrt(variances).reshape(-1, _NUMBERS),
         scatter=float(np.exp(point.at[-1])),
-        shared=not own,
-        nats=-0.5 * point.value,
+        shared=len(point.at) == 1 + _NUMBERS,
     )
 
 

@@ -36,7 +36,13 @@ from pa10cal.discovery.gap import PairedErrors, left_by
 from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time import in_time_of, motion_unexplained, steps_in_time
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
-from pa10cal.discovery.linear import by_targets, by_terms, mean_error_of_noise_mm, possible_sizes
+from pa10cal.discovery.linear import (
+    by_effects,
+    by_own_terms,
+    by_targets,
+    mean_error_of_noise_mm,
+    possible_sizes,
+)
 from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
 from pa10cal.discovery.next_poses import (
     MOST_UNKNOWNS,
@@ -65,9 +71,7 @@ from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks
 from pa10cal.results.maps import JointWitness, PoseScatter
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import GearError, JointErrorMap, SensorError
-from pa10cal.terms.forms.form import Form
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Term
 from pa10cal.terms.weights import Weights
 
 #: Most of the squared error that parameters are thought to take up by chance.
@@ -154,66 +158,51 @@ class VerdictByBlocks(Searched[BlockPrediction]):
     def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
         # Maps that are not held stay as they were fitted; all else is fitted with the forms.
         extended, survey = self.extended, self.survey
-        at, poses = extended.at, survey.poses
-        count = len(poses)
-        rows = np.arange(count)
-        if (
-            most_poses is not None and count > most_poses
-        ):  # some of every block, whatever their order
-            rows = np.sort(np.random.default_rng(0).permutation(count)[:most_poses])
-        whiteners = extended.weights.whiteners(rows)
-        chosen: Observations = poses.take(rows)
-        every_row = whiteners.shape[0] * whiteners.shape[1]
-
+        at, rows = extended.at, np.arange(len(survey.poses))
+        if most_poses is not None and len(rows) > most_poses:  # some of every block, in any order
+            rows = np.sort(np.random.default_rng(0).permutation(len(rows))[:most_poses])
+        whiten = extended.weights.whiteners(rows)
+        poses: Observations = survey.poses.take(rows)
+        components = whiten.shape[1]
         seen: slice | Index = slice(None)
-        if chosen.measured.campaigns:  # each pose has the components of its own campaign alone
-            seen = np.flatnonzero(chosen.measured.components_seen)
+        if poses.measured.campaigns:  # each pose has the components of its own campaign alone
+            seen = np.flatnonzero(poses.measured.components_seen)
 
-        def weighed(terms: Sequence[Term], points: Sequence[Array]) -> list[Array]:
-            return [
-                (whiteners @ each).reshape(every_row, each.shape[2])[seen]
-                for each in by_terms(at, chosen, terms, points)
-            ]
+        def flat(columns: Sequence[Array]) -> list[Array]:
+            return [each.reshape(len(rows) * components, -1)[seen] for each in columns]
 
-        values = {term: at.x[at.model.columns_of(term)] for term in at.model.terms}
-        gone = set(held)
+        def columns_of(effects: Sequence[Effect]) -> list[Array]:
+            there = {term: at.values_of(term) for term in at.model.terms}
+            points = [there.get(effect, effect.starts[0]) for effect in effects]
+            return flat(by_effects(at, poses, effects, points, whiten))
+
         fitted = [
             term
             for term in at.model.terms
-            if not isinstance(term, JointErrorMap) and term not in gone
+            if not isinstance(term, JointErrorMap) and term not in held
         ]
-        own = weighed(fitted, [values[term] for term in fitted])
-        targets = whiteners @ by_targets(at, chosen)
-        data = -(whiteners @ survey.left_by(at)[rows][:, :, None]).ravel()[seen]
-        remaining = self.remaining
-        noise = float(data @ data) * min(1.0, (remaining.floor_mm / remaining.mean_mm) ** 2)
+        own = flat(by_own_terms(at, poses, fitted, whiten))
+        sizes = possible_sizes(at.model, poses.measured)
+        targets = whiten @ by_targets(at, poses) * sizes[len(at.x) :]
+        data = -flat([whiten @ survey.left_by(at)[rows][:, :, None]])[0][:, 0]
+        noise = float(data @ data) * min(
+            1.0, (self.remaining.floor_mm / self.remaining.mean_mm) ** 2
+        )
         for term, columns in zip(fitted, own, strict=True):
             if isinstance(term, Weights):  # expected about what is described, not about the fit
-                data = data + columns @ values[term]
-        sizes = possible_sizes(at.model, chosen.measured)
-        of_own = [sizes[at.model.columns_of(term)] for term in fitted]
-        own.append(targets.reshape(every_row, targets.shape[2])[seen])
-        own_columns = np.concatenate(own, axis=1) * np.concatenate([*of_own, sizes[len(at.x) :]])
-        points = [values.get(effect, effect.starts[0]) for effect in held]
-        of_held = []
-        for effect, x, columns in zip(held, points, weighed(held, points), strict=True):
-            linear = columns[:, : effect.linear]
-            data = data + linear @ x[: effect.linear]
-            of_held.append(linear @ effect.prior_factor)
-
-        def columns_of(forms: Sequence[Form]) -> list[Array]:
-            starts = [form.starts[0] for form in forms]
-            found = weighed(forms, starts)
-            return [columns @ form.prior_factor for columns, form in zip(found, forms, strict=True)]
-
-        components = whiteners.shape[1]
+                data = data + columns @ (at.values_of(term) / sizes[at.model.columns_of(term)])
+        of_held = columns_of(held)
+        for effect, columns in zip(held, of_held, strict=True):
+            if effect in at.model.terms:
+                amounts = at.values_of(effect)[: effect.linear]
+                data = data + columns @ np.linalg.solve(effect.prior_factor, amounts)
         return Arena(
             data=data,
-            own=own_columns,
+            own=np.concatenate([*own, *flat([targets])], axis=1),
             block=np.repeat(survey.block[rows], components)[seen],
             held=np.concatenate(of_held, axis=1) if of_held else None,
             columns_of=columns_of,
-            states=chosen.states,
+            states=poses.states,
             noise=noise,
         )
 
@@ -274,8 +263,9 @@ class VerdictByBlocks(Searched[BlockPrediction]):
 
     @override
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
+        poses, cov = self.survey.poses, self.noise.cov
         before, after = (
-            lack_of_fit(CellResiduals.about(at, self.survey.poses, self.noise.cov))
+            lack_of_fit(CellResiduals.about(at, poses, cov))
             for at in (self.baseline, self.extended.fitted())
         )
         return before, after
@@ -308,30 +298,29 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     if wander is not None:
         found = found_in(judged.moving(wander), shaped)
     found = with_more(found, slow_drift(found.survey, found.held_poses, found.extended.effects))
-    judged, rows, searched = found.survey, found.rows, found.searched
-    extended, poses = found.extended, judged.poses
+    judged, extended, poses = found.survey, found.extended, found.survey.poses
     noise = judged.noise_about(extended.fitted())
     floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
-    remaining = remaining_error(rows, searched.errors_mm, floor_mm, searched.tried)
+    remaining = remaining_error(found.rows, found.errors_mm, floor_mm, found.tried)
     findings = tuple(
         Finding(
             effect, *extended.reported(effect, extended.covariance), each.alternatives, each.proof
         )
-        for effect, each in zip(extended.effects, searched.judged, strict=True)
+        for effect, each in zip(extended.effects, found.judged, strict=True)
     )
     held_out = campaign.held_out
     found_by_blocks = VerdictByBlocks(
         prepared=campaign,
         context=judged.context,
-        candidates=searched.candidates,
+        candidates=found.candidates,
         findings=findings,
         unexplained=(
-            *unexplained(remaining, searched.nameless),
+            *unexplained(remaining, found.nameless),
             *motion_unexplained(in_time, judged.wander, floor_mm),
             *(() if judged.lag is None else (judged.lag.unexplained(remaining.mean_mm),)),
         ),
-        not_testable=(*unknown, *searched.hidden),
-        below_detection_limit=searched.below_detection_limit,
+        not_testable=(*unknown, *found.hidden),
+        below_detection_limit=found.below_detection_limit,
         extended=extended,
         covariance=extended.covariance,
         noise_floor_mm=floor_mm,
@@ -340,14 +329,14 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         holdout=None if held_out is None else compare(judged, extended, held_out, floor_mm),
         faults_of_rows=steps_in_time(judged.wander, extended.at, poses),
         survey=judged,
-        nameless=searched.nameless if remaining.over_floor else (),
+        nameless=found.nameless if remaining.over_floor else (),
         over_noise=remaining.over_floor,
         remaining=remaining,
-        least_gain=searched.least_gain,
+        least_gain=found.least_gain,
         noise=noise,
         bands=found.bands,
     )
-    return with_causes(_motion_aside(_with_rivals(found_by_blocks, searched.nameless)))
+    return with_causes(_motion_aside(_with_rivals(found_by_blocks, found.nameless)))
 
 
 def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> VerdictByBlocks:
@@ -369,10 +358,9 @@ def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> Verdic
 def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
     """Return the verdict, its model fitted anew without motion where that stood for the arm.
 
-    A model is taken away without the motion of the base. Fitted beside it, the arm's parameters
-    are nearer to the truth where poses and time have nothing in common. Where they have, as where
-    rows go with a joint, the motion takes what the arm does: then the model without it explains
-    more of the readings than so many parameters do by chance.
+    Where poses and time have nothing in common, the arm fitted beside the motion is nearer to the
+    truth. Where rows go with a joint, the motion takes what the arm does: then the model without it
+    explains more of the readings than so many parameters do by chance.
     """
     wander = found.survey.wander
     if wander is None:
@@ -396,11 +384,10 @@ _NAMES: Mapping[str, type[JointErrorMap]] = {"sensor": SensorError, "gear": Gear
 def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
     """Return a verdict in which maps bear the name of their cause, where that is known.
 
-    Where by the ripple both err, or campaigns and turns do not show that the error is the joint's
-    own, a map is ambiguous between sensor and gear. So is, without a ripple, a map
-    of fine waves on which campaigns or turns agree, and one that was named already: nothing beside
-    sensor and gear turns a joint to and fro ten times a turn. Any other map of a joint whose motor
-    shows no ripple stays a map.
+    A map is ambiguous between sensor and gear where by the ripple both err, or nothing shows that
+    the error is the joint's own; and, without a ripple, if it has fine waves on which campaigns or
+    turns agree, or was named already: nothing else turns a joint to and fro ten times a turn. Any
+    other map of a joint whose motor shows no ripple stays a map.
     """
     causes = _causes(found)
     names: dict[Effect, Effect] = {}
@@ -428,13 +415,8 @@ def _causes(found: VerdictByBlocks) -> dict[int, JointWitness]:
     if not joints:
         return {}
     survey, at = found.survey, found.extended.at
-    series = joint_series(
-        at,
-        survey.poses,
-        survey.left_by(at),
-        found.extended.weights.whiteners(),
-        joints,
-    )
+    whiteners = found.extended.weights.whiteners()
+    series = joint_series(at, survey.poses, survey.left_by(at), whiteners, joints)
     said = witnesses(series, at.arm.gear_ratio)
     return {
         joint: JointWitness(ripple=said[joint - 1], agreement=agreement(series[joint - 1]))
@@ -450,25 +432,14 @@ def _renamed(
     """Return a verdict with effects under other names of the same form."""
     if not names:
         return found
-
-    def name_of(effect: Effect) -> Effect:
-        return names.get(effect, effect)
-
-    extended = found.extended
+    extended, findings = found.extended, []
+    effects = tuple(names.get(effect, effect) for effect in extended.effects)
     terms = tuple(names.get(term, term) for term in extended.model.terms)  # type: ignore[call-overload]
+    at = replace(extended.at, model=Model(extended.model.chain, terms))
+    for each in found.findings:
+        rivals = (*each.alternatives, *alternatives.get(each.effect, ()))
+        name = names.get(each.effect, each.effect)
+        findings.append(replace(each, effect=name, alternatives=rivals))
     return replace(
-        found,
-        findings=tuple(
-            replace(
-                each,
-                effect=name_of(each.effect),
-                alternatives=(*each.alternatives, *alternatives.get(each.effect, ())),
-            )
-            for each in found.findings
-        ),
-        extended=replace(
-            extended,
-            effects=tuple(map(name_of, extended.effects)),
-            at=replace(extended.at, model=Model(extended.model.chain, terms)),
-        ),
+        found, findings=tuple(findings), extended=replace(extended, effects=effects, at=at)
     )

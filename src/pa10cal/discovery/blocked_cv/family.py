@@ -93,18 +93,13 @@ class EffectSet:
     @cached_property
     def squares(self) -> Array:
         """Return the sum of squares of every block, predicted from the others, (B,)."""
-        return np.array(
-            [predicted_squares(self.products, b, self.at, x) for b, x in enumerate(self.solution)]
-        )
+        return self._squares(self.products, self.solution)
 
     @cached_property
     def position_squares(self) -> Array:
         """Return the part of `squares` that is of positions, (B,)."""
-        positions = self.products.of_positions
-        assert positions is not None
-        return np.array(
-            [predicted_squares(positions, b, self.at, x) for b, x in enumerate(self.solution)]
-        )
+        assert self.products.of_positions is not None
+        return self._squares(self.products.of_positions, self.solution)
 
     def with_each(self, candidates: Sequence[Columns]) -> Array:
         """Return the sums of squares with each of some candidates added, (m, B)."""
@@ -113,11 +108,14 @@ class EffectSet:
 
     def without_each(self) -> Array:
         """Return the sums of squares with each member taken out, (m, B)."""
-        found = np.empty((len(self.members), len(self.squares)))
-        for k in range(len(found)):
-            for b, x in enumerate(self.solution_without(k)):
-                found[k, b] = predicted_squares(self.products, b, self.at, x)
-        return found
+        solutions = map(self.solution_without, range(len(self.members)))
+        found = [self._squares(self.products, each) for each in solutions]
+        return np.array(found).reshape(-1, len(self.squares))
+
+    def _squares(self, products: Products, solution: Array) -> Array:
+        return np.array(
+            [predicted_squares(products, b, self.at, x) for b, x in enumerate(solution)]
+        )
 
     def solution_without(self, member: int) -> Array:
         """Return the parameters (B, n) with a member taken out, its own zero."""
@@ -229,11 +227,7 @@ def solve(gram: Array, projection: Array, prior: Array) -> Array:
 def no_wider_than(normal: Array, prior: Array) -> Array:
     """Return the inverse of normal equations that rounding left less certain than their prior.
 
-    Products less what other columns take of them are no smaller than zero.
-
-    Args:
-        normal: (k, k) with the prior in it.
-        prior: (k, k) precision expected; a row of zeros for a parameter without.
+    The prior precision (k, k) is in them; it has a row of zeros for a parameter without.
     """
     bare = np.diag(prior) == 0.0
     root = np.linalg.cholesky(prior + np.diag(np.where(bare, _ROUNDING * np.diag(normal), 0.0)))
@@ -293,6 +287,12 @@ def both_kinds_agree(before: EffectSet, after: EffectSet) -> bool:
     positions = before.position_squares - after.position_squares
     attitudes = before.squares - after.squares - positions
     return not (surely_worse(positions) or surely_worse(attitudes))
+
+
+def as_good(squares: Array, than: Array) -> bool:
+    """Return whether sums of squares of blocks (B,) are no larger, to within a standard error."""
+    lost = squares - than
+    return bool(lost.sum() <= standard_error(lost))
 
 
 def surely_worse(gain: Array) -> bool:
@@ -389,8 +389,7 @@ def _beside(gram: Array, own: Index, columns: Columns) -> tuple[Array, Array]:
 def _nearly_always(left: Array) -> float:
     """Return the gain that an effect of plausible size reaches in all but one of 20 directions.
 
-    Poses may show one parameter well and another hardly, such as a tilt along the line of sight of
-    a distance. Products of its columns (k, k) are in their sizes.
+    Poses may show one parameter well and another hardly. Products of columns (k, k) are in sizes.
     """
     values = np.maximum(np.linalg.eigvalsh(left), 0.0)
     drawn = np.random.default_rng(0).standard_normal((_DIRECTIONS, len(values))) ** 2

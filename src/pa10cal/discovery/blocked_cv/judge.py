@@ -13,11 +13,12 @@ from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
 from pa10cal.discovery.blocked_cv.family import (
     SPACINGS,
     Candidate,
+    Columns,
     EffectSet,
+    as_good,
     below_detection_limit,
     both_kinds_agree,
     family,
-    solve,
     surely_worse,
 )
 from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
@@ -30,9 +31,16 @@ from pa10cal.discovery.blocked_cv.search import (
     level,
 )
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, ShapedEffect, Survey
-from pa10cal.discovery.finding import CARRIED, MayHaveCarrier, Untestable
+from pa10cal.discovery.finding import MayHaveCarrier, Untestable, carrier_of
 from pa10cal.discovery.in_time import like_a_scan
-from pa10cal.discovery.linear import by_effects, by_own_terms, error_mm, rms, standard_error
+from pa10cal.discovery.linear import (
+    by_effects,
+    by_own_terms,
+    error_mm,
+    left_out,
+    rms,
+    standard_error,
+)
 from pa10cal.discovery.noise import AS_FOUND
 from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.verdict import smooth_unknown
@@ -68,8 +76,7 @@ def prediction(
 ) -> BlockPrediction:
     """Return how well held-out blocks are predicted without an effect and with it.
 
-    The weighed sum of squares of every block, `whole` in all without the effect, comes down by its
-    gain (B,); root mean square errors are those without it and with it.
+    The weighed sum of squares, `whole` without the effect, comes down by the gain of each (B,).
     """
     part, std = float(gain.sum()) / whole, standard_error(gain) / whole
     return BlockPrediction(
@@ -104,30 +111,20 @@ def judged_members(
     rms = np.sqrt(np.mean(errors_mm**2, axis=0))
     others = search.others(chosen)
     beside = dict(zip(others, chosen.with_each(others), strict=True)) if others else {}
+    labels, pose = np.unique(rows.survey.poses.pose, return_inverse=True)
     found = []
     for k, without in enumerate(chosen.without_each()):
         gain = without - chosen.squares
-        by_pose = squares[:, k + 1] - squares[:, 0]
-        carrier = _carrier(rows, by_pose, float(gain.sum()), search.least_gain)
+        whole = float(gain.sum())  # with what uncertain weights would have to be
+        by_pose = np.bincount(pose, squares[:, k + 1] - squares[:, 0])
+        without_each = np.asarray(whole - by_pose, dtype=np.float64)
+        carrier = carrier_of(labels, without_each, whole, search.least_gain)
         rms_mm = float(rms[k + 1]), float(rms[0])
         proof = prediction(gain, float(without.sum()), rms_mm, carrier)
         found.append(
             Judged(chosen.members[k].effect, proof, alternatives(search, chosen, k, beside))
         )
     return tuple(found), errors_mm[:, 0]
-
-
-def _carrier(rows: BlockedRows, gain: Array, whole: float, least_gain: float) -> str | None:
-    """Return the pose without which nearly nothing is gained (P,); None for none.
-
-    The whole gain holds what uncertain weights would have to be, beside that of the poses.
-    """
-    by_pose: dict[str, float] = {}
-    for label, each in zip(rows.survey.poses.pose.tolist(), gain.tolist(), strict=True):
-        by_pose[label] = by_pose.get(label, 0.0) + each
-    worst = max(by_pose, key=lambda label: by_pose[label])
-    left = whole - by_pose[worst]
-    return worst if left < min(least_gain, CARRIED * whole) else None
 
 
 def remaining_error(
@@ -151,9 +148,8 @@ def alternatives(
 ) -> tuple[Effect, ...]:
     """Return the effects that predict as well in one's place, within a standard error.
 
-    One that leaves it needed all the same is no alternative. The map of a joint can always do what
-    a named form of that joint does, and is none. The sums of squares of blocks with each of the
-    other candidates `beside` the set are given.
+    One that leaves it needed, by the squares with each other candidate `beside` the set, is no
+    alternative; nor is the map of a joint, which can always do what a named form of it does.
     """
     own = chosen.members[member]
     less = chosen.reduced(member)
@@ -167,8 +163,7 @@ def alternatives(
         return ()
     close: dict[tuple[str, str], Effect] = {}
     for other, alone in zip(others, less.with_each(others), strict=True):
-        lost = alone - chosen.squares
-        if lost.sum() <= standard_error(lost) and not search.helps(alone, beside[other]):
+        if as_good(alone, chosen.squares) and not search.helps(alone, beside[other]):
             close.setdefault(other.name, other.effect)
     return tuple(close.values())
 
@@ -199,19 +194,15 @@ def tried(search: Search, chosen: EffectSet) -> tuple[Tried, ...]:
     return tuple(sorted(best.values(), key=lambda entry: -entry.gain))
 
 
-def without_rivals(chosen: EffectSet) -> EffectSet:
-    """Return the set without what has no name."""
-    for k in reversed(range(len(chosen.members))):
-        if chosen.members[k].effect.generic:
-            chosen = chosen.reduced(k)
-    return chosen
-
-
 def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexplained, ...]:
     """Return what remains without a name; nothing where noise explains it."""
     if not remaining.over_floor:
         return ()
     left_mm, others = remaining.mean_mm, remaining.tried
+    contradicting: dict[str, Tried] = {}  # the best of each place that makes a kind worse
+    for entry in others:
+        if entry.helps and entry.positions_and_attitudes_agree is False:
+            contradicting.setdefault(entry.of, entry)
     places = [smooth_unknown(each, left_mm, "held-out blocks") for each in nameless]
     places += [
         Unexplained(
@@ -222,7 +213,7 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
             f"{entry.of}, but positions and orientations contradict each other: it is no "
             "effect of that name",
         )
-        for entry in _contradicting(others)
+        for entry in contradicting.values()
     ]
     if places:
         return tuple(places)
@@ -239,15 +230,6 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
     return (Unexplained(of=None, form=None, shared_error_mm=left_mm, why=why),)
 
 
-def _contradicting(others: Sequence[Tried]) -> list[Tried]:
-    """Return what helps and makes positions or orientations worse, the best of each place."""
-    best: dict[str, Tried] = {}
-    for entry in others:
-        if entry.helps and entry.positions_and_attitudes_agree is False:
-            best.setdefault(entry.of, entry)
-    return list(best.values())
-
-
 # Every tenth pose predicted from the others: for what the search's stretches of time hardly see.
 #
 # What is tried after the search is small, and goes with time or with the way that a joint came.
@@ -258,53 +240,49 @@ def _contradicting(others: Sequence[Tried]) -> list[Tried]:
 class Squares:
     """Squared errors of held-out poses, weighed."""
 
-    total: Array  # (B,) of every block
-    positions: Array  # (B,) the part of positions in it
+    kinds: Array  # (2, B) of every block, of positions and of all else
     rms_mm: float  # root mean square of the position error
 
     @property
-    def kinds(self) -> tuple[Array, Array]:
-        """Return the squares of positions, and of all else."""
-        return self.positions, self.total - self.positions
+    def total(self) -> Array:
+        """Return the squares of every block, (B,)."""
+        return np.asarray(self.kinds.sum(axis=0))
 
 
 class HeldPoses:
     """Every tenth pose held out in turn, about a model whose maps stay."""
 
     def __init__(self, survey: Survey, found: Refit, least_gain: float) -> None:
-        """Take what is predicted.
-
-        Args:
-            survey: the campaign.
-            found: the model with the effects found, and what poses count in it.
-            least_gain: sum of squares by which anything must help at least.
-        """
-        self._least_gain = least_gain
-        self._survey, self._at = survey, found.at
-        self._whiteners = found.weights.whiteners()
+        """Take a survey, its model, and the sum of squares by which anything must help at least."""
+        self._survey, self._at, self._least_gain = survey, found.at, least_gain
         self._block = np.arange(len(survey.poses)) % BLOCKS
-        at, poses = found.at, survey.poses
-        self._left = -survey.left_by(at)
-        own = [term for term in at.model.terms if not isinstance(term, JointErrorMap | BaseDrift)]
-        columns = np.concatenate(by_own_terms(at, poses, own), axis=2)
-        self._own = columns, self._whiteners @ columns
+        self._whiten, self._left = found.weights.whiteners(), -survey.left_by(found.at)
+        terms = found.model.terms
+        own = [term for term in terms if not isinstance(term, JointErrorMap | BaseDrift)]
+        self._own = by_own_terms(found.at, survey.poses, own, self._whiten)
 
     def squares(self, effects: Sequence[Effect] = (), *, lag: bool = True) -> Squares:
         """Return what is left of held-out poses with effects beside the model.
 
         Orientations may lag behind the motion, where the survey has them so, unless told otherwise.
         """
-        left = self._predicted(effects, lag)
-        white = (self._whiteners @ left[:, :, None])[:, :, 0] ** 2
-        measured = self._survey.poses.measured
-
-        def summed(columns: Array) -> Array:
-            return np.bincount(self._block, columns.sum(axis=1), BLOCKS).astype(np.float64)
-
+        left, poses, of_lag = self._left, self._survey.poses, self._survey.lag
+        starts = [effect.starts[0] for effect in effects]
+        added = by_effects(self._at, poses, effects, starts, self._whiten)
+        if of_lag is not None and lag:
+            added.append(self._whiten @ of_lag.columns(self._at, poses))
+        elif of_lag is not None and of_lag.amounts is not None:
+            left = left + of_lag.shift(self._survey.baseline, poses)
+        columns = np.concatenate([*self._own, *added], axis=2).reshape(left.size, -1)
+        data = (self._whiten @ left[:, :, None]).ravel()
+        white = left_out(data, columns, np.repeat(self._block, left.shape[1])).reshape(left.shape)
+        measured = poses.measured
+        of_positions = np.isin(np.arange(left.shape[1]), measured.position_columns)
+        kinds = (white[:, kind] ** 2 for kind in (of_positions, ~of_positions))
+        left_m = np.asarray(np.linalg.solve(self._whiten, white[:, :, None]), np.float64)[:, :, 0]
         return Squares(
-            total=summed(white),
-            positions=summed(white[:, measured.position_columns]),
-            rms_mm=rms(error_mm(measured, left)),
+            np.stack([np.bincount(self._block, kind.sum(axis=1), BLOCKS) for kind in kinds]),
+            rms(error_mm(measured, left_m)),
         )
 
     def helps(self, before: Squares, after: Squares) -> bool:
@@ -314,35 +292,12 @@ class HeldPoses:
         than noise.
         """
         gain = float((before.total - after.total).sum())
-        return gain > LEAST_SHARE * float(after.positions.sum()) and self.matters(before, after)
+        return gain > LEAST_SHARE * float(after.kinds[0].sum()) and self.matters(before, after)
 
     def matters(self, before: Squares, after: Squares) -> bool:
         """Return whether they come out better by more than chance makes of it."""
         gain = before.total - after.total
         return float(gain.sum()) > max(self._least_gain, STANDARD_ERRORS * standard_error(gain))
-
-    def _predicted(self, effects: Sequence[Effect], lag: bool) -> Array:
-        """Return what is left of each pose, its block held out, (P, b)."""
-        left, poses, of_lag = self._left.copy(), self._survey.poses, self._survey.lag
-        starts = [effect.starts[0] for effect in effects]
-        added = by_effects(self._at, poses, effects, starts)
-        if of_lag is not None and lag:
-            added.append(of_lag.columns(self._at, poses))
-        elif of_lag is not None and of_lag.amounts is not None:
-            left += of_lag.shift(self._survey.baseline, poses)
-        own, own_white = self._own
-        columns = np.concatenate([own, *added], axis=2)
-        white = np.concatenate([own_white, *(self._whiteners @ each for each in added)], axis=2)
-        data = self._whiteners @ left[:, :, None]
-        blocks = [self._block == b for b in range(BLOCKS)]
-        rows = [(white[here].reshape(-1, white.shape[2]), data[here].ravel()) for here in blocks]
-        grams = [columns.T @ columns for columns, _ in rows]
-        projections = [columns.T @ values for columns, values in rows]
-        unit = np.eye(columns.shape[2])
-        for here, gram, projection in zip(blocks, grams, projections, strict=True):
-            x = solve(sum(grams) - gram, sum(projections) - projection, unit)
-            left[here] -= columns[here] @ x
-        return left
 
 
 def proof_of(before: Squares, after: Squares) -> BlockPrediction:
@@ -367,8 +322,8 @@ def slow_drift(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tupl
     """Return a slow drift beside the effects found, where it helps."""
     poses = survey.poses
     time_s = poses.states.time_s
-    known = len(np.unique(time_s)) > _OWN_TIMES * len(poses)
-    if survey.wander is not None or poses.states.campaign is not None or not known:
+    timed = len(np.unique(time_s)) > _OWN_TIMES * len(poses)
+    if survey.wander is not None or poses.states.campaign is not None or not timed:
         return ()
     if like_a_scan(poses) or not poses.states.tells_time:
         return ()
@@ -376,38 +331,37 @@ def slow_drift(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tupl
     without, with_drift = held.squares(), held.squares([drift])
     if not held.helps(without, with_drift):
         return ()
-    others = []
-    for effect in _effects_of_time(survey, there):
-        lost = held.squares([effect]).total - with_drift.total
-        if lost.sum() <= standard_error(lost):
-            others.append(effect)
-    return (Judged(drift, proof_of(without, with_drift), tuple(others)),)
-
-
-def _effects_of_time(survey: Survey, there: Sequence[Effect]) -> list[Effect]:
-    """Return named effects of time that are not in the model, and can be computed."""
-    held = {effect.id for effect in there}
+    in_model = {effect.id for effect in there}
     of_time = (
         each
         for each in sought(survey.context, survey.baseline.model.terms)
-        if each.goes_with_time and not each.generic and each.id not in held
+        if each.goes_with_time and not each.generic and each.id not in in_model
     )
     logged = survey.torques_logged
-    return computable(of_time, survey.poses.states, logged=logged, weights=True)[0]
+    known, _ = computable(of_time, poses.states, logged=logged, weights=True)
+    others = (each for each in known if as_good(held.squares([each]).total, with_drift.total))
+    return (Judged(drift, proof_of(without, with_drift), tuple(others)),)
 
 
 # What the search of a survey comes to, fitted; and what is found after it beside that.
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SearchOutcome:
     """What a survey comes to."""
 
     survey: Survey  # the campaign, with the motion of its base as these effects leave it
     rows: BlockedRows  # by which it was searched
-    searched: SearchReport  # what the search found
     fine: Level  # the effects, by linear least squares
     bands: InBands | None = None  # of maps that have one; None where none has
+    judged: tuple[Judged, ...]  # each of the effects
+    nameless: tuple[Effect, ...]  # rivals that the search held
+    tried: tuple[Tried, ...]  # what each candidate not chosen would still gain
+    errors_mm: Array  # (P,) position errors of held-out blocks
+    hidden: tuple[Untestable, ...]  # effects that these poses cannot show
+    below_detection_limit: tuple[Untestable, ...]
+    candidates: int  # how many effects were tried
+    least_gain: float  # sum of squares by which one must help at least
 
     @cached_property
     def extended(self) -> Refit:
@@ -420,24 +374,54 @@ class SearchOutcome:
     @property
     def held_poses(self) -> HeldPoses:
         """Return every tenth pose, predicted by the model and weighed as its fit weighs them."""
-        return HeldPoses(self.survey, self.extended, self.searched.least_gain)
+        return HeldPoses(self.survey, self.extended, self.least_gain)
 
 
-def found_in(judged: Survey, shaped: tuple[ShapedEffect, ...]) -> SearchOutcome:
+def found_in(survey: Survey, shaped: tuple[ShapedEffect, ...]) -> SearchOutcome:
     """Search a survey."""
-    rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
-    searched, members = searched_rows(rows)
-    found = _settled(SearchOutcome(judged, rows, searched, finest(rows, members)))
-    if judged.context.commanded:
-        found = with_more(found, arrivals(judged, found.held_poses, found.extended.effects))
+    found = _settled(_searched(weighted_rows(survey, shaped, SPACINGS[-1][0])))
+    if survey.context.commanded:
+        found = with_more(found, arrivals(survey, found.held_poses, found.extended.effects))
     bands = in_bands(found.rows, found.fine)
     if bands is not None:
         found = replace(found, fine=bands.level, bands=bands)
     found = _settled(found)
-    held = found.held_poses if judged.lag is not None else None
+    held = found.held_poses if survey.lag is not None else None
     if held is not None and not held.helps(held.squares(lag=False), held.squares()):
         found = replace(found, survey=replace(found.survey, lag=None))
     return found
+
+
+def _searched(rows: BlockedRows) -> SearchOutcome:
+    """Search, and judge what was found."""
+    products = rows.products()
+    known = family(rows, products)
+    noise = noise_squares(rows, rows.survey.noise_about(rows.place))
+    error_rate = rows.survey.setup.options.error_rate
+    search = Search(products, Columns(rows.own, rows.own_sizes), known.shown, noise, error_rate)
+    chosen = search.run()
+    others = tried(search, chosen)
+    nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
+    for k in reversed(range(len(chosen.members))):
+        if chosen.members[k].effect.generic:  # rivals are not in the model
+            chosen = chosen.reduced(k)
+    judged, errors_mm = judged_members(rows, search, chosen)
+    members, effects, least_gain = chosen.members, search.effects, search.least_gain
+    below = below_detection_limit(known, search.is_surely_found)
+    del products, search, chosen  # they are large
+    return SearchOutcome(
+        survey=rows.survey,
+        rows=rows,
+        fine=finest(rows, members),
+        judged=judged,
+        nameless=nameless,
+        tried=others,
+        errors_mm=errors_mm,
+        hidden=known.hidden,
+        below_detection_limit=below,
+        candidates=effects,
+        least_gain=least_gain,
+    )
 
 
 def _settled(found: SearchOutcome) -> SearchOutcome:
@@ -453,7 +437,7 @@ def with_more(found: SearchOutcome, more: Sequence[Judged]) -> SearchOutcome:
     """Return what was found with effects beside it; a slow drift takes the place of a constant."""
     if not more:
         return found
-    searched, names = found.searched, {(each.effect.id, each.effect.of) for each in more}
+    names = {(each.effect.id, each.effect.of) for each in more}
     stays = [k for k, each in enumerate(found.fine.members) if each.name not in names]
     places = {each.effect.of for each in more if by_arrival(each.effect)}
     none = np.zeros(0, np.intp), np.zeros(0)
@@ -465,19 +449,14 @@ def with_more(found: SearchOutcome, more: Sequence[Judged]) -> SearchOutcome:
     in_time = any(each.effect.goes_with_time for each in more)
     return replace(
         found,
-        searched=replace(
-            searched,
-            judged=(*(searched.judged[k] for k in stays), *more),
-            # The same motion is not told twice.
-            nameless=tuple(
-                each for each in searched.nameless if not (in_time and each.goes_with_time)
-            ),
-            # Nor is what was tried in vain in the search, and helped after it, in any form.
-            tried=tuple(
-                each
-                for each in searched.tried
-                if (each.id, each.of) not in names and not (by_arrival(each) and each.of in places)
-            ),
+        judged=(*(found.judged[k] for k in stays), *more),
+        # The same motion is not told twice.
+        nameless=tuple(each for each in found.nameless if not (in_time and each.goes_with_time)),
+        # Nor is what was tried in vain in the search, and helped after it, in any form.
+        tried=tuple(
+            each
+            for each in found.tried
+            if (each.id, each.of) not in names and not (by_arrival(each) and each.of in places)
         ),
         fine=level(replace(found.rows, shaped=shaped), members),
     )
@@ -521,11 +500,9 @@ def by_arrival(effect: Effect | EffectName) -> bool:
 
 def _stays(held: HeldPoses, without: Squares, every: Squares) -> bool:
     """Return whether one matters beside the others, and neither kind loses much of the gain."""
-    gains = [before - after for before, after in zip(without.kinds, every.kinds, strict=True)]
-    whole = float(sum(gain.sum() for gain in gains))
-    contradict = any(
-        surely_worse(gain) and float(gain.sum()) < -_MOST_LOST * whole for gain in gains
-    )
+    gains = without.kinds - every.kinds
+    most_lost = -_MOST_LOST * float(gains.sum())
+    contradict = any(surely_worse(gain) and float(gain.sum()) < most_lost for gain in gains)
     return held.matters(without, every) and not contradict
 
 
@@ -538,47 +515,5 @@ def _instead(
 ) -> tuple[Effect, ...]:
     """Return lost motion of the same joint, where that predicts held-out poses as well."""
     other = Backlash(one.of)
-    lost = held.squares([other if each is one else each for each in chosen]).total - every.total
-    return (other,) if lost.sum() <= standard_error(lost) else ()
-
-
-# A search by held-out blocks, and what is known of everything it found.
-
-
-@dataclass(frozen=True, eq=False)
-class SearchReport:
-    """What the search found, without its products, which are large."""
-
-    judged: tuple[Judged, ...]
-    nameless: tuple[Effect, ...]
-    tried: tuple[Tried, ...]
-    errors_mm: Array
-    hidden: tuple[Untestable, ...]
-    below_detection_limit: tuple[Untestable, ...]
-    candidates: int
-    least_gain: float
-
-
-def searched_rows(rows: BlockedRows) -> tuple[SearchReport, tuple[Candidate, ...]]:
-    """Search, and judge what was found: return it, and the members of the search."""
-    products = rows.products()
-    known = family(rows, products)
-    noise = noise_squares(rows, rows.survey.noise_about(rows.place))
-    error_rate = rows.survey.setup.options.error_rate
-    search = Search(products, rows.own, known.shown, noise, error_rate, rows.own_sizes)
-    chosen = search.run()
-    others = tried(search, chosen)
-    nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
-    chosen = without_rivals(chosen)
-    judged, errors_mm = judged_members(rows, search, chosen)
-    found = SearchReport(
-        judged=judged,
-        nameless=nameless,
-        tried=others,
-        errors_mm=errors_mm,
-        hidden=known.hidden,
-        below_detection_limit=below_detection_limit(known, search.is_surely_found),
-        candidates=search.effects,
-        least_gain=search.least_gain,
-    )
-    return found, chosen.members
+    instead = held.squares([other if each is one else each for each in chosen])
+    return (other,) if as_good(instead.total, every.total) else ()

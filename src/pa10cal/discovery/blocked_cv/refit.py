@@ -5,22 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
-from scipy.linalg import LinAlgError, block_diag
+from scipy.linalg import block_diag
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
     BlockedRows,
+    Products,
     ShapedEffect,
     Survey,
-    in_terms_of,
     map_columns,
-    products,
 )
 from pa10cal.discovery.gap import PairedErrors, gap
 from pa10cal.discovery.linear import (
@@ -51,6 +50,7 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
     FadingPrior,
     JointErrorMap,
+    b_splines,
     b_splines_by_knots,
     harmonic_orders,
 )
@@ -98,10 +98,7 @@ def noise_squares(rows: BlockedRows, noise: Noise) -> float:
 
 
 def _left_by_everything(rows: BlockedRows) -> tuple[Array, float]:
-    """Return what all columns together leave, (P, b), and how many parameters that takes.
-
-    The richest set of columns that leaves enough of the readings is taken.
-    """
+    """Return what the richest columns that leave enough readings leave, and their parameters."""
     total = rows.products().summed()
     harmonics = np.tile(_FADING.sizes_rad(harmonic_orders(rows.knots)[1:]), len(rows.joints))
     own, every = len(rows.own), len(total.projection)
@@ -145,44 +142,27 @@ def refit(
 ) -> Refit:
     """Fit the calibrated model with effects to all poses of a survey.
 
-    Args:
-        survey: the campaign.
-        effects: what to add.
-        starts: parameters of each to set out from.
-        weights: what each pose counts at first.
-        widening: how components scatter, where that is known better than by their median.
-        own: fit of the same model with fewer effects, of which all that belongs to no effect is
-            where to set out from; None for the calibrated model.
+    From starts of each effect, and all else as calibrated, or as in a fit of its own with fewer
+    effects. Poses count by weights at first; components scatter by their median, or by a widening.
     """
-    fit = _NormalFit(survey, effects)
-    baseline = survey.baseline
-    base, at = np.zeros(6), baseline
-    if own is not None:
-        base, at = own.x[-6:], own
+    fit, baseline = _NormalFit(survey, effects), survey.baseline
+    base, at = (np.zeros(6), baseline) if own is None else (own.x[-6:], own)
     x = np.concatenate([at.x[: len(baseline.x)], *starts, base, at.targets_m])
-    bounds = fit.bounds
-    counts = weights.widened(widening)
-
-    known: tuple[Step, Array] | None = None
-
-    def covariance_before(taken: Step) -> Array:
-        """Return the covariance where a step set out from: both that ask for it ask in turn."""
-        nonlocal known
-        if known is None or known[0] is not taken:
-            known = (taken, _inverse(taken.before.normal, fit.prior, ~taken.held))
-        return known[1]
+    bounds, counts = fit.bounds, weights.widened(widening)
+    before = np.zeros(
+        (0, 0)
+    )  # covariance where the last step set out from; reweighting comes first
 
     def reweighted(x: Array, taken: Step) -> Equations:
-        nonlocal counts
-        left = survey.left_by(fit.place(x))
-        found = pose_weights(left, fit.dof(covariance_before(taken)), survey.poses.measured)
+        nonlocal counts, before
+        before = _inverse(taken.before.normal, fit.prior, ~taken.held)
+        found = pose_weights(survey.left_by(fit.place(x)), fit.dof(before), survey.poses.measured)
         counts = found.widened(widening)
         return fit.equations(x, counts)
 
     def arrived(_: Array, taken: Step) -> bool:
         free = ~taken.held
-        variance = np.diag(covariance_before(taken))[free]
-        std = np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+        std = np.sqrt(np.maximum(np.diag(before)[free], np.finfo(float).tiny))
         return taken.damping < _HARDLY and float(np.abs(taken.step[free] / std).max()) < _ARRIVED
 
     found = minimise(
@@ -202,10 +182,7 @@ def refit(
 
 
 def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
-    """Return what some poses alone say of all unknowns (k,), by one step from a fit to all.
-
-    With them comes their covariance (k, k).
-    """
+    """Return unknowns (k,) by some poses, one step from a fit to all, and their covariance."""
     fewer = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
     counts = PoseWeights(found.weights.whitener[rows], found.weights.weight[rows])
     fit = _NormalFit(fewer, found.effects)
@@ -228,10 +205,13 @@ class _NormalFit:
         self._dense: list[Term] = [
             term for term in self._model.terms if not isinstance(term, JointErrorMap)
         ]
-        self._dense_at = [columns[self._model.columns_of(term)] for term in self._dense]
-        map_at = [columns[self._model.columns_of(each)] for each in self._maps]
+        of_dense, of_maps = (
+            [columns[self._model.columns_of(term)] for term in terms]
+            for terms in (self._dense, self._maps)
+        )
         targets = columns[first : first + len(own.targets_m)]
-        self._order = np.concatenate([*self._dense_at, targets, *map_at])
+        self.dense_at = np.concatenate([*of_dense, targets])  # unknowns of all but maps
+        self._order = np.concatenate([self.dense_at, *of_maps])
         tail = len(targets) + 6
         prior = [np.diag(sizes[: len(own.x)] ** -2.0)]
         for effect in effects:
@@ -239,44 +219,43 @@ class _NormalFit:
             shapes = np.zeros((len(effect.parameters) - effect.linear,) * 2)
             prior.append(block_diag(factor.T @ factor, shapes))
         self.prior = block_diag(*prior, np.diag(sizes[-tail:] ** -2.0))
-        self._middle = np.zeros(len(sizes))
-        self._middle[: len(own.x)] = own.x
-        self._middle[targets] = own.targets_m
-        self._parameters = (*self._model.parameters, *measured.target_parameters)
-
-    @property
-    def bounds(self) -> Bounds:
-        """Return the physical range of every parameter."""
-        return Bounds.of(self._parameters)
+        self.middle = np.zeros(len(sizes))
+        self.middle[: len(own.x)] = own.x
+        self.middle[targets] = own.targets_m
+        # Physical range of every parameter.
+        self.bounds = Bounds.of((*self._model.parameters, *measured.target_parameters))
 
     def place(self, x: Array) -> FittedModel:
         """Return the model at a point."""
         k = len(self._model.parameters)
         return replace(self._survey.baseline, model=self._model, x=x[:k], targets_m=x[k:])
 
-    def equations(self, x: Array, weights: PoseWeights) -> Equations:
-        """Return the problem at a point."""
-        at, poses = self.place(x), self._survey.poses
-        whiten = weights.whiteners()
-        points = [x[place] for place in self._dense_at]
-        # The maps' joints come last.
+    def columns(self, at: FittedModel, whiten: Array) -> tuple[Array, Array]:
+        """Return whitened columns (P, b, d) of all but maps, and what the maps' joints do."""
+        poses = self._survey.poses
         joints = positions_of(at, [each.joint for each in self._maps])
         *of_terms, screws = by_terms(
-            at, poses, [*self._dense, joints], [*points, np.zeros(len(self._maps))], whiten
+            at,
+            poses,
+            [*self._dense, joints],
+            [*map(at.values_of, self._dense), np.zeros(len(self._maps))],
+            whiten,
         )
-        dense = np.concatenate([*of_terms, whiten @ by_targets(at, poses)], axis=2)
-        q_rad = poses.states.q_rad[:, [each.joint - 1 for each in self._maps]]
+        return np.concatenate([*of_terms, whiten @ by_targets(at, poses)], axis=2), screws
+
+    def equations(self, x: Array, weights: PoseWeights) -> Equations:
+        """Return the problem at a point."""
+        at, states, knots = self.place(x), self._survey.poses.states, [m.knots for m in self._maps]
+        whiten = weights.whiteners()
+        dense, screws = self.columns(at, whiten)
+        q_rad = states.q_rad[:, [each.joint - 1 for each in self._maps]]
         white = (whiten @ self._survey.left_by(at)[:, :, None]).ravel()
-        gram, projection, _ = products(
-            white,
-            dense.reshape(-1, dense.shape[2]),
-            map_columns(screws, q_rad, [each.knots for each in self._maps]),
-        )
-        bases = [b_splines_by_knots(each.knots) for each in self._maps]
-        gram, projection = in_terms_of(gram, projection, dense.shape[2], bases)
+        d = dense.shape[2]
+        found = Products.of(white, dense.reshape(-1, d), map_columns(screws, q_rad, knots))
+        found = found.in_terms_of(d, [b_splines_by_knots(each) for each in knots])
         order = np.argsort(self._order)
-        gram, projection = gram[np.ix_(order, order)], projection[order]
-        off = x - self._middle
+        gram, projection = found.gram[np.ix_(order, order)], found.projection[order]
+        off = x - self.middle
         cost = float(white @ white + off @ self.prior @ off)
         return Equations(cost, projection + self.prior @ off, gram + self.prior)
 
@@ -287,38 +266,24 @@ class _NormalFit:
     def cost(self, x: Array, weights: PoseWeights) -> float:
         """Return the sum of squares at a point."""
         white = weights.whiteners() @ self._survey.left_by(self.place(x))[:, :, None]
-        off = x - self._middle
+        off = x - self.middle
         return float(np.sum(white**2) + off @ self.prior @ off)
 
 
 def _inverse(information: Array, prior: Array, free: Mask) -> Array:
-    """Return the inverse of the normal equations of free parameters, zero for the others.
-
-    The shape of an effect of no amount moves nothing: it counts as one of the others.
-    """
-    free = free & (np.diag(information) > 0.0)
+    """Return the inverse of the normal equations of free parameters, zero for the others."""
+    free = free & (np.diag(information) > 0.0)  # the shape of an effect of no amount is not
     own = np.ix_(free, free)
+    found = np.zeros_like(information)
     scale = 1.0 / np.sqrt(np.diag(information)[free])
-    inverse = np.zeros_like(information)
-    try:
-        unit = (information if free.all() else information[own]) * scale
-        unit *= scale[:, None]
-        factor, wrong = dpotrf(unit.T, overwrite_a=1)  # of zeros below its diagonal
-        if wrong:
-            raise LinAlgError
-        upper, wrong = dpotri(factor, overwrite_c=1)
-        if wrong:
-            raise LinAlgError
-        upper *= scale
-        upper *= scale[:, None]
-        whole = upper + upper.T
-        whole[np.diag_indices_from(whole)] = np.diag(upper)
-        if free.all():
-            return np.asarray(whole)
-        inverse[own] = whole
-    except LinAlgError:
-        inverse[own] = no_wider_than(information[own], prior[own])
-    return inverse
+    factor, wrong = dpotrf((information[own] * np.outer(scale, scale)).T, overwrite_a=1)
+    if wrong:
+        found[own] = no_wider_than(information[own], prior[own])
+        return found
+    upper, _ = dpotri(factor, overwrite_c=1)  # of zeros below its diagonal
+    upper *= np.outer(scale, scale)
+    found[own] = upper + upper.T - np.diag(np.diag(upper))
+    return found
 
 
 # How far models are from measured poses: what a fit has seen, and name by name.
@@ -347,69 +312,35 @@ def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AngleCoverage
 class PartialFits:
     """The model with some of its effects: maps as they are, all else fitted again.
 
-    An effect of few parameters takes other amounts beside others. Taking effects out moves the
-    model by millimetres, over which its derivative is the same to a thousandth: one derivative,
-    at the model with all of them, serves every step of every fit.
+    Taking effects out moves the model by millimetres, over which its derivative is the same to a
+    thousandth: the one at the model with all of them serves every step of every fit.
     """
 
     def __init__(self, campaign: Survey, extended: Refit) -> None:
         """Take the model with all effects, and linearise it in all but its maps."""
         self._campaign, self._extended = campaign, extended
-        at, model, measured = extended.at, extended.model, campaign.poses.measured
-        effects = [each for each in extended.effects if not isinstance(each, JointErrorMap)]
-        own = [term for term in model.terms if term not in extended.effects]
-        points = [at.x[model.columns_of(term)] for term in (*own, *effects)]
-        found = by_terms(at, campaign.poses, (*own, *effects), points)
-        amounts = [
-            columns[:, :, : each.linear]
-            for columns, each in zip(found[len(own) :], effects, strict=True)
-        ]
-        columns = np.concatenate(
-            [*found[: len(own)], by_targets(at, campaign.poses), *amounts], axis=2
-        )
-        self._whiten = whiten = extended.weights.whiteners()
-        white = (whiten @ columns).reshape(-1, columns.shape[2])
+        self._fit = _NormalFit(campaign, extended.effects)
+        self._whiten = extended.weights.whiteners()
+        white, _ = self._fit.columns(extended.at, self._whiten)
+        towards = np.swapaxes(self._whiten, 1, 2) @ white
+        self._towards, white = (each.reshape(-1, white.shape[2]) for each in (towards, white))
         self._gram = white.T @ white
-        self._towards = (np.swapaxes(whiten, 1, 2) @ white.reshape(columns.shape)).reshape(
-            white.shape
-        )
-        # Where each column stands among the unknowns, and which effect it is of.
-        unknown, baseline = extended.own_columns(), campaign.baseline
-        first = [extended.columns_of(each).start for each in effects]
-        self._at = np.concatenate(
-            [
-                unknown,
-                *(np.arange(k, k + each.linear) for k, each in zip(first, effects, strict=True)),
-            ]
-        )
-        self._effect = np.repeat(
-            np.arange(-1, len(effects)), [len(unknown), *(each.linear for each in effects)]
-        )
-        self._effects = effects
-        expected = np.diag(possible_sizes(with_base_term(baseline), measured))
-        sizes = block_diag(expected, *(each.prior_factor for each in effects))
-        inverse = np.linalg.inv(sizes)
-        self._prior = inverse.T @ inverse
-        self._middle = np.zeros(len(self._at))
-        self._middle[: len(baseline.x)] = baseline.x
-        self._middle[len(unknown) - len(baseline.targets_m) : len(unknown)] = baseline.targets_m
-        self._bounds = Bounds.of((*model.parameters, *measured.target_parameters))
 
     def model_with(self, some: tuple[Effect, ...]) -> FittedModel:
         """Return the model with some of its effects."""
-        extended, x = self._extended, self._extended.x.copy()
+        extended, fit, x = self._extended, self._fit, self._extended.x.copy()
+        fitted = np.ones(len(x), dtype=bool)
         for effect in extended.effects:
+            columns = extended.columns_of(effect)
+            shapes = columns.start + effect.linear
             if effect not in some:
-                first = extended.columns_of(effect).start
-                x[first : first + effect.linear] = 0.0
-        there = np.flatnonzero(
-            np.isin(
-                self._effect, [-1, *(k for k, each in enumerate(self._effects) if each in some)]
-            )
-        )
-        free, own = self._at[there], np.ix_(there, there)
-        bounds = Bounds(self._bounds.lower[free], self._bounds.upper[free])
-        prior, middle = self._prior[own], self._middle[there]
+                x[columns.start : shapes] = 0.0
+            known = effect in some and not isinstance(effect, JointErrorMap)
+            fitted[shapes if known else columns.start : columns.stop] = False
+        there = np.flatnonzero(fitted[fit.dense_at])
+        free, own = fit.dense_at[there], np.ix_(there, there)
+        bounds = Bounds(fit.bounds.lower[free], fit.bounds.upper[free])
+        prior, middle = fit.prior[np.ix_(free, free)], fit.middle[free]
         normal = self._gram[own] + prior
 
         def at(values: Array) -> FittedModel:
@@ -458,21 +389,22 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
     shared = [each for each in found.effects if not isinstance(each, OfCampaign)]
     if campaign is None or not shared:
         return ()
-    names = [name for name, _ in survey.poses.measured.campaigns]
-    alone = {
-        name: one_step(survey, found, np.flatnonzero(campaign == number))
-        for number, name in enumerate(names)
+    rows = {
+        name: np.flatnonzero(campaign == number)
+        for number, (name, _) in enumerate(survey.poses.measured.campaigns)
         if np.any(campaign == number)
     }
+    alone = {name: one_step(survey, found, own) for name, own in rows.items()}
     each = []
     for effect in shared:
         at = found.columns_of(effect)
         curves: dict[str, JointErrorAlone] = {}
         if isinstance(effect, JointErrorMap):
+            unit = b_splines(effect.knots, ANGLES_RAD) @ b_splines_by_knots(effect.knots)
             for name, (x, _) in alone.items():
-                q_rad = survey.poses.states.q_rad[campaign == names.index(name), effect.joint - 1]
+                q_rad = survey.poses.states.q_rad[rows[name], effect.joint - 1]
                 curves[name] = JointErrorAlone(
-                    error_mrad=1e3 * _error_rad(effect, x[at]), visited=visited(q_rad)
+                    error_mrad=1e3 * unit @ x[at], visited=visited(q_rad)
                 )
         each.append(
             EffectByCampaign(
@@ -515,19 +447,15 @@ def visited(q_rad: Array) -> Mask:
 def pair_of(
     first: tuple[str, JointErrorAlone], second: tuple[str, JointErrorAlone]
 ) -> CampaignsAgree:
-    """Compare the curves of two campaigns, each given with its name.
-
-    Slopes are of the second by the first, both uncertain alike.
-    """
+    """Compare the curves of two campaigns; slopes are of the second, both uncertain alike."""
     (one, a), (two, b) = first, second
     both = a.visited & b.visited
     x, y = a.error_mrad[both], b.error_mrad[both]
     arc = (ANGLES_RAD[both] // _ARC_RAD).astype(int)
     arcs = np.unique(arc)
+    named: dict[str, Any] = {"first": one, "second": two, "share_of_turn": float(both.mean())}
     if len(arcs) < _LEAST_ARCS or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
-        nothing = dict.fromkeys(CampaignsAgree.model_fields)
-        named = {"first": one, "second": two, "share_of_turn": float(both.mean())}
-        return CampaignsAgree(**(nothing | named))
+        return CampaignsAgree(**(dict.fromkeys(CampaignsAgree.model_fields) | named))
 
     def interval(of: Callable[[Array, Array], float]) -> tuple[float, float, float]:
         """Return a quantity and its interval, by leaving out arc by arc (jackknife)."""
@@ -541,8 +469,7 @@ def pair_of(
     slope, low, high = interval(_slope)
     x, y = x - x.mean(), y - y.mean()
     return CampaignsAgree(
-        first=one,
-        second=two,
+        **named,
         correlation=float(np.tanh(z)),
         correlation95=(float(np.tanh(z_low)), float(np.tanh(z_high))),
         slope=slope,
@@ -550,16 +477,7 @@ def pair_of(
         first_rms_mrad=rms(x),
         second_rms_mrad=rms(y),
         difference_rms_mrad=rms(x - y),
-        share_of_turn=float(both.mean()),
     )
-
-
-def _error_rad(effect: JointErrorMap, x: Array) -> Array:
-    """Return the error at `ANGLES_RAD`."""
-    q_rad = np.zeros((len(ANGLES_RAD), effect.joint))
-    q_rad[:, -1] = ANGLES_RAD
-    zeros, zero = np.zeros_like(q_rad), np.zeros(len(q_rad))
-    return effect.shift(PoseStates(q_rad, zeros, zeros, zero, zero, zero), x)[:, 0]
 
 
 def _correlation(x: Array, y: Array) -> float:

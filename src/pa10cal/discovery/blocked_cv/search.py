@@ -14,7 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.family import (
@@ -22,6 +21,7 @@ from pa10cal.discovery.blocked_cv.family import (
     Candidate,
     Columns,
     EffectSet,
+    as_good,
     both_kinds_agree,
     predicted_squares,
     solve,
@@ -31,11 +31,8 @@ from pa10cal.discovery.blocked_cv.family import (
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
     BlockedRows,
-    BlockRows,
     Products,
     ShapedEffect,
-    map_columns,
-    products,
 )
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.linear import standard_error
@@ -61,29 +58,22 @@ class Search:
     def __init__(
         self,
         products: Products,
-        own: Index,
+        own: Columns,
         family: Sequence[Candidate],
         noise: float,
         error_rate: float,
-        own_sizes: Array | None = None,
     ) -> None:
-        """Take what is judged.
+        """Take products of all columns, those of the calibrated model, and the candidates.
 
-        Args:
-            products: of all columns, block by block.
-            own: columns of the calibrated model.
-            family: candidates.
-            noise: sum of squares that noise alone leaves.
-            error_rate: probability allowed of naming anything where nothing is missing.
-            own_sizes: sizes expected of the calibrated model's parameters; None for one.
+        Noise is the sum of squares that it alone leaves; the error rate the probability allowed of
+        naming anything where nothing is missing.
         """
         self.family = tuple(family)
         self.noise = noise
         names = {candidate.name for candidate in family if not is_fault(candidate.effect)}
         self.effects = len(names)
         self.least_gain = 2.0 * threshold(max(self.effects, 1), error_rate)
-        own_sizes = np.ones(len(own)) if own_sizes is None else own_sizes
-        self._nothing = start(products, Columns(own, own_sizes))
+        self._nothing = start(products, own)
 
     def run(self) -> EffectSet:
         """Search until the set stays."""
@@ -137,13 +127,11 @@ class Search:
 
     def _smoothed(self, chosen: EffectSet) -> EffectSet:
         """Choose spacing and smoothness of each map anew, the others being there."""
-        for name in [candidate.name for candidate in chosen.members if candidate.is_map]:
-            place = [candidate.name for candidate in chosen.members].index(name)
-            forms = [candidate for candidate in self.family if candidate.name == name]
-            less = chosen.reduced(place)
-            found = less.with_each(forms).sum(axis=1)
-            best = forms[int(np.argmin(found))]
-            if best.shaped != chosen.members[place].shaped:
+        for one in [candidate for candidate in chosen.members if candidate.is_map]:
+            forms = [candidate for candidate in self.family if candidate.name == one.name]
+            less = chosen.reduced(chosen.members.index(one))
+            best = forms[int(np.argmin(less.with_each(forms).sum(axis=1)))]
+            if best.shaped != one.shaped:
                 chosen = less.extended(best)
         return chosen
 
@@ -169,16 +157,17 @@ class Search:
         return chosen
 
     def _named_instead(self, chosen: EffectSet, place: int) -> EffectSet | None:
-        """Return the set with names in one's place that do as well, None without.
-
-        All names of the place together show first whether they can do its work at all.
-        """
+        """Return the set with names in one's place that do as well, None without."""
         candidate, tried = chosen.members[place], chosen.reduced(place)
         there = len(tried.members)
         every = self._names_at(tried, candidate.effect)
         if not every:
             return None
-        lost = tried.with_each([_together(every)])[0] - chosen.squares
+        together = Columns(
+            np.concatenate([each.at for each in every]),
+            np.concatenate([each.sizes for each in every]),
+        )  # show first whether names can do its work at all
+        lost = tried.with_each([together])[0] - chosen.squares
         if lost.sum() > _HOPELESS * standard_error(lost):
             return None
         for _ in range(_MOST_NAMES):
@@ -195,37 +184,17 @@ class Search:
         return None
 
     def _as_good(self, named: EffectSet, chosen: EffectSet, candidate: Candidate) -> bool:
-        """Return whether names do as well: as a map, within a standard error of what they lose.
-
-        As a rival without a name, where it does not help enough over them to be found at all.
-        """
-        lost = named.squares - chosen.squares
+        """Return whether names do as well: as a map, or so that a rival does not help over them."""
         if candidate.is_map:
-            return bool(lost.sum() <= standard_error(lost))
+            return as_good(named.squares, chosen.squares)
         return not self.helps(named.squares, chosen.squares)
 
     def _names_at(self, chosen: EffectSet, effect: Effect) -> list[Candidate]:
         """Return the named candidates that may do the work of a map or a rival."""
-        return [
-            other
-            for other in self.others(chosen)
-            if other.is_named and _same_place(other.effect, effect)
-        ]
-
-
-def _together(candidates: Sequence[Candidate]) -> Columns:
-    """Return the columns of candidates as if they were one."""
-    return Columns(
-        np.concatenate([candidate.at for candidate in candidates]),
-        np.concatenate([candidate.sizes for candidate in candidates]),
-    )
-
-
-def _same_place(named: Effect, other: Effect) -> bool:
-    """Return whether a named form may do the work of a map or a rival."""
-    if isinstance(other, JointErrorMap):
-        return named.coordinates == other.coordinates
-    return named.of == other.of
+        names = [other for other in self.others(chosen) if other.is_named]
+        if isinstance(effect, JointErrorMap):
+            return [other for other in names if other.effect.coordinates == effect.coordinates]
+        return [other for other in names if other.effect.of == effect.of]
 
 
 # Members in rows of their own, each map with its own B-splines, as fine as helps.
@@ -236,7 +205,7 @@ FINER_KNOTS = (216, 360)
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Members with maps of one spacing each, by linear least squares about the calibrated one."""
+    """Members with maps of one spacing each, by linear least squares about the calibrated model."""
 
     members: tuple[Candidate, ...]
     # products over all blocks: own parameters, effects, B-splines of one map after the other
@@ -245,18 +214,12 @@ class Level:
     at: tuple[Index, ...]  # columns of each member
 
     def fit(self) -> tuple[Array, tuple[Array, ...]]:
-        """Solve for all columns.
+        """Return own parameters (k,), beyond those calibrated and in their possible sizes.
 
-        Returns:
-            Own parameters (k,), beyond those calibrated and in their possible sizes; parameters of
-            each member's effect.
+        Then the parameters of each member's effect.
         """
-        own = np.setdiff1d(np.arange(len(self.prior)), np.concatenate([np.zeros(0, int), *self.at]))
-        at = np.concatenate([own, *self.at])
-        there = np.ix_(at, at)
-        x = np.zeros(len(self.prior))
-        x[at] = solve(self.total.gram[there], self.total.projection[at], self.prior[there])
-        return x[own], tuple(
+        x = solve(self.total.gram, self.total.projection, self.prior)
+        return np.delete(x, np.concatenate([np.zeros(0, int), *self.at])), tuple(
             _amounts(member.shaped, x[columns])
             for member, columns in zip(self.members, self.at, strict=True)
         )
@@ -272,8 +235,7 @@ def finest(rows: BlockedRows, members: tuple[Candidate, ...]) -> Level:
         ahead, after = _held_out(
             rows, tuple(with_form(each, knots) if _has_finest(each) else each for each in members)
         )
-        gain = left - after
-        if gain.sum() <= standard_error(gain):
+        if as_good(left, after):
             break
         best, left = ahead, after
     return best
@@ -313,33 +275,21 @@ def level_of(total: Products, rows: BlockedRows, members: tuple[Candidate, ...])
 
 def products_of(rows: BlockedRows, members: tuple[Candidate, ...]) -> Products:
     """Return the products of own parameters, effects, and B-splines of maps, block by block."""
-    maps, found = maps_among(members), []
-    for b in range(BLOCKS):
-        block, splines = _columns(rows, maps, b)
-        found.append(products(block.data, block.dense, splines))
-    gram, projection, squares = zip(*found, strict=True)
-    return Products(np.stack(gram), np.stack(projection), np.array(squares))
-
-
-def products_by_kind(
-    rows: BlockedRows, maps: Sequence[JointErrorMap], b: int
-) -> tuple[Products, ...]:
-    """Return the products of one block: of its rows of positions, and of the others."""
-    block, splines = _columns(rows, maps, b)
     found = []
-    for at in rows.kinds(len(block.data)):
-        gram, projection, squares = products(block.data[at], block.dense[at], splines[at])
-        found.append(Products(gram, projection, np.asarray(squares)))
-    return tuple(found)
+    for b in range(BLOCKS):
+        positions, others = rows.products_by_kind(b, *joints_and_knots(members))
+        found.append(positions + others)
+    return Products(
+        np.stack([each.gram for each in found]),
+        np.stack([each.projection for each in found]),
+        np.array([each.squares for each in found]),
+    )
 
 
-def _columns(
-    rows: BlockedRows, maps: Sequence[JointErrorMap], b: int
-) -> tuple[BlockRows, csr_array]:
-    """Return the rows of a block, and the columns of the B-splines of some maps."""
-    at, block = [rows.joints.index(each.joint) for each in maps], rows.block(b)
-    knots = [each.knots for each in maps]
-    return block, map_columns(block.screws[:, :, at], block.q_rad[:, at], knots)
+def joints_and_knots(members: Sequence[Candidate]) -> tuple[list[int], list[int]]:
+    """Return the joints that have maps among members, and the knots of these."""
+    maps = maps_among(members)
+    return [each.joint for each in maps], [each.knots for each in maps]
 
 
 def maps_among(members: Sequence[Candidate]) -> list[JointErrorMap]:

@@ -63,9 +63,7 @@ class Survey:
     torques_logged: bool  # whether the torques are those of a log, and not of described masses
     # how the base moves in the course of time; None where the data prefer that it does not
     wander: Wander | None = None
-    lag: AttitudeLag | None = (
-        None  # of orientations behind the motion; None where there can be none
-    )
+    lag: AttitudeLag | None = None  # of orientations behind the motion; None where there is none
 
     @property
     def cells(self) -> Observations:
@@ -87,9 +85,7 @@ class Survey:
     def left_by(self, at: FittedModel, poses: Observations | None = None) -> Array:
         """Return predicted minus measured components, (P, b), without motion of the base or lag.
 
-        Args:
-            at: the model.
-            poses: P complete poses of the campaign; None for all of the survey.
+        Of complete poses of the campaign; None for all of the survey.
         """
         if poses is None:
             return residual(at, self.poses) + self._beside
@@ -119,14 +115,13 @@ class Survey:
 
     def with_amounts(self, found: Array) -> Survey:
         """Return the survey with the amounts of these, one after the other (k,)."""
-        stops = np.cumsum([0, *(len(each.sizes) for each in self.nuisances)])
-        parts = [found[first:last] for first, last in pairwise(stops)]
-        own = [
-            replace(each, amounts=part) for each, part in zip(self.nuisances, parts, strict=True)
-        ]
-        wander = next((each for each in own if isinstance(each, Wander)), None)
-        lag = next((each for each in own if isinstance(each, AttitudeLag)), None)
-        return replace(self, wander=wander, lag=lag)
+        own, wander, lag = found, self.wander, self.lag
+        if wander is not None:
+            wander, own = (
+                replace(wander, amounts=own[: len(wander.sizes)]),
+                own[len(wander.sizes) :],
+            )
+        return replace(self, wander=wander, lag=None if lag is None else replace(lag, amounts=own))
 
 
 def survey(
@@ -136,13 +131,7 @@ def survey(
     *,
     torques_logged: bool,
 ) -> Survey:
-    """Make a campaign ready.
-
-    Args:
-        readings: the poses of the fit, orientations and torques as the model has them.
-        baseline: the calibrated model, its chain with the bends of the long links.
-        setup: what is known besides the poses.
-        torques_logged: whether the torques are those of a log.
+    """Make a campaign ready: the poses of the fit, orientations and torques as the model has them.
 
     Raises:
         DiscoveryError: when there are too few poses for blocks.
@@ -172,10 +161,9 @@ def survey(
 
 
 def _stretches(poses: Observations) -> Index:
-    """Return the block of each pose (P,): stretches of time, in a group one of every campaign.
+    """Return the block of each pose (P,): stretches of time, of every campaign of a group.
 
-    Campaigns show an effect more or less; in blocks of one campaign each, that difference would
-    count as chance.
+    In blocks of one campaign each, what campaigns show more or less of would count as chance.
     """
     block = np.zeros(len(poses), dtype=np.intp)
     campaign = poses.states.campaign
@@ -188,8 +176,7 @@ def _stretches(poses: Observations) -> Index:
 def _as_springs_take_them(poses: Observations) -> Observations:
     """Return poses in which an error of the log is one of what the springs are given: the log.
 
-    With the weights' torques in its place, a gain would take the noise and the friction of the log
-    out of the springs, and be preferred for that.
+    Else a gain would take noise and friction of the log out of the springs, and be preferred.
     """
     loads = poses.states.static_loads
     if loads is None:
@@ -252,8 +239,7 @@ class AttitudeLag:
         )
         why = (
             f"orientations go with the way that {said} came, and positions do not: it is the "
-            "reader "
-            "of orientations or its mount that lags, and no joint that stops short"
+            "reader of orientations or its mount that lags, and no joint that stops short"
         )
         return Unexplained(of="instrument", form="attitude_lag", shared_error_mm=left_mm, why=why)
 
@@ -281,81 +267,71 @@ _WORTHWHILE = 0.75
 
 @dataclass(frozen=True, eq=False)
 class Products:
-    """Products of N columns and the data in each of B blocks."""
+    """Products of N columns and the data of some rows, or of those in each of B blocks."""
 
-    gram: Array  # (B, N, N) of columns with columns
-    projection: Array  # (B, N) of columns with the data
-    squares: Array  # (B,) of the data
+    gram: Array  # (N, N) or (B, N, N) of columns with columns
+    projection: Array  # (N,) or (B, N) of columns with the data
+    squares: Array  # () or (B,) of the data
     # the same of the rows of positions alone, where it was requested
     of_positions: Products | None = None
 
+    @classmethod
+    def of(cls, data: Array, dense: Array, maps: csr_array) -> Products:
+        """Return the products of weighed rows: data (R,), columns (R, d), B-splines (R, K)."""
+        d, total = dense.shape[1], dense.shape[1] + maps.shape[1]
+        seen = np.asarray(dense.any(axis=1))
+        if np.count_nonzero(seen) < _WORTHWHILE * len(seen):  # components of other campaigns
+            data, dense, maps = data[seen], dense[seen], maps[np.flatnonzero(seen)]
+        gram = np.empty((total, total))
+        gram[:d, :d] = dense.T @ dense
+        gram[d:, :d] = maps.T @ dense
+        gram[:d, d:] = gram[d:, :d].T
+        gram[d:, d:] = (maps.T @ maps).toarray()
+        projection = np.concatenate([dense.T @ data, maps.T @ data])
+        return cls(gram, projection, np.asarray(data @ data))
+
+    def __add__(self, other: Products) -> Products:
+        """Return the products of both rows."""
+        return Products(
+            self.gram + other.gram, self.projection + other.projection, self.squares + other.squares
+        )
+
+    def times(self, factor: float) -> Products:
+        """Return the products of rows that count so many times."""
+        return Products(factor * self.gram, factor * self.projection, factor * self.squares)
+
     def summed(self) -> Products:
-        """Return the sums over the blocks: (N, N), (N,) and a number without dimension."""
+        """Return the sums over the blocks."""
         return Products(
             self.gram.sum(axis=0), self.projection.sum(axis=0), np.asarray(self.squares.sum())
         )
 
+    def in_terms_of(self, dense: int, bases: Sequence[Array]) -> Products:
+        """Return the products, without blocks, in terms of other parameters of the maps.
 
-def products(data: Array, dense: Array, maps: csr_array) -> tuple[Array, Array, float]:
-    """Return the products of some rows: gram (N, N), projection (N,) and squares.
-
-    Args:
-        data: (R,) weighed rows of the data.
-        dense: (R, d) weighed columns.
-        maps: (R, K) weighed columns of B-splines.
-
-    Returns:
-        Of N = d + K columns.
-    """
-    d, total = dense.shape[1], dense.shape[1] + maps.shape[1]
-    seen = np.asarray(dense.any(axis=1))
-    if np.count_nonzero(seen) < _WORTHWHILE * len(seen):  # components of other campaigns
-        data, dense, maps = data[seen], dense[seen], maps[np.flatnonzero(seen)]
-    gram = np.empty((total, total))
-    gram[:d, :d] = dense.T @ dense
-    gram[d:, :d] = maps.T @ dense
-    gram[:d, d:] = gram[d:, :d].T
-    gram[d:, d:] = (maps.T @ maps).toarray()
-    return gram, np.concatenate([dense.T @ data, maps.T @ data]), float(data @ data)
-
-
-def in_terms_of(
-    gram: Array, projection: Array, dense: int, bases: Sequence[Array]
-) -> tuple[Array, Array]:
-    """Return products in terms of other parameters of the maps.
-
-    Args:
-        gram, projection: of d dense columns, then of B-splines, one map after the other.
-        dense: d.
-        bases: (K1, h1), (K2, h2), … coefficients of the B-splines that each map's new parameters
-            stand for.
-    """
-    old = pairwise(dense + np.cumsum([0, *(len(basis) for basis in bases)]))
-    new = pairwise(dense + np.cumsum([0, *(basis.shape[1] for basis in bases)]))
-    maps = list(zip(bases, old, new, strict=True))
-    total = dense + sum(basis.shape[1] for basis in bases)
-    turned, found = np.empty((total, total)), np.empty(total)
-    turned[:dense, :dense], found[:dense] = gram[:dense, :dense], projection[:dense]
-    for k, (basis, (first, last), (own, end)) in enumerate(maps):
-        found[own:end] = basis.T @ projection[first:last]
-        beside = basis.T @ gram[first:last, :last]  # itself, and all that stands before it
-        turned[own:end, :dense] = beside[:, :dense]
-        for other, (start, stop), (its, its_end) in maps[: k + 1]:
-            turned[own:end, its:its_end] = beside[:, start:stop] @ other
-        turned[:own, own:end] = turned[own:end, :own].T
-    return turned, found
+        After so many dense columns come the B-splines of one map after the other; the bases
+        (K, h) are the coefficients of these that each map's new parameters stand for.
+        """
+        old = pairwise(dense + np.cumsum([0, *(len(basis) for basis in bases)]))
+        new = pairwise(dense + np.cumsum([0, *(basis.shape[1] for basis in bases)]))
+        maps = list(zip(bases, old, new, strict=True))
+        total = dense + sum(basis.shape[1] for basis in bases)
+        turned, found = np.empty((total, total)), np.empty(total)
+        turned[:dense, :dense], found[:dense] = self.gram[:dense, :dense], self.projection[:dense]
+        for k, (basis, (first, last), (own, end)) in enumerate(maps):
+            found[own:end] = basis.T @ self.projection[first:last]
+            beside = basis.T @ self.gram[first:last, :last]  # itself, and all that stands before it
+            turned[own:end, :dense] = beside[:, :dense]
+            for other, (start, stop), (its, its_end) in maps[: k + 1]:
+                turned[own:end, its:its_end] = beside[:, start:stop] @ other
+            turned[:own, own:end] = turned[own:end, :own].T
+        return Products(turned, found, self.squares)
 
 
 def map_columns(screws: Array, q_rad: Array, knots: Sequence[int]) -> csr_array:
-    """Return how rows follow the B-splines of every joint's map, sparse.
+    """Return how rows follow the B-splines of joints' maps, sparse (b P, K1 + K2 + …), by pose.
 
-    Args:
-        screws: (P, 6, j) how rows follow the joints' angles.
-        q_rad: (P, j) these angles.
-        knots: K1, K2, … of the maps.
-
-    Returns:
-        (6 P, K1 + K2 + …), the rows pose by pose.
+    From how they follow the joints' angles (P, b, j), these angles (P, j), and the maps' knots.
     """
     count, rows, joints = screws.shape
     if not joints:
@@ -398,9 +374,9 @@ class BlockRows:
     screws: Array  # (p, b, j) how the rows follow the angle of every revolute joint
     q_rad: Array  # (p, j) these angles
 
-    def maps(self, knots: Sequence[int]) -> csr_array:
-        """Return the columns of the B-splines of every revolute joint's map, K of each given."""
-        return map_columns(self.screws, self.q_rad, knots)
+    def maps(self, knots: Sequence[int], at: Sequence[int] | slice = slice(None)) -> csr_array:
+        """Return the columns of the B-splines of maps of all or some joints, of K knots each."""
+        return map_columns(self.screws[:, :, at], self.q_rad[:, at], knots)
 
 
 @dataclass(frozen=True)
@@ -437,6 +413,11 @@ class BlockedRows:
         return np.arange(len(unknowns(self.place)) + beside)
 
     @property
+    def dense(self) -> int:
+        """Return how many columns stand before the maps."""
+        return len(self.own) + sum(each.effect.linear for each in self.shaped)
+
+    @property
     def of_weights(self) -> Index:
         """Return the columns of weights that are uncertain, among the model's own."""
         return np.flatnonzero(of_weights(self.place.model))
@@ -464,27 +445,20 @@ class BlockedRows:
 
     def of_map(self, joint: int) -> Index:
         """Return the columns of the map of a joint, from 1."""
-        first = len(self.own) + sum(each.effect.linear for each in self.shaped)
-        harmonics = self.knots - 1
-        first += self.joints.index(joint) * harmonics
-        return np.arange(first, first + harmonics)
+        first = self.dense + self.joints.index(joint) * (self.knots - 1)
+        return np.arange(first, first + self.knots - 1)
 
     def products(self) -> Products:
         """Return the products of all columns, block by block."""
-        total = len(self.own) + sum(each.effect.linear for each in self.shaped)
-        total += len(self.joints) * (self.knots - 1)
+        knots, bases = [self.knots] * len(self.joints), [self.basis] * len(self.joints)
+        total = self.dense + len(self.joints) * (self.knots - 1)
         gram = np.empty((2, BLOCKS, total, total))
         projection, squares = np.empty((2, BLOCKS, total)), np.empty((2, BLOCKS))
         for b in range(BLOCKS):
-            rows = self.block(b)
-            maps = rows.maps([self.knots] * len(self.joints))
-            for kind, at in enumerate(self.kinds(len(rows.data))):
-                of_splines, with_data, squares[kind, b] = products(
-                    rows.data[at], rows.dense[at], maps[at]
-                )
-                gram[kind, b], projection[kind, b] = in_terms_of(
-                    of_splines, with_data, rows.dense.shape[1], [self.basis] * len(self.joints)
-                )
+            for kind, rows in enumerate(self.products_by_kind(b, self.joints, knots)):
+                found = rows.in_terms_of(self.dense, bases)
+                gram[kind, b], projection[kind, b] = found.gram, found.projection
+                squares[kind, b] = found.squares
         gram[1] += gram[0]
         projection[1] += projection[0]
         # What is known of the weights is told like readings, some in every block: what they would
@@ -493,6 +467,23 @@ class BlockedRows:
         gram[1][:, of_weights, of_weights] += 1.0 / BLOCKS
         positions = Products(gram[0], projection[0], squares[0])
         return Products(gram[1], projection[1], squares.sum(axis=0), positions)
+
+    def products_by_kind(
+        self, b: int, joints: Sequence[int], knots: Sequence[int]
+    ) -> tuple[Products, Products]:
+        """Return the products of one block: of its rows of positions, and of the others.
+
+        Of own parameters, effects, and B-splines of so many knots a turn of some joints.
+        """
+        block, measured = self.block(b), self.survey.poses.measured
+        splines = block.maps(knots, [self.joints.index(joint) for joint in joints])
+        component = np.arange(len(block.data)) % measured.components_seen.shape[1]
+        of_positions = np.isin(component, measured.position_columns)
+        positions, others = (
+            Products.of(block.data[rows], block.dense[rows], splines[rows])
+            for rows in (np.flatnonzero(of_positions), np.flatnonzero(~of_positions))
+        )
+        return positions, others
 
     def block(self, b: int) -> BlockRows:
         """Return the rows of one block."""
@@ -510,44 +501,23 @@ class BlockedRows:
         sizes = possible_sizes(model, poses.measured)
         beside = [by_targets(at, poses) * sizes[len(at.x) :]]
         beside += [each.columns(at, poses) for each in self.survey.nuisances]
-        dense = np.concatenate(
-            [
-                *(
-                    columns * sizes[model.columns_of(term)]
-                    for term, columns in zip(model.terms, found[:own], strict=True)
-                ),
-                *(whiten @ columns for columns in beside),
-                *(
-                    columns[:, :, : shaped.effect.linear] @ shaped.effect.prior_factor
-                    for shaped, columns in zip(self.shaped, found[own:], strict=True)
-                ),
-            ],
-            axis=2,
-        )
+        columns = [np.concatenate(found[:own], axis=2) * sizes[: len(at.x)]]
+        columns += [whiten @ each for each in beside]
+        for shaped, of_effect in zip(self.shaped, found[own:], strict=True):
+            columns.append(of_effect[:, :, : shaped.effect.linear] @ shaped.effect.prior_factor)
+        dense = np.concatenate(columns, axis=2)
         q_rad = poses.states.q_rad[:, [joint - 1 for joint in self.joints]]
         data = -whiten @ residual(at, poses)[:, :, None]
         return BlockRows(data.ravel(), dense.reshape(-1, dense.shape[2]), screws, q_rad)
 
     def left_of(self, b: int, x: Array) -> Array:
-        """Return what m sets of parameters (N, m) leave of a block, measured less predicted.
-
-        Returns:
-            (p, b, m) components [m, rad], neither whitened nor weighed.
-        """
-        rows = self.block(b)
-        first = rows.dense.shape[1]
-        harmonics = x[first:].reshape(len(self.joints), self.knots - 1, x.shape[1])
-        splines = np.einsum("kh,jhm->jkm", self.basis, harmonics, optimize=True)
-        columns = rows.maps([self.knots] * len(self.joints))
-        maps = columns @ splines.reshape(columns.shape[1], x.shape[1])
-        left_over = rows.data[:, None] - rows.dense @ x[:first] - maps
+        """Return what parameters (N, m) leave of a block, measured less predicted, (p, b, m)."""
+        rows, columns = self.block(b), x.shape[1]
+        harmonics = x[self.dense :].reshape(len(self.joints), self.knots - 1, columns)
+        maps = rows.maps([self.knots] * len(self.joints)) @ (
+            (self.basis @ harmonics).reshape(-1, columns)
+        )
+        left_over = rows.data[:, None] - rows.dense @ x[: self.dense] - maps
         whiteners = self.weights.whiteners(np.flatnonzero(self.survey.block == b))
         found: Array = np.linalg.solve(whiteners, left_over.reshape(*whiteners.shape[:2], -1))
         return found
-
-    def kinds(self, count: int) -> tuple[Index, Index]:
-        """Return which of so many rows are of positions, and which of orientations."""
-        measured = self.survey.poses.measured
-        components = measured.components_seen.shape[1]
-        of_positions = np.isin(np.arange(count) % components, measured.position_columns)
-        return np.flatnonzero(of_positions), np.flatnonzero(~of_positions)

@@ -362,7 +362,7 @@ def channel_tests(problem: EvidenceProblem, found: EvidenceFit) -> tuple[Channel
     channels = [(problem.pose, pose_rows(problem, found.at))]
     if problem.torque is not None:
         channels.append((problem.torque, torque_rows(problem, found.at)))
-    weighed = [channel.whitening(0.0)(channel.rows(values)) for channel, values in channels]
+    weighed = [channel.weighed(values, 0.0) for channel, values in channels]
     # Columns by the possible size of each parameter, so that those that the rows do not determine
     # take no degree of freedom.
     by_x = [rows[:, 1:] * possible_sizes(found.model, problem.cells.measured) for rows in weighed]
@@ -391,17 +391,10 @@ def channel_tests(problem: EvidenceProblem, found: EvidenceFit) -> tuple[Channel
 
 
 def _left_over(model: NoiseModel, rows: Array, test: Channel) -> Array:
-    """Return measured less predicted, less the errors common to all poses, (C, b).
-
-    Rows (C, b, 1 + k) are predicted less measured, and its derivative. Common errors have unit
-    variance each, by which they are held back; the error that poses share by the test of the
-    channel keeps them from taking what the model lacks.
-    """
+    """Return measured less predicted (C, b), from rows (C, b, 1 + k), less what poses all share."""
     left = -model.rows(rows[:, :, :1])
-    weight = 1.0 / (1.0 + test.shared_variance_of_a_reading * model.shared_size)[:, None]
-    normal = model.common.T @ (weight * model.common) + np.eye(model.common.shape[1])
-    common = cho_solve(cho_factor(normal), model.common.T @ (weight * left))
-    left = left - model.common @ common
+    variance = test.shared_variance_of_a_reading
+    left = left - model.common @ model.common_amounts(left, variance)
     white = model.shared.turn.T @ left.reshape(len(rows), -1)
     return np.asarray(np.linalg.solve(model.whitener, white[..., None])[:, :, 0])
 
@@ -425,12 +418,12 @@ def fit_given(
         The campaign made ready about the fit, and the fit.
     """
     current = fit(problem, (), (), (0.0, 0.0))
-    members, sizes = tuple(range(len(effects))), (_USUAL,) * len(effects)
+    sizes = (_USUAL,) * len(effects)
     settled: tuple[object, ...] = ()
     for _ in range(_MOST_ROUNDS):
         evidence = evidence_about(problem, current, effects)
-        _, sizes = resized(evidence, members, sizes)
-        score = evidence.score(members, sizes)
+        chosen = resized(evidence, tuple(enumerate(sizes)))
+        score, sizes = evidence.score(chosen), tuple(size for _, size in chosen)
         choice = (sizes, score.nearest)
         problem, current = refit(problem, effects, sizes, score.variances, current)
         if choice == settled:

@@ -13,6 +13,7 @@ from pa10cal.discovery.linear import (
     ModelWithEffects,
     at_unknowns,
     possible_sizes,
+    residual,
     residual_and_jacobian,
     residual_then_jacobian,
     unknowns,
@@ -116,14 +117,10 @@ def apparatus_m(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     They are integrated out in the fit, and are known best once it is done: the error of their
     places that the poses all share.
     """
-    u_m = problem.setup.apparatus_m
-    scale = problem.pose.whitening(found.pose_variance).scale[:, None]
-    common = scale * problem.pose.common
-    left = scale * problem.pose.rows(pose_rows(problem, found.at)[:, :, :1])
-    information = common.T @ common + np.eye(common.shape[1])
-    units = np.linalg.solve(information, common.T @ left)[:, 0]
+    left = problem.pose.rows(residual(found.at, problem.cells)[:, :, None])
+    units = problem.pose.common_amounts(left, found.pose_variance)[:, 0]
     stated = problem.cells.measured.by_stated_targets.shape[2]  # what else is common follows
-    return np.asarray(-u_m * units[:stated], dtype=np.float64)
+    return np.asarray(-problem.setup.apparatus_m * units[:stated], dtype=np.float64)
 
 
 class _Weighed:
@@ -137,12 +134,8 @@ class _Weighed:
         variances: tuple[float, float],
         at: FittedModel,
     ) -> None:
-        self._problem, self._at = problem, at
-        self._pose = problem.pose.whitening(variances[0])
-        shows = any(shows_torque(effect) for effect in effects)
-        self._torque = (
-            problem.torque.whitening(variances[1]) if problem.torque is not None and shows else None
-        )
+        self._problem, self._at, self._variances = problem, at, variances
+        self._torque = problem.torque if any(map(shows_torque, effects)) else None
         possible = possible_sizes(at.model, problem.cells.measured)
         rows = np.diag(1.0 / possible)
         # Zero of an effect does not determine its shape: zero, the middle of what is expected
@@ -171,10 +164,10 @@ class _Weighed:
         """Return the sum of squares at parameters (k,): all that a step uphill needs."""
         self._look_at(x)
         problem, off = self._problem, self._expected @ (x - self._middle)[:, None]
-        rows = [self._pose(problem.pose.rows(self._left[:, :, None]))]
-        if problem.torque is not None and self._torque is not None:
-            torque = torque_left(problem, self._at)
-            rows.append(self._torque(problem.torque.rows(torque[:, :, None])))
+        rows = [problem.pose.weighed(self._left[:, :, None], self._variances[0])]
+        if self._torque is not None:
+            left_Nm = torque_left(problem, self._at)
+            rows.append(self._torque.weighed(left_Nm[:, :, None], self._variances[1]))
         return float(sum(np.sum(part**2) for part in (*rows, off)))
 
     def equations(self, x: Array) -> Equations:
@@ -182,9 +175,9 @@ class _Weighed:
         self._look_at(x)
         problem, off = self._problem, self._expected @ (x - self._middle)
         of_pose = np.concatenate([self._left[:, :, None], self._jacobian()], axis=2)
-        rows = [self._pose(problem.pose.rows(of_pose))]
-        if problem.torque is not None and self._torque is not None:
-            rows.append(self._torque(problem.torque.rows(torque_rows(problem, self._at))))
+        rows = [problem.pose.weighed(of_pose, self._variances[0])]
+        if self._torque is not None:
+            rows.append(self._torque.weighed(torque_rows(problem, self._at), self._variances[1]))
         rows.append(np.concatenate([off[:, None], self._expected], axis=1))
         everything = np.concatenate(rows)
         return Equations.of(everything[:, 0], everything[:, 1:])

@@ -27,8 +27,8 @@ from pa10cal.discovery.evidence.search import (
     linearise,
     threshold,
 )
-from pa10cal.discovery.finding import CARRIED, Finding, MayHaveCarrier
-from pa10cal.discovery.linear import mean_length, of_weights, position_noise
+from pa10cal.discovery.finding import Finding, MayHaveCarrier, carrier_of
+from pa10cal.discovery.linear import left_out, mean_length, of_weights, position_noise
 from pa10cal.discovery.preparation import effects_in, is_fault
 from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
 from pa10cal.observe.observations import reading_groups
@@ -153,20 +153,19 @@ def _flipped(rows: WeighedRows, k: int, pose: Index, signs: Array) -> float:
 
     data, of_row = left(rows.data[:, None]), pose[rows.cell]
 
-    def gain(columns: Array, signs: Array | None) -> Array:
-        """Return the gain in evidence under each flip of signs (F, P), or as measured."""
+    def gain(columns: Array, signs: Array) -> Array:
+        """Return the gain in evidence under each flip of signs (F, P)."""
         columns = left(columns)
         scores = np.zeros((int(of_row.max()) + 1, columns.shape[1]))  # pose by pose
         np.add.at(scores, of_row, columns * data)
         values, vectors = np.linalg.eigh(columns.T @ columns)
         values = np.maximum(values, 0.0)
-        total = (scores.sum(axis=0, keepdims=True) if signs is None else signs @ scores) @ vectors
         sizes = np.array(SIZES)[:, None] ** 2
-        explained = (total**2) @ (sizes / (1.0 + sizes * values)).T
+        explained = (signs @ scores @ vectors) ** 2 @ (sizes / (1.0 + sizes * values)).T
         best: Array = 0.5 * (explained - np.log1p(sizes * values).sum(axis=1)).max(axis=1)
         return best
 
-    mine = gain(rows.own[:, rows.members[k]], None)
+    mine = gain(rows.own[:, rows.members[k]], np.ones((1, signs.shape[1])))
     highest = np.full(len(signs), -np.inf)
     for columns in rows.family:
         highest = np.maximum(highest, gain(columns, signs))
@@ -176,10 +175,7 @@ def _flipped(rows: WeighedRows, k: int, pose: Index, signs: Array) -> float:
 def _carrier(
     rows: WeighedRows, k: int, pose: Index, labels: NDArray[np.str_], needed: float
 ) -> str | None:
-    """Return the pose without which nearly nothing speaks for member k; None for none.
-
-    The products of each pose are taken from the sums; sizes and weights stay as they are.
-    """
+    """Return the pose without which nearly nothing speaks for member k; None for none."""
     columns = np.concatenate([rows.own, rows.data[:, None]], axis=1)
     own = np.arange(rows.own.shape[1])
     without = np.delete(own, rows.members[k])
@@ -200,9 +196,7 @@ def _carrier(
     for number in range(len(labels)):
         part = columns[of_row == number]
         left[number] = loss(total - part.T @ part)
-    worst = int(left.argmin())
-    carried = left[worst] < min(needed, CARRIED * whole)
-    return str(labels[worst]) if carried else None
+    return carrier_of(labels, left, whole, needed)
 
 
 def _left_out(
@@ -211,19 +205,7 @@ def _left_out(
     """Return how member k does on each fold, all being fitted on the others."""
     fold, pose = fold_of_cell[rows.cell], pose_of_cell[rows.cell]
     without = np.delete(rows.own, rows.members[k], axis=1)
-    errors = []
-    for own in (rows.own, without):
-        everything = np.concatenate([own, rows.data[:, None]], axis=1)
-        total = everything.T @ everything
-        squares = np.zeros(int(pose.max()) + 1)
-        for number in np.unique(fold):
-            here = fold == number
-            part = everything[here]
-            products = total - part.T @ part
-            factor = cho_factor(products[:-1, :-1] + np.eye(own.shape[1]))
-            left = part[:, -1] - part[:, :-1] @ cho_solve(factor, products[:-1, -1])
-            np.add.at(squares, pose[here], left**2)
-        errors.append(squares)
+    errors = [np.bincount(pose, left_out(rows.data, own, fold) ** 2) for own in (rows.own, without)]
     gain = errors[1] - errors[0]
     spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
     return CrossValidation(
@@ -308,11 +290,11 @@ def _refitted(
     """
     worse = threshold(effects_in(found.family), MISSED_RATE)
     place = found.fit.effects.index(effect)
-    kept, sizes = less(found.members, place), less(found.fit.sizes, place)
+    kept = less(found.chosen, place)
     candidates = [found.family.index(e) for e in family if e not in found.fit.effects]
-    without = found.evidence.score(kept, sizes).log_evidence
+    without = found.evidence.score(kept).log_evidence
     here = found.score.log_evidence
-    gains = found.evidence.additions(kept, sizes, candidates)
+    gains = found.evidence.additions(kept, candidates)
     close = [
         (without + gain, candidate, size)
         for (gain, size), candidate in zip(gains, candidates, strict=True)
@@ -320,11 +302,11 @@ def _refitted(
     ]
     refits = []
     for _, candidate, size in sorted(close, reverse=True)[:_MOST_REFITS]:
-        effects = tuple(found.family[k] for k in (*kept, candidate))
-        variances = found.score.variances
-        refit = fit(found.problem, effects, (*sizes, size), variances, found.fit)
+        effects = tuple(found.family[k] for k in (*(k for k, _ in kept), candidate))
+        sizes = (*(size for _, size in kept), size)
+        refit = fit(found.problem, effects, sizes, found.score.variances, found.fit)
         own = evidence_about(found.problem, refit, refit.effects)
-        score = own.score(tuple(range(len(refit.effects))), refit.sizes)
+        score = own.score(tuple(enumerate(refit.sizes)))
         if score.log_evidence >= here - worse:
             refits.append((refit, score))
     return sorted(refits, key=lambda pair: -pair[1].log_evidence)
@@ -351,20 +333,18 @@ def _unexplained(
 
 
 def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ...]) -> bool:
-    """Return whether an effect may only stand in for something unexplained at its own place.
-
-    It may where generic effects of its place, all together, could do without it.
-    """
+    """Return whether generic effects of an effect's place, all together, could do without it."""
     if not unexplained:
         return False
-    members, sizes = found.members, found.fit.sizes
+    chosen, evidence = found.chosen, found.evidence
     for k, rival in enumerate(found.family):
-        if (rival.generic or rival.id == MAP) and rival.of == effect.of and k not in members:
-            _, size = found.evidence.additions(members, sizes, [k])[0]
-            members, sizes = (*members, k), (*sizes, size)
-    place = members.index(found.family.index(effect))
-    whole = found.evidence.score(members, sizes).log_evidence
-    without = found.evidence.score(less(members, place), less(sizes, place)).log_evidence
+        there = rival in found.fit.effects
+        if (rival.generic or rival.id == MAP) and rival.of == effect.of and not there:
+            ((_, size),) = evidence.additions(chosen, [k])
+            chosen = (*chosen, (k, size))
+    place = found.fit.effects.index(effect)
+    whole = evidence.score(chosen).log_evidence
+    without = evidence.score(less(chosen, place)).log_evidence
     return whole - without < threshold(effects_in(found.family), MISSED_RATE)
 
 

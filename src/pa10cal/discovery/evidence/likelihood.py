@@ -26,6 +26,8 @@ _BETWEEN = 129
 #: Standard deviations of an effect that are tried, in its plausible size. Trying them costs the
 #: logarithm of their number, which keeps the bound above.
 SIZES = (0.1, 1.0, 10.0)
+#: A set of candidates: the number of each in the family, and the index in `SIZES` of its size.
+CandidateSet = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -116,28 +118,25 @@ class SetEvidence:
             gram, projection = np.zeros((count, width, width)), np.zeros((count, width))
             gram[:, at[:, None], at], projection[:, at] = found.gram, found.projection
             self._torque = Reduced(gram, projection, found.constant)
-        self._scores: dict[tuple[tuple[int, ...], tuple[int, ...]], Score] = {}
-        self._additions: dict[tuple[tuple[int, ...], ...], list[tuple[float, int]]] = {}
+        self._scores: dict[CandidateSet, Score] = {}
+        self._additions: dict[tuple[CandidateSet, tuple[int, ...]], list[tuple[float, int]]] = {}
         self._last: tuple[tuple[int, ...], Reduced, Reduced] | None = None
 
-    def score(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> Score:
-        """Return the evidence of a set of candidates at given sizes."""
-        key = (members, sizes)
-        if key not in self._scores:
-            self._scores[key] = self._score(members, sizes)
-        return self._scores[key]
+    def score(self, chosen: CandidateSet) -> Score:
+        """Return the evidence of a set of candidates."""
+        if chosen not in self._scores:
+            self._scores[chosen] = self._score(chosen)
+        return self._scores[chosen]
 
-    def additions(
-        self, members: tuple[int, ...], sizes: tuple[int, ...], candidates: list[int]
-    ) -> list[tuple[float, int]]:
+    def additions(self, chosen: CandidateSet, candidates: list[int]) -> list[tuple[float, int]]:
         """Return, for each candidate, what it would add to the evidence of a set, and its size.
 
         To within the step between the variances tried; `score` is exact.
         """
-        if (key := (members, sizes, tuple(candidates))) in self._additions:
+        if (key := (chosen, tuple(candidates))) in self._additions:
             return self._additions[key]
-        g0, h0 = self.score(members, sizes).nearest
-        columns, scale = self._of(members, sizes)
+        g0, h0 = self.score(chosen).nearest
+        columns, scale = self._of(chosen)
         at_g0, at_h0, every = slice(g0, g0 + 1), slice(h0, h0 + 1), slice(None)
         poses = self._given(columns, scale, every, at_h0, candidates)
         showing = [k for k in candidates if self._shows_in_torque[k]]
@@ -188,8 +187,9 @@ class SetEvidence:
             taken[:, :, :-1],
         )
 
-    def _score(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> Score:
-        columns, scale = self._of(members, sizes)
+    def _score(self, chosen: CandidateSet) -> Score:
+        columns, scale = self._of(chosen)
+        members = tuple(k for k, _ in chosen)
         shows = bool(self._shows_in_torque[list(members)].any())
         if self._last is None or self._last[0] != members:  # often asked at other sizes
             self._last = members, self._pose.of(columns), self._torque.of(columns)
@@ -233,10 +233,12 @@ class SetEvidence:
             nearest=(g, h),
         )
 
-    def _of(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> tuple[Index, Array]:
+    def _of(self, chosen: CandidateSet) -> tuple[Index, Array]:
         """Return the columns of a set and the size by which each is scaled."""
-        columns = [self._columns[k] for k in members]
-        scale = [np.full(len(own), SIZES[size]) for own, size in zip(columns, sizes, strict=True)]
+        columns = [self._columns[k] for k, _ in chosen]
+        scale = [
+            np.full(len(own), SIZES[size]) for own, (_, size) in zip(columns, chosen, strict=True)
+        ]
         return (
             np.concatenate([np.zeros(0, dtype=np.intp), *columns]),
             np.concatenate([np.zeros(0), *scale]),
@@ -262,9 +264,8 @@ def _minus_twice_log(gram: Array, projection: Array, constant: Array) -> Array:
 def _between(values: Array, least: int) -> tuple[float, float]:
     """Return how much lower a spline through the values lies near the least, and at which variance.
 
-    In the logarithm of the variance, whose steps are even from the second value on. The steps are
-    wide: a parabola through three values would be wrong by tens of nats where hundreds of rows have
-    a part in the error.
+    A parabola through three values would be wrong by tens of nats where hundreds of rows have a
+    part in the error.
     """
     if least < 2 or least >= len(values) - 1:
         return 0.0, float(SHARED_VARIANCES[least])

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from pa10cal.arm.statics import Payload, Statics
@@ -130,6 +131,20 @@ class NoiseModel:
         count, b, k = white.shape
         turned: Array = self._turn @ white.reshape(count, b * k)
         return turned.reshape(count * b, k)
+
+    def weighed(self, values: Array, variance: float) -> Array:
+        """Return independent rows of unit variance (C b, k) of values (C, b, k)."""
+        return self.whitening(variance)(self.rows(values))
+
+    def common_amounts(self, rows: Array, variance: float) -> Array:
+        """Return the most likely amounts (c, k) of the common errors in whitened rows (R, k).
+
+        The error that each pose shares, of a variance, keeps them from taking what a model lacks.
+        """
+        weight = 1.0 / (1.0 + variance * self.shared_size)[:, None]
+        normal = self.common.T @ (weight * self.common) + np.eye(self.common.shape[1])
+        found: Array = cho_solve(cho_factor(normal), self.common.T @ (weight * rows))
+        return found
 
     @cached_property
     def _turn(self) -> csr_array:
@@ -299,23 +314,18 @@ def _common_torques(
     ).ravel()
     load_N = cells.states.load_N[:, None] * (cells.states.load_N[:, None] == loads_N)
     # Load, apparatus and gravity are off by their standard uncertainties.
-    x, y, z = np.eye(3)
-    g, point_m, com_m = payload.gravity_m_s2, payload.load_point_m, payload.com_m
-    level = MM * options.level_uncertainty_mrad * np.linalg.norm(g)
-    misplaced = [
-        *(
-            replace(payload, load_point_m=point_m + MM * options.load_point_uncertainty_mm * axis)
-            for axis in (x, y, z)
-        ),
-        *(
-            replace(payload, com_m=com_m + MM * options.tool_com_uncertainty_mm * axis)
-            for axis in (x, y, z)
-        ),
-        *(replace(payload, gravity_m_s2=g + level * axis) for axis in (x, y)),
+    point_m, com_m = MM * options.load_point_uncertainty_mm, MM * options.tool_com_uncertainty_mm
+    level = MM * options.level_uncertainty_mrad * np.linalg.norm(payload.gravity_m_s2)
+    moved = [
+        replace(payload, load_point_m=payload.load_point_m + off) for off in point_m * np.eye(3)
+    ]
+    moved += [replace(payload, com_m=payload.com_m + off) for off in com_m * np.eye(3)]
+    moved += [
+        replace(payload, gravity_m_s2=payload.gravity_m_s2 + off) for off in level * np.eye(3)[:2]
     ]
     by_payload = [
-        statics_of(baseline.model, baseline.x, cells.states, moved).torque_Nm - weights.torque_Nm
-        for moved in misplaced
+        statics_of(baseline.model, baseline.x, cells.states, each).torque_Nm - weights.torque_Nm
+        for each in moved
     ]
     of_tool = np.zeros((*weights.torque_Nm.shape, 0))
     if not payload.known:

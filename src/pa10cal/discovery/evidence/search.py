@@ -8,12 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.evidence.fit import EvidenceFit, fit, pose_rows, torque_rows
-from pa10cal.discovery.evidence.likelihood import SIZES, CandidateRows, Score, SetEvidence
+from pa10cal.discovery.evidence.likelihood import (
+    SIZES,
+    CandidateRows,
+    CandidateSet,
+    Score,
+    SetEvidence,
+)
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import by_end, of_weights, possible_sizes
@@ -141,10 +148,7 @@ def testable(
 def _beside_own(
     problem: EvidenceProblem, found: EvidenceFit, effects: tuple[Effect, ...]
 ) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Yield rows of each effect: of poses, what own parameters leave of these, of torques.
-
-    In their plausible size; those of torques bare, and weighed.
-    """
+    """Yield rows of each effect: of poses, what own parameters leave of these, torques, weighed."""
     lin = linearise(problem, found, effects)
     pose = problem.pose.whitening(0.0)
     own, _ = np.linalg.qr(np.concatenate([pose(lin.own), np.eye(lin.own.shape[1])]))
@@ -199,18 +203,14 @@ class EndOfSearch:
     evidence: SetEvidence  # about that fit, over the whole family
     family: tuple[Effect, ...]  # the candidates, in the order of the evidence's blocks
     same: Mask  # (m, m) which of them look the same in these poses
-    score: Score  # evidence of the set found
+    chosen: CandidateSet  # the effects found, as a set of the family
+    score: Score  # evidence of that set
     without: tuple[Score, ...]  # evidence of the set less each of its effects
-
-    @property
-    def members(self) -> tuple[int, ...]:
-        """Return the places of the effects found in the family."""
-        return tuple(map(self.family.index, self.fit.effects))
 
     @property
     def nothing(self) -> Score:
         """Return the evidence of the empty set."""
-        return self.evidence.score((), ())
+        return self.evidence.score(())
 
 
 def threshold(family: int, error_rate: float) -> float:
@@ -233,18 +233,18 @@ def search(
     needed = threshold(effects_in(family), error_rate)
     same = indistinguishable(problem, start, family)
     current = start
-    members: tuple[int, ...] = ()
-    sizes: tuple[int, ...] = ()
+    chosen: CandidateSet = ()
     seen: set[frozenset[int]] = set()
     for _ in range(_MOST_ROUNDS):
         evidence = evidence_about(problem, current, family)
-        members, sizes = _improve(evidence, same, members, sizes, needed)
-        variances = evidence.score(members, sizes).variances
-        if frozenset(members) in seen:
+        chosen = _improve(evidence, same, chosen, needed)
+        members = frozenset(k for k, _ in chosen)
+        if members in seen:
             break
-        seen.add(frozenset(members))
-        effects = tuple(family[k] for k in members)
-        problem, current = refit(problem, effects, sizes, variances, current)
+        seen.add(members)
+        effects = tuple(family[k] for k, _ in chosen)
+        sizes = tuple(size for _, size in chosen)
+        problem, current = refit(problem, effects, sizes, evidence.score(chosen).variances, current)
     return ended_at(problem, current, family, same)
 
 
@@ -252,11 +252,11 @@ def ended_at(
     problem: EvidenceProblem, current: EvidenceFit, family: tuple[Effect, ...], same: Mask
 ) -> EndOfSearch:
     """Return what the search has found where it ends at a fit, with the evidence about it."""
-    evidence, sizes = evidence_about(problem, current, family), current.sizes
-    members = tuple(map(family.index, current.effects))
-    score, places = evidence.score(members, sizes), range(len(members))
-    without = tuple(evidence.score(less(members, k), less(sizes, k)) for k in places)
-    return EndOfSearch(problem, current, evidence, family, same, score, without)
+    evidence = evidence_about(problem, current, family)
+    chosen = tuple(zip(map(family.index, current.effects), current.sizes, strict=True))
+    without = tuple(evidence.score(less(chosen, k)) for k in range(len(chosen)))
+    score = evidence.score(chosen)
+    return EndOfSearch(problem, current, evidence, family, same, chosen, score, without)
 
 
 def refit(
@@ -284,104 +284,84 @@ def refit(
 
 
 def _improve(
-    evidence: SetEvidence,
-    same: Mask,
-    members: tuple[int, ...],
-    sizes: tuple[int, ...],
-    needed: float,
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    evidence: SetEvidence, same: Mask, chosen: CandidateSet, needed: float
+) -> CandidateSet:
     """Add, exchange and drop effects until nothing helps; each that stays must be needed."""
     forbidden: set[int] = set()
-    while True:
-        members, sizes = _forward(evidence, same, members, sizes, forbidden)
-        weakest, loss, left_sizes = _weakest(evidence, members, sizes, needed)
-        if weakest is None or loss >= needed:
-            return members, sizes
+    while chosen := _forward(evidence, same, chosen, forbidden):
+        weakest, loss, rest = _weakest(evidence, chosen, needed)
+        if loss >= needed:
+            break
         # What is not needed in the end is not tried again: forward would only bring it back.
-        forbidden.add(members[weakest])
-        members, sizes = less(members, weakest), left_sizes
+        forbidden.add(weakest)
+        chosen = rest
+    return chosen
 
 
 def _forward(
-    evidence: SetEvidence,
-    same: Mask,
-    members: tuple[int, ...],
-    sizes: tuple[int, ...],
-    forbidden: set[int],
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    evidence: SetEvidence, same: Mask, chosen: CandidateSet, forbidden: set[int]
+) -> CandidateSet:
     """Add what makes the data likeliest; when nothing does, exchange one member for better."""
     while True:
-        here = evidence.score(members, sizes).log_evidence
+        enough = evidence.score(chosen).log_evidence + _FORWARD_GAIN
         tried = []
-        if len(members) < _MOST_EFFECTS:
-            tried = [_best_addition(evidence, same, members, sizes, forbidden)]
-        if not tried or tried[0][0] < here + _FORWARD_GAIN:
+        if len(chosen) < _MOST_EFFECTS:
+            tried = [_best_addition(evidence, same, chosen, forbidden)]
+        if not tried or tried[0][0] < enough:
             tried = [
-                _best_addition(
-                    evidence, same, less(members, k), less(sizes, k), forbidden | {members[k]}
-                )
-                for k in range(len(members))
+                _best_addition(evidence, same, less(chosen, k), forbidden | {member})
+                for k, (member, _) in enumerate(chosen)
             ]
-        best = max(tried, default=(-np.inf, members, sizes))
-        if best[0] < here + _FORWARD_GAIN:
-            return members, sizes
-        _, members, sizes = best
+        best = max(tried, default=(-np.inf, chosen))
+        if best[0] < enough:
+            return chosen
+        chosen = best[1]
 
 
 def _best_addition(
-    evidence: SetEvidence,
-    same: Mask,
-    members: tuple[int, ...],
-    sizes: tuple[int, ...],
-    forbidden: set[int],
-) -> tuple[float, tuple[int, ...], tuple[int, ...]]:
+    evidence: SetEvidence, same: Mask, chosen: CandidateSet, forbidden: set[int]
+) -> tuple[float, CandidateSet]:
     """Return the evidence of the best set with one more member, and that set.
 
-    Nothing forbidden may join, nor what looks the same as a member. Where nothing may, the set as
-    it is, and no evidence for it.
+    Nothing forbidden may join, nor what looks the same as a member.
     """
-    looks_new = ~same[:, list(members)].any(axis=1)
+    looks_new = ~same[:, [k for k, _ in chosen]].any(axis=1)
     open_to = [k for k in np.flatnonzero(looks_new).tolist() if k not in forbidden]
     if not open_to:
-        return -np.inf, members, sizes
-    gains = evidence.additions(members, sizes, open_to)
+        return -np.inf, chosen
+    gains = evidence.additions(chosen, open_to)
     best = max(range(len(open_to)), key=lambda k: gains[k][0])
-    members, sizes = (*members, open_to[best]), (*sizes, gains[best][1])
-    return evidence.score(members, sizes).log_evidence, members, sizes
+    chosen = (*chosen, (open_to[best], gains[best][1]))
+    return evidence.score(chosen).log_evidence, chosen
 
 
 def _weakest(
-    evidence: SetEvidence, members: tuple[int, ...], sizes: tuple[int, ...], needed: float
-) -> tuple[int | None, float, tuple[int, ...]]:
-    """Return which member the set would miss least, how much, and the sizes of those left.
-
-    Those left may take the size they have without it: beside a proxy the right effect is small.
-    """
-    if not members:
-        return None, 0.0, sizes
-    whole = evidence.score(members, sizes).log_evidence
-    left = [
-        (evidence.score(less(members, k), less(sizes, k)).log_evidence, less(sizes, k))
-        for k in range(len(members))
-    ]
-    if whole - max(left)[0] >= needed:  # only then is it worth the time
-        left = [resized(evidence, less(members, k), less(sizes, k)) for k in range(len(members))]
-    weakest = max(range(len(members)), key=lambda k: left[k][0])
-    return weakest, whole - left[weakest][0], left[weakest][1]
+    evidence: SetEvidence, chosen: CandidateSet, needed: float
+) -> tuple[int, float, CandidateSet]:
+    """Return which member the set would miss least, how much, and the set without it."""
+    whole = evidence.score(chosen).log_evidence
+    left = [less(chosen, k) for k in range(len(chosen))]
+    scores = [evidence.score(each).log_evidence for each in left]
+    if whole - max(scores) >= needed:  # beside a proxy the right effect is small
+        left = [resized(evidence, each) for each in left]
+        scores = [evidence.score(each).log_evidence for each in left]
+    weakest = int(np.argmax(scores))
+    return chosen[weakest][0], whole - scores[weakest], left[weakest]
 
 
-def resized(
-    evidence: SetEvidence, members: tuple[int, ...], sizes: tuple[int, ...]
-) -> tuple[float, tuple[int, ...]]:
-    """Return the evidence of a set with the size of each member chosen anew, and the sizes."""
-    best = evidence.score(members, sizes).log_evidence, sizes
-    for k in range(len(members)):
+def resized(evidence: SetEvidence, chosen: CandidateSet) -> CandidateSet:
+    """Return a set with the size of each member chosen anew, by its evidence."""
+    best = evidence.score(chosen).log_evidence, chosen
+    for k, (member, _) in enumerate(chosen):
         for size in range(len(SIZES)):
-            tried = (*best[1][:k], size, *best[1][k + 1 :])
-            best = max(best, (evidence.score(members, tried).log_evidence, tried))
-    return best
+            tried = (*best[1][:k], (member, size), *best[1][k + 1 :])
+            best = max(best, (evidence.score(tried).log_evidence, tried))
+    return best[1]
 
 
-def less(values: tuple[int, ...], k: int) -> tuple[int, ...]:
+T = TypeVar("T")
+
+
+def less(values: tuple[T, ...], k: int) -> tuple[T, ...]:
     """Return the values without the k-th."""
     return values[:k] + values[k + 1 :]
