@@ -9,7 +9,6 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats
 from pa10cal.discovery.preparation import setup_of
-from pa10cal.discovery.records import discovery_records, verdict_keys, warnings_of
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.options import SimulateOptions
@@ -74,10 +73,6 @@ def with_gross_errors(every, share=0.02, size_m=8e-3):
     return every.with_measured(T_instr_target=T), wrong
 
 
-def notes(verdict):
-    return warnings_of(verdict_keys(verdict))
-
-
 def names(verdict):
     return [(effect.id, effect.of) for effect in verdict.effects]
 
@@ -128,9 +123,8 @@ def test_where_poses_are_repeated_repeats_are_the_judge(campaign, instrument):
         for entry in verdict.not_testable
         if entry.effect.id == "friction_torque"
     )
-    records = discovery_records(verdict, verdict.next_poses(3), read.description, "combined")
-    assert isinstance(records.verdict, VerdictKeys)
-    assert len(records.analysis.gap.train) == 60
+    assert isinstance(verdict.record(read.description, verdict.next_poses(3)), VerdictKeys)
+    assert len(verdict.analysis(read.description).gap.train) == 60
 
 
 @pytest.mark.slow
@@ -154,8 +148,8 @@ def test_gross_errors_of_single_readings_change_no_name(campaign, hidden):
     # What stands without them stands; where nothing does, they are what there is to tell.
     assert verdict.verdict == (clean.verdict if hidden else "check_the_log")
     assert [fault.kind for fault in verdict.faults] == ["outlier"] * len(wrong)
-    assert any(f"{len(wrong)} readings are excluded" in note for note in notes(verdict))
-    assert not any("excluded" in note for note in notes(clean))
+    assert any(f"{len(wrong)} readings are excluded" in note for note in verdict.keys().warnings)
+    assert not any("excluded" in note for note in clean.keys().warnings)
     # Two of 60 poses were read once less: the mean floor is higher by 0.41 of 2 in 60.
     assert verdict.noise_floor_mm == pytest.approx(clean.noise_floor_mm, rel=0.03)
     assert verdict.train.after.mean_mm == pytest.approx(clean.train.after.mean_mm, rel=0.03)

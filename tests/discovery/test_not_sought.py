@@ -10,7 +10,6 @@ from pa10cal.discovery.discover import attitudes_off, discover, too_little
 from pa10cal.discovery.evidence.by_repeats import evidence_lack_of_fit
 from pa10cal.discovery.gap import left_by
 from pa10cal.discovery.noise import same_circumstances
-from pa10cal.discovery.records import discovery_records, summary
 from pa10cal.observe.observations import reading_groups
 
 
@@ -93,8 +92,8 @@ class TestVerdict:
     def test_what_remains_is_stated_the_same_before_and_after(self, found):
         before, after = found.lack_of_fit()
         assert before is after
-        assert before.pose.shared is before.pose.unshared is before.torque is None
-        assert before.floor_mm > 0.0
+        assert before.pure_error is before.by_joint[0].torque_noise_Nm is None
+        assert before.by_load[0].floor_mm > 0.0
 
     def test_repeats_say_what_the_noise_is_where_poses_are_too_few(self, made):
         found = discover(of_poses(made, 7), made.baseline, made.setup)
@@ -110,17 +109,15 @@ class TestVerdict:
 
         # The covariance of the made-up baseline is not known; that of a calibrated one is.
         known = replace(found.calibrated, covariance=1e-12 * np.eye(len(found.calibrated.x) + 6))
-        records = discovery_records(
-            replace(found, calibrated=known, covariance=known.covariance),
-            found.next_poses(0),
-            Campaign(),
-            "combined",
-        )
-        assert records.verdict.verdict == records.extended.verdict == "not_sought"
-        (line,) = summary(records.verdict)
-        assert line == f"effects were not sought: {found.why}; {found.remedy}"
-        assert len(records.analysis.naming) == 1
-        assert all(s.before == pytest.approx(s.after) for s in records.analysis.parameter_shifts)
+        whole = replace(found, calibrated=known, covariance=known.covariance)
+        record = whole.record(Campaign())
+        extended = whole.extended_record(record, Campaign.robot, "combined")
+        assert record.verdict == extended.verdict == "not_sought"
+        assert record.summary == (f"effects were not sought: {found.why}; {found.remedy}",)
+        assert len(whole.analysis(Campaign()).naming) == 1
+        own = known.model.report(known.x)
+        for parameter, value in zip(own.parameters, own.values, strict=True):
+            assert extended.parameters[parameter.name].value == pytest.approx(value)
 
 
 def there_and_back(readings, group):
@@ -137,11 +134,11 @@ def test_cells_of_the_same_mean_time_have_no_drift(made):
     order = there_and_back(made.readings, same_circumstances(made.readings))
     again = replace(made, readings=order)
     found = evidence_lack_of_fit(again.problem, again.start)
-    assert [drift.by_time_mm_per_h for drift in found.drifts] == [None] * 3
+    assert [drift.with_time_mm for drift in found.drifts] == [None] * 3
     few = of_poses(made, 3)
     verdict = discover(there_and_back(few, reading_groups(few)), made.baseline, made.setup)
     assert verdict.verdict == "not_sought"
-    assert [drift.by_time_mm_per_h for drift in verdict.lack_of_fit()[0].drifts] == [None] * 3
+    assert [drift.with_time_mm for drift in verdict.lack_of_fit()[0].drifts] == [None] * 3
 
 
 class TestLogsThatDoNotScatter:
@@ -183,4 +180,4 @@ def test_readings_that_were_copied_are_no_repeats(made):
     assert found.why.startswith("the scatter of repeats shows no noise in some component")
     assert "readings that were copied" in found.remedy
     assert found.noise_floor_from.startswith("the instrument's stated uncertainty")
-    assert np.isfinite(found.lack_of_fit()[0].floor_mm)
+    assert np.isfinite(found.lack_of_fit()[0].by_load[0].floor_mm)

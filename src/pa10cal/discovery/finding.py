@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Generic, Literal, TypeVar
 
@@ -22,7 +22,7 @@ from pa10cal.results.discovery import (
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.health import InputFinding
 from pa10cal.results.maps import JointWitness, MapForm
-from pa10cal.results.record import HALF_WIDTH_95, EffectName, FaultKind, Numbers, Part
+from pa10cal.results.record import EffectName, FaultKind, Numbers, Part
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import BandPrior, JointErrorMap
 from pa10cal.terms.log_faults import LogFault
@@ -126,15 +126,6 @@ def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, Effe
         parameter.name: EffectParameter(value=value, std=sigma, unit=parameter.unit)
         for parameter, value, sigma in zip(known, x.tolist(), std, strict=True)
     }
-
-
-def sized(parameters: Mapping[str, EffectParameter]) -> str:
-    """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
-    return ", ".join(
-        f"{key} = {entry.value:.4g} ± {HALF_WIDTH_95 * entry.std:.1g} {entry.unit}"
-        for key, entry in parameters.items()
-        if not key.startswith("knot")
-    )
 
 
 def name_of(effect: Effect) -> EffectName:

@@ -19,8 +19,9 @@ from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back, trusted
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.verdict import Limits, Searched, is_named, no_name
+from pa10cal.discovery.verdict import Searched, is_named, no_name
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
+from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.order import drivers, measured_again, slow_joints
@@ -270,7 +271,7 @@ def harmless(found: V) -> V:
     def within_alone(gap: PairedErrors) -> PairedErrors:
         return fallen_back(gap, ~within.inside(gap.poses.states.q_rad))
 
-    return replace(found.with_gaps(within_alone), falls_back=Limits(within, why))
+    return replace(found.with_gaps(within_alone), falls_back=FallBack(within, found.baseline, why))
 
 
 def _without_contradicted(found: V, visited: AngleCoverage) -> V:

@@ -8,8 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.records import Joining, explained, explained_by
-from pa10cal.results.explained import percent
+from pa10cal.discovery.gap import explained_by
+from pa10cal.discovery.verdict import Verdict
+from pa10cal.results.explained import ExplainedEffect, percent
 from pa10cal.results.record import EffectName
 
 NOISE_MM = 0.1
@@ -21,14 +22,21 @@ def errors(rms_mm, count=50):
     return drawn * rms_mm / np.sqrt(np.mean(drawn**2))
 
 
+def taking(ids, of, before_mm, after_mm, **more):
+    """Return an effect by what is left without it and with it."""
+    return ExplainedEffect(
+        ids=ids, of=of, share=0.0, before_mm=before_mm, after_mm=after_mm, **more
+    )
+
+
 def chain(*steps, start_mm=0.5):
     """Return effects that join one after the other: ids, place, what they leave."""
-    left, joining = start_mm, []
+    left, effects = start_mm, []
     for ids, of, after_mm, *more in steps:
         elsewhere = tuple(EffectName(id=id_, of=at) for id_, at in more)
-        joining.append(Joining(ids, of, errors(left), errors(after_mm), elsewhere))
+        effects.append(taking(ids, of, left, after_mm, elsewhere=elsewhere))
         left = after_mm
-    return explained_by(joining, errors(start_mm), NOISE_MM)
+    return explained_by(effects, start_mm, NOISE_MM)
 
 
 def test_shares_are_of_the_variance_beyond_noise_and_sum_to_the_whole():
@@ -63,9 +71,9 @@ def test_shares_stay_between_nothing_and_all(steps, share, shares):
 
 
 def test_no_more_than_noise_is_nothing_to_explain():
-    assert explained_by((), errors(1.1 * NOISE_MM), NOISE_MM) is None
+    assert explained_by((), 1.1 * NOISE_MM, NOISE_MM) is None
     assert chain((("backlash",), "joint 1", 0.09), start_mm=0.095) is None
-    found = explained_by((), errors(0.5), NOISE_MM)
+    found = explained_by((), 0.5, NOISE_MM)
     assert (found.share, found.of, found.without_a_name) == (0.0, (), 1.0)
     assert found.headline == "none of the error beyond noise is explained"
     assert found.sentences == ()
@@ -90,10 +98,10 @@ def test_effects_of_one_kind_are_told_together():
 
 def test_springs_of_the_calibration_join_before_the_effects():
     springs = [
-        Joining(("joint_compliance",), f"joint {joint}", errors(b), errors(a), weights="assumed")
+        taking(("joint_compliance",), f"joint {joint}", b, a, weights="assumed")
         for joint, b, a in ((2, 0.36, 0.25), (3, 0.25, 0.17))
     ]
-    found = explained_by(springs, errors(0.36), 0.05)
+    found = explained_by(springs, 0.36, 0.05)
     (told,) = found.sentences
     assert told == (
         "Joints 2 and 3 give way under the arm's weight (stiffness relative to assumed weights): "
@@ -116,7 +124,7 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
     )  # fmt: skip
     eccentric = SimpleNamespace(id="eccentricity", of="joint 3", alternatives=(), effect="of 3")
     without, last = left(0.25), left(0.12)
-    found = explained(
+    found = Verdict.explained.fget(
         SimpleNamespace(
             method="evidence", verdict="named", gives_way=(spring,), findings=(eccentric,),
             prepared=SimpleNamespace(suspected=None), train=None,
@@ -124,11 +132,7 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
                 poses=range(50), noise_rms_mm=NOISE_MM,
                 found_before=left(calibrated_mm), found_after=last,
             ),
-            naming=(
-                SimpleNamespace(
-                    effects=("of 3",), judging=last, without=(SimpleNamespace(judging=without),),
-                ),
-            ),
+            errors_by_name=SimpleNamespace(without={"of 3": without}),
         )
     )  # fmt: skip
     assert found.before_mm == pytest.approx(max(calibrated_mm, all_rigid_mm))
@@ -167,7 +171,7 @@ def test_all_and_nothing_are_not_claimed_by_rounding(share, said):
 
 @pytest.mark.slow
 def test_a_verdict_says_what_its_effects_take_away(eccentric):
-    found = explained(eccentric.discovery)
+    found = eccentric.discovery.explained
     (each,) = found.of
     assert (each.ids[0], each.of) == ("encoder_eccentricity", "joint 2")
     assert found.over == "held-out poses"
@@ -177,11 +181,11 @@ def test_a_verdict_says_what_its_effects_take_away(eccentric):
     )
     assert found.share > 0.8
     assert each.share == pytest.approx(found.share)
-    fitted = explained(replace(eccentric.discovery, holdout=None))
+    fitted = replace(eccentric.discovery, holdout=None).explained
     assert fitted.over == "fitted poses"
     assert fitted.after_mm == pytest.approx(eccentric.discovery.train.after.rms_mm)
 
 
 @pytest.mark.slow
 def test_where_nothing_is_missing_nothing_is_explained(nothing_hidden):
-    assert explained(nothing_hidden.discovery) is None
+    assert nothing_hidden.discovery.explained is None
