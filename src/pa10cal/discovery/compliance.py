@@ -8,7 +8,7 @@ assumed. All is linear about the model, the weights among the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
@@ -22,11 +22,13 @@ from pa10cal.discovery.finding import Finding, GivesWay
 from pa10cal.discovery.gap import trusted
 from pa10cal.discovery.linear import (
     by_terms,
+    cluster_covariance,
     error_mm,
     of_weights,
     possible_sizes,
     residual_and_jacobian,
     rms,
+    unknowns,
 )
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import computable, sought
@@ -84,10 +86,10 @@ def with_compliance(found: V) -> V:
             shown.append((nats, spring, without))
     shown.sort(key=lambda entry: -entry[0])
     together = tuple(spring for _, spring, _ in shown)
-    rigid, instead = rows.error(together), rows.instead_of(together, needed)
+    rigid, instead = rows.error(together), _best_first(rows.instead_of(together, needed))
     findings = []
     for nats, spring, without in shown:
-        others = tuple(dict.fromkeys((*instead, *rows.rivals(spring, needed))))
+        others = tuple(dict.fromkeys((*instead, *_best_first(rows.rivals(spring, needed)))))
         if len(others) > _MOST_ALTERNATIVES:
             continue
         stiffness, std, sag_rad, sag_std = rows.stiffness(spring)
@@ -108,6 +110,14 @@ def with_compliance(found: V) -> V:
         effect = JointCompliance(spring.of, spring.tau_ref_Nm)
         findings.append(Finding(effect, np.array([stiffness]), np.array([[std**2]]), others, proof))
     return replace(found, gives_way=tuple(findings))
+
+
+def _best_first(found: Iterable[tuple[Effect, float]]) -> list[Effect]:
+    """Return effects, each by the least squares that any of its shapes leaves."""
+    least: dict[Effect, float] = {}
+    for effect, squares in found:
+        least[effect] = min(squares, least.get(effect, np.inf))
+    return sorted(least, key=lambda effect: least[effect])
 
 
 @dataclass(frozen=True)
@@ -179,36 +189,36 @@ class _LinearProblem:
 
         def errors_mm(poses: Observations) -> Array:
             left, jacobian = residual_and_jacobian(at, poses)
-            return error_mm(poses.measured, left + jacobian @ step)
+            return error_mm(poses.measured, left + jacobian @ (step * self.sizes))
 
         held_out_mm = None if self.held_out is None else errors_mm(self.held_out)
         return _Left(squares, errors_mm(self.poses), held_out_mm)
 
-    def rivals(self, spring: JointSpring, needed: float) -> tuple[Effect, ...]:
-        """Return effects beside which a spring is not needed any more, the best first."""
+    def rivals(self, spring: JointSpring, needed: float) -> Iterator[tuple[Effect, float]]:
+        """Yield effects beside which a spring is not needed any more, and the squares left."""
         rigid, alike = self.without((spring,)), self.alike(spring)
-        without, left = self._system(rigid, (spring,)), dict[Effect, float]()
+        without = self._system(rigid, (spring,))
         both = zip(self._columns(rigid), self._columns(self.at), strict=True)
         for (effect, at_rigid), (_, columns) in both:
             squares = without.squares_with(at_rigid)
             gain = (squares - self._as_it_is.squares_with(columns)) / alike
             if 0.5 * (gain - np.log(self.readings)) < needed:
-                left[effect] = min(squares, left.get(effect, np.inf))
-        return tuple(sorted(left, key=lambda effect: left[effect]))
+                yield effect, squares
 
-    def instead_of(self, springs: tuple[JointSpring, ...], needed: float) -> tuple[Effect, ...]:
-        """Return effects that explain the poses, each alone, as well as some springs together."""
+    def instead_of(
+        self, springs: tuple[JointSpring, ...], needed: float
+    ) -> Iterator[tuple[Effect, float]]:
+        """Yield effects that explain the poses, each alone, as well as some springs together."""
         if len(springs) < 2:
-            return ()
-        rigid, left = self.without(springs), dict[Effect, float]()
+            return
+        rigid = self.without(springs)
         without, (_, squares) = self._system(rigid, springs), self._as_it_is.solved()
         for effect, columns in self._columns(rigid):
             with_it = without.squares_with(columns)
             # The shape of moments costs what it costs the springs.
             fewer = (len(springs) - effect.linear) * np.log(self.readings)
             if 0.5 * (with_it - squares - fewer) < needed:
-                left[effect] = min(with_it, left.get(effect, np.inf))
-        return tuple(sorted(left, key=lambda effect: left[effect]))
+                yield effect, with_it
 
     def _by_moments(self, at: FittedModel, shape: tuple[int, ...]) -> Array:
         """Return what uncertain weights move, (P, b, k), through links and base found to bend."""
@@ -287,18 +297,19 @@ class _LinearProblem:
         is the same in all of them: they count as one (the variance by stretches of time over that
         of independent poses, at least 1).
         """
-        at, system = self.at.model.columns_of(spring).start, self._as_it_is
-        independent = float(system.covariance[at, at])
-        by_stretches = float(system.by_stretches(self._stretch)[at, at])
+        at = self.at.model.columns_of(spring).start
+        independent, by_stretches = (float(cov[at, at]) for cov in self._covariances)
         return max(1.0, by_stretches / independent) if independent > 0.0 else 1.0
 
     @cached_property
-    def _stretch(self) -> Index:
-        """Return the stretch of time of each row (N,)."""
+    def _covariances(self) -> tuple[Array, Array]:
+        """Return that of all unknowns if poses are independent, and by stretches of time."""
         count = len(self.poses)
         order = np.argsort(np.argsort(self.poses.states.time_s, kind="stable"))
         stretches = min(_STRETCHES, max(count // _LEAST_STRETCH, 2))
-        return np.repeat(order * stretches // count, self.whitener.shape[1])
+        stretch = np.repeat(order * stretches // count, self.whitener.shape[1])
+        scale = np.outer(self.sizes, self.sizes)
+        return self._as_it_is.inverse * scale, self._as_it_is.by_clusters(stretch) * scale
 
     def stiffness(self, spring: JointSpring) -> tuple[float, float, float, float]:
         """Return stiffness [N m/rad], its uncertainty, the largest sag [rad], its uncertainty.
@@ -322,14 +333,11 @@ class _LinearProblem:
         sag = float(x[at]) * float(np.abs(carried_Nm[row])) / spring.tau_ref_Nm
         of_sag = float(x[at]) / spring.tau_ref_Nm * by_x[row] * np.sign(carried_Nm[row])
         of_sag[at] = sag / float(x[at])
-        system, k = self._as_it_is, len(x)
-        covariances = (system.covariance[:k, :k], system.by_stretches(self._stretch)[:k, :k])
-        return (
-            stiffness,
-            float(np.sqrt(max(slope @ covariance @ slope for covariance in covariances))),
-            sag,
-            float(np.sqrt(max(of_sag @ covariance @ of_sag for covariance in covariances))),
+        std, sag_std = (
+            float(np.sqrt(max(by @ cov[: len(x), : len(x)] @ by for cov in self._covariances)))
+            for by in (slope, of_sag)
         )
+        return stiffness, std, sag, sag_std
 
     @cached_property
     def _as_it_is(self) -> _System:
@@ -339,28 +347,25 @@ class _LinearProblem:
     def _system(self, at: FittedModel, rigid: tuple[JointSpring, ...]) -> _System:
         left, jacobian = residual_and_jacobian(at, self.poses)
         jacobian = jacobian + self._by_moments(at, jacobian.shape)
-        free = np.ones(jacobian.shape[2], dtype=bool)
         for term in at.model.terms:
             if isinstance(term, JointSpring):
                 column = at.model.columns_of(term).start
-                # A joint that is all but rigid cannot give way the other way round.
-                free[column] = term not in rigid and at.x[column] > _LEAST_RAD
+                # A joint that is all but rigid cannot give way the other way round: it is held.
+                if term in rigid or at.x[column] <= _LEAST_RAD:
+                    jacobian[:, :, column] = 0.0
         white = (self.whitener @ jacobian).reshape(-1, jacobian.shape[2])
         data = (self.whitener @ left[:, :, None]).ravel()
-        unknowns = np.concatenate([at.x, at.targets_m])
-        off = np.where(self.of_weights, unknowns / self.sizes, 0.0)
-        return _System(white[:, free] * self.sizes[free], data, off[free], free, self.sizes)
+        off = np.where(self.of_weights, unknowns(at) / self.sizes, 0.0)
+        return _System(white * self.sizes, data, off)
 
 
 @dataclass(frozen=True, eq=False)
 class _System:
     """Whitened rows of a linear problem, unknowns in what is thought possible of them."""
 
-    columns: Array  # (N, k) of the unknowns that are free
+    columns: Array  # (N, k) of the unknowns, zero for those that are held
     data: Array  # (N,) what is left
     off: Array  # (k,) how far they are from what is expected of them
-    free: Mask  # which of all unknowns these are
-    sizes: Array  # of all unknowns
 
     @cached_property
     def inverse(self) -> Array:
@@ -373,33 +378,15 @@ class _System:
         """Return half the gradient of the squares (k,)."""
         return np.asarray(self.columns.T @ self.data + self.off)
 
-    @property
-    def covariance(self) -> Array:
-        """Return the covariance of all unknowns, zero for those that are not free."""
-        return self._of_all(self.inverse)
-
-    def by_stretches(self, stretch: Index) -> Array:
-        """Return the covariance of all unknowns from how stretches of rows (N,) differ."""
+    def by_clusters(self, cluster: Index) -> Array:
+        """Return the covariance (k, k) in sizes from how clusters of rows (N,) differ."""
         left = self.data - self.columns @ (self.inverse @ self.gradient)
-        count = int(stretch.max()) + 1
-        scores = np.zeros((count, self.columns.shape[1]))
-        np.add.at(scores, stretch, self.columns * left[:, None])
-        half = self.inverse @ scores.T
-        return self._of_all(half @ half.T * count / max(count - 1, 1))
-
-    def _of_all(self, covariance: Array) -> Array:
-        """Return the covariance of all unknowns from that of the free ones, in sizes."""
-        full = np.zeros((len(self.sizes),) * 2)
-        full[np.ix_(self.free, self.free)] = covariance
-        return full * np.outer(self.sizes, self.sizes)
+        return cluster_covariance(self.inverse, self.columns * left[:, None], cluster)
 
     def solved(self) -> tuple[Array, float]:
-        """Return the step (all unknowns) that leaves least, and the squares left."""
-        own = -self.inverse @ self.gradient
-        step = np.zeros(len(self.sizes))
-        step[self.free] = own * self.sizes[self.free]
-        squares = float(self.data @ self.data + self.off @ self.off + self.gradient @ own)
-        return step, squares
+        """Return the step (k,) in sizes that leaves least, and the squares left."""
+        step = -self.inverse @ self.gradient
+        return step, float(self.data @ self.data + self.off @ self.off + self.gradient @ step)
 
     def squares_with(self, further: Array) -> float:
         """Return the squares left with further columns (N, l) among the unknowns."""

@@ -126,8 +126,7 @@ def calibrate_with(
     held_out = None
     if campaign.held_out is not None:
         away, wrong = ready(campaign.held_out), campaign.suspected
-        if wrong is not None and not wrong.all():
-            away = away.take(~wrong)
+        away = away if wrong is None or wrong.all() else away.take(~wrong)
         repeats = float(np.mean(1.0 / poses.readings) / np.mean(1.0 / away.readings))
         held_out = HeldOut(
             summarise(calibrated.deviations(away)),
@@ -186,6 +185,9 @@ def listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
     return options.effects
 
 
+R = TypeVar("R", bound=CalibrationRecord)
+
+
 def calibrated_with(
     effects: Sequence[EffectOfPlace | Effect],
     record: R,
@@ -214,7 +216,7 @@ def calibrated_with(
     suspected = {(each.pose, each.load_N) for each in outliers}
     used = every.take(np.flatnonzero(fitted))
     found = calibrate_with(used, model, setup, effects, suspected, options.wanted_uncertainty_mm)
-    return with_effects(record, found, campaign)
+    return _with_its_fit(record, found, campaign)
 
 
 def _effects(
@@ -242,13 +244,8 @@ def _effects(
     return tuple(found)
 
 
-# The record of a calibration with effects: that without them, its fit replaced.
-
-R = TypeVar("R", bound=CalibrationRecord)
-
-
-def with_effects(record: R, found: CalibratedWith, campaign: CampaignIdentity) -> R:
-    """Return the record of a calibration whose last fit is that with effects."""
+def _with_its_fit(record: R, found: CalibratedWith, campaign: CampaignIdentity) -> R:
+    """Return the record of a calibration without effects, its last fit replaced."""
     about = FittedTo.of(found.poses, record.load, found.health, campaign)
     model = replace(found.model, fitted_to=about)
     load_N = found.poses.states.load_N
@@ -256,10 +253,9 @@ def with_effects(record: R, found: CalibratedWith, campaign: CampaignIdentity) -
     less = summarise_trusted(found.found, found.found, load_N, found.flagged)
     for load, after in summarise_by_load(found.found, load_N).items():
         if load in errors:
-            before = errors[load].trusted or errors[load]
-            trusted = less.get(load)
+            before, trusted = (errors[load].trusted or errors[load]).before, less.get(load)
             if trusted is not None:
-                trusted = BeforeAfter(before=before.before, after=trusted.after)
+                trusted = BeforeAfter(before=before, after=trusted.after)
             update = {"after": after, "trusted": trusted}
             errors[load] = errors[load].model_copy(update=update)
     return record.model_copy(
@@ -324,8 +320,6 @@ class Extended:
     # joint angles that its maps have learnt from; None where it has learnt nothing that stops
     # there
     seen: AngleCoverage | None = None
-    # whether directions of arrival are those of the order of poses
-    arrival_from_order: bool = False
     # times at which the verdict has it that instrument or base moved at once [s], the most certain
     # first
     steps_s: tuple[float, ...] = ()

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.linear import by_joints, error_mm, position_m, position_noise, residual
+from pa10cal.discovery.linear import (
+    by_joints,
+    cluster_covariance,
+    error_mm,
+    position_m,
+    position_noise,
+    residual,
+)
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -22,8 +29,7 @@ from pa10cal.results.evaluation import Estimate
 
 # Weighted means and slopes whose uncertainty counts poses, not rows.
 #
-# Rows of a pose share its errors, so what scatters from pose to pose decides (the cluster-robust
-# covariance of Liang and Zeger, with the usual factor for few clusters).
+# Rows of a pose share its errors, so what scatters from pose to pose decides.
 
 #: What differs by a smaller part than this is the same.
 _ROUNDING = 1e-9
@@ -49,17 +55,13 @@ def _last_coefficient(
     columns: Array, values: Array, weight: Array, pose: NDArray[np.str_]
 ) -> Estimate:
     weighted = columns * weight[:, None]
-    inverse = np.linalg.inv(columns.T @ weighted)
+    inverse = np.asarray(np.linalg.inv(columns.T @ weighted), dtype=float)
     found = inverse @ (weighted.T @ values)
-    _, cluster = np.unique(pose, return_inverse=True)
-    count = int(cluster.max()) + 1
-    if count < 2:
-        return Estimate(value=float(found[-1]), std=None)
-    scores = np.zeros((count, columns.shape[1]))
-    np.add.at(scores, cluster, weighted * (values - columns @ found)[:, None])
-    covariance = inverse @ (scores.T @ scores) @ inverse * count / (count - 1)
-    std = float(np.sqrt(covariance[-1, -1]))
-    return Estimate(value=float(found[-1]), std=std if np.isfinite(std) else None)
+    labels, cluster = np.unique(pose, return_inverse=True)
+    scores: Array = weighted * (values - columns @ found)[:, None]
+    std = float(np.sqrt(cluster_covariance(inverse, scores, cluster)[-1, -1]))
+    known = len(labels) > 1 and np.isfinite(std)
+    return Estimate(value=float(found[-1]), std=std if known else None)
 
 
 # Residuals of the model as errors of joint angles, and how they depend on each joint's angle.

@@ -402,10 +402,11 @@ class Verdict(ABC, Generic[P_co]):
         of_base = along @ covariance[np.ix_(base, base)] @ along.T
         of_own = reported_keys(report, covariance[np.ix_(own, own)])
         of_frame = reported_keys(report_base(self.model.T_instr_base), of_base)
+        told = [*(known[row].all() for row in report.jacobian != 0.0), *[True] * len(of_frame)]
         return {
-            name: Parameter(**keys, identifiable=bool(np.all(known[row])))
-            for (name, keys), row in zip(of_own.items(), report.jacobian != 0.0, strict=True)
-        } | {name: Parameter(**keys, identifiable=True) for name, keys in of_frame.items()}
+            name: Parameter(**keys, identifiable=bool(identifiable))
+            for (name, keys), identifiable in zip((of_own | of_frame).items(), told, strict=True)
+        }
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
