@@ -42,24 +42,20 @@ class Shift(LogFault):
         return FaultText("base", f"off by {1e3 * x[0]:.2f} ± {1e3 * std[0]:.2f} mm", "look")
 
 
-def fault(*, decides):
-    return DiagnosedFault(
-        kind="outlier", where="pose 7", what="off", remedy="measure again", decides=decides
-    )
-
-
 @pytest.mark.parametrize(
-    ("faults", "effects", "expected"),
+    ("decides", "effects", "expected"),
     [
         ((), False, False),
         ((), True, False),
-        ((fault(decides=True),), True, True),
-        ((fault(decides=False),), True, False),
-        ((fault(decides=False),), False, True),
-        ((fault(decides=False), fault(decides=True)), True, True),
+        ((True,), True, True),
+        ((False,), True, False),
+        ((False,), False, True),
+        ((False, True), True, True),
     ],
 )
-def test_a_reading_once_excluded_leaves_effects_standing(faults, effects, expected):
+def test_a_reading_once_excluded_leaves_effects_standing(decides, effects, expected):
+    about = {"kind": "outlier", "where": "pose 7", "what": "off", "remedy": "measure again"}
+    faults = [DiagnosedFault(**about, decides=each) for each in decides]
     assert to_check(faults, effects=effects) is expected
 
 
@@ -80,38 +76,16 @@ def test_faults_do_not_make_it_harder_to_name_an_effect():
 def test_what_the_calibration_finds_wrong_in_the_log_is_a_fault_of_it():
     found = faults_of_input(
         [
-            InputFinding(
-                kind="departure",
-                where="delta_theta_3",
-                what="140 tolerances from nominal",
-                remedy="check the zero",
-                would_leave_mm=None,
-            ),
-            InputFinding(
-                kind="departure",
-                where="a_2",
-                what="109 tolerances from nominal",
-                remedy="check it",
-                would_leave_mm=None,
-            ),
-            InputFinding(
-                kind="joint_sign",
-                where="q6",
-                what="the sign of joint 6 is reversed",
-                remedy="reverse it",
-                would_leave_mm=0.05,
-            ),
-            InputFinding(
-                kind="gravity",
-                where="campaign.yaml: gravity_m_s2",
-                what="upside down",
-                remedy="state it",
-                would_leave_mm=None,
-            ),
+            InputFinding(kind=kind, where=where, what="off", remedy="mend", would_leave_mm=left_mm)
+            for kind, where, left_mm in (
+                ("departure", "delta_theta_3", None),
+                ("departure", "a_2", None),
+                ("joint_sign", "q6", 0.05),
+                ("gravity", "campaign.yaml: gravity_m_s2", None),
+            )
         ]
     )
-    assert [(fault.kind, fault.where) for fault in found] == [
-        ("joint_zero", "joint 3"),
-        ("joint_sign", "joint 6"),
+    assert [(fault.kind, fault.where, fault.what) for fault in found] == [
+        ("joint_zero", "joint 3", "off"),
+        ("joint_sign", "joint 6", "off (0.05 mm rms would remain if that is put right)"),
     ]
-    assert "0.05 mm rms would remain" in found[1].what

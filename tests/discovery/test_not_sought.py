@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_up_arm import Missing, measure
+from made_up_arm import measure
 from pa10cal.discovery.discover import attitudes_off, discover, too_little
 from pa10cal.discovery.evidence.by_repeats import evidence_lack_of_fit
 from pa10cal.discovery.gap import left_by
@@ -16,7 +16,7 @@ from pa10cal.observe.observations import reading_groups
 @pytest.fixture(scope="module")
 def made():
     """30 poses, two loads, four readings each, in two directions."""
-    return measure(Missing())
+    return measure()
 
 
 def of_poses(made, count):
@@ -29,41 +29,44 @@ def once(made):
     return made.readings.take(first)
 
 
-class TestTooLittle:
-    def test_nothing_is_lacking(self, made):
-        assert too_little(made.readings, made.baseline) is None
-        assert too_little(of_poses(made, 8), made.baseline) is None
-
-    def test_without_repeats_poses_are_too_few(self, made):
-        found = too_little(once(made), made.baseline)
-        assert found.why == (
+@pytest.mark.parametrize(
+    ("some", "why", "remedy"),
+    [
+        (lambda made: made.readings, None, None),
+        (lambda made: of_poses(made, 8), None, None),
+        (
+            once,
             "30 readings of calibration poses are too few to hold out blocks of them, and with 0 "
-            "repeats the repeatability is not known"
-        )
-        assert "at least 100 calibration poses, or repeat at least 20 readings" in found.remedy
+            "repeats the repeatability is not known",
+            "measure at least 100 calibration poses, or repeat at least 20 readings at the same "
+            "pose, load and direction of arrival",
+        ),
+        (lambda made: of_poses(made, 3), "with 12 repeats", "repeat at least 20 readings"),
+        (
+            lambda made: of_poses(made, 7),
+            "7 calibration poses are too few to separate an effect from the 34",
+            "measure at least 8 calibration poses",
+        ),
+    ],
+)
+def test_what_too_small_a_campaign_lacks_is_said(made, some, why, remedy):
+    found = too_little(some(made), made.baseline)
+    assert (found is None) == (why is None)
+    if found is not None:
+        assert why in found.why
+        assert remedy in found.remedy
 
-    def test_a_few_repeats_are_no_more(self, made):
-        assert "with 12 repeats" in too_little(of_poses(made, 3), made.baseline).why
 
-    def test_repeats_of_few_poses_separate_nothing(self, made):
-        found = too_little(of_poses(made, 7), made.baseline)
-        assert "7 calibration poses are too few to separate an effect from the 34" in found.why
-        assert found.remedy.startswith("measure at least 8 calibration poses")
-
-
-class TestAttitudes:
-    def test_those_of_the_arm_pass(self, made):
-        assert attitudes_off(made.readings, made.baseline) is None
-
-    def test_those_of_another_convention_do_not(self, made):
-        readings = made.readings
-        T = readings.measured.T_instr_target.copy()
-        T[:, :3, :3] = T[:, :3, :3].transpose(0, 2, 1)
-        inverted = replace(readings, measured=replace(readings.measured, T_instr_target=T))
-        assert "deg off those of the calibrated model" in attitudes_off(inverted, made.baseline).why
-        found = discover(inverted, made.baseline, made.setup)
-        assert (found.verdict, found.effects) == ("not_sought", ())
-        assert "the sense of qw, qx, qy, qz" in found.remedy
+def test_orientations_of_another_convention_are_said(made):
+    readings = made.readings
+    assert attitudes_off(readings, made.baseline) is None
+    T = readings.measured.T_instr_target.copy()
+    T[:, :3, :3] = T[:, :3, :3].transpose(0, 2, 1)
+    inverted = replace(readings, measured=replace(readings.measured, T_instr_target=T))
+    assert "deg off those of the calibrated model" in attitudes_off(inverted, made.baseline).why
+    found = discover(inverted, made.baseline, made.setup)
+    assert (found.verdict, found.effects) == ("not_sought", ())
+    assert "the sense of qw, qx, qy, qz" in found.remedy
 
 
 @pytest.fixture(scope="module")
