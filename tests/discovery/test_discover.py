@@ -1,5 +1,7 @@
 """The search on campaigns of the virtual cell: who judges, and easy cases of every instrument."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -17,16 +19,9 @@ from pa10cal.options import DiscoveryOptions
 from pa10cal.results.discovery import VerdictKeys
 from pa10cal.settings_reading import parse_section
 
-ECCENTRIC = {
-    "id": "encoder_eccentricity",
-    "of": "joint 3",
-    "parameters": {"A": 6e-4, "phi": 1.0},
-}
-WAVE = {
-    "id": "transmission_error",
-    "of": "joint 2",
-    "parameters": {"A": 5e-4, "phi": 0.5},
-}
+PHASED = {"A": 6e-4, "phi": 1.0}, {"A": 5e-4, "phi": 0.5}
+ECCENTRIC = {"id": "encoder_eccentricity", "of": "joint 3", "parameters": PHASED[0]}
+WAVE = {"id": "transmission_error", "of": "joint 2", "parameters": PHASED[1]}
 BACKLASH = {"id": "backlash", "of": "joint 1", "parameters": {"b": 3e-4}}
 MANY = {"poses": 240}
 REPEATED = {"poses": 80, "repeat_every": 1}
@@ -77,11 +72,17 @@ def names(verdict):
     return [(effect.id, effect.of) for effect in verdict.effects]
 
 
+ONE_TARGET = ("points", ECCENTRIC, {"targets": 1})
+EASY = product(("points", "distance"), (ECCENTRIC, WAVE, BACKLASH, None), [{}])
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("hidden", [ECCENTRIC, WAVE, BACKLASH], ids=lambda each: each["id"])
-@pytest.mark.parametrize("instrument", ["points", "distance"])
-def test_a_large_effect_is_named_whatever_the_instrument(campaign, instrument, hidden):
-    verdict = searched(campaign(instrument, hidden, **MANY))
+@pytest.mark.parametrize(("instrument", "hidden", "plan"), [*EASY, ONE_TARGET])
+def test_a_large_effect_is_named_whatever_the_instrument(campaign, instrument, hidden, plan):
+    verdict = searched(campaign(instrument, *filter(None, [hidden]), **MANY, **plan))
+    if hidden is None:
+        assert (verdict.verdict, names(verdict)) == ("none", [])
+        return
     assert verdict.verdict == "named"
     assert names(verdict) == [(hidden["id"], hidden["of"])]
     (effect,) = verdict.effects
@@ -90,13 +91,6 @@ def test_a_large_effect_is_named_whatever_the_instrument(campaign, instrument, h
     assert abs(found.value - true) < max(4.0 * found.std, 0.05 * true)
     assert verdict.holdout.after.mean_mm < 0.5 * verdict.holdout.before.mean_mm
     assert verdict.train.after.mean_mm < 1.2 * verdict.noise_floor_mm
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("instrument", ["points", "distance"])
-def test_where_nothing_is_hidden_nothing_is_named(campaign, instrument):
-    verdict = searched(campaign(instrument, **MANY))
-    assert (verdict.verdict, names(verdict)) == ("none", [])
 
 
 @pytest.mark.slow
@@ -125,12 +119,6 @@ def test_where_poses_are_repeated_repeats_are_the_judge(campaign, instrument):
     )
     assert isinstance(verdict.record(read.description, verdict.next_poses(3)), VerdictKeys)
     assert len(verdict.analysis(read.description).gap.train) == 60
-
-
-@pytest.mark.slow
-def test_one_target_is_enough(campaign):
-    verdict = searched(campaign("points", ECCENTRIC, targets=1, **MANY))
-    assert names(verdict) == [(ECCENTRIC["id"], ECCENTRIC["of"])]
 
 
 @pytest.mark.slow
