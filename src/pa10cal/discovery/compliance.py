@@ -19,7 +19,6 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.finding import Finding, GivesWay
-from pa10cal.discovery.gap import trusted
 from pa10cal.discovery.linear import (
     by_terms,
     cluster_covariance,
@@ -149,7 +148,7 @@ class _LinearProblem:
         at, poses = found.extended.at, found.train.poses
         left, jacobian = residual_and_jacobian(at, poses)
         weights = pose_weights(left, float(jacobian.shape[2]), poses.measured)
-        held_out = trusted(found.holdout, found.prepared.suspected)
+        held_out = found.trusted_holdout
         terms, logged = at.model.terms, found.prepared.torques == "logged"
         named = [e for e in sought(found.context, terms) if is_named(e) and e not in terms]
         candidates, _ = computable(named, poses.states, logged=logged, weights=True)

@@ -135,18 +135,12 @@ def _explained_variance(q_rad: Array, centred: Array, share: Array, orders: Arra
     """
     phase = np.outer(orders, q_rad)
     cos, sin = np.cos(phase), np.sin(phase)
-    C, S, CC = cos @ share, sin @ share, cos**2 @ share
-    CC, SS, CS = CC - C**2, 1.0 - CC - S**2, (cos * sin) @ share - C * S
-    YC, YS = cos @ (share * centred), sin @ (share * centred)
-    # Turned by tau the two are orthogonal, so each explains its own part.
-    tau = 0.5 * np.arctan2(2.0 * CS, CC - SS)
-    c, s = np.cos(tau), np.sin(tau)
-    squares = CC * c**2 + SS * s**2 + 2.0 * CS * c * s, CC * s**2 + SS * c**2 - 2.0 * CS * c * s
-    least = np.finfo(float).epsneg
-    by_cos = (YC * c + YS * s) ** 2 / np.maximum(squares[0], least)
-    by_sin = (YS * c - YC * s) ** 2 / np.maximum(squares[1], least)
-    explained: Array = by_cos + by_sin
-    return explained
+    C, S = cos @ share, sin @ share
+    CC, CS = cos**2 @ share - C**2, (cos * sin) @ share - C * S
+    normal = np.array([[CC, CS], [CS, 1.0 - CC - C**2 - S**2]]).transpose(2, 0, 1)
+    across = np.stack([cos @ (share * centred), sin @ (share * centred)], axis=1)
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    return np.asarray(np.einsum("oi,oij,oj->o", across, inverse, across))
 
 
 AXES = ("x", "y", "z")

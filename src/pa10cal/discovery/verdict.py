@@ -32,6 +32,7 @@ from pa10cal.discovery.gap import (
     errors_by_name,
     explained_by,
     taken_away,
+    trusted,
 )
 from pa10cal.discovery.linear import ModelWithEffects, possible_sizes, rms
 from pa10cal.discovery.noise import PoseDeviations
@@ -197,6 +198,11 @@ class Verdict(ABC, Generic[P_co]):
         """Return the verdict with both its gaps changed."""
         held_out = None if self.holdout is None else changed(self.holdout)
         return replace(self, train=changed(self.train), holdout=held_out)
+
+    @property
+    def trusted_holdout(self) -> PairedErrors | None:
+        """Return the gap of held-out poses without a suspected reading; None without any."""
+        return trusted(self.holdout, self.prepared.suspected)
 
     @property
     def gap(self) -> Mapping[str, PairedErrors | None]:
@@ -433,6 +439,13 @@ class Searched(Verdict[P_co]):
             train=found._gap_on(found._fitted_poses),
             holdout=None if held_out is None else found._gap_on(held_out),
         )
+
+    def instead(
+        self, finding: Finding[Any], effect: Effect | None = None
+    ) -> tuple[Finding[Any], ...]:
+        """Return the findings, one in the place of that of an effect, or else of its own."""
+        effect = effect or finding.effect
+        return tuple(finding if one.effect == effect else one for one in self.findings)
 
     def without_names(
         self, reasons: Mapping[Finding[P_co], str], left_mm: float | None = None
