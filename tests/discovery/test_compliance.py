@@ -49,7 +49,7 @@ def test_joints_that_give_way_are_named(soft):
 @pytest.mark.slow
 def test_what_they_take_away_is_said(soft):
     *_, verdict = soft
-    record = verdict.keys()
+    record = verdict.verdict_keys()
     assert record.verdict in ("named", "ambiguous")
     for effect in record.effects:
         assert effect.id == "joint_compliance"

@@ -315,7 +315,7 @@ class Verdict(ABC, Generic[P_co]):
 
     # As it is written.
 
-    def keys(self, ahead: Plan = Plan(())) -> VerdictKeys:
+    def verdict_keys(self, ahead: Plan = Plan(())) -> VerdictKeys:
         """Return the verdict as it is written, and what to measure next."""
         # Maps say where an error is, and not why: they are what has no name, where nothing else is.
         places = self.unexplained or tuple(
@@ -356,7 +356,7 @@ class Verdict(ABC, Generic[P_co]):
     def record(self, campaign: CampaignIdentity, ahead: Plan = Plan(())) -> VerdictRecord:
         """Return `verdict.json` of a campaign, with what to measure next."""
         return VerdictRecord(
-            **dict(self.keys(ahead)),
+            **dict(self.verdict_keys(ahead)),
             campaign=campaign.name,
             provenance=campaign.provenance,
             arrival_from_order=self.prepared.arrivals_from_order,

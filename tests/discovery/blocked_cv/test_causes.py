@@ -65,7 +65,7 @@ def test_a_sensor_that_errs_is_named(found):
 
 @pytest.mark.slow
 def test_it_is_told_and_written(found, campaign):
-    keys = found.keys()
+    keys = found.verdict_keys()
     witness = keys.effects[0].witness
     assert witness.ripple.orders == (4, 10, 20)
     assert witness.ripple.profile_nats.max() == 0.0
@@ -120,7 +120,7 @@ def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
     assert (member.effect.knots, member.effect.spectrum) == (360, banded.found.bands[0])
     before, after = (banded.of_time.sum(axis=0) + banded.of_angles.sum(axis=0)).tolist()
     assert after < before
-    keys = replace(found, bands=banded).keys()
+    keys = replace(found, bands=banded).verdict_keys()
     (of_joint,) = keys.bands.maps
     assert (of_joint.of, keys.bands.shared) == ("joint 3", True)
     assert 0.0 < of_joint.log_std["level_rad"] < 0.5
