@@ -398,15 +398,15 @@ class Verdict(ABC, Generic[P_co]):
     @property
     def parameters(self) -> dict[str, Parameter]:
         """Return the parameters of the calibrated model as they are with the effects."""
-        baseline, covariance = self.baseline, self.covariance
-        own, base = np.arange(len(baseline.x)), len(self.extended.at.x) - np.arange(6, 0, -1)
+        baseline, covariance, k = self.baseline, self.covariance, len(self.extended.at.x)
+        own, base = slice(len(baseline.x)), slice(k - 6, k)
         report = baseline.model.report(self.model.x[own])
         known = np.sqrt(np.diag(covariance))[own] < _IDENTIFIED * possible_sizes(baseline.model)
         # Small motions of the base are along its own axes, its origin along the instrument's.
         along = np.eye(6)
         along[:3, :3] = baseline.T_instr_base[:3, :3]
-        of_base = along @ covariance[np.ix_(base, base)] @ along.T
-        of_own = reported_keys(report, covariance[np.ix_(own, own)])
+        of_base = along @ covariance[base, base] @ along.T
+        of_own = reported_keys(report, covariance[own, own])
         of_frame = reported_keys(report_base(self.model.T_instr_base), of_base)
         told = [*(known[row].all() for row in report.jacobian != 0.0), *[True] * len(of_frame)]
         return {
