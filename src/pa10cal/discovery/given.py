@@ -126,7 +126,8 @@ def calibrate_with(
     held_out = None
     if campaign.held_out is not None:
         away, wrong = ready(campaign.held_out), campaign.suspected
-        away = away if wrong is None or wrong.all() else away.take(~wrong)
+        if wrong is not None and not wrong.all():
+            away = away.take(~wrong)
         repeats = float(np.mean(1.0 / poses.readings) / np.mean(1.0 / away.readings))
         held_out = HeldOut(
             summarise(calibrated.deviations(away)),
@@ -185,9 +186,6 @@ def listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
     return options.effects
 
 
-R = TypeVar("R", bound=CalibrationRecord)
-
-
 def calibrated_with(
     effects: Sequence[EffectOfPlace | Effect],
     record: R,
@@ -216,7 +214,7 @@ def calibrated_with(
     suspected = {(each.pose, each.load_N) for each in outliers}
     used = every.take(np.flatnonzero(fitted))
     found = calibrate_with(used, model, setup, effects, suspected, options.wanted_uncertainty_mm)
-    return _with_its_fit(record, found, campaign)
+    return with_effects(record, found, campaign)
 
 
 def _effects(
@@ -244,8 +242,13 @@ def _effects(
     return tuple(found)
 
 
-def _with_its_fit(record: R, found: CalibratedWith, campaign: CampaignIdentity) -> R:
-    """Return the record of a calibration without effects, its last fit replaced."""
+# The record of a calibration with effects: that without them, its fit replaced.
+
+R = TypeVar("R", bound=CalibrationRecord)
+
+
+def with_effects(record: R, found: CalibratedWith, campaign: CampaignIdentity) -> R:
+    """Return the record of a calibration whose last fit is that with effects."""
     about = FittedTo.of(found.poses, record.load, found.health, campaign)
     model = replace(found.model, fitted_to=about)
     load_N = found.poses.states.load_N
@@ -253,9 +256,10 @@ def _with_its_fit(record: R, found: CalibratedWith, campaign: CampaignIdentity) 
     less = summarise_trusted(found.found, found.found, load_N, found.flagged)
     for load, after in summarise_by_load(found.found, load_N).items():
         if load in errors:
-            before, trusted = (errors[load].trusted or errors[load]).before, less.get(load)
+            before = errors[load].trusted or errors[load]
+            trusted = less.get(load)
             if trusted is not None:
-                trusted = BeforeAfter(before=before, after=trusted.after)
+                trusted = BeforeAfter(before=before.before, after=trusted.after)
             update = {"after": after, "trusted": trusted}
             errors[load] = errors[load].model_copy(update=update)
     return record.model_copy(
