@@ -34,16 +34,10 @@ P_co = TypeVar("P_co", covariant=True)
 class GivesWay(EvidenceOfSag):
     """The statistics that decided about the spring of a joint."""
 
-    without_each_mm: Numbers = Field(
-        exclude=True,
-        description="(P,) errors of the poses held out, or else fitted, with the joint rigid",
-    )
-    all_rigid_each_mm: Numbers = Field(
-        exclude=True, description="the same with all joints rigid that give way"
-    )
-    weights: Literal["assumed", "total", "logged"] = Field(
-        exclude=True, description="where the weights come from"
-    )
+    # (P,) errors of the poses held out, or else fitted, with the joint rigid
+    without_each_mm: Numbers = Field(exclude=True)
+    all_rigid_each_mm: Numbers = Field(exclude=True)  # with all joints rigid that give way
+    weights: Literal["assumed", "total", "logged"] = Field(exclude=True)  # where they come from
 
 
 #: A name without one pose keeps more of what speaks for it than this, or that pose carries it.
@@ -53,12 +47,9 @@ CARRIED = 0.5
 class MayHaveCarrier(Part):
     """Statistics that one pose may make, as a gross error does; that is not written."""
 
-    carrier: str | None = Field(
-        default=None,
-        exclude=True,
-        description="the one pose without which not half of this would be left, and too "
-        "little for a name; None where there is no such pose",
-    )
+    # the one pose without which not half of this would be left, and too little for a name; None
+    # where there is no such pose
+    carrier: str | None = Field(default=None, exclude=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,22 +158,13 @@ _OF_INPUT: dict[str, FaultKind] = {
 class DiagnosedFault(Fault):
     """Something in the log that is wrong, and what it does to the verdict; that is not written."""
 
-    gain: float | None = Field(
-        default=None,
-        description="part of the weighted squared error that putting it right takes away",
-    )
-    decides: bool = Field(
-        default=True,
-        exclude=True,
-        description="whether the verdict is `check_the_log` whatever else was found; a reading "
-        "with a gross error, once excluded, leaves the effects found standing",
-    )
-    at_s: float | None = Field(
-        default=None,
-        exclude=True,
-        description="of a step that is told as a fact, its most likely time; readings before and "
-        "after have bases of their own",
-    )
+    gain: float | None = None
+    # whether the verdict is `check_the_log` whatever else was found; a reading with a gross error,
+    # once excluded, leaves the effects found standing
+    decides: bool = Field(default=True, exclude=True)
+    # of a step that is told as a fact, its most likely time; readings before and after have bases
+    # of their own
+    at_s: float | None = Field(default=None, exclude=True)
 
 
 def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:

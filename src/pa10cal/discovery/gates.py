@@ -238,8 +238,6 @@ CONTRADICTED = 1.5
 
 def harmless(found: V) -> V:
     """Return a verdict whose extended model predicts held-out poses no worse than before."""
-    if found.holdout is None:
-        return found
     visited = span_visited(found.prepared.readings.states.q_rad)
     found = _without_contradicted(found, visited)
     held_out = found.trusted_holdout
