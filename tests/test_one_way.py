@@ -11,7 +11,6 @@ from benchmarks.fuzz.corpus import CAMPAIGNS as SMALL
 
 import pa10cal
 from pa10cal.commands.command_line import run_command
-from pa10cal.discovery.records import discovery_records
 from pa10cal.evaluation.options import ChainOptions
 from pa10cal.lab.blind_trials import calibrated_by_stages, judged_by_stages
 from pa10cal.lab.cell.campaign import simulate_campaign
@@ -86,10 +85,13 @@ def by_python(raw: Path, place: Path) -> Path:
     model = pa10cal.calibrate(campaign, options.calibration, base_frame=options.base_frame)
     found = pa10cal.discover(campaign, model, options.discovery, options.calibration)
     ahead = found.next_poses(options.discovery.suggestions, options.discovery.random_seed)
-    records = discovery_records(found, ahead, campaign.description, "combined")
+    record = found.record(campaign.description, ahead)
     (out / "discovery").mkdir(parents=True)
-    write(records.verdict, out / "discovery/verdict.json")
-    write(records.extended, out / "discovery/extended.json")
+    write(record, out / "discovery/verdict.json")
+    write(
+        found.extended_record(record, campaign.description.robot, "combined"),
+        out / "discovery/extended.json",
+    )
     return out
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import pa10cal
-from pa10cal.discovery.records import verdict_keys
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.trials import draw_trials
@@ -50,7 +49,7 @@ def test_joints_that_give_way_are_named(soft):
 @pytest.mark.slow
 def test_what_they_take_away_is_said(soft):
     *_, verdict = soft
-    record = verdict_keys(verdict)
+    record = verdict.verdict_keys()
     assert record.verdict in ("named", "ambiguous")
     for effect in record.effects:
         assert effect.id == "joint_compliance"

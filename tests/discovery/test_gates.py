@@ -127,7 +127,7 @@ def test_with_its_own_findings_a_verdict_stays(request, campaign):
     none = found.with_findings(())
     assert none.effects == ()
     assert none.train.after.mean_mm > 1.2 * found.train.after.mean_mm
-    assert [step.effects for step in none.errors_by_name()] == [()]
+    assert [step.effects for step in none.errors_by_name.steps] == [()]
 
 
 @pytest.mark.slow

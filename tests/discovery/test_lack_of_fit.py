@@ -6,139 +6,88 @@ from functools import partial
 import numpy as np
 import pytest
 
-from made_up_poses import measured_poses
+from made_up_arm import ARM, Missing, harmonic, measure
 from pa10cal.arm.chain import Chain, long_links
-from pa10cal.arm.statics import Payload, PoseStates, statics
-from pa10cal.discovery.evidence.by_repeats import compare, evidence_lack_of_fit, model_with
+from pa10cal.discovery.evidence.by_repeats import (
+    channel_tests,
+    compare,
+    evidence_lack_of_fit,
+    model_with,
+)
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.problem import prepare
-from pa10cal.discovery.gap import in_order
-from pa10cal.discovery.lack_of_fit import mean, periodogram, slope
-from pa10cal.discovery.preparation import MeasurementSetup
-from pa10cal.files.arms import load_arm
+from pa10cal.discovery.finding import name_of
+from pa10cal.discovery.gap import errors_by_name
+from pa10cal.discovery.lack_of_fit import drift, mean, periodogram
+from pa10cal.discovery.linear import residual, rms
+from pa10cal.discovery.noise import same_circumstances
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import average_repeats
 from pa10cal.options import Tolerances
-from pa10cal.results.evaluation import Accuracy
 from pa10cal.terms.effects.joint import FrictionTorque, TransmissionError
 from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 
-ARM = load_arm("pa10_6ce")
-FLEXIBLE = (2, 3)
-BURDEN = Payload(2.4, np.array([0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
-SETUP = MeasurementSetup(BURDEN, np.zeros((0, 3)), 21.0)
-POSES, LOADS_N, REPEATS = 40, (0.0, 22.0, 44.0), 4
-POSITION_M, ROTATION_RAD, TORQUE_NM = 5e-6, 2e-5, 0.05
-HARMONIC = TransmissionError("joint 2", 100.0)
-AMPLITUDE_RAD = 3e-4
-FRICTION = FrictionTorque("joint 3", 100.0)
-FRICTION_NM = 3.0
+#: What `wave` and `rubbing` hide, and how large it is here.
+HARMONIC, AMPLITUDE_RAD = TransmissionError("joint 2", 100.0), 3e-4
+FRICTION, FRICTION_NM = FrictionTorque("joint 3", 100.0), 3.0
 
 
-def model_of(*effects):
-    terms = baseline(ARM, FLEXIBLE, Tolerances()).terms
-    return Model(Chain.of(ARM, bends=long_links(ARM)), (*terms, *effects))
-
-
-BASELINE = FittedModel(model_of(), np.zeros(len(model_of().parameters)), np.eye(4))
-BASELINE.x[[p.name.startswith("windup") for p in model_of().parameters]] = 3e-3
-
-
-def measured(*effects, x=(), seed=20080427):
-    """Return single readings of an arm with some effects, and noise."""
-    rng = np.random.default_rng(seed)
-    centre = np.radians([0.0, 10.0, 100.0, 5.0, 50.0, -80.0])
-    at_pose = centre + rng.uniform(-0.5, 0.5, (POSES, 6))
-    pose, load_N, repeat = (
-        axis.ravel()
-        for axis in np.meshgrid(np.arange(POSES), LOADS_N, np.arange(REPEATS), indexing="ij")
-    )
-    count = len(pose)
-    time_s = 45.0 * rng.permutation(count)
-    arrival = rng.choice([-1.0, 1.0], (POSES, 6))[pose]
-    states = PoseStates(
-        q_rad=at_pose[pose],
-        tau_Nm=np.zeros((count, 6)),
-        arrival=arrival * np.where(repeat < REPEATS // 2, 1.0, -1.0)[:, None],
-        load_N=load_N,
-        temperature_C=np.full(count, np.nan),
-        time_s=time_s,
-    )
-    model = model_of(*effects)
-    x_true = np.concatenate([BASELINE.x, *x])
-    weights = statics(model.chain, model.chain_coordinates(states, x_true), load_N, BURDEN)
-    states = replace(states, tau_Nm=weights.torque_Nm)
-    logged = weights.torque_Nm + model.torque_Nm(states, x_true)
-    states = replace(states, tau_Nm=logged)
-    T = model.predict(states, x_true)
-    T[:, :3, 3] += rng.normal(0.0, POSITION_M, (count, 3))
-    turn = rng.normal(0.0, ROTATION_RAD, (count, 3))
-    T[:, :3, :3] += np.cross(turn[:, None, :], T[:, :3, :3], axisb=1, axisc=1)
-    U, _, Vt = np.linalg.svd(T[:, :3, :3])
-    T[:, :3, :3] = U @ Vt
-    noise = np.diag([POSITION_M**2] * 3 + [ROTATION_RAD**2] * 3)
-    return measured_poses(
-        pose=np.array([f"P{k:02d}" for k in pose]),
-        states=replace(states, tau_Nm=logged + rng.normal(0.0, TORQUE_NM, (count, 6))),
-        T_instr_ee=T,
-        cov=np.tile(noise, (count, 1, 1)),
-    )
-
-
-def without_effects(readings):
-    problem = prepare(readings, BASELINE, SETUP)
-    return problem, fit(problem, (), (), (0.0, 0.0))
-
-
-@pytest.fixture(scope="module")
-def nothing():
+@pytest.fixture
+def nothing(null):
     """What is left where nothing is missing."""
-    return evidence_lack_of_fit(*without_effects(measured()))
+    return evidence_lack_of_fit(null.problem, null.start)
 
 
 @pytest.fixture(scope="module")
-def harmonic():
-    """Problem and fit without effects, where joint 2 has a periodic error."""
-    return without_effects(measured(HARMONIC, x=[AMPLITUDE_RAD * np.array([0.6, 0.8])]))
+def wavy():
+    """Many poses of a joint 2 that has a periodic error."""
+    return measure(Missing(turn=harmonic(2, 100.0, AMPLITUDE_RAD, 1.0)), poses=100)
 
 
 @pytest.fixture(scope="module")
-def left(harmonic):
-    return evidence_lack_of_fit(*harmonic)
+def left(wavy):
+    """What is left of it without the effect."""
+    return evidence_lack_of_fit(wavy.problem, wavy.start)
 
 
-@pytest.fixture(scope="module")
-def friction():
+@pytest.fixture
+def friction(rubbing):
     """What is left where joint 3 holds part of its load by friction."""
-    return evidence_lack_of_fit(*without_effects(measured(FRICTION, x=[np.array([FRICTION_NM])])))
+    return evidence_lack_of_fit(rubbing.problem, rubbing.start)
 
 
-def test_pure_error_is_all_there_is_where_nothing_is_missing(nothing):
-    for channel in (nothing.pose, nothing.torque):
-        for test in (channel.shared, channel.unshared):
-            assert pytest.approx(1.0, abs=0.25) == test.F
-            assert test.p_value > 0.001
-    assert nothing.rms_mm == pytest.approx(nothing.floor_mm, rel=0.15)
+def test_pure_error_is_all_there_is_where_nothing_is_missing(null, nothing):
+    (pure_error, _), (of_torques, _) = channel_tests(null.problem, null.start)
+    assert pure_error == nothing.pure_error
+    for test in (pure_error, of_torques):
+        assert pytest.approx(1.0, abs=0.25) == test.F
+        assert test.p_value > 0.001
+    for part in (*nothing.by_load, *nothing.by_axis):
+        assert part.rms_mm == pytest.approx(part.floor_mm, rel=0.2)
     for part in nothing.by_joint:
         assert part.rms_rad == pytest.approx(part.floor_rad, rel=0.2)
-    for part in nothing.by_torque:
-        assert part.rms_Nm == pytest.approx(part.noise_Nm, rel=0.2)
+        assert rms(part.torque_residual_Nm) == pytest.approx(part.torque_noise_Nm, rel=0.3)
 
 
-def test_the_floor_is_what_the_noise_of_the_cells_leaves(nothing):
-    # Three axes, and two readings a cell: one a direction of arrival.
-    expected_mm = 1e3 * POSITION_M * np.sqrt(3.0 / nothing.cells.readings.mean())
-    assert nothing.floor_mm == pytest.approx(expected_mm, rel=0.15)
+def test_the_floor_is_what_the_noise_of_the_cells_leaves(null, nothing):
+    readings = null.problem.readings
+    left_m, group = residual(null.start.at, readings)[:, :3], same_circumstances(readings)
+    scatter_m = left_m - group_means(left_m, group)[group]
+    variance_m2 = np.sum(scatter_m**2) / (len(readings) - group.max() - 1)
+    # Two readings a cell: one a direction of arrival.
+    floor_mm = np.sqrt(sum(part.floor_mm**2 for part in nothing.by_axis))
+    assert floor_mm == pytest.approx(1e3 * np.sqrt(variance_m2 / 2.0), rel=0.15)
 
 
-def test_what_poses_share_stands_out_where_something_is_missing(left):
-    assert left.pose.shared.F > 20.0
-    assert left.pose.shared.p_value < 1e-9
-    assert left.pose.shared_variance_of_a_reading > 1.0
-    # The error is the same at every load and direction of a pose.
-    assert left.pose.unshared.F < 3.0
-    assert pytest.approx(1.0, abs=0.25) == left.torque.shared.F
+def test_what_poses_share_stands_out_where_something_is_missing(wavy, left):
+    (pure_error, shared), (of_torques, _) = channel_tests(wavy.problem, wavy.start)
+    assert pure_error == left.pure_error
+    assert pure_error.F > 20.0
+    assert pure_error.p_value < 1e-9
+    assert shared > 1.0
+    assert pytest.approx(1.0, abs=0.25) == of_torques.F
 
 
 def test_projection_finds_the_joint_and_the_periodogram_its_order(left):
@@ -153,22 +102,18 @@ def test_projection_finds_the_joint_and_the_periodogram_its_order(left):
 
 
 def test_parts_add_up_to_the_whole(left):
-    cells = left.cells
-    squares = cells.position_x_mm**2 + cells.position_y_mm**2 + cells.position_z_mm**2
-    total = sum(part.cells * part.rms_mm**2 for part in left.by_load)
-    assert total == pytest.approx(squares.sum())
-    assert sum(part.cells for part in left.by_load) == len(squares)
-    assert [part.of for part in left.by_load] == ["0 N", "22 N", "44 N"]
-    assert sum(part.rms_mm**2 for part in left.by_axis) == pytest.approx(squares.mean())
+    assert [part.of for part in left.by_load] == ["0 N", "44 N"]
+    by_load = np.mean([part.rms_mm**2 for part in left.by_load])  # as many cells at each load
+    assert sum(part.rms_mm**2 for part in left.by_axis) == pytest.approx(by_load)
 
 
 def test_friction_shows_as_torque_by_direction(friction):
-    for part in friction.by_torque:
-        by_side = {arrival.direction: arrival.mean_Nm for arrival in part.arrivals}
+    for part in friction.by_joint:
+        by_side = {s: part.torque_residual_Nm[part.arrival == s].mean() for s in (-1, 1)}
         if part.joint == 3:
             assert by_side[1] == pytest.approx(FRICTION_NM, rel=0.1)
             assert by_side[-1] == pytest.approx(-FRICTION_NM, rel=0.1)
-            assert part.rms_Nm > 20.0 * part.noise_Nm
+            assert rms(part.torque_residual_Nm) > 20.0 * part.torque_noise_Nm
         else:
             assert abs(by_side[1] - by_side[-1]) < 0.1 * FRICTION_NM
 
@@ -180,28 +125,23 @@ def test_friction_winds_the_spring_by_direction(friction):
     assert abs(forward.mean_rad - backward.mean_rad) > 5.0 * std_rad
 
 
-def test_what_the_effect_explains_is_gone_with_it(harmonic):
-    problem, start = harmonic
-    after = evidence_lack_of_fit(problem, fit(problem, (HARMONIC,), (1,), (0.0, 0.0), start))
-    assert pytest.approx(1.0, abs=0.25) == after.pose.shared.F
+def test_what_the_effect_explains_is_gone_with_it(wavy):
+    with_it = fit(wavy.problem, (HARMONIC,), (1,), (0.0, 0.0), wavy.start)
+    after = evidence_lack_of_fit(wavy.problem, with_it)
+    assert pytest.approx(1.0, abs=0.25) == after.pure_error.F
     assert after.by_joint[1].rms_rad == pytest.approx(after.by_joint[1].floor_rad, rel=0.2)
 
 
-def test_unlogged_torques_and_temperatures_are_not_made_up():
-    readings = measured()
-    readings = replace(
-        readings, states=replace(readings.states, tau_Nm=np.full((len(readings), 6), np.nan))
-    )
-    rigid = baseline(ARM, (), Tolerances())
+def test_unlogged_torques_and_temperatures_are_not_made_up(null):
+    states = replace(null.readings.states, tau_Nm=np.full((len(null.readings), 6), np.nan))
+    readings, rigid = null.readings.with_states(states), baseline(ARM, (), Tolerances())
     model = Model(Chain.of(ARM, bends=long_links(ARM)), rigid.terms)
-    start = FittedModel(model, np.zeros(len(model.parameters)), np.eye(4))
-    problem = prepare(readings, start, SETUP)
+    start = FittedModel(model, np.zeros(len(model.parameters)), null.baseline.T_instr_base)
+    problem = prepare(readings, start, null.setup)
     part = evidence_lack_of_fit(problem, fit(problem, (), (), (0.0, 0.0)))
-    assert part.torque is None
-    assert part.by_torque == ()
-    assert all(joint.torque_residual_Nm is None for joint in part.cells.joints)
-    assert set(part.model_dump()["cells"]["temperature_C"]) == {None}
-    assert all(drift.by_temperature_mm_per_K is None for drift in part.drifts)
+    for joint in part.by_joint:
+        assert joint.torque_residual_Nm is joint.torque_noise_Nm is None
+    assert all(each.with_temperature_mm is None for each in part.drifts)
 
 
 def test_the_record_holds_finite_numbers_cell_by_cell(left):
@@ -218,30 +158,29 @@ def test_the_record_holds_finite_numbers_cell_by_cell(left):
             yield node
 
     assert np.isfinite(list(numbers(record))).all()
-    assert record["pose"]["shared"]["F"] == left.pose.shared.F
-    assert len(record["cells"]["pose"]) == len(left.cells.readings)
+    assert record["pure_error"]["F"] == left.pure_error.F
 
 
-def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(harmonic):
-    problem, start = harmonic
+def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(wave):
+    problem, start = wave.problem, wave.start
     extended = fit(problem, (FRICTION, HARMONIC), (1, 1), (0.0, 0.0), start)
     train = compare(problem, extended, average_repeats(problem.readings))
-    steps = in_order(train, None, extended.effects, partial(model_with, problem, extended))
+    found = errors_by_name(train, None, extended.effects, partial(model_with, problem, extended))
     # What takes most away joins first.
-    assert [step.effects for step in steps] == [(), (HARMONIC,), (HARMONIC, FRICTION)]
-    assert isinstance(steps[1].record.train, Accuracy)
-    assert steps[0].record.train == train.before
-    assert steps[2].record.train == train.after
-    assert steps[1].record.train.rms_mm < 0.3 * steps[0].record.train.rms_mm
-    assert steps[0].record.holdout is None
+    assert list(found.without) == [HARMONIC, FRICTION]
+    none, one, both = found.steps
+    assert (none.train, both.train) == (train.before, train.after)
+    assert one.effects == (name_of(HARMONIC),)
+    assert one.train.rms_mm < 0.3 * none.train.rms_mm
+    assert none.holdout is None
 
 
-def test_without_effects_there_is_the_baseline_alone(harmonic):
-    problem, start = harmonic
+def test_without_effects_there_is_the_baseline_alone(wave):
+    problem, start = wave.problem, wave.start
     train = compare(problem, start, average_repeats(problem.readings))
-    steps = in_order(train, train, start.effects, partial(model_with, problem, start))
-    assert [step.effects for step in steps] == [()]
-    assert steps[0].record.holdout == train.before
+    (step,) = errors_by_name(train, train, (), partial(model_with, problem, start)).steps
+    assert step.effects == ()
+    assert step.holdout == train.before
 
 
 class TestPeriodogram:
@@ -285,10 +224,10 @@ class TestClustered:
         found = mean(of_pose, np.ones(1000), self.pose)
         assert found.std == pytest.approx(1.0 / np.sqrt(200), rel=0.15)
 
-    def test_the_slope_is_that_of_a_line_far_from_zero(self):
+    def test_the_drift_is_that_of_a_line_far_from_zero(self):
         by = np.random.default_rng(3).uniform(1e5, 1e5 + 10.0, 1000)
-        found = slope(by, 3.0 - 0.5 * by, np.ones(1000), self.pose)
-        assert found.value == pytest.approx(-0.5)
+        found = drift(by, 3.0 - 0.5 * by, np.ones(1000), self.pose)
+        assert found.value == pytest.approx(-0.5 * np.ptp(by))
         assert found.std == pytest.approx(0.0, abs=1e-6)
 
     def test_one_pose_tells_no_uncertainty(self):

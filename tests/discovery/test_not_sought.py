@@ -5,19 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_up_arm import Missing, measure
+from made_up_arm import measure
 from pa10cal.discovery.discover import attitudes_off, discover, too_little
 from pa10cal.discovery.evidence.by_repeats import evidence_lack_of_fit
 from pa10cal.discovery.gap import left_by
 from pa10cal.discovery.noise import same_circumstances
-from pa10cal.discovery.records import discovery_records, summary
 from pa10cal.observe.observations import reading_groups
 
 
 @pytest.fixture(scope="module")
 def made():
     """30 poses, two loads, four readings each, in two directions."""
-    return measure(Missing())
+    return measure()
 
 
 def of_poses(made, count):
@@ -30,41 +29,44 @@ def once(made):
     return made.readings.take(first)
 
 
-class TestTooLittle:
-    def test_nothing_is_lacking(self, made):
-        assert too_little(made.readings, made.baseline) is None
-        assert too_little(of_poses(made, 8), made.baseline) is None
-
-    def test_without_repeats_poses_are_too_few(self, made):
-        found = too_little(once(made), made.baseline)
-        assert found.why == (
+@pytest.mark.parametrize(
+    ("some", "why", "remedy"),
+    [
+        (lambda made: made.readings, None, None),
+        (lambda made: of_poses(made, 8), None, None),
+        (
+            once,
             "30 readings of calibration poses are too few to hold out blocks of them, and with 0 "
-            "repeats the repeatability is not known"
-        )
-        assert "at least 100 calibration poses, or repeat at least 20 readings" in found.remedy
+            "repeats the repeatability is not known",
+            "measure at least 100 calibration poses, or repeat at least 20 readings at the same "
+            "pose, load and direction of arrival",
+        ),
+        (lambda made: of_poses(made, 3), "with 12 repeats", "repeat at least 20 readings"),
+        (
+            lambda made: of_poses(made, 7),
+            "7 calibration poses are too few to separate an effect from the 34",
+            "measure at least 8 calibration poses",
+        ),
+    ],
+)
+def test_what_too_small_a_campaign_lacks_is_said(made, some, why, remedy):
+    found = too_little(some(made), made.baseline)
+    assert (found is None) == (why is None)
+    if found is not None:
+        assert why in found.why
+        assert remedy in found.remedy
 
-    def test_a_few_repeats_are_no_more(self, made):
-        assert "with 12 repeats" in too_little(of_poses(made, 3), made.baseline).why
 
-    def test_repeats_of_few_poses_separate_nothing(self, made):
-        found = too_little(of_poses(made, 7), made.baseline)
-        assert "7 calibration poses are too few to separate an effect from the 34" in found.why
-        assert found.remedy.startswith("measure at least 8 calibration poses")
-
-
-class TestAttitudes:
-    def test_those_of_the_arm_pass(self, made):
-        assert attitudes_off(made.readings, made.baseline) is None
-
-    def test_those_of_another_convention_do_not(self, made):
-        readings = made.readings
-        T = readings.measured.T_instr_target.copy()
-        T[:, :3, :3] = T[:, :3, :3].transpose(0, 2, 1)
-        inverted = replace(readings, measured=replace(readings.measured, T_instr_target=T))
-        assert "deg off those of the calibrated model" in attitudes_off(inverted, made.baseline).why
-        found = discover(inverted, made.baseline, made.setup)
-        assert (found.verdict, found.effects) == ("not_sought", ())
-        assert "the sense of qw, qx, qy, qz" in found.remedy
+def test_orientations_of_another_convention_are_said(made):
+    readings = made.readings
+    assert attitudes_off(readings, made.baseline) is None
+    T = readings.measured.T_instr_target.copy()
+    T[:, :3, :3] = T[:, :3, :3].transpose(0, 2, 1)
+    inverted = replace(readings, measured=replace(readings.measured, T_instr_target=T))
+    assert "deg off those of the calibrated model" in attitudes_off(inverted, made.baseline).why
+    found = discover(inverted, made.baseline, made.setup)
+    assert (found.verdict, found.effects) == ("not_sought", ())
+    assert "the sense of qw, qx, qy, qz" in found.remedy
 
 
 @pytest.fixture(scope="module")
@@ -93,8 +95,8 @@ class TestVerdict:
     def test_what_remains_is_stated_the_same_before_and_after(self, found):
         before, after = found.lack_of_fit()
         assert before is after
-        assert before.pose.shared is before.pose.unshared is before.torque is None
-        assert before.floor_mm > 0.0
+        assert before.pure_error is before.by_joint[0].torque_noise_Nm is None
+        assert before.by_load[0].floor_mm > 0.0
 
     def test_repeats_say_what_the_noise_is_where_poses_are_too_few(self, made):
         found = discover(of_poses(made, 7), made.baseline, made.setup)
@@ -110,17 +112,15 @@ class TestVerdict:
 
         # The covariance of the made-up baseline is not known; that of a calibrated one is.
         known = replace(found.calibrated, covariance=1e-12 * np.eye(len(found.calibrated.x) + 6))
-        records = discovery_records(
-            replace(found, calibrated=known, covariance=known.covariance),
-            found.next_poses(0),
-            Campaign(),
-            "combined",
-        )
-        assert records.verdict.verdict == records.extended.verdict == "not_sought"
-        (line,) = summary(records.verdict)
-        assert line == f"effects were not sought: {found.why}; {found.remedy}"
-        assert len(records.analysis.naming) == 1
-        assert all(s.before == pytest.approx(s.after) for s in records.analysis.parameter_shifts)
+        whole = replace(found, calibrated=known, covariance=known.covariance)
+        record = whole.record(Campaign())
+        extended = whole.extended_record(record, Campaign.robot, "combined")
+        assert record.verdict == extended.verdict == "not_sought"
+        assert record.summary == (f"effects were not sought: {found.why}; {found.remedy}",)
+        assert len(whole.analysis(Campaign()).naming) == 1
+        own = known.model.report(known.x)
+        for parameter, value in zip(own.parameters, own.values, strict=True):
+            assert extended.parameters[parameter.name].value == pytest.approx(value)
 
 
 def there_and_back(readings, group):
@@ -137,11 +137,11 @@ def test_cells_of_the_same_mean_time_have_no_drift(made):
     order = there_and_back(made.readings, same_circumstances(made.readings))
     again = replace(made, readings=order)
     found = evidence_lack_of_fit(again.problem, again.start)
-    assert [drift.by_time_mm_per_h for drift in found.drifts] == [None] * 3
+    assert [drift.with_time_mm for drift in found.drifts] == [None] * 3
     few = of_poses(made, 3)
     verdict = discover(there_and_back(few, reading_groups(few)), made.baseline, made.setup)
     assert verdict.verdict == "not_sought"
-    assert [drift.by_time_mm_per_h for drift in verdict.lack_of_fit()[0].drifts] == [None] * 3
+    assert [drift.with_time_mm for drift in verdict.lack_of_fit()[0].drifts] == [None] * 3
 
 
 class TestLogsThatDoNotScatter:
@@ -183,4 +183,4 @@ def test_readings_that_were_copied_are_no_repeats(made):
     assert found.why.startswith("the scatter of repeats shows no noise in some component")
     assert "readings that were copied" in found.remedy
     assert found.noise_floor_from.startswith("the instrument's stated uncertainty")
-    assert np.isfinite(found.lack_of_fit()[0].floor_mm)
+    assert np.isfinite(found.lack_of_fit()[0].by_load[0].floor_mm)

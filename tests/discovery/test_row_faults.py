@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pa10cal.observe.pose import Touched
 
 from made_up_arm import forced
 from made_up_poses import shifted
@@ -25,6 +24,7 @@ from pa10cal.discovery.row_faults import (
     row_faults,
 )
 from pa10cal.fit.robust_weights import Tails
+from pa10cal.observe.pose import Touched
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.health import InputFinding
 

@@ -53,7 +53,7 @@ class TestBreakdown:
         (said,) = (
             t for t in texts_of(where.draw_where_breakdown(named)) if t.startswith("F, variance")
         )
-        assert f"{named.analysis.before.pose.shared.F:.0f} before (p < 0.001)" in said
+        assert f"{named.analysis.before.pure_error.F:.0f} before (p < 0.001)" in said
         (said,) = (
             t for t in texts_of(where.draw_where_breakdown(results)) if t.startswith("F, variance")
         )
@@ -62,10 +62,8 @@ class TestBreakdown:
     def test_a_temperature_that_was_not_logged_has_no_slope(self, changed, named):
         def unlogged(record):
             for fit in ("before", "after"):
-                temperature = record[fit]["cells"]["temperature_C"]
-                record[fit]["cells"]["temperature_C"] = [None] * len(temperature)
                 for drift in record[fit]["drifts"]:
-                    drift["by_temperature_mm_per_K"] = None
+                    drift["with_temperature_mm"] = None
 
         def errorbars(results):
             return len(where.draw_where_breakdown(results).axes[4].containers)
@@ -76,7 +74,7 @@ class TestBreakdown:
     def test_a_campaign_without_repeats_and_directions_says_so(self, changed):
         def once(record):
             for fit in ("before", "after"):
-                record[fit]["pose"]["shared"] = None
+                record[fit]["pure_error"] = None
                 for joint in record[fit]["by_joint"]:
                     joint["arrivals"] = []
 
@@ -87,7 +85,7 @@ class TestBreakdown:
 
 class TestTorque:
     def test_every_cell_is_drawn_by_its_direction(self, results):
-        joint = results.analysis.before.cells.joints[2]
+        joint = results.analysis.before.by_joint[2]
         axes = by_joint.draw_where_torque(results).axes[2]
         drawn = {line.get_marker(): line.get_ydata() for line in axes.lines[:-1]}
         forward = np.sign(joint.arrival) > 0
@@ -97,8 +95,7 @@ class TestTorque:
     def test_says_when_there_are_no_torques(self, changed):
         def unlogged(record):
             for fit in ("before", "after"):
-                record[fit]["by_torque"] = []
-                for joint in record[fit]["cells"]["joints"]:
+                for joint in record[fit]["by_joint"]:
                     joint["torque_residual_Nm"] = None
 
         with pytest.raises(NothingToShowError, match="no torques were logged, or the weights are"):
@@ -107,10 +104,9 @@ class TestTorque:
     def test_a_calculated_log_has_nothing_to_show(self, changed):
         def none_left(record):
             for fit in ("before", "after"):
-                for joint in record[fit]["cells"]["joints"]:
+                for joint in record[fit]["by_joint"]:
                     joint["torque_residual_Nm"] = [0.0] * len(joint["torque_residual_Nm"])
-                for part in record[fit]["by_torque"]:
-                    part["noise_Nm"] = 0.0
+                    joint["torque_noise_Nm"] = 0.0
 
         with pytest.raises(NothingToShowError, match="none remain"):
             by_joint.draw_where_torque(changed("discovery/analysis.json", none_left))
@@ -202,7 +198,7 @@ class TestJoints:
 
     def test_a_point_a_cell_over_the_joints_own_angle(self, named):
         points = by_joint.draw_where_joints(named).axes[1]
-        joint = named.analysis.before.cells.joints[1]
+        joint = named.analysis.before.by_joint[1]
         before = points.lines[1]
         np.testing.assert_allclose(before.get_xdata(), np.degrees(joint.q_rad))
         np.testing.assert_allclose(before.get_ydata(), 1e6 * np.array(joint.error_rad))

@@ -120,7 +120,7 @@ class TestAll:
     ):
         def without_torques(record):
             for fit in ("before", "after"):
-                for joint in record[fit]["cells"]["joints"]:
+                for joint in record[fit]["by_joint"]:
                     joint["torque_residual_Nm"] = None
 
         (tmp_path / "figures").mkdir()

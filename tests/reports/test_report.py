@@ -22,7 +22,7 @@ from pa10cal.reports.page import SECTIONS
 from pa10cal.reports.pictures import motion_drawing, shares_drawing
 from pa10cal.reports.results_bundle import ResultsBundle, results_bundle
 from pa10cal.reports.summary import summarise
-from pa10cal.results.analysis import AnalysisRecord, ParameterShift
+from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.codec import read, write
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import AccuracyRows, Iso9283Record, PoseAccuracy, RepeatabilityRows
@@ -282,17 +282,22 @@ def test_held_out_errors_are_drawn_as_shares_of_the_poses(copied):
 
 
 def test_parameters_that_had_absorbed_effects_are_listed(copied, page):
-    shift = {"name": "delta_a_2", "unit": "m", "before": 1e-4, "after": 3e-4, "std": 1e-5}
-    shift |= {"tolerance": 1e-3, "identifiable": True}
+    known = {"std": 1e-5, "unit": "m", "tolerance": 1e-3, "identifiable": True, "at_bound": False}
     assert "had absorbed" not in page(copied).text
     path = copied / "discovery/analysis.json"
     record = read(AnalysisRecord, path)
-    moved = (ParameterShift(**shift), ParameterShift(**shift | {"name": "d", "before": 3e-4}))
     joined = record.naming[0].model_copy(
         update={"effects": (EffectName(id="backlash", of="joint 2"),)}
     )
-    naming = (*record.naming, joined)
-    write(record.model_copy(update={"parameter_shifts": moved, "naming": naming}), path)
+    write(record.model_copy(update={"naming": (*record.naming, joined)}), path)
+    found = {"id": "backlash", "of": "joint 2", "parameters": {}, "alternatives": []}
+    for file, a, more in (
+        ("calibration/combined.json", 1e-4, {}),
+        ("discovery/extended.json", 3e-4, {"named": [found]}),
+    ):
+        of = json.loads((copied / file).read_text("utf-8"))
+        of["parameters"] |= {"delta_a_2": {"value": a, **known}, "d": {"value": 3e-4, **known}}
+        (copied / file).write_text(json.dumps(of | more))
     text = page(copied).text
     assert "Parameters that had absorbed part of the effects" in text
     assert "δa₂ 0.1 0.300 ± 0.020 mm +0.20 tolerances" in text

@@ -8,7 +8,7 @@ assumed. All is linear about the model, the weights among the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
@@ -17,16 +17,17 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
-from pa10cal.arrays import Array, Index, Mask
+from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.finding import Finding, GivesWay
-from pa10cal.discovery.gap import trusted
 from pa10cal.discovery.linear import (
     by_terms,
+    cluster_covariance,
     error_mm,
     of_weights,
     possible_sizes,
     residual_and_jacobian,
     rms,
+    unknowns,
 )
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import computable, sought
@@ -74,35 +75,36 @@ def with_compliance(found: V) -> V:
         return found
     rows = _LinearProblem.of(found)
     needed = float(np.log(max(found.candidates, len(springs)) / found.error_rate))
-    every = rows.error(())
-    shown = []
-    for spring in springs:
-        without = rows.error((spring,))
-        gain = (without.squares - every.squares) / rows.alike(spring)
-        nats = 0.5 * (gain - np.log(rows.readings))
-        if nats >= needed:
-            shown.append((nats, spring, without))
-    shown.sort(key=lambda entry: -entry[0])
-    together = tuple(spring for _, spring, _ in shown)
-    rigid, instead = rows.error(together), rows.instead_of(together, needed)
+    lost = {
+        spring: (rows.rigid(spring).squares - rows.squares) / rows.alike(spring)
+        for spring in springs
+    }
+    nats = {spring: 0.5 * float(loss - np.log(rows.readings)) for spring, loss in lost.items()}
+    shown = sorted((s for s in springs if nats[s] >= needed), key=lambda s: -nats[s])
+    all_rigid = rows.rigid(*shown)
+    instead = _best_first(rows.instead_of(all_rigid, len(shown), needed))
+    held_out, judging = rows.held_out, rows.held_out or rows.poses
+    all_rigid_mm, now_mm = all_rigid.errors_mm(judging), rms(rows.errors_mm(rows.poses))
     findings = []
-    for nats, spring, without in shown:
-        others = tuple(dict.fromkeys((*instead, *rows.rivals(spring, needed))))
+    for spring in shown:
+        rigid = rows.rigid(spring)
+        rivals = _best_first(rows.rivals(rigid, rows.alike(spring), needed))
+        others = tuple(dict.fromkeys((*instead, *rivals)))
         if len(others) > _MOST_ALTERNATIVES:
             continue
         stiffness, std, sag_rad, sag_std = rows.stiffness(spring)
         proof = GivesWay(
-            lost_without_it_nats=nats,
+            lost_without_it_nats=nats[spring],
             needed_nats=needed,
             sag_mrad=1e3 * sag_rad,
             sag_u_mrad=1e3 * sag_std,
-            rigid_mm=rms(without.fitted_mm),
-            gives_way_mm=rms(every.fitted_mm),
-            held_out_rigid_mm=None if without.held_out_mm is None else rms(without.held_out_mm),
-            held_out_gives_way_mm=None if every.held_out_mm is None else rms(every.held_out_mm),
-            all_rigid_mm=rms(rigid.judging_mm),
-            without_each_mm=without.judging_mm,
-            all_rigid_each_mm=rigid.judging_mm,
+            rigid_mm=rms(rigid.errors_mm(rows.poses)),
+            gives_way_mm=now_mm,
+            held_out_rigid_mm=None if held_out is None else rms(rigid.errors_mm(held_out)),
+            held_out_gives_way_mm=None if held_out is None else rms(rows.errors_mm(held_out)),
+            all_rigid_mm=rms(all_rigid_mm),
+            without_each_mm=rigid.errors_mm(judging),
+            all_rigid_each_mm=all_rigid_mm,
             weights="logged" if found.prepared.torques == "logged" else known.origin,
         )
         effect = JointCompliance(spring.of, spring.tau_ref_Nm)
@@ -110,41 +112,44 @@ def with_compliance(found: V) -> V:
     return replace(found, gives_way=tuple(findings))
 
 
-@dataclass(frozen=True)
-class _Left:
-    """What is left of the poses with all else fitted anew."""
-
-    squares: float
-    fitted_mm: Array  # (P,) errors of the poses fitted
-    held_out_mm: Array | None  # (H,) those of the poses held out; None without any
-
-    @property
-    def judging_mm(self) -> Array:
-        """Return the errors of the poses held out, or else of those fitted."""
-        return self.fitted_mm if self.held_out_mm is None else self.held_out_mm
+def _best_first(found: Iterable[tuple[Effect, float]]) -> list[Effect]:
+    """Return effects, each by the least squares that any of its shapes leaves."""
+    least: dict[Effect, float] = {}
+    for effect, squares in found:
+        least[effect] = min(squares, least.get(effect, np.inf))
+    return sorted(least, key=lambda effect: least[effect])
 
 
 @dataclass(frozen=True, eq=False)
 class _LinearProblem:
-    """A model and its poses, as a linear problem."""
+    """A model and its poses, linear about its point; all unknowns are fitted anew."""
 
     at: FittedModel  # the extended model, its base's own term last
     poses: Observations  # those fitted
     held_out: Observations | None  # those held out that are trusted; None without any
     whitener: Array  # (P, b, b) of the poses fitted
     candidates: tuple[Effect, ...]  # effects that might stand in a spring's place
+    # the poses under the moments alone that each uncertain weight adds, at its size
+    moments: list[Observations]
 
     @classmethod
     def of(cls, found: Verdict[Any]) -> _LinearProblem:
         at, poses = found.extended.at, found.train.poses
         left, jacobian = residual_and_jacobian(at, poses)
         weights = pose_weights(left, float(jacobian.shape[2]), poses.measured)
-        held_out = trusted(found.holdout, found.prepared.suspected)
-        terms, logged = at.model.terms, found.prepared.torques == "logged"
+        gap, logged = found.trusted_holdout, found.prepared.torques == "logged"
+        terms = at.model.terms
         named = [e for e in sought(found.context, terms) if is_named(e) and e not in terms]
         candidates, _ = computable(named, poses.states, logged=logged, weights=True)
-        others = None if held_out is None else held_out.poses
-        return cls(at, poses, others, weights.whiteners(), tuple(candidates))
+        held_out, whitener = None if gap is None else gap.poses, weights.whiteners()
+        return cls(at, poses, held_out, whitener, tuple(candidates), _moments(at, poses))
+
+    def rigid(self, *springs: JointSpring) -> _LinearProblem:
+        """Return the problem with some joints rigid."""
+        x = self.at.x.copy()
+        for spring in springs:
+            x[self.at.model.columns_of(spring).start] = _RIGID_RAD
+        return replace(self, at=replace(self.at, x=x))
 
     @property
     def readings(self) -> int:
@@ -153,7 +158,7 @@ class _LinearProblem:
 
     @cached_property
     def sizes(self) -> Array:
-        """Return the standard deviation thought possible of every unknown."""
+        """Return the standard deviation thought possible of every unknown (k,)."""
         return possible_sizes(self.at.model, self.poses.measured)
 
     @cached_property
@@ -162,57 +167,90 @@ class _LinearProblem:
         targets = np.zeros(len(self.at.targets_m), dtype=bool)
         return np.concatenate([of_weights(self.at.model), targets])
 
-    def without(self, springs: tuple[JointSpring, ...]) -> FittedModel:
-        """Return the model with some joints rigid."""
-        x = self.at.x.copy()
-        for spring in springs:
-            x[self.at.model.columns_of(spring).start] = _RIGID_RAD
-        return replace(self.at, x=x)
+    @cached_property
+    def off(self) -> Array:
+        """Return how far unknowns (k,) are from what is expected of them, in sizes."""
+        return np.where(self.of_weights, unknowns(self.at) / self.sizes, 0.0)
 
-    def error(self, rigid: tuple[JointSpring, ...]) -> _Left:
-        """Return what is left with some joints rigid, all else fitted anew, to first order.
+    @cached_property
+    def rows(self) -> tuple[Array, Array]:
+        """Return whitened columns (N, k) of the unknowns, in sizes, and what is left (N,)."""
+        at = self.at
+        left, jacobian = residual_and_jacobian(at, self.poses)
+        jacobian = jacobian + self._by_moments(jacobian.shape)
+        for term in at.model.terms:
+            column = at.model.columns_of(term).start
+            # A joint that is all but rigid cannot give way the other way round: it is held.
+            if isinstance(term, JointSpring) and at.x[column] <= _LEAST_RAD:
+                jacobian[:, :, column] = 0.0
+        white = (self.whitener @ jacobian).reshape(-1, jacobian.shape[2])
+        return white * self.sizes, (self.whitener @ left[:, :, None]).ravel()
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Return the covariance (k, k) in sizes."""
+        columns, _ = self.rows
+        return np.asarray(np.linalg.inv(columns.T @ columns + np.eye(columns.shape[1])))
+
+    @cached_property
+    def gradient(self) -> Array:
+        """Return half the gradient of the squares (k,)."""
+        columns, data = self.rows
+        return np.asarray(columns.T @ data + self.off)
+
+    @cached_property
+    def step(self) -> Array:
+        """Return the step (k,) in sizes that leaves least."""
+        return -self.inverse @ self.gradient
+
+    @cached_property
+    def squares(self) -> float:
+        """Return the squares that it leaves."""
+        _, data = self.rows
+        return float(data @ data + self.off @ self.off + self.gradient @ self.step)
+
+    def squares_with(self, further: Array) -> float:
+        """Return the squares left with further columns (N, l) among the unknowns."""
+        columns, data = self.rows
+        across = columns.T @ further
+        taken = self.inverse @ across
+        schur = further.T @ further + np.eye(further.shape[1]) - across.T @ taken
+        gradient = further.T @ data - taken.T @ self.gradient
+        return float(self.squares - gradient @ np.linalg.solve(schur, gradient))
+
+    def errors_mm(self, poses: Observations) -> Array:
+        """Return position errors (P,) that are left of poses, to first order.
 
         Where a spring goes others take over by bounds: no point of the model, but what is left.
         """
-        at = self.without(rigid)
-        step, squares = self._system(at, rigid).solved()
+        left, jacobian = residual_and_jacobian(self.at, poses)
+        return error_mm(poses.measured, left + jacobian @ (self.step * self.sizes))
 
-        def errors_mm(poses: Observations) -> Array:
-            left, jacobian = residual_and_jacobian(at, poses)
-            return error_mm(poses.measured, left + jacobian @ step)
-
-        held_out_mm = None if self.held_out is None else errors_mm(self.held_out)
-        return _Left(squares, errors_mm(self.poses), held_out_mm)
-
-    def rivals(self, spring: JointSpring, needed: float) -> tuple[Effect, ...]:
-        """Return effects beside which a spring is not needed any more, the best first."""
-        rigid, alike = self.without((spring,)), self.alike(spring)
-        without, left = self._system(rigid, (spring,)), dict[Effect, float]()
-        both = zip(self._columns(rigid), self._columns(self.at), strict=True)
+    def rivals(
+        self, rigid: _LinearProblem, alike: float, needed: float
+    ) -> Iterator[tuple[Effect, float]]:
+        """Yield effects beside which a spring is not needed any more, and the squares left."""
+        both = zip(rigid.of_candidates(), self.of_candidates(), strict=True)
         for (effect, at_rigid), (_, columns) in both:
-            squares = without.squares_with(at_rigid)
-            gain = (squares - self._as_it_is.squares_with(columns)) / alike
+            squares = rigid.squares_with(at_rigid)
+            gain = (squares - self.squares_with(columns)) / alike
             if 0.5 * (gain - np.log(self.readings)) < needed:
-                left[effect] = min(squares, left.get(effect, np.inf))
-        return tuple(sorted(left, key=lambda effect: left[effect]))
+                yield effect, squares
 
-    def instead_of(self, springs: tuple[JointSpring, ...], needed: float) -> tuple[Effect, ...]:
-        """Return effects that explain the poses, each alone, as well as some springs together."""
-        if len(springs) < 2:
-            return ()
-        rigid, left = self.without(springs), dict[Effect, float]()
-        without, (_, squares) = self._system(rigid, springs), self._as_it_is.solved()
-        for effect, columns in self._columns(rigid):
-            with_it = without.squares_with(columns)
+    def instead_of(
+        self, rigid: _LinearProblem, springs: int, needed: float
+    ) -> Iterator[tuple[Effect, float]]:
+        """Yield effects that explain the poses, each alone, as well as some springs together."""
+        for effect, columns in rigid.of_candidates() if springs > 1 else ():
+            with_it = rigid.squares_with(columns)
             # The shape of moments costs what it costs the springs.
-            fewer = (len(springs) - effect.linear) * np.log(self.readings)
-            if 0.5 * (with_it - squares - fewer) < needed:
-                left[effect] = min(with_it, left.get(effect, np.inf))
-        return tuple(sorted(left, key=lambda effect: left[effect]))
+            fewer = (springs - effect.linear) * np.log(self.readings)
+            if 0.5 * (with_it - self.squares - fewer) < needed:
+                yield effect, with_it
 
-    def _by_moments(self, at: FittedModel, shape: tuple[int, ...]) -> Array:
+    def _by_moments(self, shape: tuple[int, ...]) -> Array:
         """Return what uncertain weights move, (P, b, k), through links and base found to bend."""
-        added = np.zeros(shape)
+        at, added = self.at, np.zeros(shape)
         bending = [t for t in at.model.terms if isinstance(t, LinkEffect | BaseCompliance)]
         if not bending:
             return added
@@ -221,7 +259,7 @@ class _LinearProblem:
         assert arm.mass_kg is not None
         sizes = arm.mass_kg[:, None] * np.column_stack([known.mass, *[known.com_m] * 3])
         of_weight = []
-        for poses, size in zip(self._moments, sizes.ravel(), strict=True):
+        for poses, size in zip(self.moments, sizes.ravel(), strict=True):
             parts = by_terms(at, poses, bending, found)
             moved = [part @ x for part, x in zip(parts, found, strict=True)]
             of_weight.append(np.sum(moved, axis=0) / max(float(size), 1e-12))
@@ -236,49 +274,20 @@ class _LinearProblem:
                     added[:, :, first + k] += term.by_held[k] * of_weight[term.held]
         return added
 
-    def _columns(self, at: FittedModel) -> Iterator[tuple[Effect, Array]]:
+    def of_candidates(self) -> Iterator[tuple[Effect, Array]]:
         """Yield every candidate at each of its shapes, with its whitened columns (N, l).
 
         What bends under moments does so under those of the weights, which are not known either.
         """
         effects = [effect for effect in self.candidates for _ in effect.starts]
         starts = [start for effect in self.candidates for start in effect.starts]
-        columns = by_terms(at, self.poses, effects, starts)
+        columns = by_terms(self.at, self.poses, effects, starts)
         for effect, start, own in zip(effects, starts, columns, strict=True):
             parts = [own[:, :, : effect.linear]]
             if isinstance(effect, LinkEffect | BaseCompliance):
-                parts += [by_terms(at, poses, [effect], [start])[0] for poses in self._moments]
+                parts += [by_terms(self.at, poses, [effect], [start])[0] for poses in self.moments]
             linear = np.concatenate([part @ (_SIZES * effect.prior_factor) for part in parts], 2)
             yield effect, (self.whitener @ linear).reshape(-1, linear.shape[2])
-
-    @cached_property
-    def _moments(self) -> list[Observations]:
-        """Return the poses under the moments alone that each uncertain weight adds, at its size."""
-        arm, payload, states = self.at.arm, self.at.payload, self.poses.states
-        if payload is None or arm.mass_kg is None or arm.com_m is None:
-            return []
-        known, mass_kg, com_m = weights_known(arm), arm.mass_kg, arm.com_m
-        rigid, nothing = Model(Chain.of(arm), ()), np.zeros(0)
-        before = statics_of(rigid, nothing, states, payload).static_loads
-        poses = []
-        for link in range(arm.n):
-            heavier = mass_kg.copy()
-            heavier[link] *= 1.0 + known.mass[link]
-            others = [replace(arm, mass_kg=heavier)]
-            for axis in range(3):
-                moved = com_m.copy()
-                moved[link, axis] += known.com_m[link]
-                others.append(replace(arm, com_m=moved))
-            for other in others:
-                after = statics_of(Model(Chain.of(other), ()), nothing, states, payload)
-                loads = after.static_loads
-                added = replace(
-                    loads,
-                    link_Nm=loads.link_Nm - before.link_Nm,
-                    base_Nm=loads.base_Nm - before.base_Nm,
-                )
-                poses.append(self.poses.with_states(replace(states, static_loads=added)))
-        return poses
 
     def alike(self, spring: JointSpring) -> float:
         """Return how much larger the variance of a spring is for poses that err alike.
@@ -287,18 +296,20 @@ class _LinearProblem:
         is the same in all of them: they count as one (the variance by stretches of time over that
         of independent poses, at least 1).
         """
-        at, system = self.at.model.columns_of(spring).start, self._as_it_is
-        independent = float(system.covariance[at, at])
-        by_stretches = float(system.by_stretches(self._stretch)[at, at])
+        at = self.at.model.columns_of(spring).start
+        independent, by_stretches = (float(cov[at, at]) for cov in self._covariances)
         return max(1.0, by_stretches / independent) if independent > 0.0 else 1.0
 
     @cached_property
-    def _stretch(self) -> Index:
-        """Return the stretch of time of each row (N,)."""
-        count = len(self.poses)
+    def _covariances(self) -> tuple[Array, Array]:
+        """Return that of all unknowns if poses are independent, and by stretches of time."""
+        count, (columns, data) = len(self.poses), self.rows
         order = np.argsort(np.argsort(self.poses.states.time_s, kind="stable"))
         stretches = min(_STRETCHES, max(count // _LEAST_STRETCH, 2))
-        return np.repeat(order * stretches // count, self.whitener.shape[1])
+        stretch = np.repeat(order * stretches // count, self.whitener.shape[1])
+        scores = columns * (data + columns @ self.step)[:, None]
+        scale = np.outer(self.sizes, self.sizes)
+        return self.inverse * scale, cluster_covariance(self.inverse, scores, stretch) * scale
 
     def stiffness(self, spring: JointSpring) -> tuple[float, float, float, float]:
         """Return stiffness [N m/rad], its uncertainty, the largest sag [rad], its uncertainty.
@@ -322,90 +333,37 @@ class _LinearProblem:
         sag = float(x[at]) * float(np.abs(carried_Nm[row])) / spring.tau_ref_Nm
         of_sag = float(x[at]) / spring.tau_ref_Nm * by_x[row] * np.sign(carried_Nm[row])
         of_sag[at] = sag / float(x[at])
-        system, k = self._as_it_is, len(x)
-        covariances = (system.covariance[:k, :k], system.by_stretches(self._stretch)[:k, :k])
-        return (
-            stiffness,
-            float(np.sqrt(max(slope @ covariance @ slope for covariance in covariances))),
-            sag,
-            float(np.sqrt(max(of_sag @ covariance @ of_sag for covariance in covariances))),
+        std, sag_std = (
+            float(np.sqrt(max(by @ cov[: len(x), : len(x)] @ by for cov in self._covariances)))
+            for by in (slope, of_sag)
         )
-
-    @cached_property
-    def _as_it_is(self) -> _System:
-        """Return the problem with all springs, which every one of them is held against."""
-        return self._system(self.at, ())
-
-    def _system(self, at: FittedModel, rigid: tuple[JointSpring, ...]) -> _System:
-        left, jacobian = residual_and_jacobian(at, self.poses)
-        jacobian = jacobian + self._by_moments(at, jacobian.shape)
-        free = np.ones(jacobian.shape[2], dtype=bool)
-        for term in at.model.terms:
-            if isinstance(term, JointSpring):
-                column = at.model.columns_of(term).start
-                # A joint that is all but rigid cannot give way the other way round.
-                free[column] = term not in rigid and at.x[column] > _LEAST_RAD
-        white = (self.whitener @ jacobian).reshape(-1, jacobian.shape[2])
-        data = (self.whitener @ left[:, :, None]).ravel()
-        unknowns = np.concatenate([at.x, at.targets_m])
-        off = np.where(self.of_weights, unknowns / self.sizes, 0.0)
-        return _System(white[:, free] * self.sizes[free], data, off[free], free, self.sizes)
+        return stiffness, std, sag, sag_std
 
 
-@dataclass(frozen=True, eq=False)
-class _System:
-    """Whitened rows of a linear problem, unknowns in what is thought possible of them."""
-
-    columns: Array  # (N, k) of the unknowns that are free
-    data: Array  # (N,) what is left
-    off: Array  # (k,) how far they are from what is expected of them
-    free: Mask  # which of all unknowns these are
-    sizes: Array  # of all unknowns
-
-    @cached_property
-    def inverse(self) -> Array:
-        """Return the covariance (k, k) in sizes."""
-        normal = self.columns.T @ self.columns + np.eye(self.columns.shape[1])
-        return np.asarray(np.linalg.inv(normal))
-
-    @cached_property
-    def gradient(self) -> Array:
-        """Return half the gradient of the squares (k,)."""
-        return np.asarray(self.columns.T @ self.data + self.off)
-
-    @property
-    def covariance(self) -> Array:
-        """Return the covariance of all unknowns, zero for those that are not free."""
-        return self._of_all(self.inverse)
-
-    def by_stretches(self, stretch: Index) -> Array:
-        """Return the covariance of all unknowns from how stretches of rows (N,) differ."""
-        left = self.data - self.columns @ (self.inverse @ self.gradient)
-        count = int(stretch.max()) + 1
-        scores = np.zeros((count, self.columns.shape[1]))
-        np.add.at(scores, stretch, self.columns * left[:, None])
-        half = self.inverse @ scores.T
-        return self._of_all(half @ half.T * count / max(count - 1, 1))
-
-    def _of_all(self, covariance: Array) -> Array:
-        """Return the covariance of all unknowns from that of the free ones, in sizes."""
-        full = np.zeros((len(self.sizes),) * 2)
-        full[np.ix_(self.free, self.free)] = covariance
-        return full * np.outer(self.sizes, self.sizes)
-
-    def solved(self) -> tuple[Array, float]:
-        """Return the step (all unknowns) that leaves least, and the squares left."""
-        own = -self.inverse @ self.gradient
-        step = np.zeros(len(self.sizes))
-        step[self.free] = own * self.sizes[self.free]
-        squares = float(self.data @ self.data + self.off @ self.off + self.gradient @ own)
-        return step, squares
-
-    def squares_with(self, further: Array) -> float:
-        """Return the squares left with further columns (N, l) among the unknowns."""
-        across = self.columns.T @ further
-        taken = self.inverse @ across
-        schur = further.T @ further + np.eye(further.shape[1]) - across.T @ taken
-        gradient = further.T @ self.data - taken.T @ self.gradient
-        _, before = self.solved()
-        return float(before - gradient @ np.linalg.solve(schur, gradient))
+def _moments(at: FittedModel, fitted: Observations) -> list[Observations]:
+    """Return the poses under the moments alone that each uncertain weight adds, at its size."""
+    arm, payload, states = at.arm, at.payload, fitted.states
+    if payload is None or arm.mass_kg is None or arm.com_m is None:
+        return []
+    known, mass_kg, com_m = weights_known(arm), arm.mass_kg, arm.com_m
+    rigid, nothing = Model(Chain.of(arm), ()), np.zeros(0)
+    before = statics_of(rigid, nothing, states, payload).static_loads
+    poses = []
+    for link in range(arm.n):
+        heavier = mass_kg.copy()
+        heavier[link] *= 1.0 + known.mass[link]
+        others = [replace(arm, mass_kg=heavier)]
+        for axis in range(3):
+            moved = com_m.copy()
+            moved[link, axis] += known.com_m[link]
+            others.append(replace(arm, com_m=moved))
+        for other in others:
+            after = statics_of(Model(Chain.of(other), ()), nothing, states, payload)
+            loads = after.static_loads
+            added = replace(
+                loads,
+                link_Nm=loads.link_Nm - before.link_Nm,
+                base_Nm=loads.base_Nm - before.base_Nm,
+            )
+            poses.append(fitted.with_states(replace(states, static_loads=added)))
+    return poses

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Generic, Literal, TypeVar
 
@@ -23,7 +23,7 @@ from pa10cal.results.discovery import (
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.health import InputFinding
 from pa10cal.results.maps import JointWitness, MapForm
-from pa10cal.results.record import HALF_WIDTH_95, EffectName, FaultKind, Numbers, Part
+from pa10cal.results.record import EffectName, FaultKind, Numbers, Part
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import BandPrior, JointErrorMap
 from pa10cal.terms.term import Term
@@ -35,16 +35,10 @@ P_co = TypeVar("P_co", covariant=True)
 class GivesWay(EvidenceOfSag):
     """The statistics that decided about the spring of a joint."""
 
-    without_each_mm: Numbers = Field(
-        exclude=True,
-        description="(P,) errors of the poses held out, or else fitted, with the joint rigid",
-    )
-    all_rigid_each_mm: Numbers = Field(
-        exclude=True, description="the same with all joints rigid that give way"
-    )
-    weights: Literal["assumed", "total", "logged"] = Field(
-        exclude=True, description="where the weights come from"
-    )
+    # (P,) errors of the poses held out, or else fitted, with the joint rigid
+    without_each_mm: Numbers = Field(exclude=True)
+    all_rigid_each_mm: Numbers = Field(exclude=True)  # with all joints rigid that give way
+    weights: Literal["assumed", "total", "logged"] = Field(exclude=True)  # where they come from
 
 
 #: A name without one pose keeps more of what speaks for it than this, or that pose carries it.
@@ -54,12 +48,9 @@ CARRIED = 0.5
 class MayHaveCarrier(Part):
     """Statistics that one pose may make, as a gross error does; that is not written."""
 
-    carrier: str | None = Field(
-        default=None,
-        exclude=True,
-        description="the one pose without which not half of this would be left, and too "
-        "little for a name; None where there is no such pose",
-    )
+    # the one pose without which not half of this would be left, and too little for a name; None
+    # where there is no such pose
+    carrier: str | None = Field(default=None, exclude=True)
 
 
 def carrier_of(labels: NDArray[np.str_], left: Array, whole: float, needed: float) -> str | None:
@@ -139,15 +130,6 @@ def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, Effe
     }
 
 
-def sized(parameters: Mapping[str, EffectParameter]) -> str:
-    """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
-    return ", ".join(
-        f"{key} = {entry.value:.4g} ± {HALF_WIDTH_95 * entry.std:.1g} {entry.unit}"
-        for key, entry in parameters.items()
-        if not key.startswith("knot")
-    )
-
-
 def name_of(effect: Effect) -> EffectName:
     """Return an effect's name and place."""
     return EffectName(id=effect.id, of=effect.of)
@@ -187,22 +169,13 @@ _OF_INPUT: dict[str, FaultKind] = {
 class DiagnosedFault(Fault):
     """Something in the log that is wrong, and what it does to the verdict; that is not written."""
 
-    gain: float | None = Field(
-        default=None,
-        description="part of the weighted squared error that putting it right takes away",
-    )
-    decides: bool = Field(
-        default=True,
-        exclude=True,
-        description="whether the verdict is `check_the_log` whatever else was found; a reading "
-        "with a gross error, once excluded, leaves the effects found standing",
-    )
-    at_s: float | None = Field(
-        default=None,
-        exclude=True,
-        description="of a step that is told as a fact, its most likely time; readings before and "
-        "after have bases of their own",
-    )
+    gain: float | None = None
+    # whether the verdict is `check_the_log` whatever else was found; a reading with a gross error,
+    # once excluded, leaves the effects found standing
+    decides: bool = Field(default=True, exclude=True)
+    # of a step that is told as a fact, its most likely time; readings before and after have bases
+    # of their own
+    at_s: float | None = Field(default=None, exclude=True)
 
 
 def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from scipy.special import gammaln, stdtrit
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.uncertainty import summarise
-from pa10cal.discovery.finding import name_of
+from pa10cal.discovery.finding import Finding, name_of
+from pa10cal.discovery.linear import rms
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -19,6 +21,7 @@ from pa10cal.observe.quantities import Deviations
 from pa10cal.results.analysis import GapRows, NamingStep
 from pa10cal.results.discovery import LoadGap, Reduction, SetGap
 from pa10cal.results.evaluation import Accuracy, BeforeAfter
+from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.terms.effects.effect import Effect
 
 _LEVEL = 0.95
@@ -146,48 +149,6 @@ class PairedErrors:
         return float(of_mean * self.noise_floor_mm)
 
 
-@dataclass(frozen=True)
-class Named:
-    """The model with the first few of the effects."""
-
-    effects: tuple[Effect, ...]  # those that are in it, in the order of what they take away
-    # on_train and on_holdout: its deviations; None without held-out poses
-    on_train: Deviations
-    on_holdout: Deviations | None
-    without: tuple[Named, ...] = ()  # of the model with all effects, the model without each of them
-
-    @property
-    def judging(self) -> Deviations:
-        """Return its deviations at held-out poses, or else at those fitted."""
-        return self.on_train if self.on_holdout is None else self.on_holdout
-
-    @property
-    def record(self) -> NamingStep:
-        """Return its errors as they are written."""
-        return NamingStep(
-            effects=tuple(map(name_of, self.effects)),
-            train=summarise(self.on_train),
-            holdout=None if self.on_holdout is None else summarise(self.on_holdout),
-        )
-
-    def falling_back(self, within: AngleCoverage, gaps: Mapping[str, PairedErrors | None]) -> Named:
-        """Return it with the calibrated model beyond some joint positions."""
-        train, holdout = gaps["train"], gaps["holdout"]
-        assert train is not None
-
-        def fallen(left: Deviations, found: PairedErrors) -> Deviations:
-            outside = ~within.inside(found.poses.states.q_rad)
-            return left.with_others(outside, found.found_before)
-
-        held_out = self.on_holdout
-        return Named(
-            self.effects,
-            fallen(self.on_train, train),
-            held_out if held_out is None or holdout is None else fallen(held_out, holdout),
-            tuple(step.falling_back(within, gaps) for step in self.without),
-        )
-
-
 def gap(
     poses: Observations,
     before: FittedModel,
@@ -251,40 +212,134 @@ def trusted(found: PairedErrors | None, suspected: Mask | None) -> PairedErrors 
     )
 
 
-def in_order(
+@dataclass(frozen=True)
+class ErrorsByName:
+    """What remains as effects join the calibrated model one by one, the largest first."""
+
+    steps: tuple[NamingStep, ...]  # the calibrated model, then with one effect more each
+    # deviations at held-out poses, or else at those fitted, of the model with all effects but one
+    without: Mapping[Effect, Deviations]
+
+
+def errors_by_name(
     train: PairedErrors,
     holdout: PairedErrors | None,
-    effects: tuple[Effect, ...],
+    effects: Sequence[Effect],
     fitted_with: Callable[[tuple[Effect, ...]], FittedModel],
-) -> tuple[Named, ...]:
+    within: AngleCoverage | None = None,
+) -> ErrorsByName:
     """Return the errors of the calibrated model, and as effects join it, the largest first.
 
     They join in the order of what the model with all of them loses without each: alone, an effect
-    may be masked by another. The last is the gap that is given.
+    may be masked by another. The last step is the gap that is given. Where effects hold within some
+    joint positions alone, models are the calibrated one beyond.
     """
+    gaps = [train] if holdout is None else [train, holdout]
+    before = [of.found_before for of in gaps]
 
-    def with_only(some: tuple[Effect, ...]) -> Named:
-        model = fitted_with(some)
-        on_holdout = None if holdout is None else left_by(model, holdout.poses)
-        return Named(some, left_by(model, train.poses), on_holdout)
+    def left_with(some: Sequence[Effect]) -> list[Deviations]:
+        model, left = fitted_with(tuple(some)), []
+        for of in gaps:
+            found = left_by(model, of.poses)
+            if within is not None:
+                found = found.with_others(~within.inside(of.poses.states.q_rad), of.found_before)
+            left.append(found)
+        return left
 
-    held_out = None if holdout is None else holdout.found_before
-    steps = [Named((), train.found_before, held_out)]
-    without = dict.fromkeys(effects, steps[0])
+    joining: list[tuple[Sequence[Effect], list[Deviations]]] = [((), before)]
+    without = dict.fromkeys(effects, before)
     if len(effects) > 1:
-        rest = {each: tuple(other for other in effects if other != each) for each in effects}
-        without = {each: with_only(rest[each]) for each in effects}
-        effects = tuple(sorted(effects, key=lambda each: -summarise(without[each].judging).rms_mm))
-        steps += [with_only(effects[:count]) for count in range(1, len(effects) - 1)]
-        steps.append(replace(without[effects[-1]], effects=effects[:-1]))
+        for each in effects:
+            without[each] = left_with([other for other in effects if other != each])
+        effects = sorted(effects, key=lambda each: -summarise(without[each][-1]).rms_mm)
+        joining += [(effects[:k], left_with(effects[:k])) for k in range(1, len(effects) - 1)]
+        joining.append((effects[:-1], without[effects[-1]]))
     if effects:
-        held_out = None if holdout is None else holdout.found_after
-        every = tuple(without[each] for each in effects)
-        steps.append(Named(effects, train.found_after, held_out, every))
-    return tuple(steps)
+        joining.append((effects, [of.found_after for of in gaps]))
+    steps = tuple(
+        NamingStep(
+            effects=tuple(map(name_of, some)),
+            train=summarise(left[0]),
+            holdout=summarise(left[1]) if len(left) > 1 else None,
+        )
+        for some, left in joining
+    )
+    return ErrorsByName(steps, {each: without[each][-1] for each in effects})
 
 
 def left_by(model: FittedModel, poses: Observations, T_moved: Array | None = None) -> Deviations:
     """Return what a model leaves of complete poses, at which the base had moved (P, 4, 4)."""
     T_base_ee = model.as_read(poses) if T_moved is None else T_moved @ model.as_read(poses)
     return poses.measured.deviations(T_base_ee, model.T_instr_base, model.targets_m)
+
+
+# How much of the error beyond noise is explained, and by what.
+#
+# The share of all effects is what the mean square error over held-out poses falls by, from the
+# calibrated model to the one that is exported, as part of what it had beyond noise. It is divided
+# among them by what the exported model loses without each, all else fitted again: joining one by
+# one, an effect may be masked by another. Shares sum to the whole. Errors without one are told as
+# no larger than those without any.
+
+#: Without an effect found, errors so many times as large as those of noise, root mean squares, are
+#: more than noise.
+_MORE_THAN_NOISE = 1.15
+
+
+def taken_away(
+    finding: Finding[object],
+    before_mm: Array,
+    after_mm: Array,
+    weights: Literal["assumed"] | None = None,
+) -> ExplainedEffect:
+    """Return what an effect takes away of errors (P,), its share of the whole not yet known."""
+    others = finding.alternatives
+    here = dict.fromkeys((finding.id, *(one.id for one in others if one.of == finding.of)))
+    return ExplainedEffect(
+        ids=tuple(here),
+        of=finding.of,
+        elsewhere=tuple(name_of(one) for one in others if one.of != finding.of),
+        weights=weights,
+        share=0.0,
+        before_mm=rms(before_mm),
+        after_mm=rms(after_mm),
+    )
+
+
+def explained_by(
+    effects: Sequence[ExplainedEffect],
+    before_mm: float,
+    noise_mm: float,
+    over: Literal["held-out poses", "fitted poses"] = "held-out poses",
+) -> Explained | None:
+    """Return what effects take away; None where there is no more than noise to explain.
+
+    Args:
+        effects: the last of them ends at the model with all.
+        before_mm: root mean square error of the model without any.
+        noise_mm: root mean square error that noise alone would leave.
+        over: what the poses are.
+    """
+    beyond = before_mm**2 - noise_mm**2
+    least = 1.0 if effects else _MORE_THAN_NOISE**2
+    if not beyond > (least - 1.0) * noise_mm**2 or not before_mm > 0.0:
+        return None
+    after_mm = effects[-1].after_mm if effects else before_mm
+    share = float(np.clip((before_mm**2 - after_mm**2) / beyond, 0.0, 1.0))
+    taken = [max(effect.before_mm**2 - effect.after_mm**2, 0.0) for effect in effects]
+    each = share / sum(taken) if sum(taken) > 0.0 else 0.0
+    entries = [
+        effect.model_copy(
+            update={"share": each * own, "before_mm": min(effect.before_mm, before_mm)}
+        )
+        for effect, own in zip(effects, taken, strict=True)
+    ]
+    return Explained(
+        share=share,
+        of=tuple(sorted(entries, key=lambda entry: -entry.share)),
+        without_a_name=1.0 - share,
+        over=over,
+        before_mm=before_mm,
+        after_mm=after_mm,
+        noise_mm=noise_mm,
+    )

@@ -16,11 +16,12 @@ from pa10cal.arrays import Mask
 from pa10cal.calibration.health import JOINT_RAD, most_stated
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back, trusted
+from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.verdict import Limits, Searched, is_named, no_name
+from pa10cal.discovery.verdict import Searched, is_named, no_name
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
+from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.order import drivers, measured_again, slow_joints
@@ -81,17 +82,10 @@ def _with_names_that_pass(found: V) -> V:
         commanded = finding.id == Backlash.id and found.context.commanded
         if commanded and stops not in finding.alternatives:
             finding = replace(finding, alternatives=(stops, *finding.alternatives))
-            found = replace(found, findings=_instead(found, finding, finding))
+            found = replace(found, findings=found.instead(finding))
         better = _alternative(found, finding)
         found = better or found.without_names({finding: "; ".join(reasons)})
     return found
-
-
-def _instead(
-    found: Searched[object], finding: Finding[object], other: Finding[object]
-) -> tuple[Finding[object], ...]:
-    """Return the findings with another in the place of the one of the same effect."""
-    return tuple(other if one.effect == finding.effect else one for one in found.findings)
 
 
 def _without_names_that_move_nothing(found: V) -> V:
@@ -140,7 +134,7 @@ def with_pulls(found: V) -> V:
         if finding.id == GearRatioError.id and finding.of not in held:
             others = [one for one in finding.alternatives if one.id != JointErrorMap.id]
             wider = replace(finding, alternatives=(*others, JointErrorMap(finding.of)))
-            found = replace(found, findings=_instead(found, finding, wider))
+            found = replace(found, findings=found.instead(wider))
     return found
 
 
@@ -152,7 +146,7 @@ def _alternative(found: V, finding: Finding[object]) -> V | None:
             continue
         rest = tuple(one for one in finding.alternatives if one != other)
         instead = replace(finding, effect=other, alternatives=rest)
-        tried = found.with_findings(_instead(found, finding, instead))
+        tried = found.with_findings(found.instead(instead, finding.effect))
         now = next(one for one in tried.findings if one.effect == other)
         if not any(unfit(now, tried.model)):
             return tried
@@ -184,7 +178,7 @@ def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
 
 def doubts(found: Searched[object]) -> Iterator[str]:
     """Return why it cannot be said that nothing is missing."""
-    train, holdout = found.train, trusted(found.holdout, found.prepared.suspected)
+    train, holdout = found.train, found.trusted_holdout
     measured = train.poses.measured
     floor_mm = train.noise_floor_mm
     # Residuals are smaller than errors by what the fit takes up; predictions add its uncertainty.
@@ -244,11 +238,9 @@ CONTRADICTED = 1.5
 
 def harmless(found: V) -> V:
     """Return a verdict whose extended model predicts held-out poses no worse than before."""
-    if found.holdout is None:
-        return found
     visited = span_visited(found.prepared.readings.states.q_rad)
     found = _without_contradicted(found, visited)
-    held_out = trusted(found.holdout, found.prepared.suspected)
+    held_out = found.trusted_holdout
     if held_out is None:
         return found
     outside = ~visited.inside(held_out.poses.states.q_rad)
@@ -270,7 +262,7 @@ def harmless(found: V) -> V:
     def within_alone(gap: PairedErrors) -> PairedErrors:
         return fallen_back(gap, ~within.inside(gap.poses.states.q_rad))
 
-    return replace(found.with_gaps(within_alone), falls_back=Limits(within, why))
+    return replace(found.with_gaps(within_alone), falls_back=FallBack(within, found.baseline, why))
 
 
 def _without_contradicted(found: V, visited: AngleCoverage) -> V:
@@ -278,7 +270,7 @@ def _without_contradicted(found: V, visited: AngleCoverage) -> V:
 
     Motion of the base that was found is no fault of a name: it is taken out of the readings here.
     """
-    while (held_out := trusted(found.holdout, found.prepared.suspected)) is not None:
+    while (held_out := found.trusted_holdout) is not None:
         held_out = beside_motion(held_out)
         q_rad = held_out.poses.states.q_rad
         every: Mask = np.ones(len(q_rad), dtype=bool)

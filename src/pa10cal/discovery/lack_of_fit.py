@@ -12,9 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.discovery.linear import by_joints, error_mm, position_m, position_noise, residual
+from pa10cal.discovery.linear import (
+    by_joints,
+    cluster_covariance,
+    error_mm,
+    position_m,
+    position_noise,
+    residual,
+)
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -23,8 +29,7 @@ from pa10cal.results.evaluation import Estimate
 
 # Weighted means and slopes whose uncertainty counts poses, not rows.
 #
-# Rows of a pose share its errors, so what scatters from pose to pose decides (the cluster-robust
-# covariance of Liang and Zeger, with the usual factor for few clusters).
+# Rows of a pose share its errors, so what scatters from pose to pose decides.
 
 #: What differs by a smaller part than this is the same.
 _ROUNDING = 1e-9
@@ -35,14 +40,14 @@ def mean(values: Array, weight: Array, pose: NDArray[np.str_]) -> Estimate:
     return _last_coefficient(np.ones((len(values), 1)), values, weight, pose)
 
 
-def slope(by: Array, values: Array, weight: Array, pose: NDArray[np.str_]) -> Estimate | None:
-    """Return the slope of (C,) values by (C,) another quantity, beside a constant.
+def drift(by: Array, values: Array, weight: Array, pose: NDArray[np.str_]) -> Estimate | None:
+    """Return what (C,) values change by over the range of (C,) another quantity, by a line.
 
     None where that quantity is the same in all of them, but for rounding, or not known.
     """
     if not np.ptp(by) > _ROUNDING * np.abs(by).max():
         return None
-    columns = np.column_stack([np.ones(len(by)), by - by.mean()])
+    columns = np.column_stack([np.ones(len(by)), (by - by.mean()) / np.ptp(by)])
     return _last_coefficient(columns, values, weight, pose)
 
 
@@ -50,17 +55,13 @@ def _last_coefficient(
     columns: Array, values: Array, weight: Array, pose: NDArray[np.str_]
 ) -> Estimate:
     weighted = columns * weight[:, None]
-    inverse = np.linalg.inv(columns.T @ weighted)
+    inverse = np.asarray(np.linalg.inv(columns.T @ weighted), dtype=float)
     found = inverse @ (weighted.T @ values)
-    _, cluster = np.unique(pose, return_inverse=True)
-    count = int(cluster.max()) + 1
-    if count < 2:
-        return Estimate(value=float(found[-1]), std=None)
-    scores = np.zeros((count, columns.shape[1]))
-    np.add.at(scores, cluster, weighted * (values - columns @ found)[:, None])
-    covariance = inverse @ (scores.T @ scores) @ inverse * count / (count - 1)
-    std = float(np.sqrt(covariance[-1, -1]))
-    return Estimate(value=float(found[-1]), std=std if np.isfinite(std) else None)
+    labels, cluster = np.unique(pose, return_inverse=True)
+    scores: Array = weighted * (values - columns @ found)[:, None]
+    std = float(np.sqrt(cluster_covariance(inverse, scores, cluster)[-1, -1]))
+    known = len(labels) > 1 and np.isfinite(std)
+    return Estimate(value=float(found[-1]), std=std if known else None)
 
 
 # Residuals of the model as errors of joint angles, and how they depend on each joint's angle.
@@ -134,24 +135,17 @@ def _explained_variance(q_rad: Array, centred: Array, share: Array, orders: Arra
     """
     phase = np.outer(orders, q_rad)
     cos, sin = np.cos(phase), np.sin(phase)
-    C, S, CC = cos @ share, sin @ share, cos**2 @ share
-    CC, SS, CS = CC - C**2, 1.0 - CC - S**2, (cos * sin) @ share - C * S
-    YC, YS = cos @ (share * centred), sin @ (share * centred)
-    # Turned by tau the two are orthogonal, so each explains its own part.
-    tau = 0.5 * np.arctan2(2.0 * CS, CC - SS)
-    c, s = np.cos(tau), np.sin(tau)
-    squares = CC * c**2 + SS * s**2 + 2.0 * CS * c * s, CC * s**2 + SS * c**2 - 2.0 * CS * c * s
-    least = np.finfo(float).epsneg
-    by_cos = (YC * c + YS * s) ** 2 / np.maximum(squares[0], least)
-    by_sin = (YS * c - YC * s) ** 2 / np.maximum(squares[1], least)
-    explained: Array = by_cos + by_sin
-    return explained
+    C, S = cos @ share, sin @ share
+    CC, CS = cos**2 @ share - C**2, (cos * sin) @ share - C * S
+    normal = np.array([[CC, CS], [CS, 1.0 - CC - C**2 - S**2]]).transpose(2, 0, 1)
+    across = np.stack([cos @ (share * centred), sin @ (share * centred)], axis=1)
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    return np.asarray(np.einsum("oi,oij,oj->o", across, inverse, across))
 
 
 AXES = ("x", "y", "z")
 #: Of more cells only so many, spread evenly over time, stand for all where each is looked at.
 MOST_CELLS = 1200
-_HOUR_S = 3600.0
 #: Digits of what is there to be drawn.
 _DIGITS = 6
 
@@ -169,9 +163,6 @@ def pure_error_test(chi_square: float, dof: float, pure_dof: int) -> records.Pur
     )
 
 
-_UNTESTED = records.Channel(shared=None, unshared=None, shared_variance_of_a_reading=0.0)
-
-
 @dataclass(frozen=True)
 class CellResiduals:
     """Residuals of C cells about a model."""
@@ -181,6 +172,8 @@ class CellResiduals:
     components: Array  # (C, b) measured minus predicted [m, rad]
     cov: Array  # (C, b, b) covariance of the cells' noise
     screws: Array  # (C, b, n) how the components follow the joints
+    torque_Nm: Array | None = None  # (C, n) logged minus predicted; None where not known
+    torque_noise_Nm: Array | None = None  # (n,) standard deviation of one reading
 
     @classmethod
     def about(cls, at: FittedModel, poses: Observations, cov: Array) -> CellResiduals:
@@ -189,152 +182,81 @@ class CellResiduals:
         return cls(at, poses, -residual(at, poses), cov, by_joints(at, poses, joints))
 
 
-@dataclass(frozen=True)
-class TorqueResiduals:
-    """Logged torques minus those of weights and model."""
-
-    torque_Nm: Array  # (C, n) logged minus predicted
-    noise_Nm: Array  # (n,) standard deviation of one reading
-
-
 def lack_of_fit(
-    left: CellResiduals,
-    tests: tuple[records.Channel | None, records.Channel | None] = (None, None),
-    torques: TorqueResiduals | None = None,
+    left: CellResiduals, pure_error: records.PureErrorTest | None = None
 ) -> records.LackOfFit:
     """Compute where a model and the data disagree.
 
-    With the tests of poses and of torques against pure error, None without repeats, and with what
-    is left of the torques, None where that is not known.
+    With the test of what poses share against pure error, None without repeats.
     """
-    cells, states, n = left.cells, left.cells.states, left.cells.states.n
+    cells, states = left.cells, left.cells.states
     squares = error_mm(cells.measured, left.components) ** 2
     noise = 1e6 * np.trace(position_noise(cells.measured, left.cov), axis1=1, axis2=2)
     found_m, found_m2 = position_m(left.at, cells, left.components, left.cov)
     position_mm, noise_mm2 = 1e3 * found_m, 1e6 * found_m2
-    last, most = len(cells) - 1, min(len(cells), MOST_CELLS)
-    shown = np.unique(np.linspace(0, last, most).round().astype(int))
-    some = cells.take(shown)
-    few = some.states
-    white = whitener_of(left.cov[shown])
-    error_rad, std_rad = joint_errors(
-        white @ left.screws[shown], white @ left.components[shown, :, None]
-    )
-    x_mm, y_mm, z_mm = rounded(position_mm[shown]).T
-    weight, hours = cells.readings.astype(float), states.time_s / _HOUR_S
+    weight = cells.readings.astype(float)
     return records.LackOfFit(
-        pose=tests[0] or _UNTESTED,
-        torque=tests[1],
-        rms_mm=_root_mean(squares),
-        floor_mm=_root_mean(noise),
-        by_load=_parts([f"{load:g} N" for load in states.load_N], squares, noise),
-        by_axis=tuple(
-            records.ErrorPart(
-                of=axis,
-                cells=len(cells),
-                rms_mm=_root_mean(position_mm[:, k] ** 2),
-                floor_mm=_root_mean(noise_mm2[:, k]),
-            )
-            for k, axis in enumerate(AXES)
+        pure_error=pure_error,
+        by_load=tuple(
+            _part(f"{load:g} N", squares[states.load_N == load], noise[states.load_N == load])
+            for load in dict.fromkeys(states.load_N.tolist())
         ),
-        by_joint=tuple(_joint_part(left.at.arm, some, error_rad, std_rad, j) for j in range(n)),
-        by_torque=()
-        if torques is None
-        else tuple(_torque_part(cells, torques, j) for j in range(n)),
+        by_axis=tuple(map(_part, AXES, position_mm.T**2, noise_mm2.T)),
+        by_joint=tuple(_by_joint(left)),
         drifts=tuple(
             records.Drift(
                 axis=axis,
-                by_time_mm_per_h=slope(hours, of_axis, weight, cells.pose),
-                by_temperature_mm_per_K=slope(states.temperature_C, of_axis, weight, cells.pose),
+                with_time_mm=drift(states.time_s, of_axis, weight, cells.pose),
+                with_temperature_mm=drift(states.temperature_C, of_axis, weight, cells.pose),
             )
             for axis, of_axis in zip(AXES, position_mm.T, strict=True)
         ),
-        cells=records.Cells(
-            pose=some.pose,
-            load_N=rounded(few.load_N),
-            readings=some.readings,
-            time_s=rounded(few.time_s),
-            temperature_C=rounded(few.temperature_C),
-            position_x_mm=x_mm,
-            position_y_mm=y_mm,
-            position_z_mm=z_mm,
-            joints=tuple(
-                records.CellJoint(
-                    joint=j + 1,
-                    q_rad=rounded(few.q_rad[:, j]),
-                    arrival=rounded(few.arrival[:, j]),
-                    error_rad=rounded(error_rad[:, j]),
-                    std_rad=rounded(std_rad[:, j]),
-                    torque_residual_Nm=None
-                    if torques is None
-                    else rounded(torques.torque_Nm[shown, j]),
-                )
-                for j in range(n)
-            ),
-        ),
     )
+
+
+def _part(of: str, squares: Array, noise: Array) -> records.ErrorPart:
+    return records.ErrorPart(of=of, rms_mm=_root_mean(squares), floor_mm=_root_mean(noise))
+
+
+def _by_joint(left: CellResiduals) -> Iterator[records.JointPart]:
+    """Yield what is left as an error of each joint, its torque besides."""
+    last, most = len(left.cells) - 1, min(len(left.cells), MOST_CELLS)
+    shown = np.unique(np.linspace(0, last, most).round().astype(int))
+    cells, arm = left.cells.take(shown), left.at.arm
+    white = whitener_of(left.cov[shown])
+    errors = joint_errors(white @ left.screws[shown], white @ left.components[shown, :, None])
+    for j, (error_rad, std_rad) in enumerate(zip(errors[0].T, errors[1].T, strict=True)):
+        q_rad, arrival, weight = cells.states.q_rad[:, j], cells.states.arrival[:, j], std_rad**-2.0
+        share, arrivals = weight / weight.sum(), []
+        for sign in (-1, 1):
+            if (rows := np.sign(arrival) == sign).any():
+                of = mean(error_rad[rows], weight[rows], cells.pose[rows])
+                arrivals.append(records.Arrival(direction=sign, mean_rad=of.value, std_rad=of.std))
+        torque_Nm = noise_Nm = None
+        if left.torque_Nm is not None and left.torque_noise_Nm is not None:
+            torque_Nm = rounded(left.torque_Nm[shown, j])
+            noise_Nm = _root_mean(left.torque_noise_Nm[j] ** 2 / left.cells.readings)
+        yield records.JointPart(
+            joint=j + 1,
+            rms_rad=float(np.sqrt(share @ error_rad**2)),
+            floor_rad=float(np.sqrt(share @ std_rad**2)),
+            arrivals=tuple(arrivals),
+            periodogram=None
+            if arm.prismatic[j]
+            else periodogram(q_rad, error_rad, weight, float(arm.gear_ratio[j])),
+            q_rad=rounded(q_rad),
+            arrival=rounded(arrival),
+            error_rad=rounded(error_rad),
+            std_rad=rounded(std_rad),
+            torque_residual_Nm=torque_Nm,
+            torque_noise_Nm=noise_Nm,
+        )
 
 
 def rounded(values: Array) -> Array:
     """Return numbers rounded to what a picture shows."""
     flat = [float(f"{value:.{_DIGITS}g}") for value in np.ravel(values).tolist()]
     return np.array(flat).reshape(np.shape(values))
-
-
-def _joint_part(
-    arm: Arm, cells: Observations, error_rad: Array, std_rad: Array, j: int
-) -> records.JointPart:
-    error, weight = error_rad[:, j], std_rad[:, j] ** -2.0
-    share = weight / weight.sum()
-    return records.JointPart(
-        joint=j + 1,
-        rms_rad=float(np.sqrt(share @ error**2)),
-        floor_rad=float(np.sqrt(share @ std_rad[:, j] ** 2)),
-        arrivals=tuple(
-            records.JointArrival(direction=sign, cells=count, mean_rad=of.value, std_rad=of.std)
-            for sign, count, of in _arrivals(cells, error, weight, j)
-        ),
-        periodogram=None
-        if arm.prismatic[j]
-        else periodogram(cells.states.q_rad[:, j], error, weight, float(arm.gear_ratio[j])),
-    )
-
-
-def _torque_part(cells: Observations, torques: TorqueResiduals, j: int) -> records.TorquePart:
-    left_Nm = torques.torque_Nm[:, j]
-    return records.TorquePart(
-        joint=j + 1,
-        rms_Nm=_root_mean(left_Nm**2),
-        noise_Nm=_root_mean(torques.noise_Nm[j] ** 2 / cells.readings),
-        arrivals=tuple(
-            records.TorqueArrival(direction=sign, cells=count, mean_Nm=of.value, std_Nm=of.std)
-            for sign, count, of in _arrivals(cells, left_Nm, cells.readings.astype(float), j)
-        ),
-    )
-
-
-def _arrivals(
-    cells: Observations, values: Array, weight: Array, j: int
-) -> Iterator[tuple[int, int, Estimate]]:
-    """Yield the mean of values over the cells at which joint j (from 0) came from each side."""
-    arrival, pose = cells.states.arrival[:, j], cells.pose
-    for sign in (-1, 1):
-        if (rows := np.sign(arrival) == sign).any():
-            yield sign, int(rows.sum()), mean(values[rows], weight[rows], pose[rows])
-
-
-def _parts(of: list[str], squares: Array, noise: Array) -> tuple[records.ErrorPart, ...]:
-    """Return the parts of cells by a label of each, in the order in which labels first come."""
-    labels, first, group = np.unique(of, return_index=True, return_inverse=True)
-    count = np.bincount(group)
-    rms = np.sqrt(np.bincount(group, squares) / count)
-    floor = np.sqrt(np.bincount(group, noise) / count)
-    return tuple(
-        records.ErrorPart(
-            of=str(labels[k]), cells=int(count[k]), rms_mm=float(rms[k]), floor_mm=float(floor[k])
-        )
-        for k in np.argsort(first)
-    )
 
 
 def _root_mean(squares: Array) -> float:

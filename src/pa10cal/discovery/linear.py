@@ -194,6 +194,20 @@ def left_out(data: Array, columns: Array, fold: Index) -> Array:
     return found
 
 
+def cluster_covariance(inverse: Array, scores: Array, cluster: Index) -> Array:
+    """Return the covariance (k, k) of least squares whose rows err alike within clusters.
+
+    The cluster-robust one of Liang and Zeger, with the usual factor for few clusters: by the
+    inverse (k, k) of the normal equations, scores of rows (N, k), columns times residual, and the
+    cluster of each, (N,) from 0.
+    """
+    count = int(cluster.max()) + 1
+    sums = np.zeros((count, scores.shape[1]))
+    np.add.at(sums, cluster, scores)
+    half = inverse @ sums.T
+    return np.asarray(half @ half.T * count / max(count - 1, 1))
+
+
 def position_m(
     at: FittedModel, poses: Observations, components: Array, cov: Array
 ) -> tuple[Array, Array]:

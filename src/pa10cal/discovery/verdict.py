@@ -7,35 +7,60 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
 import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
+from pa10cal.calibration.levels import report_base
+from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.finding import (
     DiagnosedFault,
     Finding,
     GivesWay,
     Untestable,
     fault_of,
-    sized,
+    name_of,
+    steps_told,
     to_check,
+    with_a_name,
 )
-from pa10cal.discovery.gap import Named, PairedErrors, in_order
-from pa10cal.discovery.linear import ModelWithEffects
+from pa10cal.discovery.gap import (
+    ErrorsByName,
+    PairedErrors,
+    errors_by_name,
+    explained_by,
+    taken_away,
+    trusted,
+)
+from pa10cal.discovery.linear import ModelWithEffects, possible_sizes, rms
 from pa10cal.discovery.noise import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.short_forms import Arena, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.model_file import model_to_plain
 from pa10cal.observe.observations import Observations
-from pa10cal.results.analysis import LackOfFit, PureErrorTest
+from pa10cal.results.analysis import AnalysisRecord, GapField, LackOfFit, PureErrorTest
 from pa10cal.results.calibration import EffectByCampaign
-from pa10cal.results.discovery import Separation, SuggestedPose, Unexplained
+from pa10cal.results.discovery import (
+    AllUnexplained,
+    ExtendedRecord,
+    Gap,
+    Separation,
+    SuggestedPose,
+    Unexplained,
+    VerdictKeys,
+    VerdictRecord,
+    sized,
+)
 from pa10cal.results.discovery import Verdict as Word
-from pa10cal.results.maps import JointWitness
+from pa10cal.results.evaluation import Parameter
+from pa10cal.results.explained import Explained
+from pa10cal.results.maps import FallsBack, JointWitness
+from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.weights import LogFault
@@ -43,16 +68,10 @@ from pa10cal.terms.weights import LogFault
 P_co = TypeVar("P_co", covariant=True)
 
 MAP = "joint_error_map"
+#: A parameter known no better than this part of what is possible is not identified by the data.
+_IDENTIFIED = 1.0 / 3.0
 #: Of more effects only the first are shown where a verdict is printed.
 _MOST_SHOWN = 8
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Where the effects found hold; elsewhere the model is the calibrated one."""
-
-    within: AngleCoverage  # joint positions in which they hold
-    why: str  # what held-out poses show, one sentence
 
 
 @dataclass(frozen=True)
@@ -97,7 +116,7 @@ class Verdict(ABC, Generic[P_co]):
     # faults of single rows or poses that were found after the search
     faults_of_rows: tuple[DiagnosedFault, ...] = ()
     # where the effects hold; None where nothing speaks against them
-    falls_back: Limits | None = None
+    falls_back: FallBack | None = None
     proposed: tuple[FormulaProposal, ...] = ()  # formulas for what has no name; they name nothing
     # joints that give way under weights that nobody stated. Their springs are part of the
     # calibrated model already.
@@ -181,6 +200,11 @@ class Verdict(ABC, Generic[P_co]):
         return replace(self, train=changed(self.train), holdout=held_out)
 
     @property
+    def trusted_holdout(self) -> PairedErrors | None:
+        """Return the gap of held-out poses without a suspected reading; None without any."""
+        return trusted(self.holdout, self.prepared.suspected)
+
+    @property
     def gap(self) -> Mapping[str, PairedErrors | None]:
         """Return the gap by set of poses: `train`, and `holdout` where poses were held out."""
         return {"train": self.train, "holdout": self.holdout}
@@ -217,9 +241,7 @@ class Verdict(ABC, Generic[P_co]):
             self.extended.fitted(self.covariance),
             targets_off_m=self.targets_off_m,
             seen=self.baseline.seen if self.seen is None else self.seen,
-            falls_back=None
-            if self.falls_back is None
-            else FallBack(self.falls_back.within, self.baseline),
+            falls_back=self.falls_back,
         )
 
     @property
@@ -254,17 +276,143 @@ class Verdict(ABC, Generic[P_co]):
         del effects
         return self.model
 
-    def errors_by_name(self) -> tuple[Named, ...]:
-        """Return the errors that remain as the effects join the model one by one."""
-        return in_order(self.train, self.holdout, self.extended.effects, self._model_with)
-
     @cached_property
-    def naming(self) -> tuple[Named, ...]:
-        """Return `errors_by_name` of models that fall back where the extended model does."""
-        steps = self.errors_by_name()
-        if self.falls_back is None:
-            return steps
-        return tuple(step.falling_back(self.falls_back.within, self.gap) for step in steps)
+    def errors_by_name(self) -> ErrorsByName:
+        """Return the errors that remain as the effects join the model one by one."""
+        within = None if self.falls_back is None else self.falls_back.within
+        effects = self.extended.effects
+        return errors_by_name(self.train, self.holdout, effects, self._model_with, within)
+
+    @property
+    def explained(self) -> Explained | None:
+        """Return what the effects take away; None where not sought, or nothing is missing.
+
+        Held-out poses with a suspected reading do not count; without held-out poses it is counted
+        over those fitted. Joints that give way under weights that nobody stated joined the geometry
+        in the calibration already: errors before are those of the geometry alone.
+        """
+        if (self.method is None or self.verdict == "none") and not self.gives_way:
+            return None
+        over: Literal["held-out poses", "fitted poses"] = "held-out poses"
+        gap, suspected = self.holdout, self.prepared.suspected
+        if gap is None:
+            gap, suspected, over = self.train, None, "fitted poses"
+        rows = np.ones(len(gap.poses), dtype=bool) if suspected is None else ~suspected
+        if not rows.any():
+            return None
+        effects, after_mm = [], gap.found_after.distance_mm[rows]
+        before_mm = rms(gap.found_before.distance_mm[rows])
+        for spring in self.gives_way:
+            assumed = spring.proof.weights in ("assumed", "total")
+            without_mm = spring.proof.without_each_mm
+            effects.append(taken_away(spring, without_mm, after_mm, "assumed" if assumed else None))
+            # Rigid joints have the effects found in them: without these it is no less.
+            before_mm = max(before_mm, rms(spring.proof.all_rigid_each_mm))
+        findings = {finding.effect: finding for finding in self.findings}
+        for effect, without in self.errors_by_name.without.items():
+            effects.append(taken_away(findings[effect], without.distance_mm[rows], after_mm))
+        return explained_by(effects, before_mm, gap.noise_rms_mm, over)
+
+    # As it is written.
+
+    def verdict_keys(self, ahead: Plan = Plan(())) -> VerdictKeys:
+        """Return the verdict as it is written, and what to measure next."""
+        # Maps say where an error is, and not why: they are what has no name, where nothing else is.
+        places = self.unexplained or tuple(
+            Unexplained(of=each.of, form=MAP, shared_error_mm=None, why="cause not known")
+            for each in self.effects
+            if each.id == MAP
+        )
+        away, below, holdout = self.falls_back, self.below_detection_limit, self.holdout
+        return VerdictKeys(
+            verdict=self.verdict,
+            why=self.why,
+            remedy=self.remedy,
+            method=self.method,
+            explained=self.explained,
+            effects=tuple(
+                finding.record(self.witness(finding.effect))
+                for finding in (*self.gives_way, *self.effects)
+            ),
+            faults=self.faults,
+            unexplained=AllUnexplained(**dict(places[0]), all=places) if places else None,
+            proposed=tuple(proposal.record for proposal in self.proposed) or None,
+            not_testable=with_a_name(self.not_testable),
+            below_detection_limit=None if below is None else with_a_name(below),
+            indistinguishable=tuple(tuple(map(name_of, group)) for group in self.indistinguishable),
+            gap=Gap(
+                noise_floor_mm=self.noise_floor_mm,
+                noise_floor_from=self.noise_floor_from,
+                train=self.train.record(),
+                holdout=None if holdout is None else holdout.record(self.prepared.suspected),
+            ),
+            **self.of_its_method(),
+            angles_seen=None if self.seen is None else self.seen.record,
+            falls_back=None if away is None else FallsBack(within=away.within.record, why=away.why),
+            suggested_poses=ahead.poses,
+            separations=ahead.separations,
+        )
+
+    def record(self, campaign: CampaignIdentity, ahead: Plan = Plan(())) -> VerdictRecord:
+        """Return `verdict.json` of a campaign, with what to measure next."""
+        return VerdictRecord(
+            **dict(self.verdict_keys(ahead)),
+            campaign=campaign.name,
+            provenance=campaign.provenance,
+            arrival_from_order=self.prepared.arrivals_from_order,
+            seconds=None,
+            by_campaign=self.by_campaign(),
+        )
+
+    def extended_record(self, verdict: VerdictRecord, robot: str, load: str) -> ExtendedRecord:
+        """Return `extended.json`, by `verdict.json`, the arm, and the load case it began with."""
+        return ExtendedRecord(
+            campaign=verdict.campaign,
+            provenance=verdict.provenance,
+            parameters=self.parameters,
+            T_instr_base=self.model.T_instr_base,
+            fitted_model=model_to_plain(self.model),
+            angles_seen=verdict.angles_seen,
+            robot=robot,
+            calibration=load,
+            verdict=verdict.verdict,
+            arrival_from_order=verdict.arrival_from_order,
+            steps_s=steps_told(self.faults) or None,
+            named=verdict.effects,
+            warnings=verdict.warnings,
+        )
+
+    def analysis(self, campaign: CampaignIdentity) -> AnalysisRecord:
+        """Return `analysis.json` of a campaign: what the figures show."""
+        before, after = self.lack_of_fit()
+        rows = {name: gap and gap.rows(self.baseline) for name, gap in self.gap.items()}
+        return AnalysisRecord(
+            campaign=campaign.name,
+            provenance=campaign.provenance,
+            before=before,
+            after=after,
+            naming=self.errors_by_name.steps,
+            gap=GapField(**rows),
+        )
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Return the parameters of the calibrated model as they are with the effects."""
+        baseline, covariance, k = self.baseline, self.covariance, len(self.extended.at.x)
+        own, base = slice(len(baseline.x)), slice(k - 6, k)
+        report = baseline.model.report(self.model.x[own])
+        known = np.sqrt(np.diag(covariance))[own] < _IDENTIFIED * possible_sizes(baseline.model)
+        # Small motions of the base are along its own axes, its origin along the instrument's.
+        along = np.eye(6)
+        along[:3, :3] = baseline.T_instr_base[:3, :3]
+        of_base = along @ covariance[base, base] @ along.T
+        of_own = reported_keys(report, covariance[own, own])
+        of_frame = reported_keys(report_base(self.model.T_instr_base), of_base)
+        told = [*(known[row].all() for row in report.jacobian != 0.0), *[True] * len(of_frame)]
+        return {
+            name: Parameter(**keys, identifiable=bool(identifiable))
+            for (name, keys), identifiable in zip((of_own | of_frame).items(), told, strict=True)
+        }
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -291,6 +439,13 @@ class Searched(Verdict[P_co]):
             train=found._gap_on(found._fitted_poses),
             holdout=None if held_out is None else found._gap_on(held_out),
         )
+
+    def instead(
+        self, finding: Finding[Any], effect: Effect | None = None
+    ) -> tuple[Finding[Any], ...]:
+        """Return the findings, one in the place of that of an effect, or else of its own."""
+        effect = effect or finding.effect
+        return tuple(finding if one.effect == effect else one for one in self.findings)
 
     def without_names(
         self, reasons: Mapping[Finding[P_co], str], left_mm: float | None = None

@@ -116,6 +116,7 @@ class FallBack:
     within: AngleCoverage  # joint positions in which they hold
     # the model without them, of the same arm and measured by the same instrument
     model: Fitted
+    why: str = ""  # what held-out poses show, one sentence, where it is known
 
 
 #: What became of a target: its pose is reached; by joint positions beyond their limits; not at all;

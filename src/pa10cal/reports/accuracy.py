@@ -180,13 +180,13 @@ def parameters(results: ResultsBundle) -> Iterator[PageBlock]:
     )
     shifts = []
     if results.analysis is not None and results.analysis.effects:
-        moved = [
-            (abs(shift.after - shift.before) / shift.std, shift)
-            for shift in results.analysis.parameter_shifts
-            if shift.identifiable and shift.std and shift.before != shift.after
-        ]
-        shifts = [shift for _, shift in sorted(moved, key=lambda by_interval: -by_interval[0])]
-    drawing = pictures.tolerances_drawing(shown, {shift.name: shift.before for shift in shifts})
+        for name, after in shown.items():
+            # Weights are unknowns of the search alone: without it they are as described.
+            before = case.parameters[name].value if name in case.parameters else 0.0
+            if after.identifiable and after.std and before != after.value:
+                shifts.append((abs(after.value - before) / after.std, name, before, after))
+        shifts.sort(key=lambda shift: -shift[0])
+    drawing = pictures.tolerances_drawing(shown, {name: before for _, name, before, _ in shifts})
     if drawing is not None:
         yield drawing
     weights = [n for n, each in shown.items() if _WEIGHTS in n and not each.identifiable]
@@ -216,12 +216,12 @@ def parameters(results: ResultsBundle) -> Iterator[PageBlock]:
         if case.group is not None:
             yield from _campaign_grids(case.group)
     rows = []
-    for shift in shifts:
-        unit, scale = shown_in(shift.unit, shift.after)
-        change = (shift.after - shift.before) / (shift.tolerance or abs(shift.before) or 1.0)
-        by = f"{change:+.2f} tolerances" if shift.tolerance else f"{100 * change:+.1f} %"
-        after = with_interval(scale * shift.after, scale * (shift.std or 0.0))
-        rows.append((written(shift.name), f"{scale * shift.before:.4g}", after, unit, by))
+    for _, name, before, after in shifts:
+        unit, scale = shown_in(after.unit, after.value)
+        change = (after.value - before) / (after.tolerance or abs(before) or 1.0)
+        by = f"{change:+.2f} tolerances" if after.tolerance else f"{100 * change:+.1f} %"
+        value = with_interval(scale * after.value, scale * (after.std or 0.0))
+        rows.append((written(name), f"{scale * before:.4g}", value, unit, by))
     if rows:
         title = "Parameters that had absorbed part of the effects"
         header = ("parameter", "without the effects", "with them, 95 % interval", "unit", "change")

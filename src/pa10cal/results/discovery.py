@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
@@ -26,6 +26,16 @@ from pa10cal.results.record import (
     filed,
     optional,
 )
+
+
+def sized(parameters: Mapping[str, EffectParameter]) -> str:
+    """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
+    return ", ".join(
+        f"{key} = {entry.value:.4g} ± {HALF_WIDTH_95 * entry.std:.1g} {entry.unit}"
+        for key, entry in parameters.items()
+        if not key.startswith("knot")
+    )
+
 
 Verdict = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
 
@@ -111,6 +121,11 @@ class NamedEffect(EffectName):
     def either(self) -> str:
         """Return the name and its alternatives in words: `backlash of joint 2 or ...`."""
         return " or ".join(f"{name.id} of {name.of}" for name in self.all_names)
+
+    @property
+    def rivals(self) -> list[str]:
+        """Return its alternatives in words."""
+        return [f"{rival.id} of {rival.of}" for rival in self.alternatives]
 
 
 class FoundEffect(NamedEffect):
@@ -362,6 +377,80 @@ class VerdictKeys(Part):
         return tuple(
             sorted(self.effects, key=lambda each: known.get((each.id, each.of), len(places)))
         )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return what a reader should know before trusting the extended model."""
+        found = [
+            f"{effect.id} of {effect.of} is indistinguishable from {', '.join(effect.rivals)}"
+            for effect in self.effects
+            if effect.alternatives
+        ]
+        if self.verdict == "unexplained" and self.unexplained is not None:
+            place = self.unexplained.of or "unknown place"
+            found.append(
+                f"an unidentified effect of {place} is missing: uncertainties do not cover it"
+            )
+        found += map(str, self.faults)
+        if self.falls_back is not None:
+            found.append(self.falls_back.why)
+        if isinstance(self.search, SearchByRepeats) and (count := self.search.readings_excluded):
+            found.append(
+                f"{count} reading{'s are' if count > 1 else ' is'} excluded, far from the model "
+                "and from all others of the pose: a gross error"
+            )
+        return tuple(found)
+
+    @property
+    def summary(self) -> tuple[str, ...]:
+        """Return the verdict in a few lines; in one where effects were not sought."""
+        return tuple(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        word, lead = self.verdict, self.explained
+        if word == "not_sought":
+            yield f"effects were not sought: {self.why}; {self.remedy}"
+        else:
+            yield word if lead is None else f"{lead.headline} (verdict: {word})"
+        yield from (f"  {fault}" for fault in self.faults)
+        if word == "not_sought":
+            return
+        yield from (f"  {sentence}" for sentence in (() if lead is None else lead.sentences))
+        for effect in self.effects_by_share:
+            values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
+            line = f"  {effect.id} of {effect.of}: {values}"
+            if effect.alternatives:
+                line += f"; indistinguishable from {' or '.join(effect.rivals)}"
+            if effect.witness is not None and (ripple := effect.witness.ripple) is not None:
+                low, high = ripple.interval95
+                line += (
+                    f"; its motor followed {ripple.alpha:.2f} of it ({low:.2f} to {high:.2f}), by "
+                    f"lines at {', '.join(map(str, ripple.orders))} times {ripple.ratio:g}"
+                )
+            yield line
+        for place in self.unexplained.all if self.unexplained else ():
+            yield f"  without a name, of {place.of or 'unknown place'}: {place.why}"
+        for each in self.proposed or ():
+            yield f"  proposed for {each.of}, no name: {each.formula}, {sized(each.parameters)}"
+        for kind, gap in (("train", self.gap.train), ("holdout", self.gap.holdout)):
+            if gap is None:
+                continue
+            low, high = gap.reduction.interval95_mm
+            yield (
+                f"{kind} mean {gap.before.mean_mm:.4f} -> {gap.after.mean_mm:.4f} mm, less by "
+                f"{low:.4f} to {high:.4f} mm (95 %); noise floor {gap.noise_floor_mm:.4f} mm"
+            )
+            parts = {
+                "inside": gap.inside,
+                "outside": gap.outside,
+                "without readings flagged as wrong": gap.trusted,
+            }
+            for name, part in parts.items():
+                if part is not None:
+                    yield (
+                        f"  {name}: {part.after.configurations} poses, rms "
+                        f"{part.before.rms_mm:.4f} -> {part.after.rms_mm:.4f} mm"
+                    )
 
 
 @filed("pa10cal-verdict/1", "discovery/verdict.json", by="discover")

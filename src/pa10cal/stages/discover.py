@@ -40,7 +40,6 @@ def discover(
     from pa10cal.campaign.table import read_findings
     from pa10cal.discovery import discover as search
     from pa10cal.discovery.preparation import setup_of
-    from pa10cal.discovery.records import discovery_records, summary
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.fit.model_file import covariance_path, write_covariance
     from pa10cal.results.codec import write
@@ -54,20 +53,20 @@ def discover(
     setup = setup_of(campaign, arm, options, settings)
     found = search.discover(every, fitted, setup, read_findings(poses))
     ahead = found.next_poses(settings.suggestions, settings.random_seed)
-    records = discovery_records(found, ahead, campaign, record.load)
-    table_text = suggestion_table(
-        records.verdict.suggested_poses, arm.n, with_sides=ahead.separations is not None
-    )
+    judged = found.record(campaign, ahead)
+    model = found.extended_record(judged, campaign.robot, record.load)
+    shown = found.analysis(campaign)
+    table_text = suggestion_table(ahead.poses, arm.n, with_sides=ahead.separations is not None)
     outputs = (suggested, covariance_path(extended), extended, analysis, verdict)
     with whole_files(*outputs) as besides:
         table_beside, covariance, extended_beside, analysis_beside, verdict_beside = besides
         write_text(table_beside, table_text)
         write_covariance(found.model, covariance)
-        write(records.extended, extended_beside)
-        write(records.analysis, analysis_beside)
-        write(records.verdict, verdict_beside)
-    for line in summary(records.verdict):
+        write(model, extended_beside)
+        write(shown, analysis_beside)
+        write(judged, verdict_beside)
+    for line in judged.summary:
         print(f"{campaign.name}: {line}")
-    for warning in records.extended.warnings:
+    for warning in judged.warnings:
         print(f"{campaign.name}: note: {warning}", file=sys.stderr)
     print(f"{campaign.name}: {time.perf_counter() - began:.1f} s")

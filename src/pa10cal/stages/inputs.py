@@ -64,4 +64,4 @@ def read_extended(path: Path, campaign: str) -> Extended:
         covariance=covariance_beside(path),
     )
     seen = model.seen if record.angles_seen is not None else None
-    return Extended(model, seen, record.arrival_from_order, record.steps_s or ())
+    return Extended(model, seen, record.steps_s or ())

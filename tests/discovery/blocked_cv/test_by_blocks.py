@@ -20,7 +20,7 @@ def test_where_nothing_is_hidden_nothing_is_named(nothing_hidden):
     assert not found.remaining.over_floor
     before, after = found.holdout.before, found.holdout.after
     assert after.mean_mm == pytest.approx(before.mean_mm, rel=0.15)
-    assert [step.effects for step in found.errors_by_name()] == [()]
+    assert [step.effects for step in found.errors_by_name.steps] == [()]
 
 
 @pytest.mark.slow
@@ -62,7 +62,7 @@ def test_a_named_form_is_the_answer_where_it_does_as_well_as_the_map(eccentric):
     assert np.all(np.abs(finding.x - [1e-4, 0.7]) < 3.5 * std)
     assert std[0] < 1e-5
     assert found.holdout.after.mean_mm < 0.7 * found.holdout.before.mean_mm
-    assert [len(step.effects) for step in found.errors_by_name()] == [0, 1]
+    assert [len(step.effects) for step in found.errors_by_name.steps] == [0, 1]
 
 
 @pytest.mark.slow

@@ -12,8 +12,6 @@ from pa10cal.discovery.blocked_cv.family import Candidate
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.search import level
 from pa10cal.discovery.blocked_cv.survey import ShapedEffect
-from pa10cal.discovery.records import discovery_records, summary, verdict_keys
-from pa10cal.discovery.verdict import Plan
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
@@ -67,13 +65,12 @@ def test_a_sensor_that_errs_is_named(found):
 
 @pytest.mark.slow
 def test_it_is_told_and_written(found, campaign):
-    keys = verdict_keys(found)
+    keys = found.verdict_keys()
     witness = keys.effects[0].witness
     assert witness.ripple.orders == (4, 10, 20)
     assert witness.ripple.profile_nats.max() == 0.0
-    assert "its motor followed" in " ".join(summary(keys))
-    written = discovery_records(found, Plan(()), campaign.description, "combined")
-    assert written.verdict.effects[0].witness == witness
+    assert "its motor followed" in " ".join(keys.summary)
+    assert found.record(campaign.description).effects[0].witness == witness
     back = model_from_plain(model_to_plain(found.model), FittedModel, where="model.yaml")
     assert back.model.terms == found.model.model.terms
 
@@ -123,7 +120,7 @@ def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
     assert (member.effect.knots, member.effect.spectrum) == (360, banded.found.bands[0])
     before, after = (banded.of_time.sum(axis=0) + banded.of_angles.sum(axis=0)).tolist()
     assert after < before
-    keys = verdict_keys(replace(found, bands=banded))
+    keys = replace(found, bands=banded).verdict_keys()
     (of_joint,) = keys.bands.maps
     assert (of_joint.of, keys.bands.shared) == ("joint 3", True)
     assert 0.0 < of_joint.log_std["level_rad"] < 0.5

@@ -7,7 +7,6 @@ import made_up_survey
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.formulas import with_proposals
-from pa10cal.discovery.records import summary, verdict_keys
 from pa10cal.discovery.short_forms import Arena, choose
 from pa10cal.terms.forms.form import AngleForm
 
@@ -104,7 +103,7 @@ def test_a_lag_that_goes_with_the_torque_comes_back_as_its_formula():
     (lag,) = formula.record.parameters.values()
     assert abs(lag.value - 4e-6) < 4.0 * lag.std
     assert found.proposed == ()  # the verdict it was made of stays as it was
-    (line,) = (each for each in summary(verdict_keys(with_proposals(found))) if "proposed" in each)
+    (line,) = (each for each in with_proposals(found).verdict_keys().summary if "proposed" in each)
     assert line.startswith("  proposed for joint 2, no name: theta_2 += h s_2 |tau_2|, h = ")
 
 

@@ -43,7 +43,6 @@ from pa10cal.discovery.gap import PairedErrors, gap, left_by
 from pa10cal.discovery.in_time import STILL, in_time_of, motion_unexplained, steps_in_time
 from pa10cal.discovery.lack_of_fit import (
     CellResiduals,
-    TorqueResiduals,
     lack_of_fit,
     pure_error_test,
 )
@@ -65,7 +64,7 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
-from pa10cal.results.analysis import Channel, LackOfFit, PureErrorTest
+from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.discovery import SearchByRepeats, SharedError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
@@ -136,8 +135,8 @@ class VerdictByRepeats(Searched[Confirmation]):
     @property
     @override
     def torque_test(self) -> PureErrorTest | None:
-        torque = channel_tests(self.problem, self.extended)[1]
-        return torque.shared if torque is not None and self.problem.torques_logged else None
+        _, *of_torques = channel_tests(self.problem, self.extended)
+        return of_torques[0][0] if of_torques and self.problem.torques_logged else None
 
     @property
     @override
@@ -347,18 +346,26 @@ def evidence_lack_of_fit(problem: EvidenceProblem, found: EvidenceFit) -> LackOf
     zeros.
     """
     cells, at = problem.cells, found.at
-    pose, torque = channel_tests(problem, found)
-    components = _left_over(problem.pose, pose_rows(problem, at), pose)
-    torques = None
-    if problem.torque is not None and torque is not None:
-        left_Nm = _left_over(problem.torque, torque_rows(problem, at), torque)
-        torques = TorqueResiduals(left_Nm, problem.noise.torque_Nm)
+    (pure_error, shared), *of_torques = channel_tests(problem, found)
+    components = _left_over(problem.pose, pose_rows(problem, at), shared)
     left = CellResiduals(at, cells, components, problem.cell_cov, by_every_joint(at, cells))
-    return lack_of_fit(left, (pose, torque), torques)
+    if problem.torque is not None:
+        left_Nm = _left_over(problem.torque, torque_rows(problem, at), of_torques[0][1])
+        left = replace(left, torque_Nm=left_Nm, torque_noise_Nm=problem.noise.torque_Nm)
+    return lack_of_fit(left, pure_error)
 
 
-def channel_tests(problem: EvidenceProblem, found: EvidenceFit) -> tuple[Channel, Channel | None]:
-    """Test both channels, the parameters' part of every row taken off its freedom."""
+def channel_tests(
+    problem: EvidenceProblem, found: EvidenceFit
+) -> list[tuple[PureErrorTest | None, float]]:
+    """Test what readings of a pose share, in poses and, where they are logged, in torques.
+
+    The parameters' part of every row is taken off its freedom.
+
+    Returns:
+        The tests against pure error, None without repeats, and the variance shared by readings of a
+        pose, in variances of a reading.
+    """
     channels = [(problem.pose, pose_rows(problem, found.at))]
     if problem.torque is not None:
         channels.append((problem.torque, torque_rows(problem, found.at)))
@@ -370,31 +377,24 @@ def channel_tests(problem: EvidenceProblem, found: EvidenceFit) -> tuple[Channel
     tests = []
     for (channel, values), rows, columns in zip(channels, weighed, by_x, strict=True):
         taken = np.einsum("rk,kr->r", columns, cho_solve(factor, columns.T))
-        pure, squares, dof = (
+        pure, dof, shares = (
             problem.noise.differences * values.shape[1],
-            rows[:, 0] ** 2,
             1.0 - taken,
+            channel.shared_size > _NO_PART,
         )
-        shares = channel.shared_size > _NO_PART
-        shared, unshared = (
-            pure_error_test(float(squares[part].sum()), float(dof[part].sum()), pure)
-            if float(dof[part].sum()) > _NO_PART
-            else None
-            for part in (shares, ~shares)
-        )
-        beyond = 0.0 if shared is None else max(shared.chi_square - shared.dof, 0.0)
-        variance = beyond / float(dof @ channel.shared_size) if beyond else 0.0
-        tests.append(
-            Channel(shared=shared, unshared=unshared, shared_variance_of_a_reading=variance)
-        )
-    return tests[0], tests[1] if len(tests) > 1 else None
+        test, variance, freedom = None, 0.0, float(dof[shares].sum())
+        if freedom > _NO_PART:
+            test = pure_error_test(float((rows[shares, 0] ** 2).sum()), freedom, pure)
+            beyond = max(test.chi_square - test.dof, 0.0)
+            variance = beyond / float(dof @ channel.shared_size) if beyond else 0.0
+        tests.append((test, variance))
+    return tests
 
 
-def _left_over(model: NoiseModel, rows: Array, test: Channel) -> Array:
+def _left_over(model: NoiseModel, rows: Array, shared_variance: float) -> Array:
     """Return measured less predicted (C, b), from rows (C, b, 1 + k), less what poses all share."""
     left = -model.rows(rows[:, :, :1])
-    variance = test.shared_variance_of_a_reading
-    left = left - model.common @ model.common_amounts(left, variance)
+    left = left - model.common @ model.common_amounts(left, shared_variance)
     white = model.shared.turn.T @ left.reshape(len(rows), -1)
     return np.asarray(np.linalg.solve(model.whitener, white[..., None])[:, :, 0])
 

@@ -129,8 +129,8 @@ def draw_where_joints(results: ResultsBundle) -> Figure:
     """Draw points above and the periodogram below, a column a joint, before and after."""
     found = results.sound_record(AnalysisRecord)
     fits = (found.before, found.after)
-    joints = found.before.cells.joints
-    known = [part.periodogram for part in found.before.by_joint if part.periodogram is not None]
+    joints = found.before.by_joint
+    known = [joint.periodogram for joint in joints if joint.periodogram is not None]
     motor = "; N: gear ratio, one cycle a turn of the motor" if any(map(_geared, known)) else ""
     figure = new_figure(131.0, "Error of each joint angle, and its orders in the angle")
     upper = _joint_panels(figure, len(joints), 76.0, 43.0, "angle error [µrad]")
@@ -141,13 +141,13 @@ def draw_where_joints(results: ResultsBundle) -> Figure:
         1.1e6
         * float(np.abs(cells.error_rad)[cells.std_rad <= _POOR * np.median(cells.std_rad)].max())
         for fit in fits
-        for cells in fit.cells.joints
+        for cells in fit.by_joint
     )
     for k, joint in enumerate(joints):
         upper[k].set_title(f"joint {joint.joint}")
         upper[k].axhline(0.0, color=GREY, linewidth=0.6)
         for fit, (color, marker, broad) in zip(fits, _LOOKS, strict=True):
-            cells = fit.cells.joints[k]
+            cells = fit.by_joint[k]
             look = {"color": color, "marker": marker, "markersize": 1.1 * broad}
             draw_points(upper[k], np.degrees(cells.q_rad), 1e6 * cells.error_rad, **look)
             _span_angles(upper[k], np.degrees(cells.q_rad))
@@ -175,7 +175,7 @@ def _draw_orders(axes: Axes, fits: tuple[LackOfFit, LackOfFit], k: int) -> None:
         axes.text(0.5, 0.5, "hardly\nturned", transform=axes.transAxes, ha="center")
         axes.set_xticks([])
         return
-    told = highest_told(found.orders, fits[0].cells.joints[k].q_rad)
+    told = highest_told(found.orders, fits[0].by_joint[k].q_rad)
     last = found.orders[-1] if _geared(found) else min(_MOST_UNGEARED, max(told, found.marked[-1]))
     axes.axvspan(told, last, color=SEPARATOR, alpha=0.35, linewidth=0.0)
     for fit, (color, marker, broad) in zip(fits, _LOOKS, strict=True):
@@ -235,14 +235,14 @@ only.
 def draw_where_torque(results: ResultsBundle) -> Figure:
     """Draw residual torques before above those after, a column a joint."""
     found = results.sound_record(AnalysisRecord)
-    joints = found.before.cells.joints
+    joints = found.before.by_joint
     if any(joint.torque_residual_Nm is None for joint in joints):
         raise NothingToShowError("no torques were logged, or the weights are not known")
     limits = [  # how far the torques of any joint reach, and at least their noise
         1.1
         * max(
-            *(float(np.abs(np.asarray(of.torque_residual_Nm)).max()) for of in fit.cells.joints),
-            *(_NOISES * part.noise_Nm for part in fit.by_torque),
+            *(float(np.abs(np.asarray(of.torque_residual_Nm)).max()) for of in fit.by_joint),
+            *(_NOISES * (of.torque_noise_Nm or 0.0) for of in fit.by_joint),
         )
         for fit in (found.before, found.after)
     ]
@@ -256,7 +256,7 @@ def draw_where_torque(results: ResultsBundle) -> Figure:
     ):
         label = f"{when}: residual [N m]"
         panels = _joint_panels(figure, len(joints), bottom_mm, 38.0, label)
-        for axes, joint, part in zip(panels, fit.cells.joints, fit.by_torque, strict=True):
+        for axes, joint in zip(panels, fit.by_joint, strict=True):
             q_deg, residual_Nm = np.degrees(joint.q_rad), np.asarray(joint.torque_residual_Nm)
             for sign, look, _ in _SIDES:
                 rows = np.sign(joint.arrival) == sign
@@ -264,7 +264,7 @@ def draw_where_torque(results: ResultsBundle) -> Figure:
                     draw_points(axes, q_deg[rows], residual_Nm[rows], markersize=2.5, **look)
             axes.axhline(0.0, color=GREY, linewidth=0.6)
             _span_angles(axes, q_deg)
-            noise = _NOISES * part.noise_Nm
+            noise = _NOISES * (joint.torque_noise_Nm or 0.0)
             axes.axhspan(-noise, noise, color=SEPARATOR, alpha=0.5, linewidth=0.0)
             axes.set(ylim=(-limit, limit), title=f"joint {joint.joint}" if when == "before" else "")
     sides = {int(side) for joint in joints for side in np.sign(joint.arrival)}

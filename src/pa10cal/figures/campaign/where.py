@@ -18,10 +18,8 @@ from pa10cal.reports.theme import AFTER, BEFORE, BLACK, BLUE, GREY, ORANGE
 from pa10cal.reports.trust import outliers_grid
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.discovery import VerdictRecord
-from pa10cal.results.evaluation import Estimate
 from pa10cal.results.record import HALF_WIDTH_95
 
-_S_PER_H = 3600.0
 _BEFORE: dict[str, Any] = {"color": BEFORE, "marker": "s", "linestyle": "none"}
 _AFTER: dict[str, Any] = {"color": AFTER, "marker": "o", "linestyle": "none"}
 _FLOOR: dict[str, Any] = {
@@ -134,25 +132,19 @@ def _draw_directions(axes: Axes, found: AnalysisRecord) -> None:
 
 
 def _draw_drifts(axes: Axes, found: AnalysisRecord) -> None:
-    """Draw slopes of the position error with time and temperature, over the range of each."""
-    cells = found.before.cells
-    hours = float(np.ptp(cells.time_s)) / _S_PER_H
-    known = np.isfinite(cells.temperature_C).all()
-    kelvin = float(np.ptp(cells.temperature_C)) if known else 0.0
+    """Draw the drift of the position error with time and temperature, over the range of each."""
     for fit, look, aside in ((found.before, _BEFORE, -_ASIDE), (found.after, _AFTER, _ASIDE)):
-        slopes: list[tuple[float, float, Estimate | None]] = []
-        slopes += [(k, hours, drift.by_time_mm_per_h) for k, drift in enumerate(fit.drifts)]
-        by_temperature = [drift.by_temperature_mm_per_K for drift in fit.drifts]
-        slopes += [(k, kelvin, slope) for k, slope in enumerate(by_temperature, start=4)]
-        for part in (slopes[:3], slopes[3:]):
-            shown = [(x + aside, 1e3 * span, slope) for x, span, slope in part if slope]
+        with_time = [drift.with_time_mm for drift in fit.drifts]
+        with_temperature = [drift.with_temperature_mm for drift in fit.drifts]
+        for first, part in ((0, with_time), (4, with_temperature)):
+            shown = [(x + aside, drift) for x, drift in enumerate(part, start=first) if drift]
             if shown:
-                half = [by * HALF_WIDTH_95 * (slope.std or 0.0) for _, by, slope in shown]
-                value = [by * slope.value for _, by, slope in shown]
-                axes.errorbar([x for x, _, _ in shown], value, yerr=half, elinewidth=0.8, **look)
+                half = [1e3 * HALF_WIDTH_95 * (drift.std or 0.0) for _, drift in shown]
+                value = [1e3 * drift.value for _, drift in shown]
+                axes.errorbar([x for x, _ in shown], value, yerr=half, elinewidth=0.8, **look)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     names = [drift.axis for drift in found.before.drifts]
-    warmed = any(drift.by_temperature_mm_per_K is not None for drift in found.before.drifts)
+    warmed = any(drift.with_temperature_mm is not None for drift in found.before.drifts)
     _name_columns(axes, [0, 1, 2, 4, 5, 6][: 6 if warmed else 3], names * (2 if warmed else 1))
     axes.set_xlim(-0.6, 6.6 if warmed else 2.6)
     axes.set_xlabel("with time        with temperature" if warmed else "with time")
@@ -168,7 +160,7 @@ def _name_columns(axes: Axes, at: Iterable[float], names: list[str]) -> None:
 
 def _against_pure_error(found: AnalysisRecord, noise_from: str | None) -> str:
     """Return how what poses share compares with pure error, before and after."""
-    tests = [("before", found.before.pose.shared), ("after", found.after.pose.shared)]
+    tests = [("before", found.before.pure_error), ("after", found.after.pure_error)]
     if not any(test for _, test in tests):
         origin, _, _ = (noise_from or "nearly equal poses").partition(":")
         return f"No pose was repeated: the noise is that of {origin}."
@@ -213,7 +205,7 @@ beyond the fitted poses.
 def draw_gap_by_step(results: ResultsBundle) -> Figure:
     """Draw mean, root mean square and peak of every step, from the calibrated model downward."""
     found, gap = results.sound_record(AnalysisRecord), results.sound_record(VerdictRecord).gap
-    steps, floor_mm = found.naming, found.noise_floor_mm
+    steps, floor_mm = found.naming, gap.noise_floor_mm
     rows_mm = _ROW_MM * len(steps)
     figure = style.new_figure(
         _BELOW_STEPS_MM + rows_mm + _ABOVE_STEPS_MM,

@@ -8,8 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.records import Joining, explained, explained_by
-from pa10cal.results.explained import percent
+from pa10cal.discovery.gap import explained_by
+from pa10cal.discovery.verdict import Verdict
+from pa10cal.results.explained import ExplainedEffect, percent
 from pa10cal.results.record import EffectName
 
 NOISE_MM = 0.1
@@ -21,29 +22,32 @@ def errors(rms_mm, count=50):
     return drawn * rms_mm / np.sqrt(np.mean(drawn**2))
 
 
+def taking(ids, of, before_mm, after_mm, **more):
+    """Return an effect by what is left without it and with it."""
+    return ExplainedEffect(
+        ids=ids, of=of, share=0.0, before_mm=before_mm, after_mm=after_mm, **more
+    )
+
+
 def chain(*steps, start_mm=0.5):
     """Return effects that join one after the other: ids, place, what they leave."""
-    left, joining = start_mm, []
+    left, effects = start_mm, []
     for ids, of, after_mm, *more in steps:
         elsewhere = tuple(EffectName(id=id_, of=at) for id_, at in more)
-        joining.append(Joining(ids, of, errors(left), errors(after_mm), elsewhere))
+        effects.append(taking(ids, of, left, after_mm, elsewhere=elsewhere))
         left = after_mm
-    return explained_by(joining, errors(start_mm), NOISE_MM)
-
-
-def test_shares_are_of_the_variance_beyond_noise_and_sum_to_the_whole():
-    found = chain((("backlash",), "joint 1", 0.4), (("gear_error",), "joint 2", 0.2))
-    assert found.share == pytest.approx((0.25 - 0.04) / (0.25 - 0.01))
-    assert found.without_a_name == pytest.approx((0.04 - 0.01) / (0.25 - 0.01))
-    assert [each.of for each in found.of] == ["joint 2", "joint 1"]
-    assert found.of[0].share == pytest.approx((0.16 - 0.04) / 0.24)
-    assert sum(each.share for each in found.of) == pytest.approx(found.share)
-    assert (found.of[0].before_mm, found.of[0].after_mm) == pytest.approx((0.4, 0.2))
+    return explained_by(effects, start_mm, NOISE_MM)
 
 
 @pytest.mark.parametrize(
     ("steps", "share", "shares"),
     [
+        # Of the variance beyond noise, the largest first.
+        (
+            ((("backlash",), "joint 1", 0.4), (("gear_error",), "joint 2", 0.2)),
+            (0.25 - 0.04) / 0.24,
+            [(0.16 - 0.04) / 0.24, (0.25 - 0.16) / 0.24],
+        ),
         # Below the noise nothing is left to explain; no share is above one.
         (((("backlash",), "joint 1", 0.05),), 1.0, [1.0]),
         # What makes held-out poses worse takes nothing away.
@@ -55,45 +59,78 @@ def test_shares_are_of_the_variance_beyond_noise_and_sum_to_the_whole():
         ),
     ],
 )
-def test_shares_stay_between_nothing_and_all(steps, share, shares):
+def test_shares_are_of_the_variance_beyond_noise_and_sum_to_the_whole(steps, share, shares):
     found = chain(*steps)
     assert found.share == pytest.approx(share)
     assert [each.share for each in found.of] == pytest.approx(shares)
     assert found.without_a_name == pytest.approx(1.0 - share)
+    (_, of, after_mm), largest = steps[-1], found.of[0]
+    assert (largest.of, largest.after_mm, found.after_mm) == (of, after_mm, after_mm)
 
 
 def test_no_more_than_noise_is_nothing_to_explain():
-    assert explained_by((), errors(1.1 * NOISE_MM), NOISE_MM) is None
+    assert explained_by((), 1.1 * NOISE_MM, NOISE_MM) is None
     assert chain((("backlash",), "joint 1", 0.09), start_mm=0.095) is None
-    found = explained_by((), errors(0.5), NOISE_MM)
+    found = explained_by((), 0.5, NOISE_MM)
     assert (found.share, found.of, found.without_a_name) == (0.0, (), 1.0)
     assert found.headline == "none of the error beyond noise is explained"
     assert found.sentences == ()
 
 
-def test_effects_of_one_kind_are_told_together():
-    found = chain(
-        (("sensor_error",), "joint 5", 0.3),
-        (("sensor_error", "gear_error"), "joint 1", 0.2),
-        (("sensor_error",), "joint 3", 0.15),
-        (("sensor_error", "gear_error"), "joint 6", 0.12),
-    )
-    assert found.headline == (
-        "98 % of the error beyond noise is explained: sensors of joints 3 and 5; "
-        "sensor or gear of joints 1 and 6"
-    )
-    first, second = found.sentences
-    assert first.startswith("The position sensors of joints 3 and 5 err with their angles: 0.45 mm")
-    assert second.startswith("The position sensors of joints 1 and 6 err with their angles, or the")
-    assert "the gears of joints 1 and 6 are uneven: 0.27 mm becomes" in second
+SENSOR_OR_GEAR = ("sensor_error", "gear_error")
+
+
+@pytest.mark.parametrize(
+    ("steps", "headline", "sentences"),
+    [
+        (
+            (
+                (("sensor_error",), "joint 5", 0.3),
+                (SENSOR_OR_GEAR, "joint 1", 0.2),
+                (("sensor_error",), "joint 3", 0.15),
+                (SENSOR_OR_GEAR, "joint 6", 0.12),
+            ),
+            "98 % of the error beyond noise is explained: sensors of joints 3 and 5; "
+            "sensor or gear of joints 1 and 6",
+            (
+                "The position sensors of joints 3 and 5 err with their angles: 0.45 mm becomes",
+                "The position sensors of joints 1 and 6 err with their angles, or the gears of "
+                "joints 1 and 6 are uneven: 0.27 mm becomes",
+            ),
+        ),
+        (
+            ((("third_harmonic",), "joint 2", 0.2, ("cmm_scale", "instrument")),),
+            "explained: third harmonic of joint 2 or cmm scale of the instrument",
+            (
+                "There is third harmonic of joint 2, or the instrument's scale is off: 0.50 mm "
+                "becomes",
+            ),
+        ),
+        (
+            ((("tool_sag",), "tool", 0.2),),
+            "explained: tool sag",
+            ("The tool sags under its weight: 0.50 mm becomes 0.20 mm.",),
+        ),
+        (
+            ((("link_bending",), "upper_arm", 0.2),),
+            "explained: link bending of the upper arm",
+            ("The upper arm bends",),
+        ),
+    ],
+)
+def test_effects_are_told_in_words_those_of_one_kind_together(steps, headline, sentences):
+    found = chain(*steps)
+    assert found.headline.endswith(headline)
+    for said, begins in zip(found.sentences, sentences, strict=True):
+        assert said.startswith(begins)
 
 
 def test_springs_of_the_calibration_join_before_the_effects():
     springs = [
-        Joining(("joint_compliance",), f"joint {joint}", errors(b), errors(a), weights="assumed")
+        taking(("joint_compliance",), f"joint {joint}", b, a, weights="assumed")
         for joint, b, a in ((2, 0.36, 0.25), (3, 0.25, 0.17))
     ]
-    found = explained_by(springs, errors(0.36), 0.05)
+    found = explained_by(springs, 0.36, 0.05)
     (told,) = found.sentences
     assert told == (
         "Joints 2 and 3 give way under the arm's weight (stiffness relative to assumed weights): "
@@ -116,7 +153,7 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
     )  # fmt: skip
     eccentric = SimpleNamespace(id="eccentricity", of="joint 3", alternatives=(), effect="of 3")
     without, last = left(0.25), left(0.12)
-    found = explained(
+    found = Verdict.explained.fget(
         SimpleNamespace(
             method="evidence", verdict="named", gives_way=(spring,), findings=(eccentric,),
             prepared=SimpleNamespace(suspected=None), train=None,
@@ -124,11 +161,7 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
                 poses=range(50), noise_rms_mm=NOISE_MM,
                 found_before=left(calibrated_mm), found_after=last,
             ),
-            naming=(
-                SimpleNamespace(
-                    effects=("of 3",), judging=last, without=(SimpleNamespace(judging=without),),
-                ),
-            ),
+            errors_by_name=SimpleNamespace(without={"of 3": without}),
         )
     )  # fmt: skip
     assert found.before_mm == pytest.approx(max(calibrated_mm, all_rigid_mm))
@@ -137,29 +170,9 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
     assert {each.of for each in found.of} == {"joint 2", "joint 3"}
 
 
-def test_alternatives_at_other_places_and_effects_without_words_are_told():
-    found = chain((("third_harmonic",), "joint 2", 0.2, ("cmm_scale", "instrument")))
-    assert found.headline.endswith("third harmonic of joint 2 or cmm scale of the instrument")
-    (place,) = chain((("tool_sag",), "tool", 0.2)).sentences
-    assert place == "The tool sags under its weight: 0.50 mm becomes 0.20 mm."
-    assert chain((("tool_sag",), "tool", 0.2)).headline.endswith("explained: tool sag")
-    assert (
-        chain((("link_bending",), "upper_arm", 0.2)).sentences[0].startswith("The upper arm bends")
-    )
-    assert found.sentences[0].startswith(
-        "There is third harmonic of joint 2, or the instrument's scale is off: 0.50 mm becomes"
-    )
-
-
 @pytest.mark.parametrize(
     ("share", "said"),
-    [
-        (0.0, "0 %"),
-        (0.001, "less than 1 %"),
-        (0.97, "97 %"),
-        (0.996, "more than 99 %"),
-        (1, "100 %"),
-    ],
+    [(0, "0 %"), (0.001, "less than 1 %"), (0.97, "97 %"), (0.996, "more than 99 %"), (1, "100 %")],
 )
 def test_all_and_nothing_are_not_claimed_by_rounding(share, said):
     assert percent(share) == said
@@ -167,7 +180,7 @@ def test_all_and_nothing_are_not_claimed_by_rounding(share, said):
 
 @pytest.mark.slow
 def test_a_verdict_says_what_its_effects_take_away(eccentric):
-    found = explained(eccentric.discovery)
+    found = eccentric.discovery.explained
     (each,) = found.of
     assert (each.ids[0], each.of) == ("encoder_eccentricity", "joint 2")
     assert found.over == "held-out poses"
@@ -177,11 +190,11 @@ def test_a_verdict_says_what_its_effects_take_away(eccentric):
     )
     assert found.share > 0.8
     assert each.share == pytest.approx(found.share)
-    fitted = explained(replace(eccentric.discovery, holdout=None))
+    fitted = replace(eccentric.discovery, holdout=None).explained
     assert fitted.over == "fitted poses"
     assert fitted.after_mm == pytest.approx(eccentric.discovery.train.after.rms_mm)
 
 
 @pytest.mark.slow
 def test_where_nothing_is_missing_nothing_is_explained(nothing_hidden):
-    assert explained(nothing_hidden.discovery) is None
+    assert nothing_hidden.discovery.explained is None
