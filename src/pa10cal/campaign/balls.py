@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.nominal_fit import exchange_text, stated_shape
 from pa10cal.campaign.raw_rows import RawRows
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import fit_rigid
+from pa10cal.yaml_file import refusals_beside
 
 #: Touches that a ball needs.
 LEAST_TOUCHES = 4
@@ -51,29 +52,7 @@ class LocatedBalls:
     pooled_sigma_mm: float  # standard deviation of one touch, from the residuals of all spheres
 
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "flat": (
-            "the touches on {0} of {1} balls lie in one plane, seen at the scale of the stated "
-            "diameter",
-            "touches all around each ball, in millimetres",
-            "check the unit of x_mm, y_mm, z_mm, and ball_diameter_mm",
-        ),
-        "radius": (
-            "the touches do not lie on spheres of the stated diameter",
-            "within {0:.3g} mm, {1:g} sigmas of one touch",
-            "check ball_diameter_mm, the unit of x_mm, y_mm, z_mm, the compensation of the "
-            "probe's radius, and instrument.uncertainty_mm",
-        ),
-        "places": (
-            "the measured positions of the balls differ from the description; ball {0} is "
-            "{1:.3g} mm off",
-            f"within {TOOL_MISFIT_MM:g} mm of tool.balls_mm",
-            "{2}",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) -> LocatedBalls:
@@ -146,7 +125,8 @@ def _shape(p_instr_mm: Array, tool: TouchedTool, where: str) -> Array:
         if shape is not None and shape.order is not None:
             swapped = exchange_text(shape.order, tool.names)
             remedy = f"balls {swapped} seem exchanged: exchange their places or their names"
-        raise _refusal("places", where, None, tool.names[int(off.argmax())], off.max(), remedy)
+        worst = tool.names[int(off.argmax())]
+        raise _refusal("places", where, None, worst, off.max(), remedy, TOOL_MISFIT_MM)
     return seen if len(p_instr_mm) >= ENOUGH_FOR_SHAPE else nominal
 
 

@@ -16,6 +16,9 @@ from pa10cal.frame.hand_eye import hand_eye_from_points
 from pa10cal.frame.rigid_fit import Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
+from pa10cal.yaml_file import refusals_beside
+
+_refusal = refusals_beside(__file__, RawDataError)
 
 #: Reweighted fits towards least distances, rows fitted, and the distance below which all weigh
 #: the same; fits to points alone, and poses that they take.
@@ -241,17 +244,12 @@ def refuse_shifted(
     line = int(lines[shift.first])
     place = "from the first row on" if shift.first == 0 else f"from line {line} on"
     other, way = ("after", "down") if shift.rows > 0 else ("before", "up")
-    raise RawDataError(
-        f"{place} the readings fit the joints of the row {other} theirs",
-        where=f"{path}:{line}",
-        value=f"the nominal arm is {1e3 * shift.as_joined_m:.0f} mm off {joined}, and "
-        f"{1e3 * shift.as_shifted_m:.2g} mm one row {other}",
-        allowed="every reading in the row of its joints",
-        remedy="a row is missing or stands twice there: take it out, or put it in, in one of "
-        f"{path.name} and {other_file}"
-        if other_file
-        else f"move the readings one row {way}, or the joints the other way, in {path.name}",
+    value = (
+        f"the nominal arm is {1e3 * shift.as_joined_m:.0f} mm off {joined}, and "
+        f"{1e3 * shift.as_shifted_m:.2g} mm one row {other}"
     )
+    words = (place, other, path.name, other_file, way)
+    raise _refusal("two files" if other_file else "one file", f"{path}:{line}", value, *words)
 
 
 # Targets under each other's labels, and distances between them.

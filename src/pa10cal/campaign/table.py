@@ -26,8 +26,10 @@ from pa10cal.observe.instrument import BaseTargets, MotionFound
 from pa10cal.observe.joined import joined
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.results.health import InputFinding
+from pa10cal.yaml_file import refusals_beside
 
 SCHEMA = "pa10cal-poses/1"
+_refusal = refusals_beside(__file__, RawDataError)
 
 #: The column that says which campaign of a group a row is of, and beginnings of those that hold
 #: what an instrument measured.
@@ -143,21 +145,15 @@ def read_pose_table(path: Path, campaign: str | None = None) -> pd.DataFrame:
     try:
         table = pq.read_table(path)
     except (OSError, pa.ArrowException) as error:
-        raise _not_a_table(path, " ".join(str(error).split())) from None
+        raise _refusal("no table", path, " ".join(str(error).split()), SCHEMA) from None
     metadata = table.schema.metadata or {}
     schema = metadata.get(b"schema", b"none").decode()
     if schema != SCHEMA:
-        raise _not_a_table(path, f"schema {schema}")
+        raise _refusal("no table", path, f"schema {schema}", SCHEMA)
     frame: pd.DataFrame = table.to_pandas()
     found = frame.attrs["campaign"] = metadata[b"campaign"].decode()
     if campaign is not None and found != campaign:
-        raise RawDataError(
-            "the table of poses is of another campaign",
-            where=str(path),
-            value=found,
-            allowed=f"campaign {campaign!r}",
-            remedy="give the table that ingest made of this campaign",
-        )
+        raise _refusal("other campaign", path, found, campaign)
     return frame
 
 
@@ -236,13 +232,3 @@ def _position_columns(prismatic: NDArray[np.bool_], uncertainty: str = "") -> li
 def _joint_columns(prefix: str, joints: int, suffix: str) -> list[str]:
     """Return the names of a joint quantity's columns, such as tau1_Nm … tau6_Nm."""
     return [f"{prefix}{joint}{suffix}" for joint in range(1, joints + 1)]
-
-
-def _not_a_table(path: Path, value: str) -> RawDataError:
-    return RawDataError(
-        "the table of poses cannot be read",
-        where=str(path),
-        value=value,
-        allowed=f"a Parquet file of schema {SCHEMA}",
-        remedy="run pa10cal ingest again",
-    )

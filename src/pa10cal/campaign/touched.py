@@ -26,11 +26,12 @@ from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile, words_of
 from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
 from pa10cal.campaign.two_logs import Samples, Stations, best_clock_offset, find_dwells
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import Misfit
 from pa10cal.observe.touched import Touched
 from pa10cal.options import IngestOptions
+from pa10cal.yaml_file import refusals_beside
 
 #: The touches' scatter may exceed the instrument's statement by this factor without a note.
 SCATTER_NOTE = 1.5
@@ -46,32 +47,7 @@ OTHER_DWELL = "touched in another dwell than the rest of its configuration"
 NOT_TOUCHED = "a dwell in which nothing was touched"
 LOST = "a dwell whose configuration is quarantined"
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "moving": (
-            "the arm is never at rest in the log",
-            "dwells, in which the touches are made",
-            "check time_s, or raise ingest.still_speed_deg_s above the joints' noise",
-        ),
-        "outside": (
-            "{0} of {1} touches lie outside any dwell of the arm",
-            "touches while the arm is at rest, on the clock of the resolver log",
-            "check both clocks and ingest.still_speed_deg_s; no constant offset matches",
-        ),
-        "clocks": (
-            "{0} of {1} touches lie outside any dwell of the arm",
-            "touches while the arm is at rest, on the clock of the resolver log",
-            "the clocks seem to differ: adding {2:+.1f} s to time_s would bring {3:.0%} of the "
-            "touches into dwells",
-        ),
-        "cut": (
-            "the log does not cover the touches: it seems cut short",
-            "a log from {0:g} to {1:g} s",
-            "export the whole log, or leave out the touches that it does not cover",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 def read_touched(

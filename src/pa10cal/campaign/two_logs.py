@@ -31,8 +31,9 @@ from pa10cal.campaign.nominal_fit import (
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import RawColumns
+from pa10cal.yaml_file import refusals_beside
 
 #: Speeds are taken over at least this time, so that noise of a fast log is no movement.
 SPEED_WINDOW_S = 0.3
@@ -334,37 +335,7 @@ NOT_JOINED = {
     "row": "the log of the joints has no such row",
 }
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "exchanged": (
-            "missing columns {0}, which {1} has",
-            "the columns of columns.joints in files.joints: {2}",
-            f"exchange files.joints and files.readings in {DESCRIPTION_FILE}",
-        ),
-        "no joints": (
-            "no row of the joints' log can be used",
-            "rows of joint positions",
-            "correct columns.joints",
-        ),
-        "rows": (
-            "the two logs have different numbers of rows, and nothing else joins them",
-            "one row of joints for each reading, or labels or times in both",
-            "exclude the rows that the other lacks, or map a time or a label",
-        ),
-        "time": (
-            "the two logs cannot be joined by time",
-            "readings taken while the arm stands still",
-            "check that both logs are of the same run, and the units and formats of "
-            "columns.joints.time and columns.readings.time",
-        ),
-        "offset": (
-            "the two logs cannot be joined by time",
-            "readings taken while the arm stands still",
-            "remove join.clock_offset_s: it is then found, {0:+.2f} s",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,9 @@ from pa10cal.campaign.raw_rows import quarantine_csv
 from pa10cal.datasets.importing import AsItIs, ImportedCampaign
 from pa10cal.errors import OutputError
 from pa10cal.files.output import FORMER, folder_beside, writing_into
+from pa10cal.yaml_file import refusals_beside
+
+_refusal = refusals_beside(__file__, OutputError)
 
 POSES_FILE = "poses.csv.gz"
 LEFT_OUT_FILE = "left_out.csv"
@@ -137,13 +140,7 @@ def _as_text(column: pd.Series[Any]) -> list[str]:
 def _refuse_foreign(place: Path, own: frozenset[str]) -> None:
     foreign = sorted({entry.name for entry in place.glob("*")} - own)
     if foreign or place.is_file():
-        raise OutputError(
-            "the folder of the campaign holds something else",
-            where=str(place),
-            value=", ".join(foreign) or place.name,
-            allowed=f"a new folder, or one with {', '.join(sorted(own))} only",
-            remedy="give another folder, or move the files away",
-        )
+        raise _refusal("foreign", place, ", ".join(foreign) or place.name, ", ".join(sorted(own)))
 
 
 def _write(campaign: ImportedCampaign, folder: Path) -> None:

@@ -15,9 +15,9 @@ import pandas as pd
 
 from pa10cal.campaign.description import JointPositions
 from pa10cal.campaign.raw_rows import Quarantined
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
 from pa10cal.files.output import whole_files
-from pa10cal.yaml_file import read_yaml
+from pa10cal.yaml_file import read_yaml, refusals_beside
 
 # What a reader of a data set defines, and what it gives: campaigns not yet written.
 
@@ -121,31 +121,7 @@ class DataSet:
 
 # Campaigns of a data set.
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "no folder": (
-            "there is no such folder",
-            "a folder with {0}",
-            "correct the path, or fetch the data set",
-        ),
-        "missing": (
-            "files of the data set are missing in the folder",
-            "a folder with {0}",
-            "copy the missing files there, or fetch the data set again",
-        ),
-        "checksum": (
-            "the checksum differs from that of the published file",
-            "SHA-256 {0} (version {1})",
-            "{2}",
-        ),
-        "unreachable": (
-            "the file cannot be fetched",
-            "an address that can be reached, or a folder with the file",
-            "check the connection, or name a copy of the data set as the source",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 def import_campaigns(

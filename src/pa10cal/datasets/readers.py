@@ -23,29 +23,15 @@ from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_rows import quarantined
 from pa10cal.datasets.importing import AsItIs, DataSet, ImportedCampaign, Published
 from pa10cal.datasets.text_table import read_bare_table, same_rows
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
+from pa10cal.yaml_file import refusals_beside
 
 #: Descriptions of arms that are measured in data sets and are not shipped as arms of their own.
 ARMS = Path(__file__).with_name("arms")
 DATASETS: dict[str, DataSet] = {}
 
 _AXES, _QUATERNION = "xyz", ("qw", "qx", "qy", "qz")
-_refusal = refusals(
-    RawDataError,
-    {
-        "like another": ("there is no reader of this data set", "{0}", "is {1!r} meant?"),
-        "no reader": (
-            "there is no reader of this data set",
-            "{0}",
-            "correct the name, or write a reader in pa10cal/datasets/readers.py (docs/datasets.md)",
-        ),
-        "zip": (
-            "the zipped table cannot be read",
-            "a zip file with {0}",
-            "fetch the data set again",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 _Read = Callable[[Path, float, Published], tuple[ImportedCampaign, ...]]
 

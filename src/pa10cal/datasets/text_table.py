@@ -16,24 +16,10 @@ import pandas as pd
 
 from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_rows import RawRows, quarantined
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
+from pa10cal.yaml_file import refusals_beside
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "empty": ("the file is empty", "rows of numbers", "copy it again"),
-        "commas": (
-            "decimal commas where decimal points are expected",
-            "numbers such as 1.5",
-            "take the file as it was published, not as a spreadsheet rewrote it",
-        ),
-        "rows": (
-            "the tables have different numbers of rows",
-            "one row a configuration in each table",
-            "fetch the data set again, or complete the shorter table",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 def read_bare_table(
