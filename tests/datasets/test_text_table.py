@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pa10cal.campaign.own_columns import refuse_too_many
-from pa10cal.datasets.text_table import read_bare_table, same_rows
+from pa10cal.datasets.readers import read_bare_table, read_tables
 from pa10cal.errors import RawDataError
 
 
@@ -36,8 +36,8 @@ def test_a_separator_and_a_header(tmp_path):
 def test_tables_that_belong_together_line_by_line(tmp_path):
     (tmp_path / "one.txt").write_text("1\n2\n3\n")
     (tmp_path / "two.txt").write_text("4\nx\n6\n")
-    one, two = same_rows([read_bare_table(tmp_path, n, "v") for n in ("one.txt", "two.txt")], 0.5)
-    assert (one.columns["v"].tolist(), two.columns["v"].tolist()) == ([1, 3], [4, 6])
+    both = read_tables(tmp_path, 0.5, {"one.txt": "v", "two.txt": "w"})
+    assert (both["v"].tolist(), both["w"].tolist()) == ([1, 3], [4, 6])
 
 
 def test_decimal_commas_where_points_are_expected(tmp_path):
