@@ -15,8 +15,7 @@ import pytest
 
 from pa10cal.campaign.description import read_description
 from pa10cal.campaign.raw_rows import Quarantined
-from pa10cal.datasets.campaign_folder import description, table_bytes, write_campaigns
-from pa10cal.datasets.importing import ImportedCampaign
+from pa10cal.datasets.importing import ImportedCampaign, description, table_bytes, write_campaigns
 from pa10cal.errors import OutputError
 
 OWN = ["campaign.yaml", "left_out.csv", "poses.csv.gz"]
@@ -63,23 +62,8 @@ def test_the_contracts_reader_takes_the_description(campaign, tmp_path):
 
 
 def test_a_table_without_time_is_described_by_its_columns(campaign, tmp_path):
-    table = pd.DataFrame(
-        np.ones((2, 12)),
-        columns=[
-            "q1_mm",
-            "q2_deg",
-            "tau1_Nm",
-            "tau2_Nm",
-            "T1_x_mm",
-            "T1_y_mm",
-            "T1_z_mm",
-            "base1_x_mm",
-            "base1_y_mm",
-            "base1_z_mm",
-            "x_mm",
-            "qw",
-        ],
-    )
+    names = "q1_mm q2_deg tau1_Nm tau2_Nm T1_x_mm T1_y_mm T1_z_mm base1_x_mm base1_y_mm base1_z_mm"
+    table = pd.DataFrame(1.0, index=[0, 1], columns=[*names.split(), "x_mm", "qw"])
     found = description(replace(campaign, readings=table, holdout={"every": 4}))
     assert found["holdout"] == {"every": 4}
     assert found["columns"]["poses"] == {

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from made_up_datasets import MADE_UP, MOTOMAN, edit
 from pa10cal.arm.chain import Chain
 from pa10cal.campaign.read import read_campaign
-from pa10cal.datasets.campaign_folder import write_campaigns
-from pa10cal.datasets.importing import import_campaigns
+from pa10cal.datasets.importing import import_campaigns, write_campaigns
 from pa10cal.datasets.measured import CAMPAIGNS
 from pa10cal.datasets.readers import ARMS, dataset_named, dataset_names
 from pa10cal.errors import RawDataError
