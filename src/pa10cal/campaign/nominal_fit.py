@@ -8,6 +8,7 @@ from itertools import permutations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index, Mask
@@ -220,17 +221,15 @@ def steps_agree(T_base_ee: Array, p_m: Array) -> bool:
     for part in (slice(None), slice(third), slice(-third, None)):
         one, two = moved_m[part], seen_m[part]
         as_they_stand = _correlation(one, two)
-        away = max(_correlation(one[1:], two[:-1]), _correlation(one[:-1], two[1:]))
-        if away > AGREE and away > as_they_stand + 1.0 - AGREE:
+        away = (_correlation(one[1:], two[:-1]), _correlation(one[:-1], two[1:]))
+        if np.nanmax(away, initial=0.0) > max(AGREE, np.nan_to_num(as_they_stand) + 1.0 - AGREE):
             return True
     return False
 
 
 def _correlation(one: Array, two: Array) -> float:
-    known = np.isfinite(one) & np.isfinite(two)
-    if known.sum() < 2 * FEW or not np.ptp(one[known]) or not np.ptp(two[known]):
-        return 0.0
-    return float(np.corrcoef(one[known], two[known])[0, 1])
+    """Return the correlation of what is known of both; nan where it is too little."""
+    return float(pd.Series(one).corr(pd.Series(two), min_periods=2 * FEW))
 
 
 def refuse_shifted(
@@ -367,13 +366,11 @@ def exchanged(p_m: Array, modelled: Array) -> NDArray[np.object_]:
     as_read = misfit_mm(p_m, modelled)
     limit = max(EXCHANGED_MM, EXCHANGED_TYPICAL * float(np.median(as_read)))
     rows = np.flatnonzero(as_read > limit)
-    if not len(rows):
-        return orders
     tried = list(permutations(range(targets)))[1:]
     left = np.array([misfit_mm(p_m[rows][:, list(order)], modelled[rows]) for order in tried])
     best = left.argmin(axis=0)
     for row, k, mm in zip(rows, best, left.min(axis=0), strict=True):
-        if mm < max(EXCHANGED_LEFT * as_read[row], 0.0) and mm < limit:
+        if mm < min(EXCHANGED_LEFT * as_read[row], limit):
             orders[row] = tried[k]
     return orders
 

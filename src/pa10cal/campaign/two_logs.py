@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.ndimage import label
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
@@ -112,22 +113,18 @@ def find_dwells(samples: Samples, still_speed_deg_s: float) -> Stations:
     if len(steps_s):
         pause = steps_s > PAUSE * np.median(steps_s)
         slow &= ~pause | (travel <= real_deg).all(axis=1)
-    edges = np.diff(np.concatenate([[False], slow, [False]]).astype(int))
-    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    of_sample = np.full(len(time_s), -1)
-    inside = np.zeros(len(time_s) + 1, dtype=int)
-    inside[first] += 1
-    inside[last + 1] -= 1
-    stands = np.cumsum(inside[:-1]) > 0
-    dwell = np.searchsorted(first, np.flatnonzero(stands), side="right") - 1
-    of_sample[stands] = dwell
-    count = np.bincount(dwell, minlength=len(first))
-    mean_deg, q_u_deg = _mean(q_deg[stands], dwell, count)
-    tau_Nm, tau_u_Nm = _mean(samples.tau_Nm[stands], dwell, count)
-    temperature_C, _ = _mean(samples.temperature_C[stands, None], dwell, count)
+    # Each slow interval is of the dwell of both its ends; its number from 1, 0 while the arm moved.
+    number = label(slow)[0]
+    of_sample = np.maximum(np.append(number, 0), np.append(0, number)) - 1
+    stands = np.flatnonzero(of_sample >= 0)
+    _, begins, count = np.unique(of_sample[stands], return_index=True, return_counts=True)
+    first = stands[begins]
+    mean_deg, q_u_deg = _mean(q_deg[stands], begins, count)
+    tau_Nm, tau_u_Nm = _mean(samples.tau_Nm[stands], begins, count)
+    temperature_C, _ = _mean(samples.temperature_C[stands, None], begins, count)
     return Stations(
         time_s[first],
-        time_s[last],
+        time_s[first + count - 1],
         first,
         of_sample,
         count,
@@ -195,13 +192,10 @@ def _slow_intervals(time_s: Array, q_deg: Array, still_speed_deg_s: float) -> ND
     return np.asarray(np.cumsum(edges)[:-1] == 0)
 
 
-def _mean(values: Array, dwell: Index, count: NDArray[np.int64]) -> tuple[Array, Array]:
+def _mean(values: Array, begins: Index, count: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return the mean over each dwell and its standard uncertainty, (D, m) each."""
-    mean = np.zeros((len(count), values.shape[1]))
-    np.add.at(mean, dwell, values)
-    mean /= count[:, None]
-    square = np.zeros_like(mean)
-    np.add.at(square, dwell, (values - mean[dwell]) ** 2)
+    mean = np.add.reduceat(values, begins) / count[:, None]
+    square = np.add.reduceat((values - np.repeat(mean, count, axis=0)) ** 2, begins)
     return mean, np.sqrt(square / (count * (count - 1))[:, None])
 
 
@@ -251,11 +245,10 @@ def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations
             return dwells
     half_s = 0.45 * np.diff(samples.time_s, prepend=np.nan, append=np.nan)
     usual = float(np.nanmedian(half_s)) if len(samples) > 1 else 1.0
-    before, after = (np.where(np.isfinite(side), side, usual) for side in (half_s[:-1], half_s[1:]))
     unknown, rows = np.full(samples.q_deg.shape, np.nan), np.arange(len(samples))
     return Stations(
-        samples.time_s - np.minimum(before, usual),
-        samples.time_s + np.minimum(after, usual),
+        samples.time_s - np.fmin(half_s[:-1], usual),
+        samples.time_s + np.fmin(half_s[1:], usual),
         rows,
         rows,
         np.ones(len(samples), dtype=np.int64),
