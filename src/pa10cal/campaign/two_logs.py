@@ -117,11 +117,12 @@ def find_dwells(samples: Samples, still_speed_deg_s: float) -> Stations:
     number = label(slow)[0]
     of_sample = np.maximum(np.append(number, 0), np.append(0, number)) - 1
     stands = np.flatnonzero(of_sample >= 0)
-    _, begins, count = np.unique(of_sample[stands], return_index=True, return_counts=True)
+    dwell = of_sample[stands]
+    _, begins, count = np.unique(dwell, return_index=True, return_counts=True)
     first = stands[begins]
-    mean_deg, q_u_deg = _mean(q_deg[stands], begins, count)
-    tau_Nm, tau_u_Nm = _mean(samples.tau_Nm[stands], begins, count)
-    temperature_C, _ = _mean(samples.temperature_C[stands, None], begins, count)
+    mean_deg, q_u_deg = _mean(q_deg[stands], dwell, count)
+    tau_Nm, tau_u_Nm = _mean(samples.tau_Nm[stands], dwell, count)
+    temperature_C, _ = _mean(samples.temperature_C[stands, None], dwell, count)
     return Stations(
         time_s[first],
         time_s[first + count - 1],
@@ -192,10 +193,13 @@ def _slow_intervals(time_s: Array, q_deg: Array, still_speed_deg_s: float) -> ND
     return np.asarray(np.cumsum(edges)[:-1] == 0)
 
 
-def _mean(values: Array, begins: Index, count: NDArray[np.int64]) -> tuple[Array, Array]:
+def _mean(values: Array, dwell: Index, count: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return the mean over each dwell and its standard uncertainty, (D, m) each."""
-    mean = np.add.reduceat(values, begins) / count[:, None]
-    square = np.add.reduceat((values - np.repeat(mean, count, axis=0)) ** 2, begins)
+    mean = np.zeros((len(count), values.shape[1]))
+    np.add.at(mean, dwell, values)
+    mean /= count[:, None]
+    square = np.zeros_like(mean)
+    np.add.at(square, dwell, (values - mean[dwell]) ** 2)
     return mean, np.sqrt(square / (count * (count - 1))[:, None])
 
 
