@@ -20,8 +20,7 @@ import numpy as np
 import pa10cal
 from pa10cal.calibration.general.other_campaign import refit_frames
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.datasets.campaign_folder import write_campaigns
-from pa10cal.datasets.importing import import_campaigns
+from pa10cal.datasets.importing import import_campaigns, write_campaigns
 from pa10cal.datasets.readers import dataset_named
 from pa10cal.discovery.blocked_cv.by_blocks import VerdictByBlocks
 from pa10cal.discovery.noise import share_inside

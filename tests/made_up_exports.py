@@ -10,6 +10,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 import pandas as pd
+import yaml
 from scipy.spatial.transform import Rotation
 
 #: What one millimetre and one degree are in units of a header.
@@ -41,156 +42,20 @@ class Header:
     note: str = "Comment"
 
 
-def _six(pattern: str, first: int = 1) -> tuple[str, ...]:
-    return tuple(pattern.format(k=k, u="{u}") for k in range(first, first + 6))
+def _header(joints: str, place, attitude, first: int = 1, **words: str) -> Header:
+    """Return names by patterns, or as they are listed."""
+
+    def by_axis(names) -> tuple[str, ...]:
+        if isinstance(names, list):
+            return tuple(names)
+        return tuple(names.format(a=axis, A=axis.upper(), u="{u}") for axis in "xyz")
+
+    six = tuple(joints.format(k=k, u="{u}") for k in range(first, first + 6))
+    return Header(six, by_axis(place), by_axis(attitude), **words)
 
 
-def _xyz(pattern: str, letters: str = "xyz") -> tuple[str, ...]:
-    return tuple(pattern.format(a=letter, A=letter.upper(), u="{u}") for letter in letters)
-
-
-HEADERS = {
-    "brackets": Header(
-        _six("J{k} [{u}]"),
-        _xyz("{A} [{u}]"),
-        _xyz("R{a} [{u}]"),
-        "rpy",
-        "Timestamp",
-        "Temp [°C]",
-        "Load [N]",
-    ),
-    "kuka": Header(
-        _six("A{k} [{u}]"),
-        _xyz("{A} [{u}]"),
-        ("A [{u}]", "B [{u}]", "C [{u}]"),
-        "euler_ZYX",
-        "Zeitstempel",
-        "Temperatur [°C]",
-        "Nutzlast [kg]",
-        angle="°",
-        turn="°",
-        note="Bemerkung",
-    ),
-    "german": Header(
-        _six("Achse {k} ({u})"),
-        _xyz("{A} in {u}"),
-        _xyz("Drehung {A} in {u}"),
-        "euler_XYZ",
-        "Zeitstempel",
-        "Lufttemperatur in °C",
-        "Traglast in N",
-        angle="Grad",
-        turn="Grad",
-        note="Bemerkung",
-    ),
-    "gelenke": Header(
-        _six("Gelenkwinkel_{k}_{u}"),
-        _xyz("Ist {A} [{u}]"),
-        ("Qw", "Qx", "Qy", "Qz"),
-        "quaternion_wxyz",
-        "Uhrzeit",
-        "Temp. (°C)",
-        "Zuladung (N)",
-        angle="rad",
-        note="Prüfer",
-    ),
-    "french": Header(
-        _six("Axe {k} ({u})"),
-        _xyz("Position {A} ({u})"),
-        ("Quaternion W", "Quaternion X", "Quaternion Y", "Quaternion Z"),
-        "quaternion_wxyz",
-        "Heure",
-        "Température (°C)",
-        "Charge (N)",
-        angle="°",
-        note="Opérateur",
-    ),
-    "spanish": Header(
-        _six("Articulación {k} [{u}]"),
-        _xyz("Pos {A} [{u}]"),
-        ("Alabeo [{u}]", "Cabeceo [{u}]", "Guiñada [{u}]"),
-        "rpy",
-        "Fecha",
-        "Temperatura [°C]",
-        "Carga [N]",
-        length="cm",
-        angle="grados",
-        turn="rad",
-        note="Observación",
-    ),
-    "ros": Header(
-        _six("/joint_states/position[{k}]", 0),
-        _xyz("/pose/position/{a}"),
-        (
-            "/pose/orientation/x",
-            "/pose/orientation/y",
-            "/pose/orientation/z",
-            "/pose/orientation/w",
-        ),
-        "quaternion_xyzw",
-        "time (s)",
-        "/room/temperature",
-        "/payload (N)",
-        length="m",
-        angle="rad",
-        note="/frame_id",
-    ),
-    "rtde": Header(
-        _six("actual_q_{k}", 0),
-        ("X", "Y", "Z"),
-        ("RX", "RY", "RZ"),
-        "rotation_vector",
-        "timestamp",
-        "temperature_C",
-        "payload_N",
-        length="m",
-        angle="rad",
-        turn="rad",
-    ),
-    "abb": Header(
-        _six("rax_{k}"),
-        ("pos_x", "pos_y", "pos_z"),
-        ("q1", "q2", "q3", "q4"),
-        "quaternion_wxyz",
-        "Date",
-        "temp",
-        "load",
-    ),
-    "fanuc": Header(
-        _six("J{k}"),
-        ("X", "Y", "Z"),
-        ("W", "P", "R"),
-        "rpy",
-        "TIME",
-        "TEMP",
-        "PAYLOAD",
-        note="GROUP",
-    ),
-    "twincat": Header(
-        _six("Axis[{k}].ActPos [{u}]"),
-        _xyz("Tracker.{A} [{u}]"),
-        _xyz("Tracker.Rot{A} [{u}]"),
-        "fixed_xyz",
-        "Clock [s]",
-        "Tracker.Temp",
-        "Payload [kg]",
-        length="µm",
-        angle="mrad",
-        turn="mrad",
-        note="State",
-    ),
-    "greek": Header(
-        _six("θ{k}"),
-        _xyz("measured_{a}"),
-        ("α", "β", "γ"),
-        "euler_XYZ",
-        "t",
-        "T_room_temp",
-        "F_load",
-        angle="rad",
-        turn="rad",
-    ),
-}
+_TABLE = Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8")
+HEADERS = {name: _header(**stated) for name, stated in yaml.safe_load(_TABLE).items()}
 ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "cp1252", "cp850", "mac_roman")
 SEPARATORS = (";", ",", "\t", "|")
 #: How times are written, by name; what a row's seconds become.

@@ -256,6 +256,26 @@ def told_of(said: Said) -> str:
     return "\n".join(lines)
 
 
+#: What makes a mistake, alone or with the command that is to notice it.
+Made = Callable[[Own], object] | tuple[Callable[[Own], object], Callable[[Own], Said]]
+
+
+def told(section: str, made: dict[str, Made]) -> list[Mistake]:
+    """Return mistakes with what a section of `campaign/mistakes.yaml` has of each."""
+    path = Path(__file__).parent / "campaign/mistakes.yaml"
+    texts = yaml.safe_load(path.read_text(encoding="utf-8"))[section]
+    assert list(texts) == list(made)
+    mistakes = []
+    for name, text in texts.items():
+        cause, place, remedy, offers, warned = [*text.split(" | "), "", ""][:5]
+        spoil, command = given if isinstance(given := made[name], tuple) else (given, ingest)
+        offered = tuple(each for each in offers.split(", ") if each not in ("", "none"))
+        mistakes.append(
+            Mistake(name, spoil, cause, place, remedy, offered, command, warned == "warned")
+        )
+    return mistakes
+
+
 def sequence(*changes: Callable[[Own], object]) -> Callable[[Own], None]:
     """Return changes one after the other."""
 

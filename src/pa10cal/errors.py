@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Self, TypeVar
 
 _E = TypeVar("_E", bound="Pa10calError")
@@ -116,7 +116,7 @@ class CurveError(Pa10calError):
     """A curve cannot be made into links, or no roll keeps their joints within limits."""
 
 
-def refusals(kind: type[_E], texts: Mapping[str, tuple[str, str, str]]) -> Callable[..., _E]:
+def refusals(kind: type[_E], texts: Mapping[str, Sequence[str]]) -> Callable[..., _E]:
     """Return what makes errors of a table: what is wrong, what is allowed and what to do, by name.
 
     It takes the name, where, the value, and words for the places that the texts leave by number.

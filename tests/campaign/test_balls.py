@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pa10cal.campaign.balls import find_outliers, fit_spheres, pooled_touch_sigma_mm, touch_sigma_mm
+from pa10cal.campaign.balls import find_outliers, fit_spheres, touch_sigma_mm
 
 RADIUS_MM = 12.7
 FIVE = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], dtype=float)
@@ -56,8 +56,6 @@ def test_covariance_is_the_scatter_of_many_noisy_balls():
     fit = fit_spheres(p_mm, all_there(p_mm), RADIUS_MM)
     predicted = noise_mm**2 * fit.cofactor.mean(axis=0)
     np.testing.assert_allclose(np.cov(fit.centre_mm.T), predicted, atol=0.03 * noise_mm**2)
-    every = np.ones(len(fit.touches), dtype=bool)
-    assert pooled_touch_sigma_mm(fit, every) == pytest.approx(noise_mm, rel=0.02)
 
 
 def test_touch_sigma_gives_the_stated_uncertainty_of_a_centre_on_average():

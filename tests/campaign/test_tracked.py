@@ -64,44 +64,12 @@ def test_uncertainty_of_the_quaternion_is_that_of_a_small_rotation_on_the_left(t
     np.testing.assert_allclose(np.cov(turns.T), poses.measured.cov[3, 3:, 3:], atol=4e-9)
 
 
-def test_bad_rows_are_listed(tracked):
-    tracked.poses[5] = tracked.poses[5].replace(",0.", ",0.x", 1)
-    tracked.poses.append(tracked.poses[9])
-    again = tracked.poses[10].split(",")
-    tracked.poses.append(",".join(["5000.0", *again[1:]]))
-    words = tracked.poses[12].split(",")
-    words[-4:] = ["0.5", "0", "0", "0"]
-    tracked.poses[12] = ",".join(words)
-    ingested = ingest(tracked)
-    assert [(row.line, row.reason) for row in ingested.quarantined] == [
-        (6, "not a finite number"),
-        (13, "the quaternion is not of unit length"),
-        (36, "repeats an earlier row"),
-        (37, "this configuration was read before"),
-    ]
-    assert len(ingested.observations) == 32
-
-
-def scaled(lines, factor):
-    """Write the positions in another unit."""
-    for k, line in enumerate(lines[1:], start=1):
+def test_positions_in_micrometres_are_noticed(tracked):
+    for k, line in enumerate(tracked.poses[1:], start=1):
         words = line.split(",")
-        words[11:14] = [f"{factor * float(word):.9f}" for word in words[11:14]]
-        lines[k] = ",".join(words)
-
-
-@pytest.mark.parametrize(
-    ("factor", "message"),
-    [
-        (1e-3, r"poses.csv: x_mm, y_mm, z_mm: the positions look like metres"),
-        (0.1, r"x_mm, y_mm, z_mm: .*look like centimetres"),
-        (1 / 25.4, r"x_mm, y_mm, z_mm: .*look like inches"),
-        (1e3, r"x_mm, y_mm, z_mm: .*look like micrometres"),
-    ],
-)
-def test_positions_in_another_unit_are_noticed(tracked, factor, message):
-    scaled(tracked.poses, factor)
-    with pytest.raises(Pa10calError, match=message):
+        words[11:14] = [f"{1e3 * float(word):.6f}" for word in words[11:14]]
+        tracked.poses[k] = ",".join(words)
+    with pytest.raises(Pa10calError, match=r"x_mm, y_mm, z_mm: .*look like micrometres"):
         ingest(tracked)
 
 
@@ -120,26 +88,6 @@ def test_a_single_position_far_off_is_listed(tracked, index, x_mm, reason):
     ingested = ingest(tracked)
     assert [(row.line, row.reason) for row in ingested.quarantined] == [(index + 1, reason)]
     assert len(ingested.observations) == 33
-
-
-@pytest.mark.parametrize(
-    ("column", "text", "reason"),
-    [
-        ("u_x_mm", "0", "the stated uncertainty is not above zero"),
-        ("u_x_mm", "-0.01", "the stated uncertainty is not above zero"),
-        ("u_x_mm", "nan", "not a finite number"),
-        ("tau3_Nm", "", "not a finite number"),
-        ("tau3_Nm", "off", "not a finite number"),
-        ("load_N", "-22", "negative load"),
-    ],
-)
-def test_a_row_without_a_torque_or_a_true_uncertainty_is_listed(tracked, column, text, reason):
-    with_columns(tracked.poses, {"u_x_mm": 0.02, **{f"tau{j}_Nm": 1.5 for j in range(1, 7)}})
-    replace(tracked.poses, 12, column, text)
-    ingested = ingest(tracked)
-    assert [(row.line, row.reason) for row in ingested.quarantined] == [(13, reason)]
-    assert ingested.quarantined[0].value.startswith(f"{column} = ")
-    assert not np.isnan(ingested.observations.states.tau_Nm).any()
 
 
 @pytest.mark.parametrize("quote", ["", '"'])

@@ -109,10 +109,13 @@ def test_rows_without_any_target_or_with_part_of_one_are_listed(tmp_path):
     assert len(ingested.observations) == 38
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "column", "text", "reason"),
     [
+        ("pose", "u_x_mm", "-0.01", "the stated uncertainty is not above zero"),
+        ("pose", "u_x_mm", "nan", "not a finite number"),
+        ("pose", "tau3_Nm", "off", "not a finite number"),
+        ("pose", "qw", "1.9", "the quaternion is not of unit length"),
         ("points", "T1_x_mm", "nan", "not a finite number"),
         ("points", "T1_x_mm", "off", "not a finite number"),
         ("points", "T1_x_mm", "2e7", "a coordinate beyond any measuring volume"),
@@ -132,10 +135,13 @@ def test_rows_without_any_target_or_with_part_of_one_are_listed(tmp_path):
 def test_a_row_that_cannot_be_used_is_listed(tmp_path, kind, column, text, reason):
     raw = sighted(tmp_path, kind, targets=1)
     extra = {f"tau{j}_Nm": 1.5 for j in range(1, 7)}
-    with_columns(raw.poses, {**extra, "u_d_mm" if kind == "distance" else "u_T1_x_mm": 0.02})
+    of = {"pose": "x_mm", "points": "T1_x_mm", "distance": "d_mm"}[kind]
+    with_columns(raw.poses, {**extra, f"u_{of}": 0.02})
     replace(raw.poses, 12, column, text)
     ingested = ingest(raw)
     assert listed(ingested) == [(13, reason)]
+    if reason == "not a finite number":
+        assert ingested.quarantined[0].value.startswith(f"{column} = ")
     assert len(ingested.observations) == 39
 
 
@@ -247,12 +253,17 @@ def test_small_turns_in_degrees_are_not_taken_for_radians(tmp_path):
     assert len(ingest(raw).observations) == 40
 
 
-@pytest.mark.parametrize(("factor", "unit"), [(1e-3, "metres"), (0.1, "centimetres")])
-@pytest.mark.parametrize("robot", ["ur10", "gx4_351s"])
-@pytest.mark.parametrize(("kind", "what"), [("points", "positions"), ("distance", "distances")])
-def test_lengths_in_another_unit_are_noticed(tmp_path, kind, what, robot, factor, unit):
+@pytest.mark.parametrize(
+    ("factor", "unit"),
+    [(1e-3, "metres"), (0.1, "centimetres"), (1 / 25.4, "inches")],
+)
+@pytest.mark.parametrize(
+    ("robot", "kind"), [("ur10", "pose"), ("gx4_351s", "points"), ("iiwa14", "distance")]
+)
+def test_lengths_in_another_unit_are_noticed(tmp_path, kind, robot, factor, unit):
     raw = sighted(tmp_path, kind, robot=robot, noise_mm=0.5)
-    scale(raw, factor, lambda name: name[0] in "Td" and name.endswith("_mm"))
+    scale(raw, factor, lambda name: name[0] in "Tdxyz" and name.endswith("_mm"))
+    what = "distances" if kind == "distance" else "positions"
     with pytest.raises(Pa10calError, match=rf"poses.csv: \w+_mm.*: the {what} look like {unit}"):
         ingest(raw)
 

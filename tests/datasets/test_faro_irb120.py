@@ -9,7 +9,7 @@ import pytest
 
 from made_up_datasets import IRB120, ROWS, edit, write_irb120
 from pa10cal.campaign.read import read_campaign
-from pa10cal.datasets.campaign_folder import write_campaigns
+from pa10cal.datasets.importing import write_campaigns
 from pa10cal.datasets.readers import dataset_named
 from pa10cal.errors import RawDataError
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from made_up_datasets import REPEAT, REPEATED, ROWS, SERIES_A, SERIES_C, edit, ur10_poses, write_ipa
 from pa10cal.arm.chain import Chain
 from pa10cal.campaign.read import read_campaign
-from pa10cal.datasets.campaign_folder import write_campaigns
+from pa10cal.datasets.importing import write_campaigns
 from pa10cal.datasets.readers import dataset_named
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import fit_rigid

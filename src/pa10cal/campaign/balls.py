@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Index, Mask
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.nominal_fit import exchange_text, stated_shape
 from pa10cal.campaign.raw_rows import RawRows
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import fit_rigid
+from pa10cal.yaml_file import refusals_beside
 
 #: Touches that a ball needs.
 LEAST_TOUCHES = 4
@@ -28,17 +30,6 @@ UNDECIDED = "the touches do not fit the tool, and no single touch explains it"
 
 
 @dataclass(frozen=True)
-class TouchedTool:
-    """What is known of the balls and the probe."""
-
-    names: tuple[str, ...]  # names of the B balls
-    p_ee_balls_mm: Array  # (B, 3) their centres in the end-effector frame
-    radius_mm: float  # their radius
-    centre_uncertainty_mm: float  # standard uncertainty of one measured centre, per axis
-    outlier_sigma: float  # a touch further off than this many sigmas of one touch is an outlier
-
-
-@dataclass(frozen=True)
 class LocatedBalls:
     """Ball centres of C configurations."""
 
@@ -47,51 +38,32 @@ class LocatedBalls:
     used: Mask  # (C, B, T) touches used
     outlier: Mask  # (C, B, T) touches suspected to be outliers
     reason: NDArray[np.object_]  # (C,) why a configuration cannot be used; "" where it can
-    touch_sigma_mm: float  # standard uncertainty of one touch, from the instrument's statement
-    pooled_sigma_mm: float  # standard deviation of one touch, from the residuals of all spheres
 
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "flat": (
-            "the touches on {0} of {1} balls lie in one plane, seen at the scale of the stated "
-            "diameter",
-            "touches all around each ball, in millimetres",
-            "check the unit of x_mm, y_mm, z_mm, and ball_diameter_mm",
-        ),
-        "radius": (
-            "the touches do not lie on spheres of the stated diameter",
-            "within {0:.3g} mm, {1:g} sigmas of one touch",
-            "check ball_diameter_mm, the unit of x_mm, y_mm, z_mm, the compensation of the "
-            "probe's radius, and instrument.uncertainty_mm",
-        ),
-        "places": (
-            "the measured positions of the balls differ from the description; ball {0} is "
-            "{1:.3g} mm off",
-            f"within {TOOL_MISFIT_MM:g} mm of tool.balls_mm",
-            "{2}",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
-def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) -> LocatedBalls:
+def locate_balls(
+    p_instr_mm: Array,
+    valid: Mask,
+    campaign: CampaignDescription,
+    outlier_sigma: float,
+    where: str,
+) -> LocatedBalls:
     """Find the centres of all balls and the suspected outliers of touches (C, B, T, 3), padded.
 
-    Touches that in general do not lie on spheres of this radius are refused, and other balls than
-    those of the tool.
+    Touches that in general do not lie on spheres of this diameter are refused, and other balls than
+    those of the tool. Outliers are more sigmas of one touch off their ball than is given.
     """
     C, B, T = valid.shape
+    radius_mm, names = 0.5 * float(campaign.ball_diameter_mm or np.nan), campaign.ball_names
 
     def fit(rows: Index | slice, of: Mask) -> Spheres:
-        return fit_spheres(
-            p_instr_mm[rows].reshape(-1, T, 3), of[rows].reshape(-1, T), tool.radius_mm
-        )
+        return fit_spheres(p_instr_mm[rows].reshape(-1, T, 3), of[rows].reshape(-1, T), radius_mm)
 
     # Touches further from their configuration's median than the tool is large.
-    between = tool.p_ee_balls_mm[:, None] - tool.p_ee_balls_mm
-    size_mm = float(np.linalg.norm(between, axis=2).max()) + 2.0 * tool.radius_mm
+    between = campaign.p_ee_balls_mm[:, None] - campaign.p_ee_balls_mm
+    size_mm = float(np.linalg.norm(between, axis=2).max()) + 2.0 * radius_mm
     there = np.where(valid[..., None], p_instr_mm, np.nan)
     middle = np.nanmedian(there.reshape(C, -1, 3), axis=1)
     distance: Array = np.linalg.norm(p_instr_mm - middle[:, None, None, :], axis=3)
@@ -101,41 +73,38 @@ def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) 
     flat = spheres.coplanar[spheres.touches >= LEAST_TOUCHES]
     if 2 * flat.sum() > len(flat):
         raise _refusal("flat", where, None, flat.sum(), len(flat))
-    reason = unusable_balls(near, spheres.coplanar.reshape(C, B), tool.names)
+    reason = unusable_balls(near, spheres.coplanar.reshape(C, B), names)
     whole = np.flatnonzero(reason == "")
     sigma_mm = float("nan")
     if len(whole):
         spheres = fit(whole, near)
-        sigma_mm = touch_sigma_mm(spheres, tool.centre_uncertainty_mm)
-        limit_mm = tool.outlier_sigma * sigma_mm
+        sigma_mm = touch_sigma_mm(spheres, campaign.instrument.uncertainty_mm)
+        limit_mm = outlier_sigma * sigma_mm
         worst_mm = np.median(np.abs(spheres.residual_mm).max(axis=1))
         if worst_mm > limit_mm:  # the radius or the unit then, not single touches
-            value = f"typically {worst_mm:.3g} mm off a sphere of {2 * tool.radius_mm:g} mm"
-            raise _refusal("radius", where, value, limit_mm, tool.outlier_sigma)
-        shape_mm = _shape(spheres.centre_mm.reshape(len(whole), -1, 3), tool, where)
+            value = f"typically {worst_mm:.3g} mm off a sphere of {2 * radius_mm:g} mm"
+            raise _refusal("radius", where, value, limit_mm, outlier_sigma)
+        shape_mm = _shape(spheres.centre_mm.reshape(len(whole), -1, 3), campaign, where)
         touch, undecided = find_outliers(
-            p_instr_mm[whole], near[whole], shape_mm, tool.radius_mm, limit_mm, sigma_mm
+            p_instr_mm[whole], near[whole], shape_mm, radius_mm, limit_mm, sigma_mm
         )
         outlier[whole] |= touch
         reason[whole[undecided]] = UNDECIDED
     used = valid & ~outlier
     spheres = fit(slice(None), used)
-    without = unusable_balls(used, spheres.coplanar.reshape(C, B), tool.names)
-    reason = np.where(reason == "", without, reason)
+    without = unusable_balls(used, spheres.coplanar.reshape(C, B), names)
     return LocatedBalls(
         p_instr_mm=spheres.centre_mm.reshape(C, B, 3),
         cov_mm2=sigma_mm**2 * spheres.cofactor.reshape(C, B, 3, 3),
         used=used,
         outlier=outlier,
-        reason=reason,
-        touch_sigma_mm=sigma_mm,
-        pooled_sigma_mm=pooled_touch_sigma_mm(spheres, np.repeat(reason == "", B)),
+        reason=np.where(reason == "", without, reason),
     )
 
 
-def _shape(p_instr_mm: Array, tool: TouchedTool, where: str) -> Array:
+def _shape(p_instr_mm: Array, campaign: CampaignDescription, where: str) -> Array:
     """Return the balls' places on the tool (B, 3): the median over all configurations."""
-    nominal = tool.p_ee_balls_mm
+    nominal, names = campaign.p_ee_balls_mm, campaign.ball_names
     T = fit_rigid(nominal, p_instr_mm).T
     on_tool = (p_instr_mm - T[:, None, :3, 3]) @ T[:, :3, :3]
     seen = np.median(on_tool, axis=0)
@@ -144,9 +113,10 @@ def _shape(p_instr_mm: Array, tool: TouchedTool, where: str) -> Array:
         shape = stated_shape(p_instr_mm, nominal)
         remedy = "check tool.balls_mm and the names of the balls"
         if shape is not None and shape.order is not None:
-            swapped = exchange_text(shape.order, tool.names)
+            swapped = exchange_text(shape.order, names)
             remedy = f"balls {swapped} seem exchanged: exchange their places or their names"
-        raise _refusal("places", where, None, tool.names[int(off.argmax())], off.max(), remedy)
+        worst = names[int(off.argmax())]
+        raise _refusal("places", where, None, worst, off.max(), remedy, TOOL_MISFIT_MM)
     return seen if len(p_instr_mm) >= ENOUGH_FOR_SHAPE else nominal
 
 
@@ -278,27 +248,25 @@ def touch_sigma_mm(spheres: Spheres, centre_uncertainty_mm: float) -> float:
     return float(centre_uncertainty_mm / np.sqrt(variance))
 
 
-def pooled_touch_sigma_mm(spheres: Spheres, of: Mask) -> float:
-    """Return the standard deviation of one touch of some balls (G,); nan without redundancy.
-
-    It holds the probing noise alone; what the instrument states also covers errors that all touches
-    on a ball share. Hence it is compared with the statement and does not replace it.
-    """
-    dof = int((spheres.touches[of] - 3).clip(min=0).sum())
-    return float(np.sqrt((spheres.residual_mm[of] ** 2).sum() / dof)) if dof else float("nan")
+def _from_centres(
+    p_mm: Array, weight: Array, centre: Array, radius_mm: float
+) -> tuple[Array, Array]:
+    """Return outward normals and residuals of touches; both 0 where there is none."""
+    ray = p_mm - centre[..., None, :]
+    distance = np.linalg.norm(ray, axis=-1)
+    normals = weight[..., None] * ray / np.maximum(distance, 1e-12)[..., None]
+    return normals, weight * (distance - radius_mm)
 
 
 def _linearise(
     p_mm: Array, weight: Array, centre: Array, radius_mm: float
 ) -> tuple[Array, Array, Array]:
-    """Return outward normals, residuals (both 0 where there is no touch) and the cofactor."""
-    ray = p_mm - centre[:, None, :]
-    distance = np.linalg.norm(ray, axis=2)
-    normals = weight[..., None] * ray / np.maximum(distance, 1e-12)[..., None]
-    residual = weight * (distance - radius_mm)
+    """Return outward normals, residuals and the cofactor of the centre."""
+    normals, residual = _from_centres(p_mm, weight, centre, radius_mm)
     normal_matrix = np.swapaxes(normals, 1, 2) @ normals
     # A touch too few or a plane makes it singular; such balls are refused by count and plane.
-    return normals, residual, np.linalg.inv(normal_matrix + 1e-12 * np.eye(3))
+    inverse = np.linalg.inv(normal_matrix + 1e-12 * np.eye(3))
+    return normals, residual, np.asarray(inverse, dtype=np.float64)
 
 
 def find_outliers(
@@ -354,7 +322,7 @@ def _fits(
     spheres = fit_spheres(p_mm.reshape(C * B, T, 3), valid.reshape(C * B, T), radius_mm)
     pose = fit_rigid(balls_mm, spheres.centre_mm.reshape(C, B, 3)).T
     R, origin = pose[:, :3, :3], pose[:, :3, 3]
-    weight = valid[..., None].astype(float)
+    weight = valid.astype(float)
     for _ in range(TOOL_ITERATIONS):
         jacobian, residual = _linearise_tool(p_mm, weight, R, origin, balls_mm, radius_mm)
         transposed = np.swapaxes(jacobian, 1, 2)
@@ -379,10 +347,7 @@ def _linearise_tool(
 ) -> tuple[Array, Array]:
     """Return derivative (C, BT, 6) of the reach of (dp, w) along each normal, and residuals."""
     arm = balls_mm @ np.swapaxes(R, 1, 2)
-    ray = p_mm - (origin[:, None, :] + arm)[:, :, None, :]
-    distance = np.linalg.norm(ray, axis=-1, keepdims=True)
-    normal = weight * ray / np.maximum(distance, 1e-12)
+    normal, residual = _from_centres(p_mm, weight, origin[:, None, :] + arm, radius_mm)
     turning = np.cross(np.broadcast_to(arm[:, :, None, :], normal.shape), normal)
     C = len(p_mm)
-    residual = (weight * (distance - radius_mm)).reshape(C, -1)
-    return np.concatenate([normal, turning], axis=-1).reshape(C, -1, 6), residual
+    return np.concatenate([normal, turning], axis=-1).reshape(C, -1, 6), residual.reshape(C, -1)

@@ -14,11 +14,12 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.campaign.own_columns import OwnWords
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, common_motion
 from pa10cal.observe.instrument import BaseTargets, Instrument, Knocked, Misread, MotionFound
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations
+from pa10cal.yaml_file import refusals_beside
 
 _COLUMN = re.compile(r"(?:u_)?(base\d+)_[xyz]_mm")
 #: Two base targets nearer than this in every configuration are one.
@@ -34,31 +35,7 @@ _SURELY, _BLOCKS = 4.0, 10
 _LEAST_ROWS = 20
 
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "unseen": (
-            "the instrument {0} does not see targets on the base",
-            "columns base1_x_mm … under {1}",
-            "remove these columns, or correct instrument.kind",
-        ),
-        "clash": (
-            "{0} is both on the tool and on the base",
-            "names base1, base2, … for targets on the base alone",
-            "give the target on the tool another name, in its columns too",
-        ),
-        "twins": (
-            "{0} and {1} are the same target",
-            "every target on the base under one name",
-            "remove one of them, or correct its columns",
-        ),
-        "new set-up": (
-            "the instrument was set up anew during the campaign",
-            f"up to {1e3 * _LARGEST_M:g} mm and {1e3 * _LARGEST_RAD:g} mrad",
-            "make a campaign of each set-up",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 def base_target_names(header: Sequence[str]) -> tuple[str, ...]:
@@ -132,7 +109,7 @@ def steadied(
             f"targets on the base moved by {1e3 * shift_m:.1f} mm and {1e3 * turn_rad:.2f} mrad; "
             f"most of it before pose {every.pose[int(step.argmax()) + 1]}"
         )
-        raise _refusal("new set-up", where, value)
+        raise _refusal("new set-up", where, value, 1e3 * _LARGEST_M, 1e3 * _LARGEST_RAD)
     knocked = tuple(
         Knocked(
             tuple(base.names[k] for k in knock.targets),

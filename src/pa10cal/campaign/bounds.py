@@ -13,7 +13,8 @@ import numpy as np
 from pa10cal.arm.description import Arm
 from pa10cal.campaign.own_columns import UNIT_WORDS, OwnWords
 from pa10cal.campaign.raw_rows import RawRows
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
+from pa10cal.yaml_file import refusals_beside
 
 NOT_UNCERTAIN = "the stated uncertainty is not above zero"
 #: Joints may be logged beyond their described limits by so much; those without limits turn less.
@@ -33,23 +34,7 @@ TOOL_KG_PER_M = 1000.0
 #: Part of the rows that are within bounds in another unit, for that unit to be meant.
 NEARLY_ALL = 0.9
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "unit": ("the {0} look like {1}", "numbers in the unit that {2} states", "{3}"),
-        "tool": ("the tool is heavier than the arm can carry", "kilograms, at most {0}", "{1}"),
-        "gravity": (
-            "gravity is {0}",
-            "{:g} to {:g} m/s2 in size".format(*GRAVITY_M_S2),
-            "{1}",
-        ),
-        "temperature": (
-            "{0}",
-            "degrees Celsius, {:g} to {:g}".format(*TEMPERATURES_C),
-            "{1}",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 @dataclass(frozen=True)
@@ -233,7 +218,8 @@ def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: s
     meant = ", ".join(f"{factor * part:.6g}" for part in gravity_m_s2)
     other = "state it in m/s2 in the frame of the robot's base, which points down"
     remedy = f"set gravity_m_s2: [{meant}]" if factor else other
-    raise _refusal("gravity", f"{where}: gravity_m_s2", list(gravity_m_s2), what, remedy)
+    words = (what, remedy, *GRAVITY_M_S2)
+    raise _refusal("gravity", f"{where}: gravity_m_s2", list(gravity_m_s2), *words)
 
 
 def refuse_impossible_temperature(temperature_C: float, where: str) -> None:
@@ -246,4 +232,5 @@ def refuse_impossible_temperature(temperature_C: float, where: str) -> None:
 def _kelvin(where: str, value: float, remedy: str) -> RawDataError:
     kelvin = _KELVIN[0] < value < _KELVIN[1]
     what = "the temperature looks like kelvin" if kelvin else "no temperature of a laboratory"
-    return _refusal("temperature", where, value, what, remedy if kelvin else "check its unit")
+    words = (what, remedy if kelvin else "check its unit", *TEMPERATURES_C)
+    return _refusal("temperature", where, value, *words)

@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import canonical_unit, mistaken_encoding, unit_alone
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
+from pa10cal.yaml_file import refusals_beside
 
 #: Files of more text than this, unpacked, are refused; so many bytes, and rows, are read at a time.
 LARGEST_BYTES = 310_000_000
@@ -53,58 +54,7 @@ _ASCII = bytes(range(128))
 #: Beginnings of workbooks: of archives (.xlsx, .ods), and of the older kind (.xls).
 _ARCHIVE, _OLE = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "no text": (
-            "the file is not UTF-8 text, nor text in another usual encoding",
-            "UTF-8, UTF-16, or an encoding of Windows (cp1252) or DOS (cp850)",
-            "export it as UTF-8",
-        ),
-        "too large": (
-            "the file, unpacked, is larger than is read",
-            "at most {0:.0f} MB of text",
-            "leave out what is not needed, such as samples between the dwells, or split the "
-            "campaign",
-        ),
-        "absent": (
-            "the file is not there",
-            "a text file, plain or gzipped, or a workbook",
-            "check the path and the name",
-        ),
-        "unreadable": (
-            "the file cannot be read",
-            "a text file, plain or gzipped, or a workbook",
-            "check its permissions",
-        ),
-        "damaged": (
-            "the compressed file is damaged or cut short",
-            "a whole gzip file",
-            "copy or export it again",
-        ),
-        "workbook": (
-            "the workbook cannot be read",
-            "a workbook without a password (.xlsx, .ods or .xls)",
-            "save it again, or export the sheet as text",
-        ),
-        "empty": ("the file is empty", "a header and rows", "export it again"),
-        "no rows": ("there is no row under the header", "rows", "export it"),
-        "separator": ("the fields are separated by {0}", "{1}", "{2}"),
-        "twice": ("column {0} occurs twice", "once", "remove one"),
-        "missing": ("missing column{0} {1}", "{2}", "{3}"),
-        "width": (
-            "{0} of {1} rows have another number of fields than the header ({2} for {3}){4}",
-            "one field for each column, decimal points",
-            "export the file {5}",
-        ),
-        "no numbers": (
-            "no rows of numbers were found",
-            "a text file or a workbook with a row for each configuration: joint positions, and "
-            "what was measured",
-            "export the rows as text; a binary log is not read",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 class TextLine(NamedTuple):

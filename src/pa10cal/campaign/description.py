@@ -18,13 +18,13 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import refuse_impossible_gravity, refuse_impossible_temperature
 from pa10cal.campaign.own_columns import OwnColumns
 from pa10cal.campaign.raw_rows import Exclusions
-from pa10cal.errors import RawDataError, refusals, remedy_for
+from pa10cal.errors import RawDataError, remedy_for
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind, instruments
 from pa10cal.observe.quantities import Stated
 from pa10cal.options import Section
 from pa10cal.settings_reading import parse_section
-from pa10cal.yaml_file import read_yaml
+from pa10cal.yaml_file import read_yaml, refusals_beside
 
 SCHEMA = "pa10cal-campaign/1"
 GROUP_SCHEMA = "pa10cal-group/1"
@@ -215,59 +215,7 @@ class CampaignDescription(Section):
         )
 
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "no file": (
-            "there is no campaign.yaml",
-            "a folder of raw files with campaign.yaml, see docs/raw-data.md",
-            "{0}",
-        ),
-        "no folder": (
-            "the folder is not there",
-            "a folder of raw files with campaign.yaml, see docs/raw-data.md",
-            "{0}",
-        ),
-        "no keys": (
-            "the campaign's description holds no keys",
-            "keys and values, beginning with schema",
-            "write the description as docs/raw-data.md specifies",
-        ),
-        "schema": (
-            "the campaign follows another schema",
-            SCHEMA,
-            f"convert the campaign and state schema: {SCHEMA}",
-        ),
-        "holdout": (
-            "the held-out poses are not stated in one way",
-            "last_fraction or every, one of them",
-            "keep one of the two keys",
-        ),
-        "joints": (
-            "{0} numbers are stated",
-            "{1}, one for each joint of {2}, in order",
-            "state as many",
-        ),
-        "missing": ("the key is missing", "{1}", "set {0} accordingly"),
-        "unfit": ("the key cannot be used", "{1}", "set {0} accordingly"),
-        "absent": ("the file is not there", "a file inside the campaign's folder", "{0}"),
-        "robots": (
-            "the campaigns of a group are not of one robot",
-            "campaigns of one robot, described by the same nominal rows",
-            "take the other campaign out of the group, or describe the robot alike in both",
-        ),
-        "names": (
-            "{0}",
-            "two or more campaigns, each once, and a name of the group's own",
-            "correct the list of campaigns, or rename the group",
-        ),
-        "group": (
-            "the group lacks its name or its campaigns",
-            "name and campaigns, as pa10cal join writes them",
-            "run pa10cal join again",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 def read_description(folder: Path) -> CampaignDescription:
@@ -299,7 +247,7 @@ def read_description(folder: Path) -> CampaignDescription:
     if schema == GROUP_SCHEMA:
         return group_of_content(content, str(path))
     if schema != SCHEMA:
-        raise _refusal("schema", f"{path}: schema", schema)
+        raise _refusal("schema", f"{path}: schema", schema, SCHEMA)
     campaign = parse_section(CampaignDescription, content, where=str(path))
     refuse_impossible_gravity(campaign.gravity_m_s2, str(path))
     refuse_impossible_temperature(campaign.reference_temperature_C, str(path))

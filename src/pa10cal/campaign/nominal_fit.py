@@ -8,6 +8,7 @@ from itertools import permutations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index, Mask
@@ -16,6 +17,9 @@ from pa10cal.frame.hand_eye import hand_eye_from_points
 from pa10cal.frame.rigid_fit import Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
+from pa10cal.yaml_file import refusals_beside
+
+_refusal = refusals_beside(__file__, RawDataError)
 
 #: Reweighted fits towards least distances, rows fitted, and the distance below which all weigh
 #: the same; fits to points alone, and poses that they take.
@@ -217,17 +221,15 @@ def steps_agree(T_base_ee: Array, p_m: Array) -> bool:
     for part in (slice(None), slice(third), slice(-third, None)):
         one, two = moved_m[part], seen_m[part]
         as_they_stand = _correlation(one, two)
-        away = max(_correlation(one[1:], two[:-1]), _correlation(one[:-1], two[1:]))
-        if away > AGREE and away > as_they_stand + 1.0 - AGREE:
+        away = (_correlation(one[1:], two[:-1]), _correlation(one[:-1], two[1:]))
+        if np.nanmax(away, initial=0.0) > max(AGREE, np.nan_to_num(as_they_stand) + 1.0 - AGREE):
             return True
     return False
 
 
 def _correlation(one: Array, two: Array) -> float:
-    known = np.isfinite(one) & np.isfinite(two)
-    if known.sum() < 2 * FEW or not np.ptp(one[known]) or not np.ptp(two[known]):
-        return 0.0
-    return float(np.corrcoef(one[known], two[known])[0, 1])
+    """Return the correlation of what is known of both; nan where it is too little."""
+    return float(pd.Series(one).corr(pd.Series(two), min_periods=2 * FEW))
 
 
 def refuse_shifted(
@@ -241,17 +243,12 @@ def refuse_shifted(
     line = int(lines[shift.first])
     place = "from the first row on" if shift.first == 0 else f"from line {line} on"
     other, way = ("after", "down") if shift.rows > 0 else ("before", "up")
-    raise RawDataError(
-        f"{place} the readings fit the joints of the row {other} theirs",
-        where=f"{path}:{line}",
-        value=f"the nominal arm is {1e3 * shift.as_joined_m:.0f} mm off {joined}, and "
-        f"{1e3 * shift.as_shifted_m:.2g} mm one row {other}",
-        allowed="every reading in the row of its joints",
-        remedy="a row is missing or stands twice there: take it out, or put it in, in one of "
-        f"{path.name} and {other_file}"
-        if other_file
-        else f"move the readings one row {way}, or the joints the other way, in {path.name}",
+    value = (
+        f"the nominal arm is {1e3 * shift.as_joined_m:.0f} mm off {joined}, and "
+        f"{1e3 * shift.as_shifted_m:.2g} mm one row {other}"
     )
+    words = (place, other, path.name, other_file, way)
+    raise _refusal("two files" if other_file else "one file", f"{path}:{line}", value, *words)
 
 
 # Targets under each other's labels, and distances between them.
@@ -369,13 +366,11 @@ def exchanged(p_m: Array, modelled: Array) -> NDArray[np.object_]:
     as_read = misfit_mm(p_m, modelled)
     limit = max(EXCHANGED_MM, EXCHANGED_TYPICAL * float(np.median(as_read)))
     rows = np.flatnonzero(as_read > limit)
-    if not len(rows):
-        return orders
     tried = list(permutations(range(targets)))[1:]
     left = np.array([misfit_mm(p_m[rows][:, list(order)], modelled[rows]) for order in tried])
     best = left.argmin(axis=0)
     for row, k, mm in zip(rows, best, left.min(axis=0), strict=True):
-        if mm < max(EXCHANGED_LEFT * as_read[row], 0.0) and mm < limit:
+        if mm < min(EXCHANGED_LEFT * as_read[row], limit):
             orders[row] = tried[k]
     return orders
 

@@ -19,6 +19,9 @@ from pa10cal.campaign.raw_rows import COMMA, EXCLUDED, OwnColumn, Quarantined
 from pa10cal.campaign.recognise import format_of, unit_of
 from pa10cal.errors import RawDataError
 from pa10cal.options import Section
+from pa10cal.yaml_file import refusals_beside
+
+_refusal = refusals_beside(__file__, RawDataError)
 
 #: What one unit of a column is of the contract's unit: mm, degrees, N m, seconds.
 LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
@@ -335,11 +338,7 @@ def refuse_too_many(
         column, in_column = columns.most_common(1)[0] if columns else ("", 0)
         if 2 * in_column > times:
             struck = [row for row in struck if row.value.startswith(f"{column} = ")]
-        raise RawDataError(
-            f"{len(listed)} of {total} rows would be quarantined, {times} of them because: "
-            f"{reason}",
-            where=f"{name}:{struck[0].line}" + (f": {words.called(column)}" if column else ""),
-            value=struck[0].value or None,
-            allowed=f"at most {max_fraction:.0%} (ingest.max_quarantined_fraction)",
-            remedy=words.remedy_of_rows(reason, struck, most=2 * len(listed) > total),
-        )
+        where = f"{name}:{struck[0].line}" + (f": {words.called(column)}" if column else "")
+        remedy = words.remedy_of_rows(reason, struck, most=2 * len(listed) > total)
+        texts = (len(listed), total, times, reason, max_fraction, remedy)
+        raise _refusal("too many", where, struck[0].value or None, *texts)

@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arrays import Array
 from pa10cal.campaign.csv_rows import CUT, column_names, read_rows
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
+from pa10cal.yaml_file import refusals_beside
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _QUATERNION = ("qw", "qx", "qy", "qz")
@@ -31,38 +32,7 @@ _NEAREST_MM = 10.0
 _FARTHEST = 1e5
 _JOINT = re.compile(r"q\d+_\w+")
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "other arm": (
-            "a column of another arm, or in another unit",
-            "{0}",
-            "give a model of the same arm, or rename the column",
-        ),
-        "row": ("{0}", "rows that can all be used: none is dropped", "{1}"),
-        "far": ("{0} is no position of a joint", f"up to {_FARTHEST:g}", "check the unit"),
-        "arrival": (
-            "{0} is no direction of arrival",
-            "-1 or 1, the sign of the joint's last motion; 0 or blank where it is not known",
-            "correct the value",
-        ),
-        "seed": (
-            "the seed lacks joints",
-            "all joints, or none",
-            "complete the row, or leave its joints blank",
-        ),
-        "quaternion": (
-            "the quaternion is not of length one",
-            "qw, qx, qy, qz, whose squares add up to 1",
-            "check the columns' order, or write more digits",
-        ),
-        "metres": (
-            "x_mm, y_mm, z_mm: no target is further than a hundredth of a metre from the base",
-            "millimetres in the robot's base frame",
-            "multiply by 1000 if these are metres",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +112,7 @@ def _read(
         if wrong.any():
             row, joint = np.argwhere(wrong)[0]
             where = f"{path}:{raw.line[row]}"
-            raise _refusal(kind, where, float(values[row, joint]), names[joint])
+            raise _refusal(kind, where, float(values[row, joint]), names[joint], _FARTHEST)
 
     given = np.isfinite(q)
     partly = given.any(axis=1) & ~given.all(axis=1)

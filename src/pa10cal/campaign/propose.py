@@ -46,7 +46,9 @@ from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import scale_of_points
 from pa10cal.options import IngestOptions
 from pa10cal.settings_reading import parse_section
+from pa10cal.yaml_file import refusals_beside
 
+_refusal = refusals_beside(__file__, RawDataError)
 #: Orientations agree with the nominal arm within this; positions of a nominal arm scatter by less.
 AGREES_RAD = np.radians(3.0)
 #: A date alone, and a time of day alone, which together are a time.
@@ -213,19 +215,10 @@ def _refuse_unrecognised(
     measured = measured or bool(roles.positions) or "distance" in roles.single
     if roles.joints and measured:
         return
-    other = "readings are" if roles.joints else "joint positions are"
-    raise RawDataError(
-        "no joint positions were recognised"
-        if not roles.joints
-        else "no position and no distance was recognised",
-        where=file,
-        value=", ".join(sniffed.names),
-        allowed="a column for each joint of the arm, such as q1, J1 or joint_1, and columns such "
-        "as x, y, z",
-        remedy=f"give both logs where the {other} in another: pa10cal columns JOINTS READINGS; or "
-        "write columns.poses in campaign.yaml by hand, see docs/raw-data.md; column names may also "
-        "be numbers",
-    )
+    what, other = "no joint positions were", "joint positions are"
+    if roles.joints:
+        what, other = "no position and no distance was", "readings are"
+    raise _refusal("unrecognised", file, ", ".join(sniffed.names), what, other)
 
 
 @dataclass

@@ -29,7 +29,8 @@ from pa10cal.campaign.own_columns import (
 )
 from pa10cal.campaign.raw_rows import TEXT, OwnColumn, RawRows, position_columns
 from pa10cal.campaign.recognise import ISO, moments_of
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
+from pa10cal.yaml_file import refusals_beside
 
 QUATERNION = ("qw", "qx", "qy", "qz")
 #: Least standard uncertainty of a component of a quaternion that follows from stated ones.
@@ -41,18 +42,7 @@ FILLED = {
     "cmm": ("load_N", "repeat", "touch"),
 }
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "count": ("{0} columns are named", "{1}, {2}", "name as many, in order"),
-        "twice": (
-            "a column is mapped twice",
-            "every column of the file for one quantity",
-            "name the right column for each in {0}; pa10cal columns {1} proposes them",
-        ),
-        "unmapped": ("nothing is mapped to {0}", "the columns of {1} that hold it", "set {2}"),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,9 @@ from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import with_what_tells_time
 from pa10cal.options import IngestOptions
 from pa10cal.results.health import InputFinding
+from pa10cal.yaml_file import refusals_beside
 
+_refusal = refusals_beside(__file__, RawDataError)
 LINES = ("line_x", "line_y")
 
 
@@ -130,24 +132,13 @@ def read_campaign(
     folder = Path(folder)
     description = read_description(folder)
     if description.campaigns:
-        raise RawDataError(
-            "the folder is of a group, which has no raw files of its own",
-            where=str(folder / DESCRIPTION_FILE),
-            value=", ".join(campaign.name for campaign in description.campaigns),
-            allowed="the folder of one campaign",
-            remedy="give the folders of its campaigns to read_group, or to pa10cal join",
-        )
+        names = ", ".join(campaign.name for campaign in description.campaigns)
+        raise _refusal("group", folder / DESCRIPTION_FILE, names)
     arm = load_arm(description.robot, folder, None if arms is None else Path(arms))
     refuse_impossible_tool(description.tool.mass_kg, arm, str(folder / DESCRIPTION_FILE))
     instrument, options = description.instrument.type, options or IngestOptions()
     if instrument.from_touches and arm.prismatic.any():
-        raise RawDataError(
-            "the arm has prismatic joints",
-            where=f"{folder / DESCRIPTION_FILE}: robot",
-            value=arm.name,
-            allowed="revolute joints, as the resolver log gives positions in degrees",
-            remedy="give the poses in files.poses, with a column in millimetres for each of them",
-        )
+        raise _refusal("prismatic", f"{folder / DESCRIPTION_FILE}: robot", arm.name)
     read = read_touched if instrument.from_touches else read_tracked
     ingested = read(description, arm, folder, options)
     every, warnings = ingested.observations, ingested.warnings
@@ -169,13 +160,8 @@ def read_campaign(
     every, of_time = with_what_tells_time(every, arm.prismatic, recorded=recorded)
     kinds = set(every.kind)
     if "grid" not in kinds:
-        raise RawDataError(
-            "there is no usable grid row to calibrate with",
-            where=str(folder),
-            value=", ".join(sorted(kinds)),
-            allowed="rows of kind grid",
-            remedy="; ".join((*ingested.warnings, "check the column kind")),
-        )
+        remedy = "; ".join((*ingested.warnings, "check the column kind"))
+        raise _refusal("no grid", folder, ", ".join(sorted(kinds)), remedy)
     useful = (*(LINES if instrument.uses_lines else ()), "holdout")
     missing = [f"no {kind} rows" for kind in useful if kind not in kinds]
     return Campaign(
@@ -209,12 +195,7 @@ def hold_out(every: Observations, rule: Holdout, where: str, places: Index) -> O
     repeats. They are in order of time.
     """
     if "holdout" in every.kind:
-        raise RawDataError(
-            "held-out poses are stated both here and in the rows",
-            where=where,
-            allowed="one of the two",
-            remedy="remove the key, or the kind holdout from the rows",
-        )
+        raise _refusal("holdout twice", where)
     grid = every.kind == "grid"
     order = pd.unique(pd.Series(places[grid]))
     if rule.every is not None:
@@ -222,13 +203,7 @@ def hold_out(every: Observations, rule: Holdout, where: str, places: Index) -> O
     else:
         chosen = order[len(order) - round((rule.last_fraction or 0.0) * len(order)) :]
     if 0 < len(order) == len(chosen):
-        raise RawDataError(
-            "all poses are held out, none is left to calibrate with",
-            where=f"{where}.last_fraction",
-            value=rule.last_fraction,
-            allowed=f"a part that leaves at least one of {len(order)} poses",
-            remedy="hold out fewer, such as last_fraction: 0.3",
-        )
+        raise _refusal("all held out", f"{where}.last_fraction", rule.last_fraction, len(order))
     kind = every.kind.astype("U7")
     kind[grid & np.isin(places, np.asarray(chosen, dtype=np.intp))] = "holdout"
     return replace(every, kind=kind)

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.own_columns import CONTRACT_WORDS, LENGTHS, UNIT_WORDS, OwnWords
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import Misfit
+from pa10cal.yaml_file import refusals_beside
 
 #: Distances that are always allowed from repeats and from the nominal model, in robust sigmas and
 #: typical residuals too.
@@ -53,23 +54,7 @@ OTHER_COMMAND = (
     "differ"
 )
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "radians": ("the joint angles look like radians", "joint positions in degrees", "{0}"),
-        "motion": (
-            "the joints move too little for the measured motion",
-            "joint positions in degrees",
-            "check the unit of these columns, and of the measured places",
-        ),
-        "unit": ("the {0} look like {2}", "{0} in {1}, as they are read", "{3}"),
-        "scale": (
-            "the {0} do not fit the joint motion",
-            "{0} in {1}, as they are read",
-            "check the unit of these columns",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 def out_of_reach(p_m: Array, arm: Arm) -> Mask:

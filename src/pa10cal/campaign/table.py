@@ -17,7 +17,6 @@ from pydantic import TypeAdapter
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
@@ -26,8 +25,10 @@ from pa10cal.observe.instrument import BaseTargets, MotionFound
 from pa10cal.observe.joined import joined
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.results.health import InputFinding
+from pa10cal.yaml_file import refusals_beside
 
 SCHEMA = "pa10cal-poses/1"
+_refusal = refusals_beside(__file__, RawDataError)
 
 #: The column that says which campaign of a group a row is of, and beginnings of those that hold
 #: what an instrument measured.
@@ -143,21 +144,15 @@ def read_pose_table(path: Path, campaign: str | None = None) -> pd.DataFrame:
     try:
         table = pq.read_table(path)
     except (OSError, pa.ArrowException) as error:
-        raise _not_a_table(path, " ".join(str(error).split())) from None
+        raise _refusal("no table", path, " ".join(str(error).split()), SCHEMA) from None
     metadata = table.schema.metadata or {}
     schema = metadata.get(b"schema", b"none").decode()
     if schema != SCHEMA:
-        raise _not_a_table(path, f"schema {schema}")
+        raise _refusal("no table", path, f"schema {schema}", SCHEMA)
     frame: pd.DataFrame = table.to_pandas()
     found = frame.attrs["campaign"] = metadata[b"campaign"].decode()
     if campaign is not None and found != campaign:
-        raise RawDataError(
-            "the table of poses is of another campaign",
-            where=str(path),
-            value=found,
-            allowed=f"campaign {campaign!r}",
-            remedy="give the table that ingest made of this campaign",
-        )
+        raise _refusal("other campaign", path, found, campaign)
     return frame
 
 
@@ -169,14 +164,14 @@ def _observations(
     """Return the readings of one campaign from columns."""
     n = sum(name.startswith("tau") and name.endswith("_u_Nm") for name in columns)
     prismatic = np.array([f"q{joint}_m" in columns for joint in range(1, n + 1)])
-
-    def stacked(names: Sequence[str]) -> Array:
-        return np.column_stack([columns[name] for name in names]).astype(float)
-
+    of_joints = {
+        quantity: np.column_stack([columns[name] for name in names]).astype(float)
+        for quantity, names in _joint_columns(prismatic).items()
+    }
     states = PoseStates(
-        q_rad=stacked(_position_columns(prismatic)),
-        tau_Nm=stacked(_joint_columns("tau", n, "_Nm")),
-        arrival=stacked(_joint_columns("s", n, "")),
+        q_rad=of_joints["q"],
+        tau_Nm=of_joints["tau"],
+        arrival=of_joints["arrival"],
         load_N=columns["load_N"].astype(float),
         temperature_C=columns["temperature_C"].astype(float),
         time_s=columns["time_s"].astype(float),
@@ -189,18 +184,14 @@ def _observations(
         kind=columns["kind"].astype(str),
         repeat=columns["repeat"].astype(np.int64),
         readings=np.ones(len(columns["pose"]), dtype=np.int64),
-        log=JointLog(
-            stacked(_position_columns(prismatic, "_u")),
-            stacked(_joint_columns("tau", n, "_u_Nm")),
-            columns["dwell_samples"].astype(np.int64),
-        ),
+        log=JointLog(of_joints["q_u"], of_joints["tau_u"], columns["dwell_samples"].astype(int)),
         base=base,
     )
 
 
 def _columns(every: Observations, prismatic: NDArray[np.bool_]) -> dict[str, object]:
-    states, n = every.states, every.states.n
-    unknown = np.full((len(every), n), np.nan)
+    states = every.states
+    unknown = np.full((len(every), states.n), np.nan)
     log = every.log or JointLog(unknown, unknown, np.zeros(len(every), dtype=np.int64))
     columns: dict[str, object] = {
         "kind": every.kind.astype(object),
@@ -210,13 +201,9 @@ def _columns(every: Observations, prismatic: NDArray[np.bool_]) -> dict[str, obj
         "time_s": states.time_s,
         **({} if states.timed is None else {_TIMED: states.timed}),
     }
-    for names, values in (
-        (_position_columns(prismatic), states.q_rad),
-        (_position_columns(prismatic, "_u"), log.q_u),
-        (_joint_columns("tau", n, "_Nm"), states.tau_Nm),
-        (_joint_columns("tau", n, "_u_Nm"), log.tau_u),
-        (_joint_columns("s", n, ""), states.arrival.astype(np.int8)),
-    ):
+    arrival: NDArray[Any] = states.arrival.astype(np.int8)
+    of_joints = (states.q_rad, log.q_u, states.tau_Nm, log.tau_u, arrival)
+    for names, values in zip(_joint_columns(prismatic).values(), of_joints, strict=True):
         columns |= dict(zip(names, values.T, strict=True))
     if states.campaign is not None:
         campaigns = np.array([name for name, _ in every.measured.campaigns], dtype=object)
@@ -227,22 +214,13 @@ def _columns(every: Observations, prismatic: NDArray[np.bool_]) -> dict[str, obj
     return columns | every.measured.to_columns() | watched
 
 
-def _position_columns(prismatic: NDArray[np.bool_], uncertainty: str = "") -> list[str]:
-    """Return the names of the joint positions' columns: q1_rad …, or q1_m of one that slides."""
-    units = np.where(prismatic, "m", "rad")
-    return [f"q{joint}{uncertainty}_{unit}" for joint, unit in enumerate(units, start=1)]
-
-
-def _joint_columns(prefix: str, joints: int, suffix: str) -> list[str]:
-    """Return the names of a joint quantity's columns, such as tau1_Nm … tau6_Nm."""
-    return [f"{prefix}{joint}{suffix}" for joint in range(1, joints + 1)]
-
-
-def _not_a_table(path: Path, value: str) -> RawDataError:
-    return RawDataError(
-        "the table of poses cannot be read",
-        where=str(path),
-        value=value,
-        allowed=f"a Parquet file of schema {SCHEMA}",
-        remedy="run pa10cal ingest again",
-    )
+def _joint_columns(prismatic: NDArray[np.bool_]) -> dict[str, list[str]]:
+    """Return the columns of what is known of each joint; m in place of rad of one that slides."""
+    units = list(enumerate(np.where(prismatic, "m", "rad"), start=1))
+    return {
+        "q": [f"q{k}_{unit}" for k, unit in units],
+        "q_u": [f"q{k}_u_{unit}" for k, unit in units],
+        "tau": [f"tau{k}_Nm" for k, _ in units],
+        "tau_u": [f"tau{k}_u_Nm" for k, _ in units],
+        "arrival": [f"s{k}" for k, _ in units],
+    }

@@ -26,14 +26,13 @@ from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile, words_of
 from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
 from pa10cal.campaign.two_logs import Samples, Stations, best_clock_offset, find_dwells
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.pose import Touched
 from pa10cal.observe.quantities import Misfit
 from pa10cal.options import IngestOptions
+from pa10cal.yaml_file import refusals_beside
 
-#: The touches' scatter may exceed the instrument's statement by this factor without a note.
-SCATTER_NOTE = 1.5
 #: Part of the touches that may lie outside dwells before the clocks are suspected, and the part
 #: of those that may still do so under the offset that is then to blame.
 FEW_OUTSIDE = 0.05
@@ -46,32 +45,7 @@ OTHER_DWELL = "touched in another dwell than the rest of its configuration"
 NOT_TOUCHED = "a dwell in which nothing was touched"
 LOST = "a dwell whose configuration is quarantined"
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "moving": (
-            "the arm is never at rest in the log",
-            "dwells, in which the touches are made",
-            "check time_s, or raise ingest.still_speed_deg_s above the joints' noise",
-        ),
-        "outside": (
-            "{0} of {1} touches lie outside any dwell of the arm",
-            "touches while the arm is at rest, on the clock of the resolver log",
-            "check both clocks and ingest.still_speed_deg_s; no constant offset matches",
-        ),
-        "clocks": (
-            "{0} of {1} touches lie outside any dwell of the arm",
-            "touches while the arm is at rest, on the clock of the resolver log",
-            "the clocks seem to differ: adding {2:+.1f} s to time_s would bring {3:.0%} of the "
-            "touches into dwells",
-        ),
-        "cut": (
-            "the log does not cover the touches: it seems cut short",
-            "a log from {0:g} to {1:g} s",
-            "export the whole log, or leave out the touches that it does not cover",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 def read_touched(
@@ -89,12 +63,15 @@ def read_touched(
     touches = _read_touches(cmm, names, arm, exclusions_of(campaign, folder))
     samples, log = _read_samples(resolver, arm)
     logged = len(np.unique(touches.configurations))
-    listed = [*touches.quarantined, *log.quarantined]
+    listed: list[Quarantined] = []
     words = words_of(campaign, arm.prismatic)
+
+    def unused() -> tuple[Quarantined, ...]:
+        return (*touches.quarantined, *log.quarantined, *listed)
 
     def refuse_too_many_lost() -> None:
         totals = {**touches.totals, **log.totals}
-        refuse_too_many(listed, totals, settings.max_quarantined_fraction, words)
+        refuse_too_many(unused(), totals, settings.max_quarantined_fraction, words)
 
     refuse_too_many_lost()
     # The joints' motion beside that of one ball's touches.
@@ -112,26 +89,20 @@ def read_touched(
     touched = dwells.at(touches["time_s"])
     log_s = float(samples.time_s[0]), float(samples.time_s[-1])
     _check_clocks(touches, touched, dwells, log_s, str(cmm.path), str(resolver.path))
-    touches, dwell, outside = _in_one_dwell(touches, touched)
-    listed += outside
+    touches = _in_one_dwell(touches, touched)
     refuse_too_many_lost()
 
     groups = balls.group_touches(touches, len(names))
-    tool = balls.TouchedTool(
-        names=names,
-        p_ee_balls_mm=campaign.p_ee_balls_mm,
-        radius_mm=0.5 * float(campaign.ball_diameter_mm or np.nan),
-        centre_uncertainty_mm=campaign.instrument.uncertainty_mm,
-        outlier_sigma=settings.stray_touch_sigma,
-    )
     p_instr_mm = touches.numbers_of(_PLACE)[groups.row]
-    located = balls.locate_balls(p_instr_mm, groups.valid, tool, str(cmm.path))
-    dwell = dwell[groups.first]
-    named, q_rad = touches.at(groups.first), np.radians(dwells.q_deg[dwell])
+    located = balls.locate_balls(
+        p_instr_mm, groups.valid, campaign, settings.stray_touch_sigma, str(cmm.path)
+    )
+    named = touches.at(groups.first)
+    q_rad = np.radians(dwells.q_deg[named["dwell"]])
     off = screens.off_command(named.text_of("pose"), q_rad, arm.prismatic)
     reason = np.where((located.reason == "") & off, screens.OTHER_COMMAND, located.reason)
     T_base_ee = Chain.of(arm).forward(q_rad)
-    reason = _off_the_arm(reason, located, T_base_ee, named["kind"] == "holdout", tool)
+    reason = _off_the_arm(reason, located, T_base_ee, named["kind"] == "holdout", names)
     listed += _unused_touches(touches, groups, located, reason, settings)
     refuse_too_many_lost()
 
@@ -139,7 +110,8 @@ def read_touched(
     used, time_s = located.used[good], touches["time_s"][groups.row[good]]
     begin = np.where(used, time_s, np.inf).min(axis=(1, 2), initial=np.inf)
     end = np.where(used, time_s, -np.inf).max(axis=(1, 2), initial=-np.inf)
-    named, at = named.at(good), dwell[good]
+    named = named.at(good)
+    at = named["dwell"]
     poses = Observations(
         pose=named.text_of("pose"),
         states=PoseStates(
@@ -151,8 +123,8 @@ def read_touched(
             time_s=0.5 * (begin + end),
         ),
         measured=Touched.of_balls(
-            tool.names,
-            tool.p_ee_balls_mm,
+            names,
+            campaign.p_ee_balls_mm,
             located.p_instr_mm[good],
             located.cov_mm2[good],
             used.sum(axis=2),
@@ -171,11 +143,6 @@ def read_touched(
     lost = stands & seen[of_sample] & ~serves[of_sample]
     listed += quarantined(log.file, samples.line[lost], LOST)
     notes, warnings = [*touches.notes, *log.notes], []
-    if located.pooled_sigma_mm > SCATTER_NOTE * located.touch_sigma_mm:
-        notes.append(
-            f"touches scatter by {located.pooled_sigma_mm:.4f} mm where the stated uncertainty "
-            f"implies {located.touch_sigma_mm:.4f} mm"
-        )
     if idle := int((~seen).sum()):
         notes.append(f"dwells without touches: {idle}")
     if 3 * idle > len(dwells):
@@ -184,7 +151,7 @@ def read_touched(
             f"{touches.file} seems cut short, {idle} configurations are missing"
         )
     counted = screens.count_warnings(campaign.configurations, logged, touches.file)
-    return Ingested(poses, tuple(listed), tuple(notes), (*counted, *warnings))
+    return Ingested(poses, unused(), tuple(notes), (*counted, *warnings))
 
 
 def _read_touches(
@@ -257,22 +224,17 @@ def _check_clocks(
         raise _refusal("clocks" if explained else "outside", where, None, *words)
 
 
-def _in_one_dwell(
-    touches: RawRows, touched: Index
-) -> tuple[RawRows, Index, tuple[Quarantined, ...]]:
+def _in_one_dwell(touches: RawRows, touched: Index) -> RawRows:
     """Keep the touches of each configuration that were made in one and the same dwell."""
+    touches = touches.with_columns({"dwell": touched})
 
-    def lost(off: NDArray[np.bool_], why: str) -> tuple[Quarantined, ...]:
-        seconds = [f"time_s = {value:g}" for value in touches["time_s"][off]]
-        return quarantined(touches.file, touches.line[off], why, seconds)
+    def without(off: NDArray[np.bool_], why: str) -> RawRows:
+        return touches.take(~off, why, [f"time_s = {value:g}" for value in touches["time_s"][off]])
 
-    rows = lost(touched < 0, OUTSIDE)
-    inside = np.flatnonzero(touched >= 0)
-    touches, touched = touches.at(inside), touched[inside]
+    touches = without(touched < 0, OUTSIDE)
     of_touch = touches.configurations
-    other = touched != balls.commonest(of_touch, touched)[of_touch]
-    rows += lost(other, OTHER_DWELL)
-    return touches.at(np.flatnonzero(~other)), touched[~other], rows
+    commonest = balls.commonest(of_touch, touches["dwell"])[of_touch]
+    return without(touches["dwell"] != commonest, OTHER_DWELL)
 
 
 def _off_the_arm(
@@ -280,7 +242,7 @@ def _off_the_arm(
     located: balls.LocatedBalls,
     T_base_ee: Array,
     held_out: NDArray[np.bool_],
-    tool: balls.TouchedTool,
+    names: tuple[str, ...],
 ) -> NDArray[np.object_]:
     """Name configurations whose labels are exchanged, and those far off the nominal arm."""
     usable = np.isfinite(located.p_instr_mm).all(axis=(1, 2))
@@ -295,7 +257,7 @@ def _off_the_arm(
     found[rows[off & (reason[rows] == "")]] = screens.OFF_MODEL
     for row, order in zip(rows, exchanged(p_m, modelled), strict=True):
         if order is not None:
-            found[row] = f"{EXCHANGED}: {exchange_text(order, tool.names)}"
+            found[row] = f"{EXCHANGED}: {exchange_text(order, names)}"
     return found
 
 

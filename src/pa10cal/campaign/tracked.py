@@ -52,10 +52,11 @@ from pa10cal.campaign.raw_rows import (
     with_labels,
 )
 from pa10cal.campaign.two_logs import TwoLogs
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import Misfit, RawColumns
 from pa10cal.options import IngestOptions
+from pa10cal.yaml_file import refusals_beside
 
 NO_TORQUES = "no torques logged, masses unknown: those of assumed weights are used"
 THOSE_OF_MASSES = "no torques logged: those of the described masses are used"
@@ -210,32 +211,7 @@ LIKE_RADIANS = 8.0
 ONE_ATTITUDE_RAD = 1e-5
 TURNED_RAD = np.radians(5.0)
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "exchanged": (
-            "the columns of targets {0} are exchanged",
-            "every target under its own name",
-            "rename the columns",
-        ),
-        "radians": (
-            "the angles of the orientations look like radians",
-            "angles in the unit that columns states: deg",
-            "{0}",
-        ),
-        "one orientation": (
-            "every row has the same orientation, though the arm turned",
-            "the measured orientation of every row",
-            "export the orientations; where none are measured, use instrument.kind points",
-        ),
-        "unit": ("the joint {0} look like {1}", "joint {0} in {2}", "{3}"),
-        "axes": (
-            "the instrument's axes are {0}",
-            "positions in a right-handed frame, orientations in the same",
-            "{1}",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 @dataclass

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.ndimage import label
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
@@ -31,8 +32,9 @@ from pa10cal.campaign.nominal_fit import (
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import RawColumns
+from pa10cal.yaml_file import refusals_beside
 
 #: Speeds are taken over at least this time, so that noise of a fast log is no movement.
 SPEED_WINDOW_S = 0.3
@@ -111,22 +113,19 @@ def find_dwells(samples: Samples, still_speed_deg_s: float) -> Stations:
     if len(steps_s):
         pause = steps_s > PAUSE * np.median(steps_s)
         slow &= ~pause | (travel <= real_deg).all(axis=1)
-    edges = np.diff(np.concatenate([[False], slow, [False]]).astype(int))
-    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    of_sample = np.full(len(time_s), -1)
-    inside = np.zeros(len(time_s) + 1, dtype=int)
-    inside[first] += 1
-    inside[last + 1] -= 1
-    stands = np.cumsum(inside[:-1]) > 0
-    dwell = np.searchsorted(first, np.flatnonzero(stands), side="right") - 1
-    of_sample[stands] = dwell
-    count = np.bincount(dwell, minlength=len(first))
+    # Each slow interval is of the dwell of both its ends; its number from 1, 0 while the arm moved.
+    number = label(slow)[0]
+    of_sample = np.maximum(np.append(number, 0), np.append(0, number)) - 1
+    stands = np.flatnonzero(of_sample >= 0)
+    dwell = of_sample[stands]
+    _, begins, count = np.unique(dwell, return_index=True, return_counts=True)
+    first = stands[begins]
     mean_deg, q_u_deg = _mean(q_deg[stands], dwell, count)
     tau_Nm, tau_u_Nm = _mean(samples.tau_Nm[stands], dwell, count)
     temperature_C, _ = _mean(samples.temperature_C[stands, None], dwell, count)
     return Stations(
         time_s[first],
-        time_s[last],
+        time_s[first + count - 1],
         first,
         of_sample,
         count,
@@ -250,11 +249,10 @@ def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations
             return dwells
     half_s = 0.45 * np.diff(samples.time_s, prepend=np.nan, append=np.nan)
     usual = float(np.nanmedian(half_s)) if len(samples) > 1 else 1.0
-    before, after = (np.where(np.isfinite(side), side, usual) for side in (half_s[:-1], half_s[1:]))
     unknown, rows = np.full(samples.q_deg.shape, np.nan), np.arange(len(samples))
     return Stations(
-        samples.time_s - np.minimum(before, usual),
-        samples.time_s + np.minimum(after, usual),
+        samples.time_s - np.fmin(half_s[:-1], usual),
+        samples.time_s + np.fmin(half_s[1:], usual),
         rows,
         rows,
         np.ones(len(samples), dtype=np.int64),
@@ -334,37 +332,7 @@ NOT_JOINED = {
     "row": "the log of the joints has no such row",
 }
 
-_refusal = refusals(
-    RawDataError,
-    {
-        "exchanged": (
-            "missing columns {0}, which {1} has",
-            "the columns of columns.joints in files.joints: {2}",
-            f"exchange files.joints and files.readings in {DESCRIPTION_FILE}",
-        ),
-        "no joints": (
-            "no row of the joints' log can be used",
-            "rows of joint positions",
-            "correct columns.joints",
-        ),
-        "rows": (
-            "the two logs have different numbers of rows, and nothing else joins them",
-            "one row of joints for each reading, or labels or times in both",
-            "exclude the rows that the other lacks, or map a time or a label",
-        ),
-        "time": (
-            "the two logs cannot be joined by time",
-            "readings taken while the arm stands still",
-            "check that both logs are of the same run, and the units and formats of "
-            "columns.joints.time and columns.readings.time",
-        ),
-        "offset": (
-            "the two logs cannot be joined by time",
-            "readings taken while the arm stands still",
-            "remove join.clock_offset_s: it is then found, {0:+.2f} s",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, RawDataError)
 
 
 @dataclass(frozen=True)

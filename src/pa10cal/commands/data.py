@@ -128,8 +128,7 @@ def import_data(
     Examples:
         pa10cal import ipa-robot-accuracy data/ipa --out data/raw
     """
-    from pa10cal.datasets.campaign_folder import write_campaigns
-    from pa10cal.datasets.importing import AsItIs, import_campaigns
+    from pa10cal.datasets.importing import AsItIs, import_campaigns, write_campaigns
     from pa10cal.datasets.readers import dataset_named
     from pa10cal.errors import RawDataError
 

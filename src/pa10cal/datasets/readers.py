@@ -1,7 +1,8 @@
 """The data sets that can be imported: how the tables of each are read as campaigns.
 
 What a data set holds, where its files are published and what is assumed of it is stated in
-`published/<name>.yaml`. A new data set is one more of these files, and a reader here.
+`published/<name>.yaml`. A new data set is one more of these files, and a reader here. A table whose
+columns need no change is read as it is, by `columns` of campaign.yaml.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ import difflib
 import io
 import re
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import reduce
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,34 +23,20 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.campaign.own_columns import refuse_too_many
-from pa10cal.campaign.raw_rows import quarantined
+from pa10cal.campaign.raw_rows import RawRows, quarantined
 from pa10cal.datasets.importing import AsItIs, DataSet, ImportedCampaign, Published
-from pa10cal.datasets.text_table import read_bare_table, same_rows
-from pa10cal.errors import RawDataError, refusals
+from pa10cal.errors import RawDataError
+from pa10cal.yaml_file import refusals_beside
 
 #: Descriptions of arms that are measured in data sets and are not shipped as arms of their own.
 ARMS = Path(__file__).with_name("arms")
 DATASETS: dict[str, DataSet] = {}
 
 _AXES, _QUATERNION = "xyz", ("qw", "qx", "qy", "qz")
-_refusal = refusals(
-    RawDataError,
-    {
-        "like another": ("there is no reader of this data set", "{0}", "is {1!r} meant?"),
-        "no reader": (
-            "there is no reader of this data set",
-            "{0}",
-            "correct the name, or write a reader in pa10cal/datasets/readers.py (docs/datasets.md)",
-        ),
-        "zip": (
-            "the zipped table cannot be read",
-            "a zip file with {0}",
-            "fetch the data set again",
-        ),
-    },
-)
+_PLACE = [f"{axis}_mm" for axis in _AXES]
+_refusal = refusals_beside(__file__, RawDataError)
 
-_Read = Callable[[Path, float, Published], tuple[ImportedCampaign, ...]]
+_Read = Callable[[Path, float, Published], Iterator[ImportedCampaign]]
 
 
 def dataset_names() -> tuple[str, ...]:
@@ -70,11 +59,100 @@ def _reader_of(name: str, *, unread: tuple[str, ...] = ()) -> Callable[[_Read], 
     def register(read: _Read) -> _Read:
         published = Published.of(name)
         DATASETS[name] = DataSet(
-            name, lambda folder, most: read(folder, most, published), published, unread
+            name, lambda folder, most: tuple(read(folder, most, published)), published, unread
         )
         return read
 
     return register
+
+
+# Tables of numbers by column. A row with a field too many or too few, or with one that is no
+# number, is omitted and listed with its line.
+
+
+def read_bare_table(
+    folder: Path,
+    file: str,
+    names: Sequence[str],
+    *,
+    separator: str | None = None,
+    header: bool = False,
+) -> RawRows:
+    """Read a table of numbers with decimal points, a file of a data set's folder.
+
+    Every line is a row, a blank one too: tables of one campaign belong together line by line. The
+    columns are called by `names`; those of a header are not read. Without a separator blanks stand
+    between the fields.
+
+    Raises:
+        RawDataError: when the file as a whole cannot be used.
+    """
+    path, width = folder / file, len(names)
+    lines = path.read_bytes().decode("utf-8-sig", errors="replace").rstrip().splitlines()
+    if not lines:
+        raise _refusal("empty", f"{path}:1")
+    line = np.arange(1, len(lines) + 1)[int(header) :]
+    rows = [text.split(separator) for text in lines[int(header) :]]
+    widths = np.array([len(row) for row in rows], dtype=np.int64)
+    fits = widths == width
+    words = np.array([row for row in rows if len(row) == width], dtype=object).reshape(-1, width)
+    commas = np.array(["," in word for word in words.ravel()], dtype=bool).reshape(words.shape)
+    if 2 * commas.any(axis=1).sum() > len(words):
+        first = int(np.argmax(commas.any(axis=1)))
+        raise _refusal("commas", f"{path}:{line[fits][first]}", words[first][commas[first]][0])
+    columns, odd = {}, {}
+    for name, fields in zip(names, words.T, strict=True):
+        columns[name] = np.array(pd.to_numeric(fields, errors="coerce"), dtype=float)
+        unread = np.flatnonzero(~np.isfinite(columns[name]))
+        odd[name] = {int(line[fits][k]): str(fields[k]) for k in unread}
+    wrong_width = f"the number of fields is not {width}"
+    listed = quarantined(file, line[~fits], wrong_width, widths[~fits])
+    return RawRows(file, columns, line[fits], {file: len(rows)}, (), listed, odd).finite(names)
+
+
+def read_tables(
+    folder: Path, max_left_out: float, tables: Mapping[str, Sequence[str]], **written: Any
+) -> RawRows:
+    """Read files that belong together line by line as one: the rows that can be used in each.
+
+    Each has columns of its own; how they are written is said as to `read_bare_table`.
+
+    Raises:
+        RawDataError: when they have different numbers of rows, or too many of one cannot be used.
+    """
+    read = [read_bare_table(folder, file, names, **written) for file, names in tables.items()]
+    totals = {table.file: table.totals[table.file] for table in read}
+    if len(set(totals.values())) > 1:
+        counts = ", ".join(f"{file} {total}" for file, total in totals.items())
+        raise _refusal("rows", read[0].file, counts)
+    for table in read:
+        refuse_too_many(table.quarantined, table.totals, max_left_out)
+    line = reduce(np.intersect1d, [table.line for table in read])
+    kept = [table.at(np.flatnonzero(np.isin(table.line, line))) for table in read]
+    columns = {name: column for table in kept for name, column in table.columns.items()}
+    listed = tuple(row for table in read for row in table.quarantined)
+    return RawRows(read[0].file, columns, line, totals, (), listed)
+
+
+def _campaign(
+    published: Published,
+    raw: RawRows,
+    columns: Mapping[str, NDArray[np.float64]],
+    said: Mapping[str, object],
+    **about: Any,
+) -> ImportedCampaign:
+    """Return a campaign of rows of tables; `said` are words of its provenance."""
+    own = ARMS / f"{about['robot']}.yaml"
+    usual: dict[str, Any] = {
+        "provenance": published.provenance_text(**said),
+        "uncertainty_mm": published.stated["uncertainty_mm"],
+        "readings": pd.DataFrame(columns),
+        "files": tuple(raw.totals),
+        "left_out": raw.quarantined,
+        "notes": (f"{len(raw)} configurations",),
+        "arm": own if own.is_file() else None,
+    }
+    return ImportedCampaign(**usual | about)
 
 
 def _numbered(name: str, values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
@@ -82,10 +160,13 @@ def _numbered(name: str, values: NDArray[np.float64]) -> dict[str, NDArray[np.fl
     return {name.replace("#", str(k)): column for k, column in enumerate(values.T, start=1)}
 
 
+def _pose(p_mm: NDArray[np.float64], wxyz: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Return places (N, 3) and quaternions (N, 4) as columns."""
+    return dict(zip((*_PLACE, *_QUATERNION), np.hstack([p_mm, wxyz]).T, strict=True))
+
+
 @_reader_of("dlr-elastic-calibration")
-def _justin(
-    folder: Path, max_left_out: float, published: Published
-) -> tuple[ImportedCampaign, ...]:
+def _justin(folder: Path, max_left_out: float, published: Published) -> Iterator[ImportedCampaign]:
     """DLR Agile Justin, one marker on each hand under Vicon: a campaign for each arm.
 
     A zipped table with a header: the number of the row, a list of nineteen commanded joint angles
@@ -105,84 +186,72 @@ def _justin(
         for row in list(csv.reader(io.StringIO(text)))[1:]
     ]
     good = np.array([(len(q), len(p)) == (19, 6) for q, p in rows], dtype=bool)
-    left_out = quarantined(
-        table,
-        np.flatnonzero(~good) + 1,
+    raw = RawRows(table, {}, np.arange(1, len(rows) + 1), {table: len(rows)}, (), ()).take(
+        good,
         "not 19 joint angles and 6 coordinates; rows are counted, not lines",
         [f"{len(rows[k][0])} and {len(rows[k][1])}" for k in np.flatnonzero(~good)],
     )
-    refuse_too_many(left_out, {table: len(rows)}, max_left_out)
-    q_rad = np.array([rows[k][0] for k in np.flatnonzero(good)])
-    p_m = np.array([rows[k][1] for k in np.flatnonzero(good)]).reshape(-1, 2, 3)
-    passive = -(q_rad[:, 1] + q_rad[:, 2])
-    campaigns = []
-    for marker, (side, arm) in enumerate({"right": slice(3, 10), "left": slice(10, 17)}.items()):
-        q_deg = np.degrees(np.column_stack([q_rad[:, :3], passive, q_rad[:, arm]]))
-        places = {f"T1_{axis}_mm": 1e3 * p_m[:, marker, k] for k, axis in enumerate(_AXES)}
-        campaigns.append(
-            ImportedCampaign(
-                name=f"justin-{side}",
-                robot=f"justin_{side}",
-                provenance=published.provenance_text(side=side, file=file),
-                instrument="points",
-                uncertainty_mm=published.stated["uncertainty_mm"],
-                readings=pd.DataFrame(_numbered("q#_deg", q_deg) | places),
-                files=(file,),
-                left_out=left_out,
-                notes=(f"{len(q_rad)} configurations",),
-                joints="commanded",
-                arm=ARMS / f"justin_{side}.yaml",
-            )
+    refuse_too_many(raw.quarantined, raw.totals, max_left_out)
+    values = np.array([q + p for (q, p), right in zip(rows, good, strict=True) if right])
+    passive = -(values[:, 1] + values[:, 2])
+    for side, first, marker in (("right", 3, 19), ("left", 10, 22)):
+        q_rad = np.column_stack([values[:, :3], passive, values[:, first : first + 7]])
+        columns = _numbered("q#_deg", np.degrees(q_rad))
+        columns |= {f"T1_{name}": 1e3 * values[:, marker + k] for k, name in enumerate(_PLACE)}
+        yield _campaign(
+            published,
+            raw,
+            columns,
+            {"side": side, "file": file},
+            name=f"justin-{side}",
+            robot=f"justin_{side}",
+            instrument="points",
+            files=(file,),
+            joints="commanded",
         )
-    return tuple(campaigns)
 
 
 @_reader_of("faro-irb120")
-def _irb120(
-    folder: Path, max_left_out: float, published: Published
-) -> tuple[ImportedCampaign, ...]:
+def _irb120(folder: Path, max_left_out: float, published: Published) -> Iterator[ImportedCampaign]:
     """An IRB 120 and three reflectors under a FARO tracker, three more on its base.
 
     Tables of numbers between blanks, without headers, which belong together line by line: six joint
     angles [deg], then the place of a reflector [mm] in each, three at the flange and three on the
     base. Three zeros stand for a reflector that was not seen.
     """
-    files = tuple(published.sha256)
-    q = [f"q{joint}_deg" for joint in range(1, 7)]
-    tables = [read_bare_table(folder, files[0], q)]
-    for name, file in zip(("T1", "T2", "T3", "base1", "base2", "base3"), files[1:], strict=True):
-        tables.append(read_bare_table(folder, file, [f"{name}_{axis}_mm" for axis in _AXES]))
-    joints, *places = same_rows(tables, max_left_out)
-    p_mm = np.stack([table.numbers_of(list(table.columns)) for table in places], axis=1)
-    seen = np.asarray((p_mm != 0.0).any(axis=2), dtype=bool)
+    targets = ("T1", "T2", "T3", "base1", "base2", "base3")
+    names = [
+        [f"q{joint}_deg" for joint in range(1, 7)],
+        *([f"{target}_{name}" for name in _PLACE] for target in targets),
+    ]
+    raw = read_tables(folder, max_left_out, dict(zip(published.sha256, names, strict=True)))
+    seen = np.any([raw.numbers_of(columns) != 0.0 for columns in names[1:]], axis=2).T
     some = np.asarray(seen[:, :3].any(axis=1), dtype=bool)
-    unseen = quarantined(files[1], joints.line[~some], "no reflector was observed")
-    columns = {name: joints.columns[name][some] for name in q}
-    for b, table in enumerate(places):
-        place_mm = np.where(seen[some, b, None], p_mm[some, b], np.nan)
-        columns |= dict(zip(table.columns, place_mm.T, strict=True))
-    flange, base = (int(part.sum()) for part in np.split(~seen[some], [3], axis=1))
-    note = (
-        f"{int(some.sum())} configurations, {flange} places not seen at the flange and {base} on "
-        "the base"
-    )
-    campaign = ImportedCampaign(
+    unseen = quarantined(tuple(raw.totals)[1], raw.line[~some], "no reflector was observed")
+    raw, seen = raw.at(np.flatnonzero(some)), seen[some]
+    flange, base = (int(part.sum()) for part in np.split(~seen, [3], axis=1))
+    columns = {name: raw[name] for name in names[0]}
+    for b, target in enumerate(names[1:]):
+        columns |= {name: np.where(seen[:, b], raw[name], np.nan) for name in target}
+    yield _campaign(
+        published,
+        raw,
+        columns,
+        {},
         name="irb120",
         robot="irb120",
-        provenance=published.provenance_text(),
         instrument="points",
-        uncertainty_mm=published.stated["uncertainty_mm"],
         holdout={"last_fraction": 0.3},
-        readings=pd.DataFrame(columns),
-        files=files,
-        left_out=(*(row for table in tables for row in table.quarantined), *unseen),
-        notes=(note,),
+        left_out=(*raw.quarantined, *unseen),
+        notes=(
+            f"{len(raw)} configurations, {flange} places not seen at the flange and {base} on the "
+            "base",
+        ),
     )
-    return (campaign,)
 
 
 @_reader_of("iiwa7-robot-calibration")
-def _iiwa7(folder: Path, max_left_out: float, published: Published) -> tuple[ImportedCampaign, ...]:
+def _iiwa7(folder: Path, max_left_out: float, published: Published) -> Iterator[ImportedCampaign]:
     """KUKA LBR iiwa 7 under an optical tracker, torques logged: four tables with headers.
 
     In each the number of the row, seven joint angles [rad], seven torques [N m] as the controller
@@ -193,65 +262,45 @@ def _iiwa7(folder: Path, max_left_out: float, published: Published) -> tuple[Imp
     payloads_kg = {"iiwa7-free": 0.0, "iiwa7-0kg": 0.0, "iiwa7-1250g": 1.25, "iiwa7-2500g": 2.5}
     q, tau = ([f"{name}{k}" for k in range(1, 8)] for name in ("q", "load"))
     T = [f"T{row}{column}" for row in range(4) for column in range(4)]
-    campaigns = []
     for (name, kg), file in zip(payloads_kg.items(), published.sha256, strict=True):
-        table = read_bare_table(folder, file, ("row", *q, *tau, *T), separator=",", header=True)
-        refuse_too_many(table.quarantined, table.totals, max_left_out)
-        T_mm = table.numbers_of(T).reshape(-1, 4, 4)
+        names = {file: ("row", *q, *tau, *T)}
+        raw = read_tables(folder, max_left_out, names, separator=",", header=True)
+        T_mm = raw.numbers_of(T).reshape(-1, 4, 4)
         turned = Rotation.from_matrix(T_mm[:, :3, :3]).as_quat(canonical=True, scalar_first=True)
-        columns = _numbered("q#_deg", np.degrees(table.numbers_of(q)))
-        columns |= _numbered("tau#_Nm", -table.numbers_of(tau))
-        columns |= {f"{axis}_mm": T_mm[:, k, 3] for k, axis in enumerate(_AXES)}
-        columns |= dict(zip(_QUATERNION, turned.T, strict=True))
-        campaigns.append(
-            ImportedCampaign(
-                name=name,
-                robot="iiwa7",
-                provenance=published.provenance_text(file=file, kg=kg),
-                instrument="pose",
-                uncertainty_mm=published.stated["uncertainty_mm"],
-                readings=pd.DataFrame(columns),
-                files=(file,),
-                left_out=table.quarantined,
-                notes=(f"{len(table)} configurations",),
-                arm=ARMS / "iiwa7.yaml",
-                tool_mass_kg=kg,
-            )
-        )
-    return tuple(campaigns)
+        columns = _numbered("q#_deg", np.degrees(raw.numbers_of(q)))
+        columns |= _numbered("tau#_Nm", -raw.numbers_of(tau)) | _pose(T_mm[:, :3, 3], turned)
+        said = {"file": file, "kg": kg}
+        about = {"name": name, "robot": "iiwa7", "instrument": "pose", "tool_mass_kg": kg}
+        yield _campaign(published, raw, columns, said, **about)
 
 
 @_reader_of("ipa-robot-accuracy", unread=("LICENSE.md",))
-def _ur10(folder: Path, _: float, published: Published) -> tuple[ImportedCampaign, ...]:
+def _ur10(folder: Path, _: float, published: Published) -> Iterator[ImportedCampaign]:
     """UR10 poses measured by a 6-D laser tracker, series A and C: files that are read as they are.
 
     Rows that cannot be used are found when they are read.
     """
-    campaigns = []
     for name, stated in published.stated["campaigns"].items():
         file, columns = stated["file"], dict(published.stated["columns"])
         for key, names in stated.get("u", {}).items():
             columns[key] = columns[key] | {"u": names}
         time = {"time": stated["time"]} if "time" in stated else {}
-        campaigns.append(
-            ImportedCampaign(
-                name=name,
-                robot="ur10",
-                provenance=f"{published.provenance_text(file=file)} {stated['provenance']}",
-                instrument="pose",
-                uncertainty_mm=stated["uncertainty_mm"],
-                reference_temperature_C=stated["reference_temperature_C"],
-                holdout={"last_fraction": 0.3},
-                readings=AsItIs(folder / file, time | columns),
-                files=(file,),
-                joints="commanded",
-            )
+        yield ImportedCampaign(
+            name=name,
+            robot="ur10",
+            provenance=f"{published.provenance_text(file=file)} {stated['provenance']}",
+            instrument="pose",
+            uncertainty_mm=stated["uncertainty_mm"],
+            reference_temperature_C=stated["reference_temperature_C"],
+            holdout={"last_fraction": 0.3},
+            readings=AsItIs(folder / file, time | columns),
+            files=(file,),
+            joints="commanded",
         )
-    return tuple(campaigns)
 
 
 @_reader_of("titan-robot-accuracy")
-def _titan(folder: Path, max_left_out: float, published: Published) -> tuple[ImportedCampaign, ...]:
+def _titan(folder: Path, max_left_out: float, published: Published) -> Iterator[ImportedCampaign]:
     """KUKA KR 1000 titan, three points on its end-effector: two tables with a header.
 
     In each the axes A1 to A6 as the controller counts them [deg], the place E of a linear axis
@@ -262,74 +311,36 @@ def _titan(folder: Path, max_left_out: float, published: Published) -> tuple[Imp
     measured, modelled = ([f"{axis}{by}{k}" for k in points for axis in _AXES] for by in "an")
     differences = [f"{name}{k}" for k in points for name in ("dx", "dy", "dz", "err")]
     names = (*axes, "E", *measured, *modelled, *differences)
-    campaigns = []
-    for file, (name, robot) in zip(
-        published.sha256, (("titan-fixed", "titan"), ("titan-rail", "titan_rail")), strict=True
-    ):
-        table = read_bare_table(folder, file, names, separator=",", header=True)
-        refuse_too_many(table.quarantined, table.totals, max_left_out)
-        q = table.numbers_of(axes) * np.array([-1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
-        columns = {"q1_mm": table["E"]} if robot == "titan_rail" else {}
+    for file, robot in zip(published.sha256, ("titan", "titan_rail"), strict=True):
+        raw = read_tables(folder, max_left_out, {file: names}, separator=",", header=True)
+        q_deg = raw.numbers_of(axes) * np.array([-1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
+        columns = {"q1_mm": raw["E"]} if robot == "titan_rail" else {}
         first = 1 + len(columns)
-        columns |= {f"q{first + k}_deg": column for k, column in enumerate(q.T)}
-        for k in points:
-            columns |= {f"T{k}_{axis}_mm": table[f"{axis}a{k}"] for axis in _AXES}
-        off_mm = (table.numbers_of(modelled) - table.numbers_of(measured)).reshape(-1, 3, 3)
-        own_mm = float(np.sqrt(np.mean(np.sum(off_mm**2, axis=2))))
-        campaigns.append(
-            ImportedCampaign(
-                name=name,
-                robot=robot,
-                provenance=published.provenance_text(file=file, own=own_mm),
-                instrument="points",
-                uncertainty_mm=published.stated["uncertainty_mm"],
-                readings=pd.DataFrame(columns),
-                files=(file,),
-                left_out=table.quarantined,
-                notes=(f"{len(table)} configurations",),
-                joints="commanded",
-                arm=ARMS / f"{robot}.yaml",
-            )
-        )
-    return tuple(campaigns)
+        columns |= {f"q{first + k}_deg": column for k, column in enumerate(q_deg.T)}
+        columns |= {f"T{k}_{axis}_mm": raw[f"{axis}a{k}"] for k in points for axis in _AXES}
+        off_mm = (raw.numbers_of(modelled) - raw.numbers_of(measured)).reshape(-1, 3, 3)
+        said = {"file": file, "own": float(np.sqrt(np.mean(np.sum(off_mm**2, axis=2))))}
+        name = "titan-fixed" if robot == "titan" else "titan-rail"
+        about = {"name": name, "robot": robot, "instrument": "points", "joints": "commanded"}
+        yield _campaign(published, raw, columns, said, **about)
 
 
 @_reader_of("welding-motoman")
-def _motoman(
-    folder: Path, max_left_out: float, published: Published
-) -> tuple[ImportedCampaign, ...]:
+def _motoman(folder: Path, max_left_out: float, published: Published) -> Iterator[ImportedCampaign]:
     """Yaskawa Motoman MA2010 under OptiTrack: two tables a date, without headers.
 
     They belong together line by line: six joint angles [rad], and the pose of a rigid body on the
     torch, x, y, z [mm] and a quaternion, w first.
     """
-    q, place = [f"q{k}_rad" for k in range(1, 7)], [f"{axis}_mm" for axis in _AXES]
-    files = [tuple(published.sha256)[k : k + 2] for k in (0, 2)]
-    campaigns = []
-    for name, (of_joints, of_poses) in zip(("ma2010-0516", "ma2010-0801"), files, strict=True):
-        tables = [
-            read_bare_table(folder, of_joints, q, separator=","),
-            read_bare_table(folder, of_poses, (*place, *_QUATERNION), separator=","),
-        ]
-        joints, poses = same_rows(tables, max_left_out)
-        wxyz = poses.numbers_of(_QUATERNION)
+    q, files = [f"q{k}_rad" for k in range(1, 7)], tuple(published.sha256)
+    for name, (joints, poses) in (("ma2010-0516", files[:2]), ("ma2010-0801", files[2:])):
+        tables = {joints: q, poses: (*_PLACE, *_QUATERNION)}
+        raw = read_tables(folder, max_left_out, tables, separator=",")
+        wxyz = raw.numbers_of(_QUATERNION)
         length = np.linalg.norm(wxyz, axis=1)
         wxyz = wxyz / np.where(wxyz[:, :1] < 0.0, -length[:, None], length[:, None])
-        columns = _numbered("q#_deg", np.degrees(joints.numbers_of(q)))
-        columns |= {axis: poses[axis] for axis in place}
-        columns |= dict(zip(_QUATERNION, wxyz.T, strict=True))
-        campaigns.append(
-            ImportedCampaign(
-                name=name,
-                robot="ma2010",
-                provenance=published.provenance_text(date=Path(of_joints).parent.name),
-                instrument="pose",
-                uncertainty_mm=published.stated["uncertainty_mm"],
-                readings=pd.DataFrame(columns),
-                files=(of_joints, of_poses),
-                left_out=tuple(row for table in tables for row in table.quarantined),
-                notes=(f"{len(joints)} configurations",),
-                arm=ARMS / "ma2010.yaml",
-            )
-        )
-    return tuple(campaigns)
+        columns = _numbered("q#_deg", np.degrees(raw.numbers_of(q)))
+        columns |= _pose(raw.numbers_of(_PLACE), wxyz)
+        said = {"date": Path(joints).parent.name}
+        about = {"name": name, "robot": "ma2010", "instrument": "pose"}
+        yield _campaign(published, raw, columns, said, **about)

@@ -18,12 +18,12 @@ from pa10cal.arm.chain import placed, roll_pitch_yaw
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD, Arm, neighbouring_axes, with_hayati_rows
 from pa10cal.arm.exports import UrdfSource
 from pa10cal.arrays import Array
-from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, refusals
+from pa10cal.errors import ALLOWED, ArmError, fits_a_folder
 from pa10cal.files import arm_places, own_description
 from pa10cal.files.output import write_text
 from pa10cal.options import Positive, Section
 from pa10cal.settings_reading import parse_section
-from pa10cal.yaml_file import parse_yaml, read_yaml
+from pa10cal.yaml_file import parse_yaml, read_yaml, refusals_beside
 
 if TYPE_CHECKING:
     from pa10cal.arm.imported import ImportedArm
@@ -43,73 +43,7 @@ _HEAVY_KG = 2000.0
 #: How near a number of degrees lies to a quarter turn in radians that was written with few digits.
 _QUARTER_TURN_DIGITS = 6e-4
 
-_refusal = refusals(
-    ArmError,
-    {
-        "foreign": (
-            "{0} is for a joint that {1}, and this one {2}",
-            "{3}",
-            "correct the key, or set prismatic: {4}",
-        ),
-        "no limits": (
-            "a prismatic joint needs limits",
-            "limits_m: [lowest, highest], in metres",
-            "set limits_m",
-        ),
-        "no motion": (
-            "{0} allows the joint no motion",
-            "the lower limit first, then a higher one",
-            "correct {0}",
-        ),
-        "far": (
-            f"{{0}} exceeds {_FAR_M:g} m",
-            "metres",
-            "divide by 1000 if the lengths are in millimetres",
-        ),
-        "radians": ("{0} looks like radians", "degrees", "write {1:g}"),
-        "limits in radians": (
-            "limits_deg looks like radians, in this and every other row",
-            "degrees",
-            "multiply by 180/pi",
-        ),
-        "proportion": (
-            "{0} is out of proportion to the other lengths",
-            "metres, as the others are (their median is {1:g})",
-            "divide by 1000 if this one is in millimetres",
-        ),
-        "masses": (
-            "{0} is missing",
-            "mass_kg and com_m in every row, or in none",
-            "complete the row, or remove all masses",
-        ),
-        "keys": (
-            "a row is made of keys and values",
-            "{{a_m: 0.45, alpha_deg: -90, ...}}",
-            "correct it; numbers have decimal points, not commas",
-        ),
-        "hayati": (
-            "hayati: {0} contradicts the row: {1}",
-            "beta in place of d where neighbouring axes are within "
-            f"{np.degrees(NEARLY_PARALLEL_RAD):g} deg of parallel, and only there: elsewhere it "
-            "says what theta says already, and without it a small tilt of parallel axes makes "
-            "links of hundreds of metres",
-            "leave hayati out",
-        ),
-        "name": ("no name of a robot", ALLOWED, "correct the name"),
-        "unknown": ("unknown robot", "{0}", "correct the name, or {1}"),
-        "file name": (
-            "the arm is not named after its file",
-            "{0}",
-            "set name: {0}, or rename the file",
-        ),
-        "urdf": ("the URDF cannot be read", "a URDF file, UTF-8", "check the path"),
-        "own urdf": (
-            "the URDF that the arm came from cannot be read",
-            "a file beside the description",
-            "copy it there, or remove the key urdf: names of its own are exported then",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, ArmError)
 
 
 class ArmRow(Section):
@@ -187,7 +121,7 @@ def refuse_far(values_m: Sequence[float], key: str, where: str) -> None:
     """
     if max(map(abs, values_m), default=0.0) > _FAR_M:
         value = values_m[0] if len(values_m) == 1 else list(values_m)
-        raise _refusal("far", where, value, key)
+        raise _refusal("far", where, value, key, _FAR_M)
 
 
 def _check_row(row: ArmRow, where: str) -> None:
@@ -268,7 +202,7 @@ def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) ->
         SettingsError: when a key of its file is unknown, missing or of the wrong kind.
     """
     if not fits_a_folder(name):
-        raise _refusal("name", "robot", name)
+        raise _refusal("name", "robot", name, ALLOWED)
     own = None if folder is None else own_description(name, folder, arms)
     if own is not None:
         return read_arm(own)
@@ -381,8 +315,8 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
                     f"the axes of joints {axes.joints[0]} and {axes.joints[1]} are "
                     f"{np.degrees(axes.angle_rad):.3g} deg from parallel"
                 )
-            stated = str(row.hayati).lower()
-            raise _refusal("hayati", f"{where}: row {number}", None, stated, why)
+            words = (str(row.hayati).lower(), why, np.degrees(NEARLY_PARALLEL_RAD))
+            raise _refusal("hayati", f"{where}: row {number}", None, *words)
     return arm
 
 

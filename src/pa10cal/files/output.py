@@ -12,7 +12,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from pa10cal.errors import OutputError
@@ -62,9 +62,10 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
         try:
             yield besides
         except OSError as error:
-            if error.errno in _NO_ROOM:
-                raise _unwritable(paths[0], error) from None
-            raise
+            if error.errno not in _NO_ROOM:
+                raise
+            with _writing(paths[0]):
+                raise
         # All are on the disk before the first has its name: no crash leaves a name of nothing.
         for path, file in zip(paths, files, strict=True):
             with _writing(path):
@@ -141,7 +142,12 @@ def _remove_of_dead(partial: Path) -> None:
 
 
 @contextmanager
-def writing_into(folder: Path, what: str, remedy: str) -> Iterator[None]:
+def writing_into(
+    folder: Path,
+    what: str,
+    remedy: str,
+    allowed: str = "a folder that may be written to, with room in it",
+) -> Iterator[None]:
     """Refuse a folder into which the block cannot write `what`, with a remedy (OutputError)."""
     try:
         yield
@@ -149,30 +155,18 @@ def writing_into(folder: Path, what: str, remedy: str) -> Iterator[None]:
         raise OutputError(
             f"{what} cannot be written",
             where=str(folder),
-            value=error.strerror,
-            allowed="a folder that may be written to, with room in it",
+            value=os.strerror(error.errno) if error.errno else str(error),
+            allowed=allowed,
             remedy="make room on the disk" if error.errno in _NO_ROOM else remedy,
         ) from None
 
 
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
+def _writing(path: Path) -> AbstractContextManager[None]:
     """Refuse a file that the block cannot write."""
-    try:
-        yield
-    except OSError as error:
-        raise _unwritable(path, error) from None
-
-
-def _unwritable(path: Path, error: OSError) -> OutputError:
+    place = path.with_name(path.name.rpartition(_PARTIAL)[2])
     remedy = "give another path, or remove what is in the way"
-    return OutputError(
-        "the output cannot be written",
-        where=str(path.with_name(path.name.rpartition(_PARTIAL)[2])),
-        value=os.strerror(error.errno) if error.errno else str(error),
-        allowed="a file in a folder that may be written to, with room for it",
-        remedy="make room on the disk" if error.errno in _NO_ROOM else remedy,
-    )
+    allowed = "a file in a folder that may be written to, with room for it"
+    return writing_into(place, "the output", remedy, allowed)
 
 
 def write_text(path: Path, text: str) -> None:
