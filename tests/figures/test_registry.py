@@ -58,7 +58,7 @@ def test_captions_are_short_and_state_no_result(folder, name):
 @pytest.mark.parametrize("name", entries("campaign"))
 def test_every_figure_of_a_campaign_has_its_section_of_the_page(name):
     entry = entries("campaign")[name]
-    known = {id for id, _, _ in SECTIONS}
+    known = {each.id for each in SECTIONS}
     assert (entry.section in known) if entry.kind == "figure" else entry.section == ""
 
 
