@@ -8,8 +8,8 @@ from matplotlib.text import Text
 
 from made_up_results import elsewhere
 from pa10cal.figures.campaign import paper_against_ours, paper_figures
+from pa10cal.figures.campaign.paper_figures import PLACE_MM, places
 from pa10cal.figures.registry import NothingToShowError
-from pa10cal.figures.repeats import PLACE_MM, places
 
 pytestmark = pytest.mark.usefixtures("project_looks")
 

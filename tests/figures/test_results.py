@@ -9,9 +9,9 @@ import pytest
 
 from made_up_results import elsewhere
 from pa10cal.errors import Pa10calError, RawDataError, RecordError
+from pa10cal.figures.campaign.paper_figures import places
 from pa10cal.figures.draw import of_campaign
 from pa10cal.figures.published import is_of_papers_arm
-from pa10cal.figures.repeats import places
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import BaseFrameRecord
 from pa10cal.results.discovery import VerdictRecord

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from pa10cal.reports import pictures
 from pa10cal.reports.blocks import Beside, Callout, Grid, PageBlock, Paragraph, folded, grid
-from pa10cal.reports.errors import ALL, FITTED, HELD_OUT, errors_of, headline, model_titles
+from pa10cal.reports.errors import ALL, FITTED, HELD_OUT, errors_of, model_titles
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     count,
@@ -28,25 +28,15 @@ from pa10cal.results.evaluation import Iso9283Record, Parameter
 
 def accuracy(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield what calibration and effects gained."""
-    ends = headline(results)
-    if ends is None:
+    every = errors_of(results)
+    if not every:
         yield Callout("missing", results.absent["calibration"])
         return
-    before, after = ends
-    flagged = after.with_flagged("rms_mm")
-    yield Paragraph(
-        f"Over the {before.kind} poses the position error fell from "
-        f"{mm(before.counted.rms_mm)} mm to {mm(after.counted.rms_mm)} mm rms, its peak from "
-        f"{mm(before.counted.peak_mm)} mm to {mm(after.counted.peak_mm)} mm"
-        f"{'; ' * bool(flagged)}{flagged}.",
-        lead=True,
-    )
     yield Paragraph(
         f"{'' if results.words is None else f'{results.words.of} '}"
         "Repeats of a configuration are averaged. Held-out poses are used for evaluation only. "
         "With the effects found, all parameters are fitted anew."
     )
-    every = errors_of(results)
     head = (
         "poses | load | model | rms [mm] | peak [mm] | mean [mm] | orientation, mean [deg] | "
         "configurations"

@@ -39,23 +39,20 @@ def errors_by_angle(results: ResultsBundle) -> Iterator[PageBlock]:
         return
     if maps := tuple(joint_map_drawings(results.verdict)):
         yield Paragraph(
-            "Errors that depend on a joint angle, as discovery found them: the position error of "
-            "each joint over a whole turn, with a 95 % band from the uncertainty of the knots. A "
-            "constant over the measured angles can hardly be separated from the joint zero or the "
-            "base and widens the band equally at all knots. Shaded: angles without fitted poses, "
-            "where the line is a smooth continuation of its neighbours and the model extrapolates. "
-            "A map shows at which joint an error is and how it depends on the angle, not whether "
-            "encoder, gear or controller causes it. Joints without a map showed no need of one."
+            "The error of each joint over a turn, as discovery found it, with a 95 % band. A "
+            "constant can hardly be separated from the joint zero or the base and widens the band "
+            "at all angles. Shaded: angles without fitted poses, where the model extrapolates. A "
+            "map shows at which joint an error is, not whether encoder, gear or controller causes "
+            "it. Joints without a map showed no need of one."
         )
         yield Beside(maps)
     if campaigns := tuple(campaigns_drawings(results.verdict)):
         yield Paragraph(
-            "One robot, several campaigns: the same errors as each campaign alone has them, where "
-            "it has poses, less the mean over the angles that all visited, or else its own. Where "
-            "campaigns lie on top of each other the error belongs to the robot. Below each joint: "
-            "the correlation r of the campaigns with its 95 % interval, and α, the share of the "
-            "error that the joint's motor followed, with its 95 % interval, where the motor's own "
-            "ripple shows it: 0 if the gear makes the error, 1 if the sensor does."
+            "The same errors as each campaign alone has them, where it has poses, less the mean "
+            "over the angles that all visited, or else its own. Where campaigns lie on top of each "
+            "other the error belongs to the robot. Below, with 95 % intervals: the correlation r "
+            "of the campaigns, and α, the share of the error that the motor followed, where its "
+            "own ripple shows it: 0 if the gear makes the error, 1 if the sensor does."
         )
         yield Beside(campaigns)
 

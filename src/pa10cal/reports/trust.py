@@ -63,12 +63,9 @@ def trust(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
     )
     if results.planes:
         yield Paragraph(
-            "Expected position error caused by resolver uncertainty over each plane of the Monte "
-            "Carlo, from the closed form, in one colour scale for all planes. The error grows with "
-            "the distance from the base, because the first joints act over a longer arm. The mean "
-            "is over the grid of the map; the picture below uses positions drawn at random in the "
-            "same plane, so the two differ a little. Only the nominal arm is used: the maps of all "
-            "campaigns of one arm are the same."
+            "Expected position error that resolver uncertainty causes in the nominal arm, over "
+            "each plane of the Monte Carlo, from the closed form. Means are over the grid of the "
+            "map; the picture below draws positions at random, so the two differ a little."
         )
         yield Beside(tuple(plane_drawings(results.planes)))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from pa10cal.reports.theme import AFTER, BEFORE, BLACK, BLUE, GREY, ORANGE
 from pa10cal.reports.trust import outliers_grid
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.discovery import VerdictRecord
-from pa10cal.results.evaluation import Estimate
 from pa10cal.results.record import HALF_WIDTH_95
 
 _S_PER_H = 3600.0
@@ -105,7 +103,7 @@ def _draw_parts(axes: Axes, names: list[str], rms: list[list[float]], floor: lis
     aside = max(np.sqrt(_LEAST_RATIO * low / high), 1.0)
     style.plain_log(axes, "y", low / aside, high * aside)
     axes.set_xlim(-0.6, len(names) - 0.4)
-    _name_columns(axes, at, names)
+    style.name_columns(axes, names)
     return axes
 
 
@@ -128,7 +126,7 @@ def _draw_directions(axes: Axes, found: AnalysisRecord) -> None:
         axes.set_xticks(ticks, signs, minor=True)
     joints = [part.joint for part in found.before.by_joint]
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    _name_columns(axes, joints, [f"\n{joint}" for joint in joints])
+    style.name_columns(axes, [f"\n{joint}" for joint in joints], joints)
     axes.set_xlim(joints[0] - 0.6, joints[-1] + 0.6)
     axes.set(xlabel="joint, arriving in − or + direction", ylabel="mean [µrad]")
 
@@ -140,30 +138,23 @@ def _draw_drifts(axes: Axes, found: AnalysisRecord) -> None:
     known = np.isfinite(cells.temperature_C).all()
     kelvin = float(np.ptp(cells.temperature_C)) if known else 0.0
     for fit, look, aside in ((found.before, _BEFORE, -_ASIDE), (found.after, _AFTER, _ASIDE)):
-        slopes: list[tuple[float, float, Estimate | None]] = []
-        slopes += [(k, hours, drift.by_time_mm_per_h) for k, drift in enumerate(fit.drifts)]
-        by_temperature = [drift.by_temperature_mm_per_K for drift in fit.drifts]
-        slopes += [(k, kelvin, slope) for k, slope in enumerate(by_temperature, start=4)]
-        for part in (slopes[:3], slopes[3:]):
-            shown = [(x + aside, 1e3 * span, slope) for x, span, slope in part if slope]
+        for first, span, slopes in (
+            (0, hours, [drift.by_time_mm_per_h for drift in fit.drifts]),
+            (4, kelvin, [drift.by_temperature_mm_per_K for drift in fit.drifts]),
+        ):
+            shown = [(first + k + aside, slope) for k, slope in enumerate(slopes) if slope]
             if shown:
-                half = [by * HALF_WIDTH_95 * (slope.std or 0.0) for _, by, slope in shown]
-                value = [by * slope.value for _, by, slope in shown]
-                axes.errorbar([x for x, _, _ in shown], value, yerr=half, elinewidth=0.8, **look)
+                value = [1e3 * span * slope.value for _, slope in shown]
+                half = [1e3 * span * HALF_WIDTH_95 * (slope.std or 0.0) for _, slope in shown]
+                axes.errorbar([x for x, _ in shown], value, yerr=half, elinewidth=0.8, **look)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     names = [drift.axis for drift in found.before.drifts]
     warmed = any(drift.by_temperature_mm_per_K is not None for drift in found.before.drifts)
-    _name_columns(axes, [0, 1, 2, 4, 5, 6][: 6 if warmed else 3], names * (2 if warmed else 1))
+    at = [0, 1, 2, 4, 5, 6][: 6 if warmed else 3]
+    style.name_columns(axes, names * (2 if warmed else 1), at)
     axes.set_xlim(-0.6, 6.6 if warmed else 2.6)
     axes.set_xlabel("with time        with temperature" if warmed else "with time")
     axes.set_ylabel("slope × range [µm]")
-
-
-def _name_columns(axes: Axes, at: Iterable[float], names: list[str]) -> None:
-    """Name columns in place of an axis of numbers."""
-    axes.set_xticks(list(at), names)
-    axes.tick_params(axis="x", length=0.0, which="both")
-    axes.grid(visible=False, axis="x")
 
 
 def _against_pure_error(found: AnalysisRecord, noise_from: str | None) -> str:
@@ -246,27 +237,7 @@ def draw_gap_by_step(results: ResultsBundle) -> Figure:
         handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
     handles.append(Line2D([], [], label=f"{gap.floor_is} alone: mean", **_FLOOR_LINE))
     style.legend_at(figure, 10.0, 11.0, handles, ncols=3)
-    style.write_text_at(figure, 10.0, 6.5, _beyond(found), color=GREY)
     return figure
-
-
-def _beyond(found: AnalysisRecord) -> str:
-    """State the errors of held-out poses inside the joint angles of the fit and beyond."""
-    if len(found.naming) == 1:
-        return "No effect was named: there is one step."
-    held_out = found.gap.holdout
-    beyond = None if held_out is None else held_out.extrapolated
-    if held_out is None or beyond is None or not beyond.any():
-        return ""
-    error_mm = np.linalg.norm(held_out.after_mm, axis=1)
-    outside_mm = np.sqrt(np.mean(error_mm[beyond] ** 2))
-    if beyond.all():
-        return f"Held out, last step: rms {outside_mm:.3f} mm; all poses are extrapolated."
-    inside_mm = np.sqrt(np.mean(error_mm[~beyond] ** 2))
-    return (
-        f"Held out, last step: rms {inside_mm:.3f} mm inside the angles of the fit, "
-        f"{outside_mm:.3f} mm in {beyond.sum()} of {len(beyond)} (extrapolated)."
-    )
 
 
 @picture(
