@@ -7,7 +7,6 @@ stand-ins that take the same options and write little files, so that only the wo
 import json
 import re
 import shutil
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -15,19 +14,13 @@ import yaml
 
 from pa10cal.evaluation.options import BlindTrialsOptions
 from pa10cal.lab.cell.trials import trial_counts
+from snakemake_calls import planned
 from workflow_stand_ins import stand_ins
 
 ROOT = Path(__file__).parents[1]
 SETTINGS = BlindTrialsOptions()
 COMMON = ("--cores", "2", "--nocolor")
 SHIPPED = ("cell-a", "cell-null", "lightcap2008")
-
-
-def planned(text):
-    """Read the job counts of a dry run; none when there is nothing to do."""
-    table = re.search(r"^Job stats:\n.*\n-.*\n((?:\S+ +\d+\n)+)", text, re.MULTILINE)
-    rows = (row.split() for row in table[1].splitlines()) if table else ()
-    return Counter({name: int(count) for name, count in rows})
 
 
 @pytest.fixture
@@ -158,6 +151,17 @@ def test_plans(plan, tmp_path, targets, config, jobs):
         assert set(found) == set(wanted)
     if targets == "simulate":
         assert str(tmp_path / "out/simulated/s1/poses.csv") in text
+
+
+@pytest.mark.slow
+def test_one_target_covers_both_models_with_the_settings_given(plan):
+    section = json.dumps({"campaigns": 3, "random_seed": 7, "poses": 44})
+    code, text = plan("-p", "coverage", coverage=section)
+    assert code == 0, text
+    assert set(planned(text)) == {"coverage", "total"}
+    assert "coverage --settings" in text
+    assert '"random_seed":7,"campaigns":3' in text
+    assert '"poses":44' in text
 
 
 def test_full_trials_are_many_and_reduced_ones_no_more():
