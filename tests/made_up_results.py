@@ -8,10 +8,11 @@ from pathlib import Path
 
 from made_up_records import effect, made_up_gap, names, verdict_keys
 from pa10cal.commands.command_line import run_command
-from pa10cal.results.codec import write
+from pa10cal.results.codec import read, write
 from pa10cal.results.discovery import Fault, VerdictRecord
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.explained import ProposedEvidence, ProposedFormula
+from pa10cal.results.fleet import ChainRecord
 
 NAME = "small"
 PLAN = {"robot": "ur10", "without_touches": {"instrument": "pose", "poses": 40}}
@@ -23,31 +24,19 @@ def _run(command, *words):
     assert run_command(command, [str(word) for word in words]) == 0
 
 
-def small_results(place: Path) -> Path:
-    """Return the results of a campaign that is too small for a search."""
-    raw, folder = place / "raw" / NAME, place / "results" / NAME
-    truth = ("--truth", place / "truth.json")
-    _run("simulate", "--name", NAME, "--settings", json.dumps(PLAN), "--out", raw, *truth)
-    poses, base_frame = folder / "ingest/poses.parquet", folder / "seed/base_frame.json"
-    given = ("--campaign-dir", raw, "--poses", poses)
-    quarantine = ("--quarantine", folder / "ingest/quarantine.csv")
-    _run("ingest", "--campaign-dir", raw, "--out", poses, *quarantine)
-    _run("seed", *given, "--out", base_frame)
-    combined = folder / "calibration/combined.json"
-    begun = ("--base-frame", base_frame, "--load", "combined", "--out", combined)
-    _run("calibrate", *given, *begun)
-    out = {name: folder / f"discovery/{name}.json" for name in ("verdict", "analysis", "extended")}
-    out["suggested"] = folder / "discovery/suggested_poses.csv"
-    words = [word for name, path in out.items() for word in (f"--{name}", path)]
-    calibration = ("--calibration", combined)
-    _run("discover", *given, *calibration, *words)
-    extended = ("--extended", out["extended"])
-    iso9283 = ("--iso9283", folder / "evaluation/iso9283.json")
-    held_out = ("--out", folder / "evaluation/holdout.json")
-    _run("evaluate", *given, *calibration, *extended, *held_out, *iso9283)
-    model = ("--model", folder / "model/model.yaml", "--urdf", folder / "model/robot.urdf")
-    _run("export", *calibration, *extended, *model, "--dh", folder / "model/dh.csv")
-    return folder
+def taken_to_a_model(raw: Path, results: Path, **settings) -> Path:
+    """Take a campaign through every stage, and return its results."""
+    words = ("--results", results, "--settings", json.dumps(settings))
+    _run("chain", "--campaign-dir", raw, *words)
+    assert read(ChainRecord, results / ChainRecord.FILE).status == "done"
+    return results
+
+
+def small_results(place: Path, name: str = NAME, plan=PLAN) -> Path:
+    """Return the results of a simulated campaign that is too small for a search."""
+    raw, truth = place / "raw" / name, ("--truth", place / f"{name}.json")
+    _run("simulate", "--name", name, "--settings", json.dumps(plan), "--out", raw, *truth)
+    return taken_to_a_model(raw, place / "results" / name)
 
 
 #: A formula for what has no name.

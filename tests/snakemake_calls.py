@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,13 @@ from typing import Any
 TIMEOUT_S = 300
 #: What the rules import, through the project.
 _USED = ("pandas", "pyarrow", "pydantic", "scipy.interpolate", "scipy.optimize", "yaml")
+
+
+def planned(text: str) -> Counter[str]:
+    """Read the job counts of a dry run; none when there is nothing to do."""
+    table = re.search(r"^Job stats:\n.*\n-.*\n((?:\S+ +\d+\n)+)", text, re.MULTILINE)
+    rows = (row.split() for row in table[1].splitlines()) if table else ()
+    return Counter({name: int(count) for name, count in rows})
 
 
 class Snakemake:

@@ -7,7 +7,6 @@ stand-ins that take the same options and write little files, so that only the wo
 import json
 import re
 import shutil
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -15,19 +14,13 @@ import yaml
 
 from pa10cal.evaluation.options import BlindTrialsOptions
 from pa10cal.lab.cell.trials import trial_counts
+from snakemake_calls import planned
 from workflow_stand_ins import stand_ins
 
 ROOT = Path(__file__).parents[1]
 SETTINGS = BlindTrialsOptions()
 COMMON = ("--cores", "2", "--nocolor")
 SHIPPED = ("cell-a", "cell-null", "lightcap2008")
-
-
-def planned(text):
-    """Read the job counts of a dry run; none when there is nothing to do."""
-    table = re.search(r"^Job stats:\n.*\n-.*\n((?:\S+ +\d+\n)+)", text, re.MULTILINE)
-    rows = (row.split() for row in table[1].splitlines()) if table else ()
-    return Counter({name: int(count) for name, count in rows})
 
 
 @pytest.fixture
@@ -85,41 +78,97 @@ def checkout(tmp_path, call_snakemake):
     return run
 
 
-@pytest.mark.slow
-def test_plans_one_campaign_with_one_job_for_all_planes_and_one_for_all_loads(plan):
-    code, text = plan(campaigns='["cell-null"]')
+FULL, REDUCED, TRACKED, REFLECTORS, UNSTATED, SORTED = (
+    sum(-(-count // SETTINGS.trials_a_job) for count in trial_counts(counts).values())
+    for counts in (
+        *(SETTINGS.full, SETTINGS.reduced, SETTINGS.tracked, SETTINGS.reflectors),
+        *(SETTINGS.unstated, SETTINGS.sorted_by_joint),
+    )
+)
+ONE = {"campaigns": '["cell-null"]'}
+GROUP = {"campaigns": '["cell-a"]', "groups": '{"arm": ["cell-a", "cell-null"]}'}
+#: Targets (those with a folder are results), settings, and how often some jobs are planned.
+PLANS = [
+    ("", ONE, "ingest 1, base_frame 1, evaluate 1, montecarlo 1, calibrate 1"),
+    ("cell-a/calibration/44N.json", {}, "ingest 1, base_frame 1, calibrate_one 1, total 3"),
+    (
+        "arm/report.html arm/evaluation/holdout.json",
+        GROUP,
+        "ingest 2, base_frame 3, join 1, montecarlo 0, calibrate 1, discover 1, evaluate 1, page 1",
+    ),
+    # Effects of the verdict are sought before they are calibrated with.
+    (
+        "cell-a/calibration/combined.json",
+        {"calibration": "{effects: named}"},
+        "calibrate 1, calibrate_baseline 1, discover 1",
+    ),
+    # All load cases in one job, and one of them alone beside what follows from all.
+    (
+        "cell-null/calibration/combined.json cell-null/discovery/verdict.json",
+        ONE,
+        "calibrate 1, discover 1",
+    ),
+    (
+        "cell-null/calibration/44N.json cell-null/discovery/verdict.json",
+        ONE,
+        "calibrate_one 1, discover 1",
+    ),
+    (
+        "simulate",  # the campaign of config.yaml too
+        {"simulate": "{s1: {without_touches: {instrument: points}}, t1: {}}"},
+        "simulate_tracked 1, simulate_campaign 2",
+    ),
+    ("", {}, "judge_trials 0, montecarlo 3"),
+    ("blind_trials_reduced", {}, f"judge_trials {REDUCED}"),
+    ("blind_trials", {}, f"judge_trials {FULL + TRACKED}, score_trials 2, trial_pictures 2"),
+    ("blind_trials_tracked", {}, f"judge_trials {TRACKED}"),
+    (
+        "blind_trials_reflectors",
+        {},
+        f"judge_trials {3 * REFLECTORS}, score_trials 3, trial_pictures 3",
+    ),
+    ("blind_trials_unstated", {}, f"judge_trials {UNSTATED}, score_trials 1, trial_pictures 1"),
+    ("blind_trials_sorted", {}, f"judge_trials {SORTED}, score_trials 1, trial_pictures 1"),
+]
+
+
+@pytest.mark.parametrize(
+    ("targets", "config", "jobs"),
+    # The plans of single load cases in every run, the others with the slow tests.
+    [
+        each if "verdict" in each[0] else pytest.param(*each, marks=pytest.mark.slow)
+        for each in PLANS
+    ],
+)
+def test_plans(plan, tmp_path, targets, config, jobs):
+    given = [tmp_path / "out" / each if "/" in each else each for each in targets.split()]
+    code, text = plan(*given, **config)
     assert code == 0, text
-    jobs = planned(text)
-    assert jobs["ingest"] == jobs["base_frame"] == jobs["evaluate"] == 1
-    assert jobs["montecarlo"] == jobs["calibrate"] == 1
+    wanted = {job: int(count) for job, count in map(str.split, jobs.split(", "))}
+    found = planned(text)
+    assert {job: found[job] for job in wanted} == wanted
+    if "total" in wanted:
+        assert set(found) == set(wanted)
+    if targets == "simulate":
+        assert str(tmp_path / "out/simulated/s1/poses.csv") in text
 
 
 @pytest.mark.slow
-def test_plans_a_single_result_and_what_it_stands_on(plan, tmp_path):
-    code, text = plan(tmp_path / "out/cell-a/calibration/44N.json")
+def test_one_target_covers_both_models_with_the_settings_given(plan):
+    section = json.dumps({"campaigns": 3, "random_seed": 7, "poses": 44})
+    code, text = plan("-p", "coverage", coverage=section)
     assert code == 0, text
-    assert planned(text) == {"ingest": 1, "base_frame": 1, "calibrate_one": 1, "total": 3}
+    assert set(planned(text)) == {"coverage", "total"}
+    assert "coverage --settings" in text
+    assert '"random_seed":7,"campaigns":3' in text
+    assert '"poses":44' in text
 
 
-@pytest.mark.slow
-def test_plans_a_group_of_campaigns_with_the_names_of_one(plan, tmp_path):
-    groups = '{"arm": ["cell-a", "cell-null"]}'
-    wanted = [tmp_path / "out/arm" / name for name in ("report.html", "evaluation/holdout.json")]
-    code, text = plan(*wanted, campaigns='["cell-a"]', groups=groups)
-    assert code == 0, text
-    jobs = planned(text)
-    assert (jobs["ingest"], jobs["base_frame"], jobs["join"]) == (2, 3, 1)
-    assert jobs["calibrate"] == jobs["discover"] == jobs["evaluate"] == jobs["page"] == 1
-    assert "montecarlo" not in jobs
-
-
-@pytest.mark.slow
-def test_effects_of_the_verdict_are_sought_before_they_are_calibrated_with(plan, tmp_path):
-    out = tmp_path / "out/cell-a/calibration/combined.json"
-    code, text = plan(out, calibration="{effects: named}")
-    assert code == 0, text
-    jobs = planned(text)
-    assert jobs["calibrate"] == jobs["calibrate_baseline"] == jobs["discover"] == 1
+def test_full_trials_are_many_and_reduced_ones_no_more():
+    full, reduced, tracked = map(trial_counts, (SETTINGS.full, SETTINGS.reduced, SETTINGS.tracked))
+    assert full["null"] >= 200
+    assert tracked["null"] >= 150
+    assert all(few <= full[kind] for kind, few in reduced.items())
 
 
 @pytest.mark.slow
@@ -136,6 +185,7 @@ def test_effects_of_the_verdict_are_sought_before_they_are_calibrated_with(plan,
             {"calibration": '{"prior": "gone.yaml"}'},
             "calibration.prior: the file is not there.*gone.yaml",
         ),
+        ({"campaigns": '["nope"]'}, f"^pa10cal:.*allowed: {', '.join(SHIPPED)};"),
         (
             {"campaigns": '["cell-a"]', "groups": '{"cell-null": ["cell-a", "lightcap2008"]}'},
             "a group is called like a campaign.*cell-null",
@@ -145,7 +195,8 @@ def test_effects_of_the_verdict_are_sought_before_they_are_calibrated_with(plan,
 def test_refuses_a_wrong_configuration_in_one_message(plan, config, expected):
     code, text = plan(**config)
     assert code == 2
-    assert re.search(expected, text)
+    assert re.search(expected, text, re.MULTILINE)
+    assert len([line for line in text.splitlines() if line.startswith("pa10cal:")]) <= 1
     assert "Traceback" not in text
 
 
@@ -154,16 +205,6 @@ def test_names_a_campaign_that_is_not_there(plan, tmp_path):
     code, text = plan(tmp_path / "out/celll/ingest/poses.parquet")
     assert code != 0
     assert "celll/campaign.yaml" in text
-    assert "Traceback" not in text
-
-
-@pytest.mark.slow
-def test_a_campaign_that_is_not_there_is_refused_in_one_line(plan):
-    code, text = plan(campaigns='["nope"]')
-    assert code == 2
-    lines = [line for line in text.splitlines() if line.startswith("pa10cal:")]
-    assert len(lines) == 1
-    assert f"allowed: {', '.join(SHIPPED)};" in lines[0]
     assert "Traceback" not in text
 
 
@@ -237,45 +278,6 @@ def test_one_picture_is_drawn_by_its_path_from_what_it_needs(checkout):
 
 
 @pytest.mark.slow
-def test_targets_of_trials_run_those_of_the_settings_and_the_default_target_none(plan):
-    full, reduced, tracked = map(trial_counts, (SETTINGS.full, SETTINGS.reduced, SETTINGS.tracked))
-    size = SETTINGS.trials_a_job
-
-    def jobs(counts):
-        return sum(-(-count // size) for count in counts.values())
-
-    code, text = plan()
-    assert code == 0, text
-    assert "judge_trials" not in planned(text)
-    assert planned(text)["montecarlo"] == 3
-    code, text = plan("blind_trials_reduced")
-    assert code == 0, text
-    assert planned(text)["judge_trials"] == jobs(reduced)
-    code, text = plan("blind_trials")
-    assert code == 0, text
-    assert planned(text)["judge_trials"] == jobs(full) + jobs(tracked)
-    assert planned(text)["score_trials"] == planned(text)["trial_pictures"] == 2
-    code, text = plan("blind_trials_tracked")
-    assert code == 0, text
-    assert planned(text)["judge_trials"] == jobs(tracked)
-    code, text = plan("blind_trials_reflectors")
-    assert code == 0, text
-    assert planned(text)["judge_trials"] == 3 * jobs(trial_counts(SETTINGS.reflectors))
-    assert planned(text)["score_trials"] == planned(text)["trial_pictures"] == 3
-    for target, counts in (
-        ("blind_trials_unstated", SETTINGS.unstated),
-        ("blind_trials_sorted", SETTINGS.sorted_by_joint),
-    ):
-        code, text = plan(target)
-        assert code == 0, text
-        assert planned(text)["judge_trials"] == jobs(trial_counts(counts))
-        assert planned(text)["score_trials"] == planned(text)["trial_pictures"] == 1
-    assert full["null"] >= 200
-    assert tracked["null"] >= 150
-    assert all(few <= full[kind] for kind, few in reduced.items())
-
-
-@pytest.mark.slow
 def test_blind_trials_are_divided_into_jobs_and_scored_together(checkout):
     counts = {**dict.fromkeys(dict(SETTINGS.full), 0), "null": 3, "pair": 2}
     few = [f"blind_trials={{'trials_a_job': 2, 'reduced': {counts}}}"]
@@ -335,24 +337,3 @@ def test_simulates_beside_the_results_and_never_over_raw_data(checkout, tmp_path
     }
     assert (elsewhere / "simulated/lightcap2008.truth.json").read_text() == "text_e7"
     assert sorted((checkout.place / "data").rglob("*")) == before
-
-
-@pytest.mark.slow
-def test_a_campaign_without_touches_is_planned_as_what_it_is(plan, tmp_path):
-    code, text = plan("simulate", simulate="{s1: {without_touches: {instrument: points}}, t1: {}}")
-    assert code == 0, text
-    jobs = planned(text)
-    assert jobs["simulate_tracked"] == 1
-    assert jobs["simulate_campaign"] == 2  # the one of config.yaml, too
-    assert str(tmp_path / "out/simulated/s1/poses.csv") in text
-
-
-def test_one_load_case_and_what_follows_from_all_are_planned_in_one_call(plan, tmp_path):
-    out = tmp_path / "out/cell-null"
-    wanted = [out / "calibration/combined.json", out / "discovery/verdict.json"]
-    code, text = plan(*map(str, wanted), campaigns='["cell-null"]')
-    assert code == 0, text
-    assert planned(text)["calibrate"] == planned(text)["discover"] == 1
-    code, text = plan(str(out / "calibration/44N.json"), str(wanted[1]), campaigns='["cell-null"]')
-    assert code == 0, text
-    assert planned(text)["calibrate_one"] == 1

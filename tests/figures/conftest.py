@@ -2,28 +2,34 @@
 
 import json
 import shutil
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.backends.backend_agg import RendererAgg
+from matplotlib.text import Text
 
 from built_once import built_once
 from made_up_records import accuracy, effect, made_up_gap, set_gap, stretches_deg, verdict_keys
-from made_up_results import elsewhere
+from made_up_results import elsewhere, small_results, taken_to_a_model
 from pa10cal.campaign.description import read_description
 from pa10cal.commands.command_line import run_command
-from pa10cal.evaluation.options import PictureOptions
-from pa10cal.figures.style import looks
+from pa10cal.evaluation.options import ChainOptions, PictureOptions
+from pa10cal.figures.style import WIDTH_MM, looks, write_figure
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.codec import write
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.maps import AnglesSeen
+from pa10cal.stages.pipeline import stages
 
 CAMPAIGN = Path(__file__).parents[2] / "data/raw/cell-null"
 PLANES_MM = (300, 500, 700)
-LITTLE_DRAWING = '{"cycles": 200, "positions": 20, "map_spacing_mm": 200}'
-LITTLE_CALIBRATION = '{"starts": 1}'
+LITTLE_DRAWING = (
+    '{"cycles": 200, "positions": 20, "map_spacing_mm": 200, "planes_mm": [300, 500, 700]}'
+)
+LITTLE = {"calibration": {"starts": 1}}
 
 
 #: Knots a turn of the maps in results made up.
@@ -32,78 +38,39 @@ KNOTS = 24
 AMPLITUDE_RAD, PHASE_RAD, ORDER = 4e-4, 0.7, 100.0
 
 
-def _run(command, *words):
-    assert run_command(command, [str(word) for word in words]) == 0
-
-
-def _discover(place, raw=CAMPAIGN):
-    given = ("--poses", place / "ingest/poses.parquet")
-    given += ("--calibration", place / "calibration/combined.json")
-    out = {name: place / f"discovery/{name}.json" for name in ("verdict", "analysis", "extended")}
-    out["suggested"] = place / "discovery/suggested_poses.csv"
-    words = [word for name, path in out.items() for word in (f"--{name}", path)]
-    _run("discover", "--campaign-dir", raw, *given, *words)
-
-
-def _results(folder, raw, settings=None) -> ResultsBundle:
-    description = read_description(raw)
-    return ResultsBundle(folder, description=description, settings=settings or PictureOptions())
-
-
 @pytest.fixture(scope="session")
-def folder(tmp_path_factory) -> Path:
-    """The results folder of a campaign, as the workflow lays it out; to be read only."""
-    return built_once(tmp_path_factory, "cell-null", _calibrated)
+def results(tmp_path_factory) -> ResultsBundle:
+    """The results of a shipped campaign, as the workflow lays them out; to be read only."""
 
+    def build(within: Path) -> Path:
+        place = taken_to_a_model(CAMPAIGN, within / "cell-null", **LITTLE)
+        words = ("--campaign", "cell-null", "--robot", "pa10_6ce", "--settings", LITTLE_DRAWING)
+        assert run_command("montecarlo", [*words, "--out", str(place / "montecarlo")]) == 0
+        return place
 
-def _calibrated(within: Path) -> Path:
-    place = within / "cell-null"
-    poses, base_frame = place / "ingest/poses.parquet", place / "seed/base_frame.json"
-    raw = ("--campaign-dir", CAMPAIGN)
-    _run("ingest", *raw, "--out", poses, "--quarantine", place / "ingest/quarantine.csv")
-    _run("seed", *raw, "--poses", poses, "--out", base_frame)
-    for load in ("0N", "22N", "44N", "combined", "general"):
-        out = place / f"calibration/{load}.json"
-        given = ("--poses", poses, "--base-frame", base_frame, "--load", load)
-        _run("calibrate", *raw, *given, "--settings", LITTLE_CALIBRATION, "--out", out)
-    given = ("--poses", poses, "--calibration", place / "calibration/combined.json")
-    _run("evaluate", *raw, *given, "--out", place / "evaluation/holdout.json")
-    _discover(place)
-    for plane in PLANES_MM:
-        words = ("--campaign", "cell-null", "--robot", "pa10_6ce", "--plane-mm", plane)
-        out = place / f"montecarlo/z{plane}.json"
-        _run("montecarlo", *words, "--settings", LITTLE_DRAWING, "--out", out)
-    return place
-
-
-@pytest.fixture(scope="session")
-def results(folder) -> ResultsBundle:
+    place = built_once(tmp_path_factory, "cell-null", build)
     settings = PictureOptions.model_validate({"montecarlo": {"planes_mm": PLANES_MM}})
-    return _results(folder, CAMPAIGN, settings)
+    return ResultsBundle(place, description=read_description(CAMPAIGN), settings=settings)
 
 
 @pytest.fixture(scope="session")
 def named(results, tmp_path_factory) -> ResultsBundle:
     """The same campaign with a kinematic error in joint 2, which discovery names."""
-    place = built_once(tmp_path_factory, "named", lambda within: _named(within, results.folder))
-    return elsewhere(results, place)
 
+    def build(within: Path) -> Path:
+        place = Path(shutil.copytree(results.folder, within / "cell-null"))
+        path = place / "ingest/poses.parquet"
+        table = pq.read_table(path)
+        q_rad = table["q2_rad"].to_numpy()
+        logged = q_rad - AMPLITUDE_RAD * np.sin(ORDER * q_rad + PHASE_RAD)
+        column = table.schema.get_field_index("q2_rad")
+        pq.write_table(table.set_column(column, "q2_rad", [logged]), path)
+        for stage in stages((CAMPAIGN,), place, ChainOptions.model_validate(LITTLE), "combined"):
+            if stage.name in ("calibrate", "discover"):
+                stage.run()
+        return place
 
-def _named(within: Path, calibrated: Path) -> Path:
-    place = within / "cell-null"
-    shutil.copytree(calibrated, place)
-    path = place / "ingest/poses.parquet"
-    table = pq.read_table(path)
-    q_rad = table["q2_rad"].to_numpy()
-    logged = q_rad - AMPLITUDE_RAD * np.sin(ORDER * q_rad + PHASE_RAD)
-    column = table.schema.get_field_index("q2_rad")
-    pq.write_table(table.set_column(column, "q2_rad", [logged]), path)
-    given = ("--poses", path, "--base-frame", place / "seed/base_frame.json", "--load", "combined")
-    out = place / "calibration/combined.json"
-    words = ("--settings", LITTLE_CALIBRATION, "--out", out)
-    _run("calibrate", "--campaign-dir", CAMPAIGN, *given, *words)
-    _discover(place)
-    return place
+    return elsewhere(results, built_once(tmp_path_factory, "named", build))
 
 
 #: Instruments without touches, the arm that each measures in the tests, and at which loads.
@@ -122,36 +89,18 @@ def sighted(tmp_path_factory) -> dict[str, ResultsBundle]:
     """
 
     def build(within: Path) -> Path:
-        for kind in SIGHTED:
-            _sighted(kind, within / kind)
+        for kind, (robot, loads_N) in SIGHTED.items():
+            plan = {"instrument": kind, "poses": 60, "loads_N": loads_N}
+            small_results(within, kind, {"robot": robot, "without_touches": plan})
         return within
 
     place = built_once(tmp_path_factory, "sighted", build)
     return {
-        kind: _results(place / kind / "results" / kind, place / kind / "raw" / kind)
+        kind: ResultsBundle(
+            place / "results" / kind, description=read_description(place / "raw" / kind)
+        )
         for kind in SIGHTED
     }
-
-
-def _sighted(kind, place) -> None:
-    raw, folder = place / "raw" / kind, place / "results" / kind
-    robot, loads_N = SIGHTED[kind]
-    plan = {"instrument": kind, "poses": 60, "loads_N": loads_N}
-    settings = json.dumps({"robot": robot, "without_touches": plan})
-    truth = ("--truth", place / "truth.json")
-    _run("simulate", "--name", kind, "--settings", settings, "--out", raw, *truth)
-    poses, base_frame = folder / "ingest/poses.parquet", folder / "seed/base_frame.json"
-    given = ("--campaign-dir", raw, "--poses", poses)
-    quarantine = ("--quarantine", folder / "ingest/quarantine.csv")
-    _run("ingest", "--campaign-dir", raw, "--out", poses, *quarantine)
-    _run("seed", *given, "--out", base_frame)
-    combined = folder / "calibration/combined.json"
-    begun = ("--base-frame", base_frame, "--load", "combined")
-    _run("calibrate", *given, *begun, "--out", combined)
-    _discover(folder, raw)
-    extended = ("--extended", folder / "discovery/extended.json")
-    out = folder / "evaluation/holdout.json"
-    _run("evaluate", *given, "--calibration", combined, *extended, "--out", out)
 
 
 @pytest.fixture(scope="session")
@@ -164,8 +113,7 @@ def learnt(sighted, tmp_path_factory) -> ResultsBundle:
     angles learnt from, all of them in every fourth pose, which leaves those.
     """
     source = sighted["pose"]
-    place = tmp_path_factory.mktemp("learnt") / "pose"
-    shutil.copytree(source.folder, place)
+    place = Path(shutil.copytree(source.folder, tmp_path_factory.mktemp("learnt") / "pose"))
     path = place / "evaluation/holdout.json"
     record = json.loads(path.read_text("utf-8"))
     model = json.loads(json.dumps(record["models"]["linear"]))
@@ -174,16 +122,10 @@ def learnt(sighted, tmp_path_factory) -> ResultsBundle:
         part = 1.0 if row["extrapolated"] else 0.3
         row["error_mm"] *= part
         row["position_mm"] = [part * value for value in row["position_mm"]]
-    for name in ("inside", "outside"):
-        chosen = [r for r in model["rows"] if r["extrapolated"] == (name == "outside")]
-        errors = np.array([row["error_mm"] for row in chosen])
-        model[name] = {
-            "mean_mm": errors.mean(),
-            "peak_mm": errors.max(),
-            "rms_mm": np.sqrt(np.mean(errors**2)),
-            "orientation_deg": model["orientation_deg"],
-            "configurations": len(errors),
-        }
+    for name, beyond in (("inside", False), ("outside", True)):
+        errors = np.array([r["error_mm"] for r in model["rows"] if r["extrapolated"] == beyond])
+        made = accuracy(errors.mean(), errors.max(), np.sqrt(np.mean(errors**2)), len(errors))
+        model[name] = made.model_dump()
     record["models"]["extended"] = model
     path.write_text(json.dumps(record), encoding="utf-8")
     knots_rad = 3e-4 * np.sin(3.0 * 2.0 * np.pi * np.arange(KNOTS) / KNOTS)
@@ -213,6 +155,40 @@ def learnt(sighted, tmp_path_factory) -> ResultsBundle:
 def project_looks():
     with looks():
         yield
+
+
+DPI, LEAST_POINTS = 100, 8.0
+
+
+@pytest.fixture
+def written_legibly(project_looks, monkeypatch, tmp_path):
+    """Write a figure and return its texts: large enough, inside it and clear of each other."""
+    draw_text, seen = Text.draw, {}
+
+    def draw(text, renderer, *rest, **more):
+        draw_text(text, renderer, *rest, **more)
+        if isinstance(renderer, RendererAgg) and text.get_visible() and text.get_text():
+            seen[text] = (text.get_window_extent(renderer), renderer)
+
+    def write(figure, footer, folder=tmp_path, name="figure"):
+        seen.clear()
+        monkeypatch.setattr(Text, "draw", draw)
+        write_figure(figure, footer, folder, name, DPI)
+        assert len(seen) > 10
+        for text, (box, renderer) in seen.items():
+            assert text.get_fontsize() >= LEAST_POINTS, text
+            assert renderer.width <= DPI * WIDTH_MM / 25.4 + 1
+            assert min(box.x0, box.y0) >= -1, text
+            assert box.x1 <= renderer.width + 1, text
+            assert box.y1 <= renderer.height + 1, text
+        # The box of a slanted text, on an axis in space, is larger than the text.
+        straight = [text for text in seen if text.get_rotation() % 90 == 0]
+        boxes = {text: seen[text][0].padded(-1) for text in straight}
+        pairs = combinations(straight, 2)
+        assert not [pair for pair in pairs if boxes[pair[0]].overlaps(boxes[pair[1]])]
+        return [text.get_text() for text in seen]
+
+    return write
 
 
 @pytest.fixture

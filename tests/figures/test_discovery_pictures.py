@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from pa10cal.figures.campaign import by_joint, where
@@ -20,8 +19,17 @@ def texts_of(figure):
 
 @pytest.fixture
 def changed(named, changed_from):
-    """Copy the results with changes to the JSON of one of them."""
-    return partial(changed_from, named)
+    """Copy the results with changes to both fits of the analysis, or to all of it."""
+
+    def copy(of_fit=None, of_record=lambda record: None):
+        def change(record):
+            of_record(record)
+            for fit in ("before", "after") if of_fit else ():
+                of_fit(record[fit])
+
+        return changed_from(named, "discovery/analysis.json", change)
+
+    return copy
 
 
 def test_discovery_names_what_the_spoiled_campaign_hides(named):
@@ -33,52 +41,41 @@ def test_discovery_names_what_the_spoiled_campaign_hides(named):
 
 
 class TestBreakdown:
-    def test_shows_both_fits_beside_the_floor(self, named):
-        found = named.analysis
-        by_load = where.draw_where_breakdown(named).axes[0]
-        floor, before, after = (line.get_ydata() for line in by_load.lines[:3])
+    def test_shows_both_fits_beside_the_floor_and_the_joint_stands_out(self, named):
+        found, axes = named.analysis, where.draw_where_breakdown(named).axes
+        floor, before, after = (line.get_ydata() for line in axes[0].lines[:3])
         np.testing.assert_allclose(floor, [part.floor_mm for part in found.before.by_load])
         np.testing.assert_allclose(before, [part.rms_mm for part in found.before.by_load])
         np.testing.assert_allclose(after, [part.rms_mm for part in found.after.by_load])
         assert (before > 3 * floor).all()
         np.testing.assert_allclose(after, floor, rtol=0.3)
-
-    def test_the_joint_stands_out(self, named):
-        by_joint = where.draw_where_breakdown(named).axes[2]
-        floor, before, after = (line.get_ydata() for line in by_joint.lines[:3])
+        floor, before, after = (line.get_ydata() for line in axes[2].lines[:3])
         assert np.argmax(before / floor) == 1
         assert (after / floor).max() < 1.5
 
     def test_says_how_it_compares_with_repeats(self, named, results):
-        (said,) = (
-            t for t in texts_of(where.draw_where_breakdown(named)) if t.startswith("F, variance")
-        )
-        assert f"{named.analysis.before.pure_error.F:.0f} before (p < 0.001)" in said
-        (said,) = (
-            t for t in texts_of(where.draw_where_breakdown(results)) if t.startswith("F, variance")
-        )
-        assert "< 0.001" not in said
+        for source, said in (
+            (named, f"{named.analysis.before.pure_error.F:.0f} before (p < 0.001)"),
+            (results, "before (p = "),
+        ):
+            texts = texts_of(where.draw_where_breakdown(source))
+            assert any(text.startswith("F, variance") and said in text for text in texts)
 
     def test_a_temperature_that_was_not_logged_has_no_slope(self, changed, named):
-        def unlogged(record):
-            for fit in ("before", "after"):
-                for drift in record[fit]["drifts"]:
-                    drift["with_temperature_mm"] = None
+        def unlogged(fit):
+            for drift in fit["drifts"]:
+                drift["with_temperature_mm"] = None
 
-        def errorbars(results):
-            return len(where.draw_where_breakdown(results).axes[4].containers)
-
-        assert errorbars(named) == 4
-        assert errorbars(changed("discovery/analysis.json", unlogged)) == 2
+        for source, bars in ((named, 4), (changed(unlogged), 2)):
+            assert len(where.draw_where_breakdown(source).axes[4].containers) == bars
 
     def test_a_campaign_without_repeats_and_directions_says_so(self, changed):
-        def once(record):
-            for fit in ("before", "after"):
-                record[fit]["pure_error"] = None
-                for joint in record[fit]["by_joint"]:
-                    joint["arrivals"] = []
+        def once(fit):
+            fit["pure_error"] = None
+            for joint in fit["by_joint"]:
+                joint["arrivals"] = []
 
-        texts = texts_of(where.draw_where_breakdown(changed("discovery/analysis.json", once)))
+        texts = texts_of(where.draw_where_breakdown(changed(once)))
         assert "no direction was logged" in texts
         assert any(text.startswith("No pose was repeated") for text in texts)
 
@@ -92,24 +89,19 @@ class TestTorque:
         np.testing.assert_allclose(drawn["^"], np.array(joint.torque_residual_Nm)[forward])
         assert sum(map(len, drawn.values())) == len(joint.q_rad)
 
-    def test_says_when_there_are_no_torques(self, changed):
-        def unlogged(record):
-            for fit in ("before", "after"):
-                for joint in record[fit]["by_joint"]:
-                    joint["torque_residual_Nm"] = None
+    @pytest.mark.parametrize(
+        ("residual", "why"),
+        [(None, "no torques were logged, or the weights are"), (0.0, "none remain")],
+    )
+    def test_says_when_no_torques_were_logged_or_none_remain(self, changed, residual, why):
+        def without(fit):
+            for joint in fit["by_joint"]:
+                left = joint["torque_residual_Nm"]
+                joint["torque_residual_Nm"] = None if residual is None else [0.0] * len(left)
+                joint["torque_noise_Nm"] = None if residual is None else 0.0
 
-        with pytest.raises(NothingToShowError, match="no torques were logged, or the weights are"):
-            by_joint.draw_where_torque(changed("discovery/analysis.json", unlogged))
-
-    def test_a_calculated_log_has_nothing_to_show(self, changed):
-        def none_left(record):
-            for fit in ("before", "after"):
-                for joint in record[fit]["by_joint"]:
-                    joint["torque_residual_Nm"] = [0.0] * len(joint["torque_residual_Nm"])
-                    joint["torque_noise_Nm"] = 0.0
-
-        with pytest.raises(NothingToShowError, match="none remain"):
-            by_joint.draw_where_torque(changed("discovery/analysis.json", none_left))
+        with pytest.raises(NothingToShowError, match=why):
+            by_joint.draw_where_torque(changed(without))
 
 
 class TestGapByStep:
@@ -124,118 +116,67 @@ class TestGapByStep:
         assert found.naming[1].holdout.mean_mm < 0.3 * found.naming[0].holdout.mean_mm
 
     def test_one_row_where_nothing_was_named(self, results):
-        assert any(
-            "No effect was named" in text for text in texts_of(where.draw_gap_by_step(results))
-        )
+        axes = where.draw_gap_by_step(results).axes[0]
+        assert [label.get_text() for label in axes.get_yticklabels()] == ["calibrated model"]
 
     def test_without_held_out_poses(self, changed):
         def none(record):
             for step in record["naming"]:
                 step["holdout"] = None
 
-        texts = texts_of(where.draw_gap_by_step(changed("discovery/analysis.json", none)))
+        texts = texts_of(where.draw_gap_by_step(changed(of_record=none)))
         assert "poses fitted" in texts
         assert not any("held-out" in text for text in texts)
 
 
-class TestGapOfHeldOut:
-    def test_those_that_extrapolate_are_apart(self, changed):
-        def beyond(record):
-            for k, row in enumerate(record["gap"]["holdout"]):
-                row["extrapolated"] = k < 5
-
-        source = changed("discovery/analysis.json", beyond)
-        rows = source.analysis.gap.holdout
-        error = np.linalg.norm(rows.after_mm[:5], axis=1)
-        said = f"{np.sqrt(np.mean(error**2)):.3f} mm in 5 of {len(rows)}"
-        drawn = where.draw_gap_by_step(source)
-        (line,) = (text for text in drawn.findobj(Text) if said in text.get_text())
-        FigureCanvasAgg(drawn).draw()
-        assert line.get_window_extent().x1 < drawn.bbox.x1
-
-    def test_where_all_extrapolate_it_is_said(self, changed):
-        def beyond(record):
-            for row in record["gap"]["holdout"]:
-                row["extrapolated"] = True
-
-        texts = texts_of(where.draw_gap_by_step(changed("discovery/analysis.json", beyond)))
-        assert any("mm; all poses are extrapolated." in text for text in texts)
-        assert not any("nan" in text for text in texts)
-
-
 class TestJoints:
-    def test_the_marked_order_of_the_joint_stands_out(self, named):
-        orders = by_joint.draw_where_joints(named).axes[6:]
-        marked = [axes.lines[1].get_ydata() for axes in orders]
+    def test_a_point_a_cell_and_the_marked_order_of_the_joint_stands_out(self, named):
+        axes = by_joint.draw_where_joints(named).axes
+        joint, before = named.analysis.before.by_joint[1], axes[1].lines[1]
+        np.testing.assert_allclose(before.get_xdata(), np.degrees(joint.q_rad))
+        np.testing.assert_allclose(before.get_ydata(), 1e6 * np.array(joint.error_rad))
+        orders = axes[6:]
+        marked = [each.lines[1].get_ydata() for each in orders]
         assert np.unravel_index(np.argmax(marked), (6, 4)) == (1, 3)
-        assert [label.get_text() for label in orders[1].get_xticklabels()] == [
-            "1",
-            "2",
-            "N",
-            "\n2N",
-        ]
+        names = [label.get_text() for label in orders[1].get_xticklabels()]
+        assert names == ["1", "2", "N", "\n2N"]
         assert list(orders[1].lines[1].get_xdata()) == [1.0, 2.0, 50.0, 100.0]
-
-    def test_orders_that_the_poses_cannot_tell_are_shaded_and_not_drawn(self, named):
-        axes = by_joint.draw_where_joints(named).axes[7]
-        shaded = axes.patches[0].get_extents().transformed(axes.transData.inverted())
-        assert max(axes.lines[0].get_xdata()) <= shaded.x0 * (1.0 + 1e-9)
+        # Orders that the poses cannot separate are shaded and not drawn.
+        shaded = orders[1].patches[0].get_extents().transformed(orders[1].transData.inverted())
+        assert max(orders[1].lines[0].get_xdata()) <= shaded.x0 * (1.0 + 1e-9)
         assert shaded.x0 < 100.0  # 27 poses
 
     def test_without_a_gear_ratio_there_is_no_axis_of_it(self, changed):
-        def ungeared(record):
-            for fit in ("before", "after"):
-                for joint in record[fit]["by_joint"]:
-                    if joint["periodogram"]:
-                        for key in ("marked", "marked_rad"):
-                            joint["periodogram"][key] = joint["periodogram"][key][:2]
+        def ungeared(fit):
+            for joint in fit["by_joint"]:
+                if joint["periodogram"]:
+                    for key in ("marked", "marked_rad"):
+                        joint["periodogram"][key] = joint["periodogram"][key][:2]
 
-        figure = by_joint.draw_where_joints(changed("discovery/analysis.json", ungeared))
+        figure = by_joint.draw_where_joints(changed(ungeared))
         assert not any("gear" in text for text in texts_of(figure))
         axes = figure.axes[7]
         assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2"]
         assert axes.get_xlim()[1] <= 30.0
 
-    def test_a_point_a_cell_over_the_joints_own_angle(self, named):
-        points = by_joint.draw_where_joints(named).axes[1]
-        joint = named.analysis.before.by_joint[1]
-        before = points.lines[1]
-        np.testing.assert_allclose(before.get_xdata(), np.degrees(joint.q_rad))
-        np.testing.assert_allclose(before.get_ydata(), 1e6 * np.array(joint.error_rad))
+    @pytest.mark.parametrize("still", [1, 6])
+    def test_joints_that_hardly_turned_have_no_periodogram(self, changed, still):
+        def stand(fit):
+            for joint in fit["by_joint"][:still]:
+                joint["periodogram"] = None
 
-    def test_a_joint_that_hardly_turned_has_no_periodogram(self, changed):
-        def still(record):
-            for fit in ("before", "after"):
-                record[fit]["by_joint"][0]["periodogram"] = None
-
-        texts = texts_of(by_joint.draw_where_joints(changed("discovery/analysis.json", still)))
-        assert texts.count("hardly\nturned") == 1
-
-    def test_an_arm_of_which_no_joint_turned_is_drawn(self, changed):
-        def still(record):
-            for fit in ("before", "after"):
-                for joint in record[fit]["by_joint"]:
-                    joint["periodogram"] = None
-
-        texts = texts_of(by_joint.draw_where_joints(changed("discovery/analysis.json", still)))
-        assert texts.count("hardly\nturned") == 6
+        texts = texts_of(by_joint.draw_where_joints(changed(stand)))
+        assert texts.count("hardly\nturned") == still
 
 
-ORDERS = np.arange(0.5, 300.0, 0.5)
+told = partial(highest_told, np.arange(0.5, 300.0, 0.5))
 
 
 @pytest.mark.parametrize(("count", "turns"), [(21, 0.25), (101, 0.25), (101, 0.8)])
-def test_two_angles_an_order_are_needed(count, turns):
+def test_two_different_angles_an_order_are_needed(count, turns):
     q_rad = 2.0 * np.pi * np.linspace(0.0, turns, count)
-    cycles = turns * highest_told(ORDERS, q_rad)
+    cycles = turns * told(q_rad)
     assert (count - 1) / 2 <= cycles < (count + 1) / 2
-
-
-def test_repeats_of_an_angle_add_nothing():
-    q_rad = 2.0 * np.pi * np.linspace(0.0, 0.25, 21)
     again = np.concatenate([q_rad, q_rad + 1e-6, q_rad - 1e-6])
-    assert highest_told(ORDERS, again) == pytest.approx(highest_told(ORDERS, q_rad), abs=4.0)
-
-
-def test_two_angles_tell_nothing():
-    assert highest_told(ORDERS, np.array([0.0, 3.0])) < 4.0
+    assert told(again) == pytest.approx(told(q_rad), abs=4.0)
+    assert told(np.array([0.0, 3.0])) < 4.0

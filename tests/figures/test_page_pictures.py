@@ -56,25 +56,14 @@ class TestJointErrorMaps:
 
 
 def test_campaigns_of_a_group_are_drawn_about_their_mean_where_they_have_poses(learnt):
-    visited = {"a": np.arange(360) < 200, "b": np.arange(360) >= 100}
+    angle = np.arange(360)
+    visited = {"a": angle < 200, "b": angle >= 100}
     errors = {
-        name: JointErrorAlone(
-            visited=there, error_mrad=np.full(360, 0.1 * k) + (np.arange(360) > 150)
-        )
+        name: JointErrorAlone(visited=there, error_mrad=np.full(360, 0.1 * k) + (angle > 150))
         for k, (name, there) in enumerate(visited.items())
     }
-    numbers = dict.fromkeys(
-        ("slope", "slope95", "first_rms_mrad", "second_rms_mrad", "difference_rms_mrad")
-    )
-    agree = CampaignsAgree(
-        first="a",
-        second="b",
-        correlation=0.9,
-        correlation95=(0.8, 0.95),
-        share_of_turn=0.3,
-        **numbers,
-    )
-    by_campaign = EffectByCampaign(
+    agree = CampaignsAgree.model_construct(correlation=0.9, correlation95=(0.8, 0.95))
+    by_campaign = EffectByCampaign.model_construct(
         id="joint_error_map", of="joint 3", errors=errors, agreement=(agree,)
     )
     verdict = learnt.verdict.model_copy(update={"by_campaign": (by_campaign,)})
@@ -99,9 +88,7 @@ def test_the_map_of_a_plane_shows_every_point_in_colours_of_all_planes(results):
 
 
 def test_a_plane_without_a_grid_point_in_reach_says_so(changed_from, results):
-    source = changed_from(
-        results, "montecarlo/z500.json", lambda record: record["map"].update(rows=[])
-    )
+    source = changed_from(results, "montecarlo/z500.json", lambda r: r["map"].update(rows=[]))
     drawings = list(plane_drawings(source.planes))
     assert [bool(drawing.figure.data) for drawing in drawings] == [True, False, True]
     assert drawings[1].caption.startswith("No grid point in reach.")

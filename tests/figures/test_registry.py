@@ -12,34 +12,25 @@ from pa10cal.figures.registry import ELSEWHERE, FOLDERS, NEEDS, entries, picture
 from pa10cal.reports.page import SECTIONS
 
 PACKAGE = Path(__file__).parents[2] / "src/pa10cal/figures"
-
-
-def files_of(folder):
-    if folder in ELSEWHERE:
-        return [Path(import_module(ELSEWHERE[folder]).__file__)]
-    return PACKAGE.glob(f"{folder}*/*.py" if folder == "campaign" else f"{folder}.py")
-
-
 EVERY = [(folder, name) for folder in FOLDERS for name in entries(folder)]
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_every_function_that_draws_is_a_picture(folder):
-    drawn = {
-        name
-        for path in files_of(folder)
-        for name in re.findall(
-            r"^def (?:draw|tabulate|film)_(\w+)\((?!axes)",
-            path.read_text(),
-            re.M,
-        )
-    }
+    files = PACKAGE.glob(f"{folder}*/*.py" if folder == "campaign" else f"{folder}.py")
+    if folder in ELSEWHERE:
+        files = [Path(import_module(ELSEWHERE[folder]).__file__)]
+    text = "\n".join(path.read_text() for path in files)
+    drawn = set(re.findall(r"^def (?:draw|tabulate|film)_(\w+)\((?!axes)", text, re.M))
     assert set(entries(folder)) >= drawn > set()
 
 
 @pytest.mark.parametrize("name", entries("campaign"))
-def test_every_need_of_a_campaign_is_one_that_there_is(name):
-    assert {*entries("campaign")[name].needs} <= set(NEEDS)
+def test_every_need_of_a_campaign_is_known_and_every_figure_has_its_section(name):
+    entry = entries("campaign")[name]
+    assert {*entry.needs} <= set(NEEDS)
+    known = {each.id for each in SECTIONS}
+    assert (entry.section in known) if entry.kind == "figure" else entry.section == ""
 
 
 def test_names_differ_as_files_do():
@@ -55,13 +46,6 @@ def test_captions_are_short_and_state_no_result(folder, name):
     assert not re.search(r"[{`*]", text)
 
 
-@pytest.mark.parametrize("name", entries("campaign"))
-def test_every_figure_of_a_campaign_has_its_section_of_the_page(name):
-    entry = entries("campaign")[name]
-    known = {id for id, _, _ in SECTIONS}
-    assert (entry.section in known) if entry.kind == "figure" else entry.section == ""
-
-
 def test_a_picture_by_a_function_of_another_name_is_a_fault():
     with pytest.raises(TypeError, match=r"shown must begin with draw, ta"):
 
@@ -70,19 +54,12 @@ def test_a_picture_by_a_function_of_another_name_is_a_fault():
             """Return nothing."""
 
 
-#: Pictures of every campaign, of one whose effects are sought, and of the paper's model.
+#: Pictures of every campaign, of one whose effects are sought, and of the paper's model. What was
+#: added to these is where its needs are met.
 ALWAYS = {"suspected_outliers"}
-SOUGHT = {"where_breakdown", "where_joints", "gap_by_step"}
-PAPER = {
-    "fig4_test_path",
-    "fig5_before_after",
-    "fig6_holdout",
-    "montecarlo_planes",
-    "paper_against_ours",
-    "table1_parameters",
-}
-#: Pictures of some campaigns alone. What was added to these is where its needs are met.
-OTHERS = {"where_torque"}
+SOUGHT = {"where_breakdown", "where_joints", "gap_by_step", "where_torque"}
+PAPER = {"fig4_test_path", "fig5_before_after", "fig6_holdout", "montecarlo_planes"}
+PAPER |= {"paper_against_ours", "table1_parameters"}
 
 
 class TestAll:
@@ -93,27 +70,17 @@ class TestAll:
             monkeypatch.setattr(f"pa10cal.figures.draw.{module}", lambda *_: None)
 
     @pytest.mark.slow
-    @pytest.mark.parametrize(
-        ("source", "expected"),
-        [
-            ("results", ALWAYS | PAPER | SOUGHT | {"where_torque"}),
-            ("points", ALWAYS),
-            ("distance", ALWAYS),
-        ],
-    )
-    def test_what_is_drawn_follows_from_what_the_campaign_is(
-        self, request, tmp_path, source, expected
-    ):
-        results = (
-            request.getfixturevalue("results")
-            if source == "results"
-            else request.getfixturevalue("sighted")[source]
-        )
-        drawn = draw_all(of_campaign(results), tmp_path, results.settings.figures)
-        listed = ALWAYS | SOUGHT | PAPER | OTHERS
-        assert set(drawn.drawn) & listed == expected
-        assert set(drawn.drawn) | set(drawn.omitted) == set(entries("campaign")) >= listed
-        assert not set(drawn.drawn) & set(drawn.omitted)
+    def test_what_is_drawn_follows_from_what_the_campaign_is(self, results, sighted, tmp_path):
+        listed = ALWAYS | SOUGHT | PAPER
+        for source, expected in (
+            (results, listed),
+            (sighted["points"], ALWAYS),
+            (sighted["distance"], ALWAYS),
+        ):
+            drawn = draw_all(of_campaign(source), tmp_path, source.settings.figures)
+            assert set(drawn.drawn) & listed == expected
+            assert set(drawn.drawn) | set(drawn.omitted) == set(entries("campaign")) >= listed
+            assert not set(drawn.drawn) & set(drawn.omitted)
 
     def test_older_files_of_what_is_omitted_are_removed_and_the_reason_is_kept(
         self, results, changed_from, tmp_path

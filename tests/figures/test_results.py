@@ -3,15 +3,19 @@
 import json
 import shutil
 
+import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from made_up_results import elsewhere
 from pa10cal.errors import Pa10calError, RawDataError, RecordError
+from pa10cal.figures.campaign.paper_figures import PLACE_MM, places, scatter_by_load
 from pa10cal.figures.draw import of_campaign
 from pa10cal.figures.published import is_of_papers_arm
-from pa10cal.figures.repeats import places
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import BaseFrameRecord
 from pa10cal.results.discovery import VerdictRecord
@@ -46,11 +50,8 @@ def test_the_general_model_stands_beside_the_papers_or_alone(results, sighted):
     assert sighted["pose"].general_calibration().load == "combined"
 
 
-def test_planes_are_those_of_the_settings(results):
+def test_planes_are_those_of_the_settings_and_poses_come_in_order_of_time(results):
     assert [plane.plane_mm for plane in results.planes_of_settings()] == [300, 500, 700]
-
-
-def test_poses_come_in_order_of_time(results):
     poses = places(results)
     assert len(poses) == 952
     assert list(poses["kind"].iloc[[0, 11, 22, -1]]) == ["line_x", "line_y", "grid", "holdout"]
@@ -71,54 +72,41 @@ def test_poses_come_in_order_of_time(results):
     ],
 )
 class TestRefuses:
-    def test_what_is_missing(self, spoiled, name, read, stage):
-        (spoiled.folder / name).unlink()
-        with pytest.raises(Pa10calError, match=rf"{name}: .*missing.*run pa10cal {stage} first"):
-            read(spoiled)
+    def test_what_is_missing_broken_of_another_schema_or_campaign(self, spoiled, name, read, stage):
+        def refused(results, match):
+            with pytest.raises(Pa10calError, match=match):
+                read(elsewhere(results))  # read anew
 
-    def test_what_is_broken(self, spoiled, name, read, stage):
-        (spoiled.folder / name).write_text("{", encoding="utf-8")
-        again = rf"run (pa10cal {stage}|the {stage} stage) again"
-        with pytest.raises(Pa10calError, match=rf"{name}: .*cannot be read.*{again}"):
-            read(spoiled)
-
-    def test_what_follows_another_schema(self, spoiled, name, read, stage):
         path = spoiled.folder / name
+        stranger = elsewhere(spoiled, name="cell-z")
+        refused(stranger, r"another campaign \(got 'cell-null'\).*cell-z")
         if path.suffix == ".json":
             change(path, schema="other/1")
         else:
             table = pq.read_table(path)
             pq.write_table(table.replace_schema_metadata({"schema": "other/1"}), path)
-        with pytest.raises(Pa10calError, match=r"other/1'.*pa10cal-"):
-            read(spoiled)
+        refused(spoiled, r"other/1'.*pa10cal-")
+        path.write_text("{", encoding="utf-8")
+        again = rf"run (pa10cal {stage}|the {stage} stage) again"
+        refused(spoiled, rf"{name}: .*cannot be read.*{again}")
+        path.unlink()
+        refused(spoiled, rf"{name}: .*missing.*run pa10cal {stage} first")
 
-    def test_what_belongs_to_another_campaign(self, spoiled, name, read, stage):
-        stranger = elsewhere(spoiled, name="cell-z")
-        with pytest.raises(Pa10calError, match=r"another campaign \(got 'cell-null'\).*cell-z"):
-            read(stranger)
 
-
-def test_names_the_key_that_is_missing(spoiled):
+def test_names_the_key_or_the_column_that_is_missing(spoiled):
     change(spoiled.folder / "evaluation/holdout.json", models={"linear": {"mean_mm": 1}})
     with pytest.raises(RecordError, match=r"the record lacks models\.linear\.peak_mm"):
         spoiled.sound_held_out()
-
-
-def test_names_the_column_that_is_missing(spoiled):
     path = spoiled.folder / "ingest/poses.parquet"
-    table = pq.read_table(path)
-    pq.write_table(table.drop_columns(["ee_z_mm"]), path)
+    pq.write_table(pq.read_table(path).drop_columns(["ee_z_mm"]), path)
     with pytest.raises(RecordError, match=r"has no column.*ee_z_mm"):
         places(spoiled)
 
 
-def test_an_array_is_no_result(spoiled):
+def test_an_array_is_no_result_and_a_table_of_something_else_no_table_of_poses(spoiled):
     (spoiled.folder / "seed/base_frame.json").write_text("[]", encoding="utf-8")
     with pytest.raises(RecordError, match=r"not a record of this kind.*schema pa10cal-base-frame"):
         spoiled.read(BaseFrameRecord)
-
-
-def test_a_table_of_something_else_is_no_table_of_poses(spoiled):
     pq.write_table(pa.table({"a": [1]}), spoiled.folder / "ingest/poses.parquet")
     with pytest.raises(RawDataError, match="cannot be read"):
         places(spoiled)
@@ -155,3 +143,38 @@ def test_a_long_provenance_is_cut_after_a_sentence(results):
 def test_figures_of_another_arm_are_not_compared_with_the_papers(results):
     assert is_of_papers_arm(results)
     assert not is_of_papers_arm(elsewhere(results, robot="other"))
+
+
+# The scatter of repeats, against numpy's own variance.
+
+
+def poses(p_mm, loads, kind="grid"):
+    """Poses of shape (loads, configurations, repeats, 3), in any order of loads."""
+    count, configurations, repeats = p_mm.shape[:3]
+    each = configurations * repeats
+    labels = np.tile(np.repeat([f"P{k}" for k in range(configurations)], repeats), count)
+    table = pd.DataFrame(p_mm.reshape(-1, 3), columns=list(PLACE_MM))
+    return table.assign(
+        kind=kind,
+        pose=labels,
+        load_N=np.repeat(np.array(loads, dtype=float), each),
+        repeat=np.tile(np.arange(repeats), count * configurations),
+    )
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**31), st.integers(1, 4), st.integers(2, 5))
+def test_is_the_standard_deviation_of_the_distance(seed, configurations, repeats):
+    p_mm = np.random.default_rng(seed).normal(500.0, 0.02, (2, configurations, repeats, 3))
+    found = scatter_by_load(poses(p_mm, [44, 0]))
+    expected = np.sqrt(p_mm.var(axis=2, ddof=1).sum(axis=2))
+    assert list(found.index) == ["0N", "44N"]
+    for name, at in (("44N", 0), ("0N", 1)):
+        assert found.loc[name, "largest"] == pytest.approx(expected[at].max(), rel=1e-6)
+        assert found.loc[name, "mean"] == pytest.approx(expected[at].mean(), rel=1e-6)
+
+
+def test_nothing_is_known_without_repeats_or_without_grid_poses():
+    p_mm = np.zeros((1, 3, 1, 3))
+    assert scatter_by_load(poses(p_mm, [0])).empty
+    assert scatter_by_load(poses(np.zeros((1, 1, 4, 3)), [0], kind="holdout")).empty

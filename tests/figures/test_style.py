@@ -37,30 +37,23 @@ def test_writes_svg_pdf_and_png_without_a_date(tmp_path, project_looks):
     assert size_of(tmp_path / "line.png")[0] == round(100 * WIDTH_MM / 25.4 - 0.5)
 
 
-def test_a_long_footer_hangs_below_and_is_whole(tmp_path, project_looks):
+def test_long_titles_grow_upward_and_long_footers_downward(tmp_path, project_looks):
     words = [f"word{k:02d}" for k in range(40)]
-    short, long = simple(), simple()
-    write_figure(short, "footer", tmp_path, "short", 100)
-    write_figure(long, " ".join(words), tmp_path, "long", 100)
-    lines = [text.get_text() for text in long.texts if text.get_text().startswith("word")]
-    assert " ".join(lines).split() == words
-    sizes = [size_of(tmp_path / f"{name}.png") for name in ("short", "long")]
-    assert abs(sizes[1][0] - sizes[0][0]) <= 1
-    assert len(lines) == 3
-    assert sizes[1][1] - sizes[0][1] == pytest.approx((len(lines) - 1) * 3.5 * 100 / 25.4, abs=1.5)
-
-
-def test_a_title_names_what_it_is_of_and_grows_upward(tmp_path, project_looks):
-    short, long = simple(), simple(" ".join(f"word{k:02d}" for k in range(12)))
-    for name, figure in (("mine", short), ("of-a-rather-long-name-" + "x" * 20, long)):
+    for name, title, footer, more in (
+        ("mine", "a line", "footer", 0),
+        ("of-a-rather-long-name-" + "x" * 20, " ".join(words[:12]), "footer", 1),
+        ("mine", "a line", " ".join(words), 2),
+    ):
+        figure = simple(title)
         name_in_title(figure, name)
-        write_figure(figure, "footer", tmp_path, name[:4], 100)
-    assert short.get_suptitle() == "mine: a line"
-    lines = long.get_suptitle().splitlines()
-    assert len(lines) == 2
-    assert lines[0].startswith("of-a-rather-long-name-")
-    heights = [size_of(tmp_path / f"{name}.png")[1] for name in ("mine", "of-a")]
-    assert heights[1] - heights[0] == pytest.approx(3.5 * 100 / 25.4, abs=1.5)
+        write_figure(figure, footer, tmp_path, str(more), 100)
+        assert "".join(figure.get_suptitle().splitlines()[0]).startswith(name)
+        lines = [text.get_text() for text in figure.texts if text.get_text() in footer]
+        assert " ".join(lines) == footer
+        assert len(lines) - 1 + figure.get_suptitle().count("\n") == more
+        width, height = size_of(tmp_path / f"{more}.png") - size_of(tmp_path / "0.png")
+        assert abs(width) <= 1
+        assert height == pytest.approx(more * 3.5 * 100 / 25.4, abs=1.5)
 
 
 def test_settings_of_the_user_change_nothing(tmp_path):

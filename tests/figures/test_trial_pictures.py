@@ -1,14 +1,12 @@
 """Pictures of blind trials: drawn from scores of made-up trials, legible, with what they say."""
 
 import json
-from itertools import combinations
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from made_up_records import accuracy, effect, made_up_gap, set_gap, verdict_keys
+import made_up_trials
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import RecordError
 from pa10cal.figures.registry import NothingToShowError
@@ -23,15 +21,10 @@ from pa10cal.lab.cell.effects.vocabulary import outside, vocabulary
 from pa10cal.lab.cell.trials import STUDIES
 from pa10cal.results.codec import lines, read
 from pa10cal.results.discovery import VerdictRecord
-from pa10cal.results.trials import (
-    HiddenEffect,
-    JudgedTrialRecord,
-    TrialScoresRecord,
-    TrialTruthRecord,
-)
+from pa10cal.results.record import Name
+from pa10cal.results.trials import TrialScoresRecord
 
 DRAWN = (draw_trials_confusion, draw_trials_power, draw_trials_intervals)
-LEAST_POINTS = 8.0
 COUNTS = {"null": 9, "wrong_noise": 3, "wrong_mass": 3, "pair": 6, "triple": 5}
 
 
@@ -40,65 +33,37 @@ LAYOUTS = {study: tuple(STUDIES[study]) for study in ("touched", "tracked")}
 
 def trial(rng, number, kind, names, measured):
     """Return a made-up verdict and its truth; larger effects are named more often."""
-    campaign = f"blind-{number:04d}"
     size = float(np.exp(rng.uniform(np.log(0.1), np.log(3.0))))
-    hidden = tuple(
-        HiddenEffect(
-            id=name,
-            of=f"joint {k + 1}",
-            parameters={"A": 1e-4, "phi": 0.3},
-            size=size,
-            moved_mm=0.01 * size,
-        )
+    hidden = [
+        made_up_trials.hidden(Name(name, f"joint {k + 1}"), size, 0.01 * size, A=1e-4, phi=0.3)
         for k, name in enumerate(names)
-    )
-    truth = TrialTruthRecord(
-        campaign=campaign,
-        kind=kind,
-        measured=measured,
-        layout=LAYOUTS[measured][number % len(LAYOUTS[measured])],
-        path="same",
-        temperature_drift_C=0.0,
-        flexible_joints=(2, 3, 5),
-        hidden_effects=hidden,
-        stated_uncertainty_mm=None,
-        mass_factor=(),
-        seconds_twin=1.0,
-    )
-    found = [e for e in hidden if kind != "outside" and rng.random() < 0.3 + 0.5 * size]
-    effects = tuple(
-        effect(
-            "backlash" if rng.random() < 0.1 else entry.id,
-            entry.of,
-            alternatives=[("tool_sag", "tool")] if rng.random() < 0.3 else [],
-            parameters={
-                "A": (1e-4 * (1.0 + 0.01 * rng.standard_normal()), 1e-6),
-                "phi": (0.3 + 0.01 * rng.standard_normal(), 0.01),
-            },
+    ]
+    effects = [
+        made_up_trials.named(
+            Name("backlash", each.of) if rng.random() < 0.1 else each,
+            *([("tool_sag", "tool")] if rng.random() < 0.3 else []),
+            A=(1e-4 * (1.0 + 0.01 * rng.standard_normal()), 1e-6),
+            phi=(0.3 + 0.01 * rng.standard_normal(), 0.01),
         )
-        for entry in found
-    )
+        for each in hidden
+        if kind != "outside" and rng.random() < 0.3 + 0.5 * size
+    ]
     word, places = "none" if not effects else "named", ()
     if kind == "outside":
         word, places = "unexplained", ("joint 1" if rng.random() < 0.8 else None,)
-    held_out_mm = float(rng.uniform(0.008, 0.01))
-    keys = verdict_keys(
-        word,
-        effects,
+    said = made_up_trials.verdict(
+        *effects,
+        word=word,
         places=places,
-        not_testable=[e for e in hidden if rng.random() < 0.05],
-        gap=made_up_gap(
-            holdout=set_gap(accuracy(0.02), accuracy(held_out_mm)), noise_floor_mm=0.005
-        ),
-    )
-    said = JudgedTrialRecord(
-        **dict(keys),
-        campaign=campaign,
+        not_testable=[each for each in hidden if rng.random() < 0.05],
         springs=(2, 3, 5),
-        seconds=2.0,
-        seconds_simulating=1.0,
+        before_mm=0.02,
+        after_mm=float(rng.uniform(0.008, 0.01)),
     )
-    return said, truth
+    layout = LAYOUTS[measured][number % len(LAYOUTS[measured])]
+    made = made_up_trials.trial(kind, hidden, said, layout=layout, measured=measured)
+    name = {"campaign": f"blind-{number:04d}"}
+    return made.said.model_copy(update=name), made.truth.model_copy(update=name)
 
 
 def write_scores(folder, kinds, measured="touched"):
@@ -131,42 +96,14 @@ def few(tmp_path_factory):
     return write_scores(tmp_path_factory.mktemp("few"), [("null", ())] * 3)
 
 
-def texts_of(figure):
-    """Return what is drawn of texts, with the boxes they fill."""
-    canvas = FigureCanvasAgg(figure)
-    shown, draw_text = {}, Text.draw
-
-    def draw(text, renderer, *rest, **more):
-        draw_text(text, renderer, *rest, **more)
-        if text.get_visible() and text.get_text():
-            shown[text] = text.get_window_extent(renderer)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Text, "draw", draw)
-        canvas.draw()
-    return list(shown.items()), canvas.get_renderer()
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("project_looks")
 @pytest.mark.parametrize("draw", DRAWN, ids=lambda draw: draw.__name__)
-def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(full, draw):
+def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(
+    full, draw, written_legibly
+):
     figure = draw(read(TrialScoresRecord, full))
-    texts, renderer = texts_of(figure)
-    assert len(texts) > 10
+    written_legibly(figure, "Synthetic data.")
     assert figure.get_figwidth() * 25.4 == pytest.approx(WIDTH_MM)
-    for text, box in texts:
-        assert text.get_fontsize() >= LEAST_POINTS, text
-        assert box.x0 >= -1, text
-        assert box.y0 >= -1, text
-        assert box.x1 <= renderer.width + 1, text
-        assert box.y1 <= renderer.height + 1, text
-    overlapping = [
-        (first.get_text(), second.get_text())
-        for (first, here), (second, there) in combinations(texts, 2)
-        if here.padded(-1).overlaps(there.padded(-1))
-    ]
-    assert not overlapping
 
 
 @pytest.mark.usefixtures("project_looks")
@@ -179,8 +116,8 @@ def test_of_a_few_trials_it_is_drawn_or_has_nothing_to_show(few, draw):
 @pytest.mark.usefixtures("project_looks")
 def test_the_matrix_shows_every_count(full):
     scores = read(TrialScoresRecord, full)
-    texts, _ = texts_of(draw_trials_confusion(scores))
-    shown = [int(text.get_text()) for text, _ in texts if text.get_text().isdigit()]
+    texts = (text.get_text() for text in draw_trials_confusion(scores).findobj(Text))
+    shown = [int(text) for text in texts if text.isdigit()]
     trials = sum(subject.trials for subject in scores.subjects)
     assert sum(shown) == 2 * trials  # cells, and sums of rows
 

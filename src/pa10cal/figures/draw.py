@@ -111,7 +111,7 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesReco
     Raises:
         RecordError, RawDataError: when a result that is there cannot be used.
     """
-    made, omitted, captions = [], {}, {}
+    omitted, captions = {}, {}
     kind = " Synthetic data." if "Synthetic data." in source.footer else ""
     every = entries(source.folder).values()
     for place in {_PLACES[entry.kind] for entry in every}:
@@ -124,7 +124,6 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesReco
         try:
             if why is None:
                 _write(entry, source, out, settings)
-                made.append(entry.name)
                 text = entry.caption.replace("{name}", source.name) + kind
                 captions[entry.name] = Caption(title=entry.title, text=text, section=entry.section)
         except NothingToShowError as nothing:
@@ -135,7 +134,7 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesReco
                 path.unlink()
     campaign = source.name if source.folder == "campaign" else None
     record = PicturesRecord(
-        campaign=campaign, drawn=tuple(made), omitted=omitted, captions=captions
+        campaign=campaign, drawn=tuple(captions), omitted=omitted, captions=captions
     )
     write(record, out / "pictures.json")
     return record

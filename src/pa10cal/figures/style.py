@@ -19,7 +19,7 @@ from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike, NDArray
 
 from pa10cal.files.output import whole_file
-from pa10cal.reports.theme import BLACK, GREY
+from pa10cal.reports.theme import GREY
 
 WIDTH_MM = 170.0
 _MM_PER_INCH = 25.4
@@ -31,14 +31,6 @@ _LINE_MM = 3.5
 _TWO_DECADES = 100.0
 #: More points than this are drawn as an image inside SVG and PDF, which stay small.
 _MOST_POINTS = 300
-
-#: The paper's figures are black diamonds wherever they stand beside ours.
-PAPER: dict[str, Any] = {
-    "color": BLACK,
-    "marker": "D",
-    "markersize": 4.5,
-    "markerfacecolor": "white",
-}
 
 _TEXTS = ("font", "axes.title", "axes.label", "xtick.label", "ytick.label", "legend.font")
 _LOOKS: dict[Any, Any] = {
@@ -169,6 +161,15 @@ def legend_at(
     """Put a legend into the figure, its lower left corner in millimetres from the lower left."""
     corner = (x_mm / WIDTH_MM, y_mm / height_of(figure))
     figure.legend(handles=handles, loc="lower left", bbox_to_anchor=corner, **options)
+
+
+def name_columns(
+    axes: Axes, names: Sequence[str], at: Sequence[float] | None = None, **options: Any
+) -> None:
+    """Name columns in place of an axis of numbers; they stand at 0, 1, 2, … unless told."""
+    axes.set_xticks(range(len(names)) if at is None else at, names, **options)
+    axes.tick_params(axis="x", length=0.0, which="both")
+    axes.grid(visible=False, axis="x")
 
 
 def name_rows(axes: Axes, names: Sequence[str], room: float = 0.5, *, lines: bool = True) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import cycle
 from textwrap import fill
 from typing import Any
@@ -20,7 +19,7 @@ from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.table import ResultTable, frame_of
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SEPARATOR, SKY, VERMILLION
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.results.trials import JudgedEffect, JudgedTrial, ScoreRow, TrialScoresRecord
+from pa10cal.results.trials import JudgedTrial, ScoreRow, TrialScoresRecord
 
 _WITH_INTERVAL: dict[str, Any] = {"color": BLUE, "ecolor": SKY, "marker": "o", "capsize": 2.0}
 
@@ -74,9 +73,19 @@ def draw_trials_confusion(scores: TrialScoresRecord) -> Figure:
     figure = style.new_figure(_TOP_MM + height + _BOTTOM_MM, _TITLE)
     axes = style.panel(figure, _LEFT_MM, _BOTTOM_MM, width, height)
     for y, (name, counts) in enumerate(rows):
-        best = _RIGHT_WITHOUT_NAME if y >= len(inside) else name
-        _draw_cells(axes, y, counts, columns, best)
-    _name_cells(axes, [name for name, _ in rows], columns)
+        best, total = _RIGHT_WITHOUT_NAME if y >= len(inside) else name, sum(counts.values())
+        for x, column in enumerate(columns):
+            if count := counts.get(column, 0):
+                color = BLUE if column == best else ORANGE if column in _HONEST else VERMILLION
+                shades = LinearSegmentedColormap.from_list("shade", ["white", color])
+                face = shades(0.15 + 0.6 * count / total)
+                axes.add_patch(Rectangle((x - 0.5, y - 0.5), 1.0, 1.0, facecolor=face, linewidth=0))
+                axes.text(x, y, str(count), ha="center", va="center")
+        axes.text(len(columns), y, str(total), ha="center", va="center", color=GREY)
+    style.name_rows(axes, [name for name, _ in rows], lines=False)
+    style.name_columns(axes, columns, rotation=90.0)
+    axes.tick_params(axis="x", top=False, labeltop=True, bottom=False, labelbottom=False)
+    axes.set(xlim=(-0.5, len(columns) + 0.5), ylabel="hidden")
     for x in (len(ids), len(columns)):
         axes.axvline(x - 0.5, color=SEPARATOR, linewidth=0.8)
     if 0 < len(inside) < len(rows):
@@ -87,32 +96,6 @@ def draw_trials_confusion(scores: TrialScoresRecord) -> Figure:
         "but no wrong name\neither. Red: wrong. Shade: share of the row. Last column: trials.",
     )
     return figure
-
-
-def _draw_cells(
-    axes: Axes, y: int, counts: Mapping[str, int], columns: list[str], best: str
-) -> None:
-    """Draw a row of counts, shaded by their share, in the colour of how right they are."""
-    total = sum(counts.values())
-    for x, column in enumerate(columns):
-        if count := counts.get(column, 0):
-            color = BLUE if column == best else ORANGE if column in _HONEST else VERMILLION
-            shades = LinearSegmentedColormap.from_list("shade", ["white", color])
-            face = shades(0.15 + 0.6 * count / total)
-            axes.add_patch(Rectangle((x - 0.5, y - 0.5), 1.0, 1.0, facecolor=face, linewidth=0.0))
-            axes.text(x, y, str(count), ha="center", va="center")
-    axes.text(len(columns), y, str(total), ha="center", va="center", color=GREY)
-
-
-def _name_cells(axes: Axes, rows: list[str], columns: list[str]) -> None:
-    axes.set(xlim=(-0.5, len(columns) + 0.5), ylim=(len(rows) - 0.5, -0.5))
-    axes.set_xticks(range(len(columns)), columns, rotation=90.0)
-    axes.set_yticks(range(len(rows)), rows)
-    axes.tick_params(
-        axis="both", length=0.0, top=False, labeltop=True, bottom=False, labelbottom=False
-    )
-    axes.grid(visible=False)
-    axes.set_ylabel("hidden")
 
 
 # Coverage of the intervals of named effects.
@@ -260,17 +243,19 @@ def _draw_sizes(
     offsets = dict(zip(markers, np.linspace(-half, half, len(markers)), strict=True))
     for trial in trials:
         hidden = trial.hidden[0]
-        y = names.index(hidden.id) + offsets[trial.layout]
-        axes.plot(hidden.size, y, marker=markers[trial.layout], **_look(hidden))
+        color = BLUE if hidden.listed else VERMILLION if hidden.testable else GREY
+        axes.plot(
+            hidden.size,
+            names.index(hidden.id) + offsets[trial.layout],
+            marker=markers[trial.layout],
+            color=color,
+            markerfacecolor=color if hidden.listed else "white",
+            markersize=2.8,
+            markeredgewidth=0.7,
+        )
     style.plain_log(axes, "x", 0.085, 3.5)
     style.name_rows(axes, names)
     axes.set(xlabel="size, in the reference size of the effect", title="every trial")
-
-
-def _look(hidden: JudgedEffect) -> dict[str, Any]:
-    color = BLUE if hidden.listed else VERMILLION if hidden.testable else GREY
-    face = color if hidden.listed else "white"
-    return {"color": color, "markerfacecolor": face, "markersize": 2.8, "markeredgewidth": 0.7}
 
 
 def _draw_moved(axes: Axes, scores: TrialScoresRecord) -> None:
@@ -336,19 +321,15 @@ def tabulate_trials_subjects(scores: TrialScoresRecord) -> ResultTable:
             counts["found"] = ""
         what = subject.id.replace("_", " ")
         rows.append([subject.kind, what, subject.trials, *(counts[c] for c in _COLUMNS.values())])
-    notes = tuple(
-        f"{trial.campaign} ({trial.layout}, {'; '.join(_inside(trial)) or 'nothing'}): "
-        f"{', '.join(trial.failings)}: {trial.said}"
-        for trial in scores.per_trial
-        if trial.failings
-    )
+    notes = []
+    for trial in scores.per_trial:
+        if trial.failings:
+            hidden = [f"{hidden.id} of {hidden.of}" for hidden in trial.hidden]
+            inside = "; ".join((*hidden, *trial.put_in)) or "nothing"
+            failed = ", ".join(trial.failings)
+            notes.append(f"{trial.campaign} ({trial.layout}, {inside}): {failed}: {trial.said}")
     data = frame_of(("kind", "put in", "trials", *_COLUMNS), rows)
-    return ResultTable("Wild trials: outcomes", data, notes=notes)
-
-
-def _inside(trial: JudgedTrial) -> tuple[str, ...]:
-    """Return what a trial hides and puts in, in words."""
-    return (*(f"{hidden.id} of {hidden.of}" for hidden in trial.hidden), *trial.put_in)
+    return ResultTable("Wild trials: outcomes", data, notes=tuple(notes))
 
 
 _TOO_FEW = (

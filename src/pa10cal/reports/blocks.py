@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Literal
+
+from pa10cal.reports.formatting import NOT_KNOWN
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -12,12 +15,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PageBlock:
-    """A part of a section."""
+    """A part of a section; a page does not show one that is empty."""
 
     @property
     def kind(self) -> str:
         """The macro of the template that shows it."""
         return type(self).__name__.lower()
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is in it: a table without rows, a list without entries."""
+        return any(getattr(self, field.name) == () for field in fields(self))
 
 
 @dataclass(frozen=True)
@@ -64,7 +72,12 @@ class Grid(PageBlock):
     caption: str  # what the rows are
     header: tuple[str, ...]  # one text a column; the first column names the row
     rows: tuple[tuple[str, ...], ...]  # texts, each row as long as the header
-    numbers: frozenset[int] = frozenset()  # columns of numbers, from 0: aligned to the right
+
+    @property
+    def numbers(self) -> frozenset[int]:
+        """Columns of numbers, from 0: aligned to the right."""
+        columns = enumerate(zip(*self.rows, strict=True))
+        return frozenset(k for k, cells in columns if any(map(_NUMBER.fullmatch, cells)))
 
 
 @dataclass(frozen=True)
@@ -112,22 +125,35 @@ class Folded(PageBlock):
     blocks: tuple[PageBlock, ...]
 
 
-@dataclass(frozen=True)
-class PageSection:
-    """A section of the page."""
-
-    id: str  # of its element in the page
-    title: str  # its heading
-    blocks: tuple[PageBlock, ...]  # in the order of reading
+#: How a number is written in a column with its unit in the head.
+_FORMATS = {"mm": ".3f", "deg": ".4f", "N": "g"}
+_UNIT = re.compile(r"\[(mm|deg|N)\b")
+#: A number as tables have it, with its interval or unit: `0.549 ± 0.049`, `97 %`.
+_NUMBER = re.compile(r"[-+(]?\d([^A-Za-z]|e[-+]?\d|to)*")
 
 
 def grid(
-    caption: str, header: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()
+    caption: str, head: str | Sequence[str], rows: Iterable[Sequence[str | float | None]]
 ) -> Grid:
-    """Return a table of rows of texts."""
-    return Grid(caption, tuple(header), tuple(tuple(row) for row in rows), frozenset(numbers))
+    """Return a table; numbers are written as the unit of their column has it.
+
+    Args:
+        caption: what the rows are.
+        head: names of the columns, `pose | load [N] | error [mm]`; the first names the row.
+        rows: one entry a column, texts or numbers; None, and columns that a row lacks, are unknown.
+    """
+    names = tuple(head.split(" | ") if isinstance(head, str) else head)
+    units = [found[1] if (found := _UNIT.search(name)) else "" for name in names]
+    texts = (map(_text, [*row, *[None] * (len(names) - len(row))], units) for row in rows)
+    return Grid(caption, names, tuple(map(tuple, texts)))
+
+
+def _text(cell: str | float | None, unit: str) -> str:
+    if cell is None or isinstance(cell, bool):
+        return {None: NOT_KNOWN, True: "yes", False: "no"}[cell]
+    return cell if isinstance(cell, str) else f"{cell:{_FORMATS.get(unit, '')}}"
 
 
 def folded(table: Grid, title: str = "") -> Folded:
     """Return a table that is unfolded by its caption, or by a title of its own."""
-    return Folded(title or table.caption, (table,))
+    return Folded(title or table.caption, () if table.empty else (table,))

@@ -10,17 +10,21 @@ import numpy as np
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.evaluation import Accuracy, flagged
 
-UNCALIBRATED, CALIBRATED, EXTENDED = "not calibrated", "calibrated", "with the effects found"
 FITTED, HELD_OUT, ALL = "fitted", "held out", "all"
-PARTS = {
-    "inside": "angles seen in the fit",
-    "extrapolated": "extrapolated",
-    "trusted": "without readings flagged as wrong",
-}
-_SPRINGS = {
+#: Models in words; one alone of those with springs is called `calibrated`.
+_MODELS = {
+    "uncalibrated": "not calibrated",
     "geometry": "calibrated, geometry alone",
     "linear": "calibrated, linear springs",
     "cubic": "calibrated, cubic springs",
+    "extended": "with the effects found",
+    "with_rivals": "with rivals without a name too, not written",
+}
+_PARTS = {
+    "inside": "angles seen in the fit",
+    "extrapolated": "extrapolated",
+    "trusted": "without readings flagged as wrong",
+    "without_motion": "the motion of the base taken out",
 }
 
 
@@ -31,11 +35,9 @@ class Errors:
     poses: str  # `fitted` or `held out`
     load: str  # `all`, or a load such as `22N`
     name: str  # of the model in the records
-    model: str  # as readers see it
+    model: str  # as readers see it, with the part
     of: Accuracy  # the errors
-    # of a model with effects `inside` the angles fitted or `extrapolated`; or `trusted`: without
-    # configurations that have a reading flagged as wrong
-    part: str = ALL
+    part: str = ALL  # or a part of the configurations, of `_PARTS`
     trusted: Accuracy | None = None  # of `all` parts, those of `trusted`; None where all are
 
     @property
@@ -49,11 +51,7 @@ class Errors:
         return self.trusted or self.of
 
     def with_flagged(self, key: str) -> str:
-        """Return what a headline adds: the error with flagged readings; nothing without any.
-
-        Args:
-            key: `rms_mm` or `mean_mm`.
-        """
+        """Return what a headline adds: `rms_mm` or `mean_mm` with flagged readings, if any."""
         if self.trusted is None:
             return ""
         count = self.of.configurations - self.trusted.configurations
@@ -68,60 +66,64 @@ def errors_of(results: ResultsBundle) -> list[Errors]:
 
 def headline(results: ResultsBundle) -> tuple[Errors, Errors] | None:
     """Return the errors before and after that count: held out where there are such poses."""
-    whole = [errors for errors in errors_of(results) if errors.load == errors.part == ALL]
+    whole = [
+        errors
+        for errors in errors_of(results)
+        if errors.load == errors.part == ALL and errors.name != "with_rivals"
+    ]
     counted = [errors for errors in whole if errors.poses == HELD_OUT] or whole
     return (counted[0], counted[-1]) if counted else None
 
 
-def model_title(name: str, results: ResultsBundle, beside: Iterable[str]) -> str | None:
-    """Return what readers call a model; None of one that is the calibrated one once more.
-
-    Args:
-        name: in the records.
-        results: of the campaign.
-        beside: names of the models that it is compared with.
-    """
-    if name == "extended":
-        return EXTENDED if results.verdict is None or results.verdict.effects else None
-    if name == "uncalibrated":
-        return UNCALIBRATED
-    return _SPRINGS.get(name, name) if {"geometry", "cubic"} & set(beside) else CALIBRATED
+def model_titles(results: ResultsBundle, names: Iterable[str]) -> dict[str, str]:
+    """Return what readers call models that are compared, without the same one once more."""
+    titles = {name: _MODELS[name] for name in names}
+    if results.verdict is not None and not results.verdict.effects:
+        titles.pop("extended", None)
+    if not {"geometry", "cubic"} & set(titles) and "linear" in titles:
+        titles["linear"] = "calibrated"
+    return titles
 
 
 def _fitted(results: ResultsBundle) -> Iterator[Errors]:
     if (record := results.calibration) is None:
         return
-    sprung = bool(getattr(record, "springs", True))
-    last = "cubic" if record.model == "paper" else "linear"
-    for key, name, title in (
-        ("before", "uncalibrated", UNCALIBRATED),
-        *([("geometry", "geometry", _SPRINGS["geometry"])] if sprung else []),
-        ("after", last, _SPRINGS[last] if sprung else CALIBRATED),
-    ):
-        by_load = {load: getattr(of, key, None) for load, of in record.errors.items()}
-        known = {load: of for load, of in by_load.items() if of is not None}
-        if known:
-            less = {load: getattr(record.errors[load].trusted, key, None) for load in known}
-            trusted = _together([less[load] or of for load, of in known.items()])
-            parts = {"trusted": trusted} if any(less.values()) else {}
-            yield from _model(FITTED, name, title, _together([*known.values()]), known, parts)
+    keys = {"uncalibrated": "before", "geometry": "geometry"}
+    keys["cubic" if record.model == "paper" else "linear"] = "after"
+    if record.model == "paper" or not record.has_springs:
+        del keys["geometry"]
+    for name, title in model_titles(results, keys).items():
+        by_load = {load: getattr(of, keys[name]) for load, of in record.errors.items()}
+        less = {load: getattr(of.trusted, keys[name], None) for load, of in record.errors.items()}
+        trusted = _together([less[load] or of for load, of in by_load.items()])
+        some = {"trusted": trusted if any(less.values()) else None}
+        yield from _model(FITTED, name, title, _together([*by_load.values()]), by_load, some)
     if results.verdict is not None and results.verdict.effects:
         gap = results.verdict.gap.train
-        regions = {"inside": gap.inside, "extrapolated": gap.outside}
-        after = {region: of.after for region, of in regions.items() if of is not None}
+        pairs = {"inside": gap.inside, "extrapolated": gap.outside}
+        pairs |= {"without_motion": gap.without_motion}
         per_load = {load: part.after for load, part in gap.per_load.items()}
-        yield from _model(FITTED, "extended", EXTENDED, gap.after, per_load, after)
+        parts = {part: pair.after for part, pair in pairs.items() if pair is not None}
+        yield from _model(FITTED, "extended", _MODELS["extended"], gap.after, per_load, parts)
+        yield from _with_rivals(FITTED, gap.with_rivals)
 
 
 def _held_out(results: ResultsBundle) -> Iterator[Errors]:
     models = {} if results.held_out is None else results.held_out.models
-    for name, model in models.items():
-        title = model_title(name, results, models)
-        if title is not None:
-            parts = {"inside": model.inside, "extrapolated": model.outside}
-            parts |= {"trusted": model.trusted}
-            known = {part: of for part, of in parts.items() if of is not None}
-            yield from _model(HELD_OUT, name, title, model, model.per_load, known)
+    gap = None if results.verdict is None else results.verdict.gap.holdout
+    for name, title in model_titles(results, models).items():
+        model = models[name]
+        parts = {"inside": model.inside, "extrapolated": model.outside, "trusted": model.trusted}
+        if name == "extended" and gap is not None and gap.without_motion is not None:
+            parts["without_motion"] = gap.without_motion.after
+        yield from _model(HELD_OUT, name, title, model, model.per_load, parts)
+    if models and gap is not None:
+        yield from _with_rivals(HELD_OUT, gap.with_rivals)
+
+
+def _with_rivals(poses: str, of: Accuracy | None) -> Iterator[Errors]:
+    if of is not None:
+        yield Errors(poses, ALL, "with_rivals", _MODELS["with_rivals"], of)
 
 
 def _model(
@@ -130,12 +132,13 @@ def _model(
     title: str,
     of: Accuracy,
     per_load: Mapping[str, Accuracy],
-    parts: Mapping[str, Accuracy],
+    parts: Mapping[str, Accuracy | None],
 ) -> Iterator[Errors]:
     """Yield errors over all configurations, over parts of them and at each load."""
     yield Errors(poses, ALL, name, title, of, trusted=parts.get("trusted"))
     for part, within in parts.items():
-        yield Errors(poses, ALL, name, f"{title}, {PARTS[part]}", within, part)
+        if within is not None:
+            yield Errors(poses, ALL, name, f"{title}, {_PARTS[part]}", within, part)
     for load, at_load in per_load.items():
         yield Errors(poses, load, name, title, at_load)
 

@@ -39,11 +39,6 @@ def mm(value: float | None) -> str:
     return NOT_KNOWN if value is None else f"{value:.3f}"
 
 
-def deg(value: float | None) -> str:
-    """Return an angle in degrees, four decimals."""
-    return NOT_KNOWN if value is None else f"{value:.4f}"
-
-
 def with_half_width(value: float, half: float) -> str:
     """Return a value and half an interval with the same digits, two of the latter: `0.55 ± 0.12`.
 

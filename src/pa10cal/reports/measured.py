@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from textwrap import shorten
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pa10cal.campaign.description import CampaignDescription
+from pa10cal.campaign.table import read_base_motion
 from pa10cal.reports.blocks import (
     Beside,
     Callout,
@@ -20,8 +24,10 @@ from pa10cal.reports.blocks import (
 )
 from pa10cal.reports.formatting import count, first_sentences, listed, mm, sentence
 from pa10cal.reports.pictures import motion_drawing
-from pa10cal.reports.results_bundle import MODEL, POSES, ResultsBundle
-from pa10cal.results.health import UNRESERVED
+from pa10cal.reports.results_bundle import MODEL, OUTPUTS, POSES, ResultsBundle
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Characters that a line of a fact holds.
 _ONE_LINE = 90
@@ -46,21 +52,21 @@ _NOT_SOUGHT = "; rows give an order alone, and no step, drift or wander is sough
 def measurement_section(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield what was measured, and where the data come from."""
     facts, poses, frame = [("Campaign", results.campaign)], results.poses, results.base_frame
-    words = None if results.provenance is None else " ".join(results.provenance.split())
-    line = words
-    if words is not None:
-        line = first_sentences(words, _ONE_LINE)
-        if not _ONE_LINE / 2 < len(line) <= _ONE_LINE:
-            line = shorten(words, _ONE_LINE, placeholder=" …")
+    words = " ".join((results.provenance or "").split())
+    line = first_sentences(words, _ONE_LINE)
+    if words and not _ONE_LINE / 2 < len(line) <= _ONE_LINE:
+        line = shorten(words, _ONE_LINE, placeholder=" …")
+    if words:
         kind = "Synthetic data. " if results.synthetic else ""
         end = "" if line.endswith((".", "…")) else "."
         origin = f"{kind}In the campaign's own words: {line}{end}"
         facts.append(("Where the data come from", origin))
     facts += [("Arm", _arm(results)), ("Instrument", _instrument(results))]
+    moved = poses is not None and "motion_x_mm" in poses
     if poses is not None:
-        facts.append(("Duration", _duration(results)))
-        if "motion_x_mm" in poses:
-            facts.append(("Targets on the base", _base_motion(results)))
+        facts.append(("Duration", _duration(poses, results.description)))
+        if moved:
+            facts.append(("Targets on the base", _base_motion(poses)))
         warm = poses["temperature_C"].dropna()
         if len(warm):
             facts.append(("Temperature", f"{warm.min():.1f} to {warm.max():.1f} °C"))
@@ -69,42 +75,38 @@ def measurement_section(results: ResultsBundle) -> Iterator[PageBlock]:
         method = _FRAMES.get(frame.method, frame.method)
         facts.append(("Base frame found from", f"{method}; {scatter}"))
     yield Facts(tuple(facts))
-    if words is not None and line != words:
-        title = "Where the data come from, in the campaign's own words"
-        yield Folded(title, (Paragraph(sentence(words)),))
+    title = "Where the data come from, in the campaign's own words"
+    yield Folded(title, (Paragraph(sentence(words)),) if line != words else ())
     if poses is None:
-        yield Callout("missing", results.why_absent(POSES))
+        yield Callout("missing", results.absent["poses"])
         return
-    rows = []
+    rows: list[tuple[Any, ...]] = []
     for kind, use_of in _KINDS.items():
         for load_N, at in poses[poses["kind"] == kind].groupby("load_N"):
             repeats = at.groupby("pose").size()
             least, most = repeats.min(), repeats.max()
             span = str(most) if least == most else f"{least} to {most}"
-            rows.append((use_of, f"{load_N:g}", str(len(repeats)), str(len(at)), span))
+            rows.append((use_of, load_N, len(repeats), len(at), span))
     yield grid(
         "Measured configurations. A configuration is a pose at a load.",
-        ("used", "load [N]", "poses", "readings", "readings of a configuration"),
+        "used | load [N] | poses | readings | readings of a configuration",
         rows,
-        numbers=(1, 2, 3),
     )
-    if "motion_x_mm" in poses and results.motion is not None:
-        kinds = ("shift", "turn") if results.motion.turns else ("shift",)
-        knocks = results.motion.knocked
-        at_s = [knock.time_s for knock in knocks]
+    motion = read_base_motion(results.folder / POSES) if moved else None
+    if motion is not None:
+        at_s = [knock.time_s for knock in motion.knocked]
+        kinds = ("shift", "turn") if motion.turns else ("shift",)
         yield Beside(tuple(motion_drawing(poses, word, at_s) for word in kinds))
-        if knocks:
-            yield Items(tuple(sentence(str(knock)) for knock in knocks))
+        yield Items(tuple(sentence(str(knock)) for knock in motion.knocked))
     if results.quarantined:
         reasons = listed(f"{number} × {reason}" for reason, number in results.quarantined.items())
         total = count(sum(results.quarantined.values()), "raw row")
         yield Callout("note", f"{total} not used, see ingest/quarantine.csv: {reasons}.")
 
 
-def _base_motion(results: ResultsBundle) -> str:
-    assert results.poses is not None
+def _base_motion(poses: pd.DataFrame) -> str:
     shift, turn = (
-        np.linalg.norm(results.poses[[f"motion_{name}" for name in names]], axis=1).max()
+        np.linalg.norm(poses[[f"motion_{name}" for name in names]], axis=1).max()
         for names in (("x_mm", "y_mm", "z_mm"), ("rx_rad", "ry_rad", "rz_rad"))
     )
     if not shift:
@@ -116,9 +118,7 @@ def _base_motion(results: ResultsBundle) -> str:
     )
 
 
-def _duration(results: ResultsBundle) -> str:
-    poses, description = results.poses, results.description
-    assert poses is not None
+def _duration(poses: pd.DataFrame, description: CampaignDescription | None) -> str:
     own = None if description is None else description.columns
     no_column = own is not None and own.poses is not None and own.poses.time is None
     if no_column or (description is not None and not description.time_recorded):
@@ -155,55 +155,39 @@ def _instrument(results: ResultsBundle) -> str:
 
 # How to use the model: where it is, and what to type.
 
-_FILES = {
-    MODEL: "the whole model, with effects and formulas; read by the commands below",
-    "model/model.covariance.npz": "how uncertain its parameters are",
-    "model/robot.urdf": "the rigid part, for simulators and planners",
-    "model/robot_rigid_fit.urdf": "the best rigid model: geometry alone, fitted for it",
-    "model/dh.csv": "link parameters, nominal and calibrated",
-    "model/ur_kinematics.yaml": "the rigid part for the UR driver for ROS 2",
-    "discovery/suggested_poses.csv": "poses to measure next",
-    "ingest/quarantine.csv": "raw rows that are not used, with the reason",
-    "figures": "figures as SVG, PDF and PNG",
-    "tables": "tables as CSV and Markdown",
-}
 _COMMAND = "pa10cal {} --model " + MODEL + " \\\n  --{} {}.csv --out {}.csv --frame tool"
 
 
 def use(results: ResultsBundle) -> Iterator[PageBlock]:
-    """Yield what to type to predict and to compensate."""
+    """Yield what to type to predict and to compensate, and which files there are."""
     if results.model is None:
-        yield Callout("missing", results.why_absent(MODEL))
+        yield Callout("missing", results.absent["model"])
     else:
-        grade = None if results.calibration is None else results.calibration.health.grade
-        if grade is not None and grade not in UNRESERVED:
-            yield Callout(
-                "warning",
-                f"The calibration is graded {grade}. The commands refuse its model without "
-                "--force: mend the input first.",
-            )
-        yield Paragraph(
-            f"Run the commands in the folder of these results, {results.folder.absolute().name}: "
-            "the paths below begin there. Poses are in the robot's base frame. Angles are in "
-            "degrees."
+        yield from _commands(results.folder)
+    rows = [(file, what) for file, _, what in OUTPUTS if what and (results.folder / file).exists()]
+    yield grid("Files of this campaign", "file | holds", rows)
+
+
+def _commands(folder: Path) -> Iterator[PageBlock]:
+    yield Paragraph(
+        f"Run the commands in the folder of these results, {folder.absolute().name}: "
+        "the paths below begin there. Poses are in the robot's base frame. Angles are in "
+        "degrees."
+    )
+    predict = _COMMAND.format("predict", "joints", "joints", "poses")
+    yield Code("Where is the tool at these joint positions?", predict)
+    compensate = _COMMAND.format("compensate", "targets", "targets", "commands")
+    yield Code("Which joint positions bring the tool to these poses?", compensate)
+    yield Code(
+        "From Python",
+        "import pa10cal\n\n"
+        f'model = pa10cal.load_model("{MODEL}")\n'
+        'found = model.predict(q_rad, frame="tool")  # found.T [m], found.u_mm, found.inside',
+    )
+    yield Items(
+        (
+            "joints.csv: id,q1_deg,…,load_N; a row for each pose to predict.",
+            "targets.csv: id,x_mm,y_mm,z_mm,qw,qx,qy,qz; a row for each pose to reach.",
+            "--frame flange gives the arm's last frame in place of the tool.",
         )
-        predict = _COMMAND.format("predict", "joints", "joints", "poses")
-        yield Code("Where is the tool at these joint positions?", predict)
-        compensate = _COMMAND.format("compensate", "targets", "targets", "commands")
-        yield Code("Which joint positions bring the tool to these poses?", compensate)
-        yield Code(
-            "From Python",
-            "import pa10cal\n\n"
-            f'model = pa10cal.load_model("{MODEL}")\n'
-            'found = model.predict(q_rad, frame="tool")  # found.T [m], found.u_mm, found.inside',
-        )
-        yield Items(
-            (
-                "joints.csv: id,q1_deg,…,load_N; a row for each pose to predict.",
-                "targets.csv: id,x_mm,y_mm,z_mm,qw,qx,qy,qz; a row for each pose to reach.",
-                "--frame flange gives the arm's last frame in place of the tool.",
-            )
-        )
-    rows = [(file, what) for file, what in _FILES.items() if (results.folder / file).exists()]
-    if rows:
-        yield grid("Files of this campaign", ("file", "holds"), rows)
+    )

@@ -17,9 +17,10 @@ from pa10cal.reports.formatting import (
 )
 from pa10cal.reports.pictures import campaigns_drawings, joint_map_drawings
 from pa10cal.reports.results_bundle import ResultsBundle
+from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.explained import ProposedFormula, percent
-from pa10cal.results.health import UNRESERVED, Health
+from pa10cal.results.health import UNRESERVED
 
 _GRADES = {
     "good": "The calibration is good.",
@@ -27,10 +28,6 @@ _GRADES = {
     "incomplete": "The model is incomplete: its error is larger than the noise explains.",
     "suspect_input": "Something in the input is probably wrong.",
     "not_converged": "The fit did not converge.",
-}
-_MEANINGS = {
-    "named": "Named: every effect found is distinguishable from all others.",
-    "ambiguous": "Ambiguous: at least one effect cannot be distinguished from its alternatives.",
 }
 #: Of more parameters only a summary is shown.
 _MOST_PARAMETERS = 6
@@ -42,146 +39,115 @@ def errors_by_angle(results: ResultsBundle) -> Iterator[PageBlock]:
         return
     if maps := tuple(joint_map_drawings(results.verdict)):
         yield Paragraph(
-            "Errors that depend on a joint angle, as discovery found them: the position error of "
-            "each joint over a whole turn, with a 95 % band from the uncertainty of the knots. A "
-            "constant over the measured angles can hardly be separated from the joint zero or the "
-            "base and widens the band equally at all knots. Shaded: angles without fitted poses, "
-            "where the line is a smooth continuation of its neighbours and the model extrapolates. "
-            "A map shows at which joint an error is and how it depends on the angle, not whether "
-            "encoder, gear or controller causes it. Joints without a map showed no need of one."
+            "The error of each joint over a turn, as discovery found it, with a 95 % band. A "
+            "constant can hardly be separated from the joint zero or the base and widens the band "
+            "at all angles. Shaded: angles without fitted poses, where the model extrapolates. A "
+            "map shows at which joint an error is, not whether encoder, gear or controller causes "
+            "it. Joints without a map showed no need of one."
         )
         yield Beside(maps)
     if campaigns := tuple(campaigns_drawings(results.verdict)):
         yield Paragraph(
-            "One robot, several campaigns: the same errors as each campaign alone has them, where "
-            "it has poses, less the mean over the angles that all visited, or else its own. Where "
-            "campaigns lie on top of each other the error belongs to the robot. Below each joint: "
-            "the correlation r of the campaigns with its 95 % interval, and α, the share of the "
-            "error that the joint's motor followed, with its 95 % interval, where the motor's own "
-            "ripple shows it: 0 if the gear makes the error, 1 if the sensor does."
+            "The same errors as each campaign alone has them, where it has poses, less the mean "
+            "over the angles that all visited, or else its own. Where campaigns lie on top of each "
+            "other the error belongs to the robot. Below, with 95 % intervals: the correlation r "
+            "of the campaigns, and α, the share of the error that the motor followed, where its "
+            "own ripple shows it: 0 if the gear makes the error, 1 if the sensor does."
         )
         yield Beside(campaigns)
 
 
-def grade(results: ResultsBundle) -> Iterator[PageBlock]:
+def grade(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock]:
     """Yield the grade with its sentence, and what it stands on."""
-    if results.calibration is None:
-        yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
-        return
-    health = results.calibration.health
-    yield Paragraph(grade_sentence(health), lead=True)
+    health = case.health
+    yield Paragraph(grade_sentence(results, case), lead=True)
     yield Paragraph(sentence(f"{health.grade.replace('_', ' ')}: {health.line}"))
-    if results.verdict is not None and results.verdict.effects:
-        yield Paragraph(
-            "This is the grade of the calibrated model, before the effects found joined it."
-        )
     if health.grade not in UNRESERVED:
         yield Callout(
             "warning",
-            "A model of this grade is not to be used: exports, predictions and compensation "
-            "refuse it unless --force is given.",
+            "A model of this grade is not to be used. The commands refuse its model without "
+            "--force: mend the input first.",
         )
-    if health.findings:
-        yield grid(
-            "What is probably wrong in the input",
-            ("where", "what", "what to do", "would leave [mm rms]"),
-            [(f.where, f.what, f.remedy, mm(f.would_leave_mm)) for f in health.findings],
-            numbers=(3,),
-        )
+    yield grid(
+        "What is probably wrong in the input",
+        "where | what | what to do | would leave [mm rms]",
+        ((of.where, of.what, of.remedy, of.would_leave_mm) for of in health.findings),
+    )
 
 
-def grade_sentence(health: Health) -> str:
-    """Return what a grade means."""
-    if health.grade == "few_poses" and health.line.startswith("good: "):
-        return "The calibration is good; more poses would make predictions less uncertain."
-    return _GRADES[health.grade]
+def grade_sentence(results: ResultsBundle, case: CalibrationRecord) -> str:
+    """Return what the grade of a calibration means."""
+    said = _GRADES[case.health.grade]
+    if case.health.grade == "few_poses" and case.health.line.startswith("good: "):
+        said = "The calibration is good; more poses would make predictions less uncertain."
+    if results.verdict is not None and results.verdict.effects:
+        said += " This is before the effects found are added."
+    return said
 
 
-def verdict(results: ResultsBundle) -> Iterator[PageBlock]:
+def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock]:
     """Yield what is missing from the model, or wrong with the log."""
-    record = results.verdict
-    if record is None:
-        yield Callout("missing", results.why_absent(VerdictRecord.FILE))
-        return
     lead = record.explained
     if lead is not None:
         yield Paragraph(sentence(lead.headline), lead=True)
-        if lead.sentences:
-            yield Items(lead.sentences)
+        yield Items(lead.sentences)
     yield Paragraph(verdict_sentence(record), lead=lead is None)
-    if record.faults:
-        yield grid(
-            "Faults of the log",
-            ("fault", "where", "what", "what to do"),
-            [(f.kind.replace("_", " "), f.where, f.what, f.remedy) for f in record.faults],
-        )
-    if record.effects:
-        yield _effects_grid(results, record)
-    if record.verdict in _MEANINGS:
-        yield Paragraph(_MEANINGS[record.verdict])
+    yield grid(
+        "Faults of the log",
+        "fault | where | what | what to do",
+        ((of.kind.replace("_", " "), of.where, of.what, of.remedy) for of in record.faults),
+    )
+    head = "effect | at | size | what it adds | could also be"
+    if lead is not None:
+        head += f" | error without → with it, over {lead.over} [mm rms] | of the error beyond noise"
+    title = "Effects, those that remove most error first, with 95 % intervals"
+    yield grid(title, head, _effect_rows(results, record))
     if record.unexplained is not None:
         part = "Part of the remaining error"
         if lead is not None:
             part = f"{percent(lead.without_a_name)} of the error beyond noise"
         yield Callout("warning", f"{part} has no name.")
-        places = record.unexplained.all
-        rows = [(place.of or "place not known", sentence(place.why)) for place in places]
-        yield grid("Unexplained: a gap without a name", ("at", "why"), rows)
-    if record.proposed:
         yield grid(
-            "Formulas proposed for it: they fit as well, and name no effect",
-            ("at", "formula", "size", "fits as well as", "removes of the squared error"),
-            [
-                (
-                    unbroken(formula.of.replace("_", " ")),
-                    formula.formula,
-                    _size(formula),
-                    listed(map(named, formula.does_as_well_as), "noise alone"),
-                    f"{100 * formula.gain:.0f} %",
-                )
-                for formula in record.proposed
-            ],
+            "Unexplained: a gap without a name",
+            "at | why",
+            ((at.of or "place not known", sentence(at.why)) for at in record.unexplained.all),
         )
+    yield grid(
+        "Formulas proposed for it: they fit as well, and name no effect",
+        "at | formula | size | fits as well as | removes of the squared error",
+        (
+            (
+                *(unbroken(of.of.replace("_", " ")), of.formula, _size(of)),
+                *(listed(map(named, of.does_as_well_as), "noise alone"), percent(of.gain)),
+            )
+            for of in record.proposed or ()
+        ),
+    )
     if record.falls_back is not None:
-        yield Callout(
-            "note",
-            "The model omits effects where held-out poses are predicted worse with them: "
-            "see “How far to trust it” below.",
-        )
+        yield Callout("warning", sentence(f"limits of the effects: {record.falls_back.why}"))
 
 
-def _effects_grid(results: ResultsBundle, record: VerdictRecord) -> PageBlock:
-    """Return the effects found: formula from the fitted model, and what each takes away."""
+def _effect_rows(results: ResultsBundle, record: VerdictRecord) -> Iterator[tuple[str, ...]]:
+    """Yield the effects found: formula from the fitted model, and what each takes away."""
     terms = results.extended.fitted_model.get("terms") if results.extended is not None else None
     formulas = {
-        (str(term["id"]), str(term["of"])): str(term["formula"])
+        (term.get("id"), term.get("of")): str(term.get("formula", NOT_KNOWN))
         for term in (terms if isinstance(terms, list) else [])
-        if isinstance(term, dict) and {"id", "of", "formula"} <= term.keys()
+        if isinstance(term, dict)
     }
-    header: tuple[str, ...] = ("effect", "at", "size", "what it adds", "could also be")
-    takes: dict[tuple[str, str], tuple[str, str]] = {}
-    if (explained := record.explained) is not None:
-        header += (
-            f"error without → with it, over {explained.over} [mm rms]",
-            "of the error beyond noise",
-        )
-        for part in explained.of:
-            fall = unbroken(f"{mm(part.before_mm)} → {mm(part.after_mm)}")
-            takes.setdefault((part.ids[0], part.of), (fall, unbroken(percent(part.share))))
-    rows = []
+    taken = {
+        (part.ids[0], part.of): (f"{mm(part.before_mm)} → {mm(part.after_mm)}", percent(part.share))
+        for part in (record.explained.of if record.explained else ())
+    }
     for effect in record.effects_by_share:
-        key = (effect.id, effect.of)
-        row = (
+        yield (
             effect.id.replace("_", " "),
             unbroken(effect.of.replace("_", " ")),
             _size(effect),
-            formulas.get(key, NOT_KNOWN),
+            formulas.get((effect.id, effect.of), NOT_KNOWN),
             listed(map(named, effect.alternatives), "nothing else"),
+            *map(unbroken, taken.get((effect.id, effect.of), ())),
         )
-        taken = takes.get(key, (NOT_KNOWN, NOT_KNOWN)) if explained is not None else ()
-        rows.append((*row, *taken))
-    title = "Effects, those that remove most error first, with 95 % intervals"
-    return grid(title, header, rows)
 
 
 def verdict_glance(record: VerdictRecord) -> tuple[str, str]:
@@ -197,8 +163,7 @@ def verdict_glance(record: VerdictRecord) -> tuple[str, str]:
 
 def verdict_sentence(record: VerdictRecord) -> str:
     """Return the verdict in one plain sentence."""
-    effects = _together(record.effects)
-    lacks = f"The calibrated model lacks {effects}."
+    lacks = f"The calibrated model lacks {_together(record.effects)}."
     unexplained = record.unexplained
     if record.verdict == "none":
         return "Nothing is missing: model and measurement agree within the repeatability."
@@ -219,17 +184,17 @@ def verdict_sentence(record: VerdictRecord) -> str:
 
 def _together(effects: tuple[FoundEffect, ...]) -> str:
     """Return effects as a list within a sentence, those of one kind at several joints as one."""
-    joints: dict[str, list[str]] = {}
+    groups: dict[object, list[FoundEffect]] = {}
     for effect in effects:
-        if effect.of.startswith("joint ") and not effect.alternatives:
-            joints.setdefault(effect.id, []).append(effect.of.removeprefix("joint "))
+        alone = effect.alternatives or not effect.of.startswith("joint ")
+        groups.setdefault((effect.id, effect.of if alone else None), []).append(effect)
     names = []
-    for effect in effects:
-        at = joints.get(effect.id, [])
-        if len(at) < 2 or effect.alternatives or not effect.of.startswith("joint "):
-            names.append(" or ".join(map(named, (effect, *effect.alternatives))))
-        elif effect.of == f"joint {at[0]}":
-            names.append(f"{effect.id.replace('_', ' ')} at joints {listed(sorted(at, key=int))}")
+    for first, *others in groups.values():
+        if others:
+            joints = sorted((each.of.removeprefix("joint ") for each in (first, *others)), key=int)
+            names.append(f"{first.id.replace('_', ' ')} at joints {listed(joints)}")
+        else:
+            names.append(" or ".join(map(named, (first, *first.alternatives))))
     return ", and ".join(names) if len(names) == 2 and "and" in names[0] else listed(names)
 
 

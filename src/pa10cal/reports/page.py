@@ -5,12 +5,12 @@ from __future__ import annotations
 import csv
 from base64 import b64encode
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from statistics import median
+from typing import NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -25,7 +25,6 @@ from pa10cal.reports.blocks import (
     Image,
     Links,
     PageBlock,
-    PageSection,
     Paragraph,
     folded,
     grid,
@@ -42,26 +41,43 @@ from pa10cal.reports.trust import missing, next_poses, trust
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import FleetCampaign, FleetRecord, PicturesRecord
 
-#: The sections in the order of reading: id in the page, heading, and what yields their blocks.
+
+class Section(NamedTuple):
+    """A section of a campaign's page."""
+
+    id: str  # in the page
+    title: str  # its heading
+    needs: str  # the result that it is given besides all results, and names where it is missing
+    blocks: Callable[..., Iterator[PageBlock]]
+
+
+#: The sections in the order of reading.
 SECTIONS = (
-    ("angles", "Error of each joint over its angle", errors_by_angle),
-    ("measured", "What was measured", measurement_section),
-    ("grade", "Grade of the calibration", grade),
-    ("verdict", "Verdict: what the model lacks", verdict),
-    ("accuracy", "Before and after", accuracy),
-    ("iso9283", "Pose accuracy and repeatability (ISO 9283)", repeats),
-    ("residuals", "Where the model is off", residuals),
-    ("parameters", "Parameters", parameters),
-    ("missing", "What is missing", missing),
-    ("next", "What to measure next", next_poses),
-    ("trust", "How far to trust it", trust),
-    ("use", "How to use the model", use),
+    Section("angles", "Error of each joint over its angle", "", errors_by_angle),
+    Section("measured", "What was measured", "", measurement_section),
+    Section("grade", "Grade of the calibration", "calibration", grade),
+    Section("verdict", "Verdict: what the model lacks", "verdict", verdict),
+    Section("accuracy", "Before and after", "", accuracy),
+    Section("iso9283", "Pose accuracy and repeatability (ISO 9283)", "iso9283", repeats),
+    Section("residuals", "Where the model is off", "", residuals),
+    Section("parameters", "Parameters", "calibration", parameters),
+    Section("missing", "What is missing", "", missing),
+    Section("next", "What to measure next", "", next_poses),
+    Section("trust", "How far to trust it", "calibration", trust),
+    Section("use", "How to use the model", "", use),
 )
 SYNTHETIC = "Synthetic data: simulated, no robot was measured."
 
 
-@dataclass(frozen=True)
-class Glance:
+class PageSection(NamedTuple):
+    """A section as a page shows it; one without blocks is not shown."""
+
+    id: str  # of its element in the page
+    title: str  # its heading
+    blocks: tuple[PageBlock, ...]  # in the order of reading
+
+
+class Glance(NamedTuple):
     """One of the answers at the top of the page."""
 
     question: str  # what it answers
@@ -98,7 +114,7 @@ def page_text(results: ResultsBundle) -> str:
     """Return the page of a campaign as HTML, everything in it that it needs."""
     said: set[str] = set()
 
-    def says_more(block: PageBlock) -> bool:
+    def is_new(block: PageBlock) -> bool:
         """Say whether a block is not a reason why a result is missing that was given before.
 
         Where a stage has refused, its message alone says why all that follows it is missing.
@@ -111,18 +127,18 @@ def page_text(results: ResultsBundle) -> str:
         said.add(block.text)
         return True
 
-    sections = [
-        PageSection(
-            id,
-            title,
-            (*filter(says_more, blocks(results)), *images(results.pictures, results.folder, id)),
+    sections = []
+    for id, title, needs, blocks_of in SECTIONS:
+        needed = () if not needs else (getattr(results, needs),)
+        blocks = (
+            (Callout("missing", results.absent[needs]),)
+            if None in needed
+            else blocks_of(results, *needed)
         )
-        for id, title, blocks in SECTIONS
-    ]
-    with_content = [section for section in sections if section.blocks]
-    return _rendered(
-        results.campaign, list(_glances(results)), with_content, synthetic=results.synthetic
-    )
+        shown = [block for block in blocks if not block.empty and is_new(block)]
+        shown += images(results.pictures, results.folder, id)
+        sections.append(PageSection(id, title, tuple(shown)))
+    return _rendered(results.campaign, list(_glances(results)), sections, results.synthetic)
 
 
 def images(pictures: PicturesRecord | None, folder: Path, section: str) -> Iterator[Image]:
@@ -140,11 +156,9 @@ def _glances(results: ResultsBundle) -> Iterator[Glance]:
     if results.calibration is None:
         yield Glance("Grade", "none", "There is no calibration.")
     else:
-        health = results.calibration.health
-        more = grade_sentence(health)
-        if results.verdict is not None and results.verdict.effects:
-            more += " This is before the effects found are added."
-        yield Glance("Grade of the calibration", health.grade.replace("_", " "), more)
+        word = results.calibration.health.grade.replace("_", " ")
+        more = grade_sentence(results, results.calibration)
+        yield Glance("Grade of the calibration", word, more)
     if results.verdict is None:
         yield Glance("Verdict", "none yet", "What the model lacks was not looked for.")
     else:
@@ -176,14 +190,13 @@ def _overview_text(folder: Path, pages: Sequence[Path]) -> str:
                         header, *rows = csv.reader(file)
                     blocks += [grid(of.title, header, rows), Paragraph(of.text)]
             sections.append(PageSection(name, name.replace("_", " "), tuple(blocks)))
-    return _rendered("All results", [], sections, synthetic=False, over="Report")
+    return _rendered("All results", [], sections, False, over="Report")
 
 
 def _rendered(
     title: str,
     glances: Sequence[Glance],
     sections: Sequence[PageSection],
-    *,
     synthetic: bool,
     over: str = "Calibration report",
 ) -> str:
@@ -192,10 +205,11 @@ def _rendered(
     Args:
         title: what it is of.
         glances: the answers at its top.
-        sections: in the order of reading.
+        sections: in the order of reading; those without blocks are not shown.
         synthetic: whether what it shows was simulated.
         over: what kind of page it is, above the title.
     """
+    sections = [section for section in sections if section.blocks]
     environment = Environment(
         loader=PackageLoader("pa10cal.reports"),
         autoescape=True,
@@ -246,21 +260,16 @@ def fleet_page_text(fleet: FleetRecord) -> str:
     """Return the page as HTML, everything in it that it needs."""
     urgent = [arm for arm in fleet.arms if arm.attention != "none"]
     rows = [(arm.arm, arm.last, ATTENTION[arm.attention], arm.why) for arm in urgent]
-    header = ("arm", "last campaign", "attention", "why")
-    first = grid("The most urgent first", header, rows)
-    sections = [
-        PageSection(
-            "attention",
-            "Arms that need attention",
-            (first if urgent else Paragraph("No arm needs attention.", lead=True),),
-        )
-    ]
     often: Counter[str] = Counter(arm.attention for arm in urgent)
     kinds = [f"{often[kind]} {words}" for kind, words in ATTENTION.items() if often[kind]]
     glances = [
         Glance("Arms", str(len(fleet.arms)), f"{count(len(fleet.campaigns), 'campaign')} of them."),
         Glance("Need attention", str(len(urgent)), f"{', '.join(kinds) or 'None of them'}."),
     ]
+    first: PageBlock = Paragraph("No arm needs attention.", lead=True)
+    if urgent:
+        first = grid("The most urgent first", "arm | last campaign | attention | why", rows)
+    sections = [PageSection("attention", "Arms that need attention", (first,))]
     if fleet.by_accuracy:
         drawing = fleet_drawing(fleet.by_accuracy)
         sections.append(PageSection("errors", "Errors before and after", (drawing,)))
@@ -276,9 +285,10 @@ def fleet_page_text(fleet: FleetRecord) -> str:
                 "model.",
             )
         )
-    sections.append(PageSection("campaigns", "Every campaign", tuple(_campaigns(fleet.campaigns))))
+    blocks = tuple(block for block in _campaigns(fleet.campaigns) if not block.empty)
+    sections.append(PageSection("campaigns", "Every campaign", blocks))
     synthetic = any(is_synthetic(each.became.provenance or "") for each in fleet.campaigns)
-    return _rendered("Fleet", glances, sections, synthetic=synthetic, over="Fleet report")
+    return _rendered("Fleet", glances, sections, synthetic, over="Fleet report")
 
 
 def _campaigns(campaigns: Sequence[FleetCampaign]) -> Iterator[PageBlock]:
@@ -286,27 +296,28 @@ def _campaigns(campaigns: Sequence[FleetCampaign]) -> Iterator[PageBlock]:
     if lost:
         names = f"{', '.join(lost[:10])}{' …' * (len(lost) > 10)}"
         yield Callout("warning", f"{count(len(lost), 'campaign')} gave no result: {names}.")
-    header = (
-        *("campaign", "arm", "measured", "grade", "verdict", "effects and faults"),
-        *("before", "after", "as the campaign before it"),
-    )
-    rows = [
+    table = grid(
+        "Mean position errors",
+        "campaign | arm | measured | grade | verdict | effects and faults | before [mm] | "
+        "after [mm] | as the campaign before it",
         (
-            *(each.campaign, each.arm, each.measured or "–", became.grade or became.status),
-            *(became.verdict or "–", "; ".join(became.notes or ()) or "–"),
-            *(mm(became.before_mm), mm(became.after_mm)),
-            {None: "–", True: "agrees", False: "differs"}[each.agrees],
-        )
-        for each in campaigns
-        for became in [each.became]
-    ]
-    table = grid("Mean position errors [mm]", header, rows, (6, 7))
+            (
+                *(each.campaign, each.arm, each.measured, became.grade or became.status),
+                *(became.verdict, "; ".join(became.notes or ()) or None),
+                *(became.before_mm, became.after_mm),
+                {None: None, True: "agrees", False: "differs"}[each.agrees],
+            )
+            for each in campaigns
+            for became in [each.became]
+        ),
+    )
     yield folded(table, "The table, one row a campaign")
-    changed = [
-        (each.campaign, each.arm, str(each.moved))
-        for each in campaigns
-        if each.moved and each.agrees is not True
-    ]
-    if changed:
-        title = "Campaigns whose model differs from the one before it"
-        yield grid(title, ("campaign", "arm", "what was found"), changed)
+    yield grid(
+        "Campaigns whose model differs from the one before it",
+        "campaign | arm | what was found",
+        (
+            (each.campaign, each.arm, each.moved)
+            for each in campaigns
+            if each.moved and each.agrees is not True
+        ),
+    )

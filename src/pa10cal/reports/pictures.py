@@ -10,10 +10,10 @@ import numpy as np
 from pa10cal.arrays import Array
 from pa10cal.reports import theme
 from pa10cal.reports.blocks import Drawing
-from pa10cal.reports.formatting import sentence, written
+from pa10cal.reports.formatting import sentence
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import VerdictRecord
-from pa10cal.results.evaluation import HoldoutRecord, Parameter
+from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal.results.fleet import FleetCampaign
 from pa10cal.results.health import PosesNeeded
 from pa10cal.results.record import HALF_WIDTH_95
@@ -52,61 +52,6 @@ def _add_band(
         mode="lines",
         hoverinfo="skip",
         showlegend=False,
-    )
-
-
-# Parameters in tolerances.
-
-_ROOM_PX = 110
-
-
-def tolerances_drawing(
-    parameters: Mapping[str, Parameter], before: Mapping[str, float]
-) -> Drawing | None:
-    """Return departures of the links in units of their tolerances, with 95 % intervals.
-
-    Args:
-        parameters: of the final model.
-        before: values before effects joined the model, where some did.
-    """
-    shown = {
-        name: (found.value / found.tolerance, HALF_WIDTH_95 * found.std / found.tolerance)
-        for name, found in parameters.items()
-        if name.startswith("delta_") and found.tolerance and found.identifiable and found.std
-    }
-    if not shown:
-        return None
-    moved = {n: before[n] / (parameters[n].tolerance or 1.0) for n in shown if n in before}
-    figure = theme.new_figure(
-        _ROOM_PX + 18 * len(shown),
-        _axis("departure from nominal / tolerance", zeroline=True),
-        {"autorange": "reversed", "type": "category", "dtick": 1},
-        showlegend=bool(moved),
-    )
-    figure.add_vrect(x0=-1, x1=1, fillcolor=theme.GREY, opacity=0.18, line_width=0)
-    values, half = zip(*shown.values(), strict=True)
-    bars = {"array": half, "color": theme.BLUE, "thickness": 2, "width": 4}
-    series = [("final model", dict(zip(shown, values, strict=True)), theme.BLUE, "circle", bars)]
-    if moved:
-        name = "without the effects"
-        series.insert(0, (name, moved, theme.VERMILLION, "square-open", {}))
-    for name, by_name, color, symbol, error in series:
-        figure.add_scatter(
-            x=list(by_name.values()),
-            y=[written(key) for key in by_name],
-            error_x=error or None,
-            mode="markers",
-            marker={"color": color, "size": 7, "symbol": symbol},
-            name=name,
-            hovertemplate=f"%{{y}}: %{{x:.2f}} tolerances<extra>{name}</extra>",
-        )
-    squares = "Squares: the model without the effects, which absorbed part of them. "
-    return Drawing(
-        figure,
-        "Departures of the links, in tolerances",
-        "Bars are 95 % intervals, often shorter than the mark; the grey band is within the "
-        f"tolerance. {squares if moved else ''}The tables below have the numbers.",
-        "tolerances",
     )
 
 

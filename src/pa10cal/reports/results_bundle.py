@@ -6,16 +6,15 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
 from pa10cal.campaign.description import CampaignDescription, read_description
-from pa10cal.campaign.table import read_base_motion, read_pose_table
+from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError, last_message
 from pa10cal.evaluation.options import PictureOptions
-from pa10cal.observe.instrument import MotionFound
 from pa10cal.observe.kinds import instrument_of
 from pa10cal.observe.quantities import Words
 from pa10cal.results.analysis import AnalysisRecord
@@ -44,6 +43,18 @@ MODEL = "model/model.yaml"
 COMBINED, GENERAL = "combined", "general"
 #: Between a stage and its message, where that is why a result is missing.
 REFUSED = " refused: "
+#: What a whole run leaves, by its name here: file, command that writes it, log of its stage.
+_LEFT = {
+    "poses": (POSES, "ingest", "ingest"),
+    "base_frame": (BaseFrameRecord.FILE, "seed", "base_frame"),
+    "calibration": ("calibration/{}.json", "calibrate", "calibrate"),
+    "verdict": (VerdictRecord.FILE, "discover", "discover"),
+    "analysis": (AnalysisRecord.FILE, "discover", "discover"),
+    "extended": (ExtendedRecord.FILE, "discover", "discover"),
+    "held_out": (HoldoutRecord.FILE, "evaluate", "evaluate"),
+    "iso9283": (Iso9283Record.FILE, "evaluate", "evaluate"),
+    "model": (MODEL, "export", "export"),
+}
 #: Beginning of the provenance of simulated data.
 _SYNTHETIC = re.compile(r"\W*(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
 #: What messages call the models, and what to do about a calibration with the other one.
@@ -52,6 +63,26 @@ _OTHER_MODEL = {
     "paper": "draw the pictures of the general model, or calibrate with calibration.model: paper",
     "general": "run pa10cal calibrate --load general",
 }
+
+
+#: Files for the reader: where, what a run calls them at its end, and what the page says of them.
+OUTPUTS = (
+    ("report.html", "report", ""),
+    (MODEL, "model", "the whole model, with effects and formulas; read by the commands"),
+    ("model/model.covariance.npz", "", "how uncertain its parameters are"),
+    ("model/robot.urdf", "URDF", "the rigid part, for simulators and planners"),
+    ("model/robot_rigid_fit.urdf", "", "the best rigid model: geometry alone, fitted for it"),
+    ("model/dh.csv", "table of link parameters", "link parameters, nominal and calibrated"),
+    (
+        "model/ur_kinematics.yaml",
+        "kinematics of the UR driver",
+        "the rigid part for the UR driver for ROS 2",
+    ),
+    ("figures", "figures", "figures as SVG, PDF and PNG"),
+    ("tables", "tables", "tables as CSV and Markdown"),
+    ("ingest/quarantine.csv", "rows not used", "raw rows that are not used, with the reason"),
+    ("discovery/suggested_poses.csv", "poses to measure next", "poses to measure next"),
+)
 
 
 def is_synthetic(provenance: str) -> bool:
@@ -129,10 +160,11 @@ class ResultsBundle:
         path = self.folder / POSES
         return read_pose_table(path, self._described) if path.exists() else None
 
-    @cached_property
-    def motion(self) -> MotionFound | None:
-        """How the instrument moved against targets on the base, where that was looked at."""
-        return read_base_motion(self.folder / POSES) if (self.folder / POSES).exists() else None
+    @property
+    def model(self) -> Path | None:
+        """The model to take away."""
+        path = self.folder / MODEL
+        return path if path.exists() else None
 
     @cached_property
     def quarantined(self) -> Mapping[str, int]:
@@ -147,11 +179,8 @@ class ResultsBundle:
     @cached_property
     def _own_records(self) -> tuple[CampaignRecord, ...]:
         general = _record(CalibrationRecord, f"calibration/{GENERAL}.json")(self)
-        every = (
-            *(self.base_frame, self.calibration, general, self.verdict, self.analysis),
-            *(self.extended, self.held_out, self.iso9283),
-        )
-        return tuple(record for record in every if record is not None)
+        every = (getattr(self, name) for name in _LEFT if name not in ("poses", "model"))
+        return tuple(record for record in (*every, general) if record is not None)
 
     @cached_property
     def campaign(self) -> str:
@@ -191,37 +220,25 @@ class ResultsBundle:
         known = instrument_of(str(kind))
         return None if known is None else known.words
 
-    @property
-    def model(self) -> Path | None:
-        """Return the model to take away, None where it was not exported."""
-        path = self.folder / MODEL
-        return path if path.exists() else None
-
-    # What is missing.
-
     @cached_property
     def absent(self) -> Mapping[str, str]:
-        """Why each result of a whole run that is not there is missing, and what to do about it."""
-        return {
-            file: self._why_absent(file, command, log)
-            for file, (command, log) in _stages(self.load_case).items()
-            if not (self.folder / file).exists()
-        }
+        """Why each result of a whole run that is not there is missing, and what to do about it.
 
-    def why_absent(self, file: str) -> str:
-        """Say why a result is not there, and what to do about it."""
-        return self.absent.get(file, f"There is no {file}.")
-
-    def _why_absent(self, file: str, command: str, log: str) -> str:
-        """Say why a result is not there: what its stage refused, where its log tells."""
-        path = self.folder / f"logs/{log}.log"
-        printed = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
-        if (message := last_message(printed)) is not None:
-            return f"pa10cal {command}{REFUSED}{message[1]}. Then run it again."
-        return (
-            f"There is no {file}: pa10cal {command} was not run, or did not come to its end. "
-            "pa10cal run makes it."
-        )
+        What its stage refused, where its log tells.
+        """
+        found = {}
+        for name, (pattern, command, log) in _LEFT.items():
+            file, path = pattern.format(self.load_case), self.folder / f"logs/{log}.log"
+            if not (self.folder / file).exists():
+                printed = path.read_text("utf-8", errors="replace") if path.is_file() else ""
+                message = last_message(printed)
+                found[name] = (
+                    f"There is no {file}: pa10cal {command} was not run, or did not come to its "
+                    "end. pa10cal run makes it."
+                    if message is None
+                    else f"pa10cal {command}{REFUSED}{message[1]}. Then run it again."
+                )
+        return found
 
     # What pictures are drawn from.
 
@@ -289,11 +306,8 @@ class ResultsBundle:
 
     def load_cases(self) -> dict[str, PaperCalibrationRecord]:
         """Read the calibration of each single load, by its key in `errors`: `0N`, `22N`, …."""
-        return {
-            name: self.paper_calibration(name)
-            for N in self.paper_calibration().loads_fitted
-            for name in [f"{N:g}N"]
-        }
+        names = [f"{N:g}N" for N in self.paper_calibration().loads_fitted]
+        return {name: self.paper_calibration(name) for name in names}
 
     def sound_record(self, kind: type[_R]) -> _R:
         """Read what discovery found, of a sound calibration: the evaluated one."""
@@ -330,7 +344,8 @@ def results_bundle(
             that cannot be read.
         RawDataError: when the folder of raw files, or the table of poses, cannot be used.
     """
-    if not any((folder / file).exists() for file in _stages(load_case)):
+    found = ResultsBundle(folder, load_case)
+    if len(found.absent) == len(_LEFT):
         raise RecordError(
             "no results of a campaign",
             where=str(folder),
@@ -338,20 +353,8 @@ def results_bundle(
             allowed="RESULTS_DIR/CAMPAIGN as pa10cal run leaves it",
             remedy="give such a folder, or run pa10cal run first",
         )
-    description = None if campaign_dir is None else read_description(campaign_dir)
-    return ResultsBundle(folder, load_case, description)
-
-
-def _stages(load_case: str) -> dict[str, tuple[str, str]]:
-    """Return what a whole run leaves: file, command that writes it, the log of its stage."""
-    return {
-        POSES: ("ingest", "ingest"),
-        BaseFrameRecord.FILE: ("seed", "base_frame"),
-        f"calibration/{load_case}.json": ("calibrate", "calibrate"),
-        VerdictRecord.FILE: ("discover", "discover"),
-        AnalysisRecord.FILE: ("discover", "discover"),
-        ExtendedRecord.FILE: ("discover", "discover"),
-        HoldoutRecord.FILE: ("evaluate", "evaluate"),
-        Iso9283Record.FILE: ("evaluate", "evaluate"),
-        MODEL: ("export", "export"),
-    }
+    return (
+        found
+        if campaign_dir is None
+        else replace(found, description=read_description(campaign_dir))
+    )

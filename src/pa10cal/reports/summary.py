@@ -8,25 +8,13 @@ from itertools import islice
 from pathlib import Path
 
 from pa10cal.reports.errors import headline
-from pa10cal.reports.results_bundle import ResultsBundle
+from pa10cal.reports.results_bundle import OUTPUTS, ResultsBundle
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal.results.fleet import ChainRecord
 
 _HEAD = ("campaign", "grade", "verdict", "before", "after", "mean error over")
-#: What a campaign's folder holds for its reader.
-_PATHS = {
-    "report": "report.html",
-    "model": "model/model.yaml",
-    "URDF": "model/robot.urdf",
-    "table of link parameters": "model/dh.csv",
-    "kinematics of the UR driver": "model/ur_kinematics.yaml",
-    "figures": "figures",
-    "tables": "tables",
-    "rows not used": "ingest/quarantine.csv",
-    "poses to measure next": "discovery/suggested_poses.csv",
-}
 
 
 @dataclass(frozen=True)
@@ -124,9 +112,9 @@ def table(campaigns: Sequence[CampaignSummary]) -> str:
 def paths(results: Path) -> str:
     """Return what a campaign's folder holds, one line each; no table without a row."""
     found = []
-    for title, name in _PATHS.items():
+    for name, title, _ in OUTPUTS:
         path = results / name
-        there = path.exists()
+        there = bool(title) and path.exists()
         if there and path.suffix == ".csv":
             with path.open(encoding="utf-8") as file:
                 there = len(list(islice(file, 2))) > 1

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
 from typing import Any
+
+import numpy as np
 
 from pa10cal.reports.blocks import Beside, Callout, Grid, Items, PageBlock, Paragraph, folded, grid
 from pa10cal.reports.formatting import (
@@ -23,115 +26,108 @@ from pa10cal.results import discovery
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 
 
-def trust(results: ResultsBundle) -> Iterator[PageBlock]:
+def trust(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock]:
     """Yield what to check before the model is relied on."""
-    case = results.calibration
-    if case is None:
-        yield Callout("missing", results.why_absent(f"calibration/{results.load_case}.json"))
-        return
     title = f"Basis of the grade of the calibration: {case.health.grade.replace('_', ' ')}"
-    yield grid(title, ("check", "found", "passes"), _checks(case))
+    yield grid(title, "check | found | passes", _checks(case))
     if isinstance(case, GeneralCalibrationRecord):
         if case.prior:
             yield Callout("note", sentence(case.prior.line))
-        if case.suspected_outliers:
-            yield outliers_grid(case)
+        yield outliers_grid(case)
     warnings = dict.fromkeys(case.warnings)
     if results.extended is not None and results.extended.named:
         warnings |= dict.fromkeys(f"with the effects: {text}" for text in results.extended.warnings)
     warnings.pop(case.health.line, None)
     yield from (Callout("warning", sentence(text)) for text in warnings)
-    record = results.verdict
-    if record is not None and record.effects:
-        rows = [(named(effect), _evidence(effect)) for effect in record.effects]
-        yield grid("What decided about the effects", ("effect", "evidence"), rows)
-    if record is not None and record.falls_back is not None:
-        yield Callout("warning", sentence(f"limits of the effects: {record.falls_back.why}"))
-    limits = []
-    if results.synthetic:
-        limits.append("The data are synthetic: nothing here was measured on a real robot.")
-    limits.append(
-        "Intervals hold the noise of the measurement, not effects that the model lacks; held-out "
-        "errors show how large those are."
+    yield grid(
+        "What decided about the effects",
+        "effect | evidence",
+        ((named(of), _evidence(of)) for of in (results.verdict.effects if results.verdict else ())),
     )
     heaviest_N = max(case.loads_fitted, default=0.0)
-    limits.append(
-        f"The heaviest load of the fit is {heaviest_N:g} N: beyond it is extrapolation."
-        if heaviest_N > 0.0
-        else "The fit has seen no external load: any load is extrapolation."
+    yield Items(
+        (
+            "Intervals hold the noise of the measurement, not effects that the model lacks; "
+            "held-out errors show how large those are.",
+            f"The heaviest load of the fit is {heaviest_N:g} N: beyond it is extrapolation."
+            if heaviest_N > 0.0
+            else "The fit has seen no external load: any load is extrapolation.",
+            "Outside the joint positions of the table below a prediction is an extrapolation; the "
+            "column inside of pa10cal predict shows it for each row.",
+        )
     )
-    limits.append(
-        "Outside the joint positions of the table below a prediction is an extrapolation; the "
-        "column inside of pa10cal predict shows it for each row."
+    yield grid(
+        "Joint positions that the fit has seen",
+        "joint | seen | allowed",
+        _angles_seen(case if results.extended is None else results.extended),
     )
-    yield Items(tuple(limits))
-    if seen := tuple(_angles_seen(case if results.extended is None else results.extended)):
-        yield grid("Joint positions that the fit has seen", ("joint", "seen", "allowed"), seen)
     if results.planes:
         yield Paragraph(
-            "Expected position error caused by resolver uncertainty over each plane of the Monte "
-            "Carlo, from the closed form, in one colour scale for all planes. The error grows with "
-            "the distance from the base, because the first joints act over a longer arm. The mean "
-            "is over the grid of the map; the picture below uses positions drawn at random in the "
-            "same plane, so the two differ a little. Only the nominal arm is used: the maps of all "
-            "campaigns of one arm are the same."
+            "Expected position error that resolver uncertainty causes in the nominal arm, over "
+            "each plane of the Monte Carlo, from the closed form. Means are over the grid of the "
+            "map; the picture below draws positions at random, so the two differ a little."
         )
         yield Beside(tuple(plane_drawings(results.planes)))
 
 
 def outliers_grid(case: GeneralCalibrationRecord) -> Grid:
     """Return poses far outside the scatter of the others; distances in units of the scatter."""
-    rows = [
-        (of.pose, f"{of.load_N:g}", f"{of.distance:.2f}", f"{of.weight:.3f}", of.why)
-        for of in case.suspected_outliers
-    ]
-    header = ("pose", "load [N]", "distance", "weight", "why")
-    return grid("Suspected outliers, in the fit with less weight", header, rows, (1, 2, 3))
+    return grid(
+        "Suspected outliers, in the fit with less weight",
+        "pose | load [N] | distance | weight | why",
+        (
+            (of.pose, of.load_N, f"{of.distance:.2f}", f"{of.weight:.3f}", of.why)
+            for of in case.suspected_outliers
+        ),
+    )
 
 
-def _checks(case: CalibrationRecord) -> Iterator[tuple[str, str, str]]:
+def _checks(case: CalibrationRecord) -> Iterator[tuple[str | bool, ...]]:
     """Yield what the grade stands on: check, what was found, whether it passes."""
     health, poses, ratio = case.health, case.health.poses, case.health.error_over_noise
-    yes_no = {True: "yes", False: "no"}
-    yield "the fit converged", health.ending, yes_no[health.converged]
+    yield "the fit converged", health.ending, health.converged
     at_bounds = listed(map(written, health.at_bounds))
-    yield "no parameter at the end of its range", at_bounds, yes_no[not len(health.at_bounds)]
+    yield "no parameter at the end of its range", at_bounds, not len(health.at_bounds)
     yield (
         "every parameter is determined",
         f"rank {health.rank} of {health.unknowns}, condition number {health.condition:.4g}",
         "yes" if health.rank == health.unknowns else "no: see what is missing",
     )
-    error, agrees = NOT_KNOWN, NOT_KNOWN
-    if ratio is not None:
-        error = f"{mm(health.train_rms_mm)} mm rms, {ratio:.1f} times the {case.noise_is}"
-        agrees = yes_no[health.grade in ("good", "few_poses")]
-    yield "remaining error agrees with the noise", error, agrees
-    held_out, agrees = "nothing was held out", "not tested"
-    if health.held_out_rms_mm is not None:
-        held_out = f"{mm(health.held_out_rms_mm)} mm rms; fitted {mm(health.train_rms_mm)} mm"
-        agrees = yes_no[health.held_out_over_expected is None]
-    yield "held-out poses agree with what the fit promises", held_out, agrees
+    fitted = f"{mm(health.train_rms_mm)} mm"
+    what = "remaining error agrees with the noise"
+    if ratio is None:
+        yield what, NOT_KNOWN, NOT_KNOWN
+    else:
+        error = f"{fitted} rms, {ratio:.1f} times the {case.noise_is}"
+        yield what, error, health.grade in ("good", "few_poses")
+    what = "held-out poses agree with what the fit promises"
+    if health.held_out_rms_mm is None:
+        yield what, "nothing was held out", "not tested"
+    else:
+        error = f"{mm(health.held_out_rms_mm)} mm rms; fitted {fitted}"
+        yield what, error, health.held_out_over_expected is None
     for scatter in health.repeats:
         unit = "mrad" if scatter.kind.startswith("attitude") else "mm"
         yield (
             f"scatter of repeats agrees with the stated uncertainty, {scatter.kind}",
             f"{1e3 * scatter.found:.4f} {unit}, stated {1e3 * scatter.stated:.4f} {unit}",
-            yes_no[bool(scatter.stated) and 1.0 / 3.0 <= scatter.ratio <= 3.0],
+            bool(scatter.stated) and 1.0 / 3.0 <= scatter.ratio <= 3.0,
         )
     if poses.u_model_mm is not None:
         needed = f"more than {len(poses.d_optimal_order)}" if poses.needed is None else poses.needed
-        limit = "the remaining error" if poses.wanted_mm is None else "wanted"
-        limit_mm = health.train_rms_mm if poses.wanted_mm is None else poses.wanted_mm
+        limit, limit_mm = "wanted", poses.wanted_mm
+        if limit_mm is None:
+            limit, limit_mm = "the remaining error", health.train_rms_mm
         yield (
             f"expected uncertainty of a prediction is no larger than {limit}",
             f"{mm(poses.u_model_mm)} mm with {poses.measured} poses; {needed} well-chosen poses "
             f"reach {mm(poses.u_needed_mm)} mm",
-            yes_no[poses.u_model_mm <= limit_mm],
+            poses.u_model_mm <= limit_mm,
         )
     if isinstance(case, GeneralCalibrationRecord):
         names = ", ".join(outlier.pose for outlier in case.suspected_outliers[:6])
-        yield "no suspected outlier", names or "none", yes_no[not case.suspected_outliers]
-    yield ("starts that end in the same minimum", f"{case.starts_agreeing} of {case.starts}", "")
+        yield "no suspected outlier", names or "none", not case.suspected_outliers
+    yield "starts that end in the same minimum", f"{case.starts_agreeing} of {case.starts}", ""
 
 
 def _evidence(effect: discovery.FoundEffect) -> str:
@@ -159,25 +155,20 @@ def _evidence(effect: discovery.FoundEffect) -> str:
 
 def _angles_seen(
     model: CalibrationRecord | discovery.ExtendedRecord,
-) -> Iterator[tuple[str, str, str]]:
+) -> Iterator[tuple[Any, ...]]:
     """Yield joint, positions that the fit has seen, and those allowed."""
-    seen, arm = model.fitted_model.get("seen"), model.fitted_model.get("arm")
-    rows = arm.get("rows") if isinstance(arm, dict) else None
-    if not isinstance(seen, list) or not isinstance(rows, list):
-        return
-    for number, (joint, row) in enumerate(zip(seen, rows, strict=True), start=1):
-        if isinstance(joint, dict) and isinstance(row, dict):
-            slides = bool(row.get("prismatic"))
-            unit, scale = ("mm", 1e3) if slides else ("°", 180.0 / math.pi)
-            limits: Any = row.get("limits_m" if slides else "limits_rad")
-            intervals: Any = joint.get("intervals")
-            seen_at, allowed = (
-                ", ".join(f"{scale * low:.1f} to {scale * high:.1f} {unit}" for low, high in each)
-                if isinstance(each, list)
-                else NOT_KNOWN
-                for each in (intervals, None if limits is None else [limits])
-            )
-            yield str(number), seen_at, allowed
+    fitted: Any = model.fitted_model
+    joints = zip(fitted.get("seen") or (), fitted["arm"]["rows"], strict=False)
+    for number, (joint, row) in enumerate(joints, start=1):
+        slides = bool(row.get("prismatic"))
+        unit, scale = ("mm", 1e3) if slides else ("°", 180.0 / math.pi)
+        limits = row.get("limits_m" if slides else "limits_rad")
+        seen_at, allowed = (
+            each
+            and ", ".join(f"{scale * low:.1f} to {scale * high:.1f} {unit}" for low, high in each)
+            for each in (joint.get("intervals"), limits and [limits])
+        )
+        yield str(number), seen_at, allowed
 
 
 # What is missing from results and model, and what to measure next.
@@ -189,7 +180,6 @@ _JOINT = "joint "
 _MOST_LISTED = 2
 #: An aim that several joints of one pose may share.
 _UNSEEN = re.compile(r"angle of joint (\d+) not seen")
-_OF_JOINT = re.compile(r"\bjoint (\d+)")
 
 
 def missing(results: ResultsBundle) -> Iterator[PageBlock]:
@@ -207,13 +197,12 @@ def missing(results: ResultsBundle) -> Iterator[PageBlock]:
             texts.append(
                 "Joint torques were not logged: springs use those of the described masses."
             )
-        if case.health.correlated_pairs:
-            title = "Parameters that these poses can hardly separate"
-            rows = [
-                (*map(written, pair.parameters), f"{pair.correlation:+.3f}")
-                for pair in case.health.correlated_pairs
-            ]
-            tables.append((grid(title, ("parameter", "and", "correlation"), rows, (2,)), "pair"))
+        pairs = [
+            (*map(written, pair.parameters), f"{pair.correlation:+.3f}")
+            for pair in case.health.correlated_pairs
+        ]
+        title = "Parameters that these poses can hardly separate"
+        tables.append((grid(title, "parameter | and | correlation", pairs), "pair"))
     if record is not None:
         if record.verdict == "not_sought":
             texts.append(f"Effects were not sought. {sentence(record.remedy or '')}")
@@ -221,18 +210,14 @@ def missing(results: ResultsBundle) -> Iterator[PageBlock]:
             ("These data cannot show some effects", record.not_testable),
             (
                 "Effects that were sought, but are likely to be missed at their plausible size",
-                record.below_detection_limit,
+                record.below_detection_limit or (),
             ),
         ):
-            if entries:
-                table = grid(title, ("effect", "of", "why"), _by_effect(entries))
-                tables.append((table, "effect"))
-        if record.indistinguishable:
-            groups = [(listed(each.words for each in group),) for group in record.indistinguishable]
-            table = grid("Effects that these poses cannot separate", ("group",), groups)
-            tables.append((table, "effect"))
-    if texts:
-        yield Items(tuple(texts))
+            tables.append((grid(title, "effect | of | why", _by_effect(entries)), "effect"))
+        groups = [(listed(each.words for each in group),) for group in record.indistinguishable]
+        title = "Effects that these poses cannot separate"
+        tables.append((grid(title, "group", groups), "effect"))
+    yield Items(tuple(texts))
     for table, row in tables:
         yield folded(table, f"{table.caption} ({count(len(table.rows), row)})")
     if not (results.absent or texts or (record is not None and record.not_testable)):
@@ -253,14 +238,10 @@ def _by_effect(entries: Iterable[discovery.NotTestable]) -> Iterator[tuple[str, 
 
 def _places(places: Sequence[str]) -> str:
     """Return places in few words: `joints 1 to 3, 5` for the joints among them."""
-    joints = sorted(int(of.removeprefix(_JOINT)) for of in places if of.startswith(_JOINT))
+    joints = sorted({int(of.removeprefix(_JOINT)) for of in places if of.startswith(_JOINT)})
     others = [of.replace("_", " ") for of in places if not of.startswith(_JOINT)]
-    runs: list[list[int]] = []
-    for joint in joints:
-        if runs and joint == runs[-1][-1] + 1:
-            runs[-1].append(joint)
-        else:
-            runs.append([joint])
+    # Joints in a row are as far from their number in the list.
+    runs = [list(run) for _, run in groupby(joints, lambda joint: joint - joints.index(joint))]
     in_words = ", ".join(
         f"{run[0]} to {run[-1]}" if len(run) > _MOST_LISTED else ", ".join(map(str, run))
         for run in runs
@@ -292,28 +273,27 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
             )
         if (drawing := poses_drawing(poses)) is not None:
             yield drawing
-    record = results.verdict
-    if record is None:
-        yield Callout("missing", results.why_absent(discovery.VerdictRecord.FILE))
+    if (record := results.verdict) is None:
+        yield Callout("missing", results.absent["verdict"])
         return
     if not record.suggested_poses:
         yield Paragraph("No further poses are suggested to separate effects.")
         return
     rows = []
     for number, pose in enumerate(record.suggested_poses[:_MOST_POSES], start=1):
-        arrows = [""] * len(pose.q_deg)
-        if pose.arrive_from is not None:
-            arrows = [" ↑" if side < 0 else " ↓" for side in pose.arrive_from]
-        angles = (f"{q:.1f}{arrow}" for q, arrow in zip(pose.q_deg, arrows, strict=True))
+        sides = [0] * len(pose.q_deg) if pose.arrive_from is None else np.sign(pose.arrive_from)
+        angles = (
+            f"{q:.1f}{('', ' ↓', ' ↑')[int(side)]}"
+            for q, side in zip(pose.q_deg, sides, strict=True)
+        )
         rows.append((str(number), *angles, f"{pose.load_N:g}", _aim(pose)))
-    joints = range(1, len(record.suggested_poses[0].q_deg) + 1)
+    joints = " | ".join(f"q{k + 1} [deg]" for k in range(len(record.suggested_poses[0].q_deg)))
     yield grid(
         f"The {count(len(rows), 'pose')} with most information, also in "
         "discovery/suggested_poses.csv. An arrow: the joint arrives from smaller "
         "(↑) or from larger (↓) angles.",
-        ("order", *(f"q{joint} [deg]" for joint in joints), "load [N]", "what for"),
+        f"order | {joints} | load [N] | what for",
         rows,
-        range(len(joints) + 2),
     )
     hopeless = [pair.pair for pair in record.separations or () if not pair.can_be_split]
     if hopeless:
@@ -322,20 +302,12 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
 
 
 def _aim(pose: discovery.SuggestedPose) -> str:
-    """Say in a sentence what a pose is for, with the joints that matter and where they stand."""
-
-    def angles(joints: Iterable[int]) -> str:
-        return listed(f"joint {joint} at {pose.q_deg[joint - 1]:.1f}°" for joint in joints)
-
-    unseen = [int(found[1]) for name in pose.for_ if (found := _UNSEEN.fullmatch(name))]
+    """Say in a sentence what a pose is for; several joints of which no angle was seen as one."""
+    unseen = sorted(int(found[1]) for name in pose.for_ if (found := _UNSEEN.fullmatch(name)))
     rivals = [name.replace("_", " ") for name in pose.for_ if not _UNSEEN.fullmatch(name)]
-    parts = []
-    if rivals:
-        joints = sorted({int(joint) for name in rivals for joint in _OF_JOINT.findall(name)})
-        where = f" with {angles(joints)}" if joints else ""
-        nats = pose.separation_nats
-        by_then = "" if nats is None else f" ({nats:.1f} nats expected up to this pose)"
-        parts.append(f"separates {'; '.join(rivals)}{where}{by_then}")
-    if unseen:
-        parts.append(f"shows {angles(unseen)}, where the fit has seen no pose")
+    nats = pose.separation_nats
+    by_then = "" if nats is None else f" ({nats:.1f} nats expected up to this pose)"
+    parts = [f"separates {'; '.join(rivals)}{by_then}"] * bool(rivals)
+    joints = f"joint{'s' * (len(unseen) > 1)} {listed(map(str, unseen))}"
+    parts += [f"shows an angle of {joints} where the fit has seen no pose"] * bool(unseen)
     return sentence("; ".join(parts))

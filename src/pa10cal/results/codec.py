@@ -32,24 +32,41 @@ def read(kind: type[_R], path: Path, campaign: str | None = None) -> _R:
         RecordError: when the file is missing or cannot be read, is another kind of file or of
             another campaign, lacks a key, or holds what the key does not allow.
     """
+    (content,) = _contents(kind, path, "record", f"a JSON file with schema {kind.SCHEMA}")
+    return _checked(kind, content, str(path), campaign)
+
+
+def read_lines(kind: type[_R], path: Path) -> list[_R]:
+    """Read a file of records, one a line.
+
+    Raises:
+        RecordError: as `read` does, naming the line.
+    """
+    contents = _contents(kind, path, "records", f"one line of schema {kind.SCHEMA} each")
+    return [_checked(kind, each, f"{path}:{k}", None) for k, each in enumerate(contents, start=1)]
+
+
+def _contents(kind: type[Record], path: Path, what: str, allowed: str) -> list[Any]:
+    """Return what a file holds as JSON: one `record`, or `records` on a line each."""
     try:
-        content = from_json(path.read_bytes(), allow_inf_nan=False)
+        text = path.read_bytes()
+        texts = [text] if what == "record" else text.splitlines()
+        return [from_json(each, allow_inf_nan=False) for each in texts]
     except FileNotFoundError:
         raise RecordError(
-            "the record is missing",
+            f"the {what} {'is' if what == 'record' else 'are'} missing",
             where=str(path),
             allowed=f"a file that pa10cal {kind.COMMAND} wrote",
             remedy=f"run pa10cal {kind.COMMAND} first",
         ) from None
     except (OSError, ValueError) as error:
         raise RecordError(
-            "the record cannot be read",
+            f"the {what} cannot be read",
             where=str(path),
             value=str(error),
-            allowed=f"a JSON file with schema {kind.SCHEMA}",
+            allowed=allowed,
             remedy=f"run pa10cal {kind.COMMAND} again",
         ) from None
-    return _checked(kind, content, str(path), campaign)
 
 
 def schema_of(path: Path) -> str | None:
@@ -60,29 +77,6 @@ def schema_of(path: Path) -> str | None:
         return None
     found = content.get("schema") if isinstance(content, dict) else None
     return found if isinstance(found, str) else None
-
-
-def read_lines(kind: type[_R], path: Path) -> list[_R]:
-    """Read a file of records, one a line.
-
-    Raises:
-        RecordError: as `read` does, naming the line.
-    """
-    try:
-        lines = path.read_bytes().splitlines()
-        contents = [from_json(line, allow_inf_nan=False) for line in lines]
-    except (OSError, ValueError) as error:
-        raise RecordError(
-            "the records cannot be read",
-            where=str(path),
-            value=str(error),
-            allowed=f"one line of schema {kind.SCHEMA} each",
-            remedy=f"run pa10cal {kind.COMMAND} again",
-        ) from None
-    return [
-        _checked(kind, content, f"{path}:{number}", None)
-        for number, content in enumerate(contents, start=1)
-    ]
 
 
 def write(record: Record, path: Path) -> None:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from pa10cal.arrays import Array
 from pa10cal.figures.registry import NothingToShowError, picture
@@ -20,12 +20,8 @@ from pa10cal.reports.theme import AFTER, BEFORE, BLUE, GREY, ORANGE, SEPARATOR
 from pa10cal.results.analysis import AnalysisRecord, LackOfFit, Periodogram
 
 _LEFT_MM, _RIGHT_MM, _GAP_MM = 18.0, 168.0, 2.5
-#: Part of a panel at either side that has no tick: labels of neighbours stay apart.
-_BARE = 0.14
-_BEYOND = 0.06
-#: Part of the angles that two numbers are apart at least, and more steps until two are.
-_APART = 0.5
-_STEPS = (5, 10, 20)
+#: Part of a panel at either side that has no number, so that those of neighbours stay apart.
+_BARE = 0.18
 #: The least that is shown [deg, mm], of a joint that stood still.
 _LEAST = 1.0
 
@@ -51,17 +47,13 @@ def _label_below(figure: Figure, y_mm: float, text: str) -> None:
 
 
 def _span_angles(axes: Axes, q_deg: Array) -> None:
-    """Let an axis span the angles of a joint, with two numbers."""
+    """Let an axis span the angles of a joint, with two round numbers."""
     middle = (float(q_deg.min()) + float(q_deg.max())) / 2.0
-    span = max(float(np.ptp(q_deg)), _LEAST)
-    low, high = middle - span / 2.0, middle + span / 2.0
-    axes.set_xlim(low - _BEYOND * span, high + _BEYOND * span)
-    for steps in _STEPS:
-        ticks = np.asarray(MaxNLocator(steps, steps=[1, 2, 3, 5, 10]).tick_values(low, high))
-        inside = ticks[(ticks > low + _BARE * span) & (ticks < high - _BARE * span)]
-        if np.ptp(inside) > _APART * span:
-            break
-    axes.set_xticks(inside[[0, -1]])
+    half = 0.56 * max(float(np.ptp(q_deg)), _LEAST)
+    axes.set_xlim(middle - half, middle + half)
+    ends = middle + (1.0 - 2.0 * _BARE) * half * np.array([-1.0, 1.0])
+    step = 5.0 * 10.0 ** np.floor(np.log10(half / 10.0))  # two at least lie between these ends
+    axes.set_xticks(np.array([np.ceil(ends[0] / step), np.floor(ends[1] / step)]) * step)
 
 
 # Up to which order of a joint's angle the measured angles tell sines apart.

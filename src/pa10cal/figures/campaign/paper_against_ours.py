@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from operator import attrgetter
 from typing import NamedTuple
 
 import pandas as pd
 
 from pa10cal.figures import published
+from pa10cal.figures.campaign.paper_figures import places, scatter_by_load
 from pa10cal.figures.published import SOURCES, is_of_papers_arm, reduction_percent
 from pa10cal.figures.registry import picture
-from pa10cal.figures.repeats import GridScatter, incompleteness, places, scatter_by_load
 from pa10cal.figures.table import ResultTable, figures, frame_of
 from pa10cal.reports.blocks import Grid, grid
 from pa10cal.reports.formatting import KINDS, written, written_load
@@ -28,11 +27,11 @@ _NOTES = (
     "ours: from this campaign alone; the arm of a synthetic campaign is not the one that the "
     "authors measured.",
 )
-#: Errors that the paper states: name, unit, digits of a mean over grid poses, and key.
+#: Errors that the paper states: name, unit, digits of a mean over grid poses, key, and source.
 _ERRORS = (
-    ("mean position error", "mm", ".2f", attrgetter("mean_mm")),
-    ("peak position error", "mm", ".2f", attrgetter("peak_mm")),
-    ("mean orientation error", "deg", "g", attrgetter("orientation_deg")),
+    ("mean position error", "mm", ".2f", "mean_mm", "before_after"),
+    ("peak position error", "mm", ".2f", "peak_mm", "before_after"),
+    ("mean orientation error", "deg", "g", "orientation_deg", "orientation"),
 )
 
 
@@ -44,7 +43,7 @@ class _Row(NamedTuple):
     unit: str
     paper: object  # as printed
     ours: str  # from this campaign
-    source: str  # where in the paper it stands
+    source: str  # where in the paper it stands, by its key in `SOURCES`
     remark: str = ""  # what to know before comparing
     recomputed: str = ""  # from the paper's other values, where it draws a conclusion from them
 
@@ -56,9 +55,8 @@ class _Row(NamedTuple):
 Every value that the paper states, with its place there, beside the same quantity from
 ``{name}``. Where the paper draws a conclusion from its own values, the column *recomputed*
 has the value that follows from them. *Remark* states how our value was obtained and what limits
-the comparison; a quantity that the campaign does not state is called not measured. Loads that are
-not in the paper follow below. Agreement shows that the method is implemented as published; it says
-nothing about the robot of the authors.
+the comparison; a quantity that the campaign does not state is called not measured. Agreement
+shows that the method is implemented as published; it says nothing about the robot of the authors.
 """,
 )
 def tabulate_paper_against_ours(results: ResultsBundle) -> ResultTable:
@@ -71,54 +69,43 @@ def tabulate_paper_against_ours(results: ResultsBundle) -> ResultTable:
         *_parameter_rows(results),
         *_conclusion_rows(results),
     ]
-    lacking = incompleteness(results.paper_calibration(), scatter)
-    notes = _NOTES if lacking is None else (*_NOTES, lacking)
-    data = pd.DataFrame(rows).astype(str)[list(_COLUMNS)]
-    return ResultTable("The paper's values beside ours", data, notes=notes)
+    data = pd.DataFrame(row._replace(source=SOURCES[row.source]) for row in rows).astype(str)
+    notes = (*_NOTES, *_incompleteness(results))
+    return ResultTable("The paper's values beside ours", data[list(_COLUMNS)], notes=notes)
 
 
-def _grid_rows(results: ResultsBundle, scatter: Mapping[str, GridScatter]) -> Iterator[_Row]:
+def _grid_rows(results: ResultsBundle, scatter: pd.DataFrame) -> Iterator[_Row]:
     """Yield errors before and after, and the scatter within one configuration, at each load."""
     combined, cases = results.paper_calibration(), results.load_cases()
     before = {load: errors.before for load, errors in combined.errors.items()}
     alone = {load: case.errors[load].after for load, case in cases.items()}
     together = {load: errors.after for load, errors in combined.errors.items()}
-    # The loads of the paper, then those that the campaign alone has.
-    loads = [*published.BEFORE, *(load for load in cases if load not in published.BEFORE)]
     alignment = (
         "nominal rigid model, base frame fitted once to the positions at "
         f"{min(combined.loads_fitted):g} N"
     )
-    for name, unit, digits, value_of in _ERRORS:
-        source = SOURCES["before_after" if unit == "mm" else "orientation"]
+    for name, unit, digits, key, source in _ERRORS:
         for when, stated, ours, remark in (
             ("before calibration", published.BEFORE, before, alignment),
             ("after calibration", published.AFTER, alone, "calibrated at this load alone"),
             ("after calibration", published.AFTER, together, "one calibration of all loads"),
         ):
-            for load in loads:
-                found, at = _measured(ours.get(load), value_of), written_load(load)
-                paper = ("", "")
-                if load in stated:
-                    paper = f"{value_of(stated[load]):{digits}}", source
-                yield _Row(f"{name} {when}", at, unit, paper[0], found, paper[1], remark)
-    for load in loads:
+            for load, of in stated.items():
+                paper, found = f"{getattr(of, key):{digits}}", _measured(ours.get(load), key)
+                at = written_load(load)
+                yield _Row(f"{name} {when}", at, unit, paper, found, source, remark)
+    for load, limit_mm in published.REPEATABILITY_MM.items():
         found, remark = NOT_MEASURED, "no configuration was measured more than once"
         if load not in cases:
             remark = "this load was not measured"
-        elif load in scatter:
-            of = scatter[load]
-            found = _three_figures(of.largest_per_axis_mm)
+        elif load in scatter.index:
+            largest, mean, found = map(_three_figures, scatter.loc[load])
             remark = (
                 "along one axis, largest configuration: the paper's is that of a scalar error; "
-                f"three axes together {_three_figures(of.largest_mm)}, mean over the "
-                f"configurations {_three_figures(of.mean_mm)}"
+                f"three axes together {largest}, mean over the configurations {mean}"
             )
-        paper = ("", "")
-        if load in published.REPEATABILITY_MM:
-            paper = f"≤ {published.REPEATABILITY_MM[load]}", SOURCES["repeatability"]
         quantity, at = "standard deviation within one configuration", written_load(load)
-        yield _Row(quantity, at, "mm", paper[0], found, paper[1], remark)
+        yield _Row(quantity, at, "mm", f"≤ {limit_mm}", found, "repeatability", remark)
 
 
 def _held_out_rows(results: ResultsBundle) -> Iterator[_Row]:
@@ -126,11 +113,10 @@ def _held_out_rows(results: ResultsBundle) -> Iterator[_Row]:
     held_out = results.sound_held_out()
     for name, stated in published.HELD_OUT.items():
         model = held_out.models.get(name)
-        for quantity, unit, _, value_of in _ERRORS:
+        for quantity, unit, _, key, _ in _ERRORS:
             remark = _twist_remark(results, model) if model and unit == "deg" else ""
-            paper, ours = f"{value_of(stated):g}", _measured(model, value_of)
-            source = SOURCES["held_out"]
-            yield _Row(f"{quantity}, held out", name, unit, paper, ours, source, remark)
+            paper, ours = f"{getattr(stated, key):g}", _measured(model, key)
+            yield _Row(f"{quantity}, held out", name, unit, paper, ours, "held_out", remark)
 
 
 def _twist_remark(results: ResultsBundle, model: HeldOutModel) -> str:
@@ -151,14 +137,11 @@ def _twist_remark(results: ResultsBundle, model: HeldOutModel) -> str:
     )
 
 
-def _monte_carlo_rows(results: ResultsBundle, scatter: Mapping[str, GridScatter]) -> Iterator[_Row]:
+def _monte_carlo_rows(results: ResultsBundle, scatter: pd.DataFrame) -> Iterator[_Row]:
     """Yield what resolver uncertainty alone does to the position."""
-    planes, source = (
-        {of.plane_mm: of for of in results.planes_of_settings()},
-        SOURCES["monte_carlo"],
-    )
+    planes = {of.plane_mm: of for of in results.planes_of_settings()}
     plane = planes.get(published.MONTE_CARLO_PLANE_MM)
-    at = f"z = {published.MONTE_CARLO_PLANE_MM} mm"
+    at, source = f"z = {published.MONTE_CARLO_PLANE_MM} mm", "monte_carlo"
     mean, std, between = NOT_COMPUTED, NOT_COMPUTED, ""
     systematic = (
         "resolver error repeats with the joint angles, so it is systematic and in principle "
@@ -167,8 +150,8 @@ def _monte_carlo_rows(results: ResultsBundle, scatter: Mapping[str, GridScatter]
     if plane is not None:
         mean, std = _three_figures(plane.mean_mm), _three_figures(plane.std_mm)
         between = f"within a position; between positions {_three_figures(plane.std_between_mm)}"
-        if scatter:
-            scatter_mm = max(of.mean_mm for of in scatter.values())
+        if len(scatter):
+            scatter_mm = scatter["mean"].max()
             systematic += (
                 f"; repeats scatter by {_three_figures(scatter_mm)} mm on average, "
                 f"{_three_figures(plane.mean_mm / scatter_mm)} times less"
@@ -209,10 +192,10 @@ def _parameter_rows(results: ResultsBundle) -> Iterator[_Row]:
         "together they are 36"
     )
     ours = f"{case.unknowns}, of which {case.rank} identifiable"
-    yield _Row("unknowns", "all loads together", "", 30, ours, SOURCES["unknowns"], remark)
+    yield _Row("unknowns", "all loads together", "", 30, ours, "unknowns", remark)
     for kind, unit, stated, source in (
-        ("K_lin", "N m/rad", published.K_LIN, SOURCES["k_lin"]),
-        ("K_cub", "N m/rad³", published.K_CUB[reading], SOURCES[reading]),
+        ("K_lin", "N m/rad", published.K_LIN, "k_lin"),
+        ("K_cub", "N m/rad³", published.K_CUB[reading], reading),
     ):
         for joint, value in stated.items():
             parameter = case.parameters.get(f"{kind}_{joint}")
@@ -226,14 +209,16 @@ def _parameter_rows(results: ResultsBundle) -> Iterator[_Row]:
             paper = f"{value:.2e}".replace("e+0", "e")
             yield _Row(kind, f"joint {joint}", unit, paper, ours, source, remark)
     quantity, at = "uncertainty of the coordinate measuring machine", "one measured centre"
-    ours, remark = f"{results.description.instrument.uncertainty_mm:g}", "as the campaign states it"
-    cmm = published.CMM_UNCERTAINTY_MM, ours, SOURCES["cmm"]
-    yield _Row(quantity, at, "mm", *cmm, f"ours: {remark}")
+    uncertainties = (
+        published.CMM_UNCERTAINTY_MM,
+        f"{results.description.instrument.uncertainty_mm:g}",
+    )
+    yield _Row(quantity, at, "mm", *uncertainties, "cmm", "ours: as the campaign states it")
     for quantity, paper in (
         ("sag of the apparatus under its own weight", f"{published.APPARATUS_SAG_MM:.3f}"),
         ("deflection by the touch of the probe", f"< {published.TOUCH_DEFLECTION_MM}"),
     ):
-        yield _Row(quantity, "largest", "mm", paper, NOT_MEASURED, SOURCES["apparatus"])
+        yield _Row(quantity, "largest", "mm", paper, NOT_MEASURED, "apparatus")
 
 
 def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
@@ -242,7 +227,7 @@ def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
         load: errors.before.mean_mm for load, errors in results.paper_calibration().errors.items()
     }
     after = {load: case.errors[load].after.mean_mm for load, case in results.load_cases().items()}
-    planes, source = {of.plane_mm: of for of in results.planes_of_settings()}, SOURCES["conclusion"]
+    planes, source = {of.plane_mm: of for of in results.planes_of_settings()}, "conclusion"
     plane = planes.get(published.MONTE_CARLO_PLANE_MM)
     for load, stated in published.AFTER.items():
         ours, remark = (NOT_MEASURED if load not in after else NOT_COMPUTED), ""
@@ -261,9 +246,8 @@ def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
         )
 
     low, high = published.CLAIMED_REDUCTIONS_PERCENT
-    models, stated_models = results.sound_held_out().models, published.HELD_OUT
-    peaks = {name: model.peak_mm for name, model in models.items()}
-    uncalibrated_mm = stated_models["uncalibrated"].peak_mm
+    peaks = {name: model.peak_mm for name, model in results.sound_held_out().models.items()}
+    stated_peaks = {name: of.peak_mm for name, of in published.HELD_OUT.items()}
     reductions = [
         (
             *("mean position error", written_load(load), f"{low} to {high}", source),
@@ -274,9 +258,9 @@ def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
     ] + [
         (
             *("peak position error, held out", name),
-            *(f"≥ {published.CLAIMED_PEAK_REDUCTION_PERCENT}", SOURCES["held_out"]),
+            *(f"≥ {published.CLAIMED_PEAK_REDUCTION_PERCENT}", "held_out"),
             *(peaks.get("uncalibrated"), peaks.get(name)),
-            *(uncalibrated_mm, stated_models[name].peak_mm),
+            *(stated_peaks["uncalibrated"], stated_peaks[name]),
         )
         for name in ("linear", "cubic")
     ]
@@ -288,9 +272,15 @@ def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
         yield _Row(f"reduction of the {error}", at, "%", claim, ours, stated_in, "", recomputed)
 
 
-def _measured(errors: Accuracy | None, value_of: attrgetter[float | None]) -> str:
+def _incompleteness(results: ResultsBundle) -> Iterator[str]:
+    """Yield that ± does not cover what the model lacks, where it is graded so."""
+    if results.paper_calibration().health.grade == "incomplete":
+        yield "The calibration is graded incomplete: ± does not cover the effect that it lacks."
+
+
+def _measured(errors: Accuracy | None, key: str) -> str:
     """Return a value of errors with three significant figures, or that it was not measured."""
-    value = None if errors is None else value_of(errors)
+    value = getattr(errors, key, None)
     return NOT_MEASURED if value is None else _three_figures(value)
 
 
@@ -356,7 +346,6 @@ def tabulate_table1_parameters(results: ResultsBundle) -> ResultTable:
             "The paper's values belong to the arm that its authors measured; the arm of a "
             "synthetic campaign need not share them.",
         ]
-    lacking = incompleteness(combined, scatter_by_load(places(results)))
     return ResultTable(
         title="Parameters beside Table I of the paper",
         data=frame_of(_HEADER_OF_TABLE1, rows),
@@ -364,7 +353,7 @@ def tabulate_table1_parameters(results: ResultsBundle) -> ResultTable:
             _layout(load, case, stated if of_papers_arm and load == COMBINED else None)
             for load, case in cases.items()
         ),
-        notes=tuple(notes) if lacking is None else (*notes, lacking),
+        notes=(*notes, *_incompleteness(results)),
     )
 
 

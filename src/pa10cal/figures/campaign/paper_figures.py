@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from pa10cal.arrays import Array
+from pa10cal.errors import RecordError
 from pa10cal.figures import published, style
 from pa10cal.figures.published import is_of_papers_arm
 from pa10cal.figures.registry import NothingToShowError, picture
-from pa10cal.figures.repeats import PLACE_MM, places, scatter_by_load
 from pa10cal.reports import theme
 from pa10cal.reports.formatting import written_load
-from pa10cal.reports.results_bundle import COMBINED, ResultsBundle
+from pa10cal.reports.results_bundle import COMBINED, POSES, ResultsBundle
 from pa10cal.results.calibration import BaseFrameRecord
 from pa10cal.results.evaluation import Accuracy, HeldOutModel
 
@@ -33,6 +33,43 @@ _PATHS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 }
 _AXIS_LENGTH_MM = 150.0
 _MARGIN_MM = 60.0
+#: Columns of the table of poses that hold the measured position of the end-effector.
+PLACE_MM = ("ee_x_mm", "ee_y_mm", "ee_z_mm")
+
+
+def places(results: ResultsBundle) -> pd.DataFrame:
+    """Return the table of poses in order of time, with the end-effector in `PLACE_MM`.
+
+    Raises:
+        RawDataError: when it cannot be used.
+        RecordError: when it is missing, or the instrument measured no end-effector.
+    """
+    poses = results.poses
+    absent = [] if poses is None else [name for name in PLACE_MM if name not in poses]
+    if poses is None or absent:
+        raise RecordError(
+            "the table of poses has no column" if absent else "the table of poses is missing",
+            where=str(results.folder / POSES),
+            value=absent[0] if absent else None,
+            allowed=f"a file that pa10cal ingest wrote, with {', '.join(PLACE_MM)}",
+            remedy="run pa10cal ingest first",
+        )
+    return poses.sort_values("time_s")
+
+
+def scatter_by_load(poses: pd.DataFrame) -> pd.DataFrame:
+    """Return the paper's repeatability: how far repeats of one grid configuration scatter [mm].
+
+    Standard deviations of the distance, the root of the variances along three axes together: the
+    `largest` and the `mean` over the configurations, a row a load (`0N`, `22N`, …) with repeats.
+    The `largest_per_axis` is nearest to the paper's scatter of a scalar error.
+    """
+    grid = poses[poses["kind"] == "grid"].groupby(["load_N", "pose"])
+    variance = grid[list(PLACE_MM)].var(ddof=1).sum(axis=1, skipna=False)
+    by_load = np.sqrt(variance).dropna().groupby(level="load_N")
+    found = pd.DataFrame({"largest": by_load.max(), "mean": by_load.mean()})
+    found["largest_per_axis"] = found["largest"] / np.sqrt(3.0)
+    return found.rename(index=lambda load_N: f"{load_N:g}N")
 
 
 @picture(
@@ -159,17 +196,25 @@ the authors measured.
 )
 def draw_fig5_before_after(results: ResultsBundle) -> Figure:
     """Draw mean and peak position error, and mean orientation error, on logarithmic axes."""
-    cases, with_paper = results.load_cases(), is_of_papers_arm(results)
+    cases, combined = results.load_cases(), results.paper_calibration()
+    of_paper = is_of_papers_arm(results)
+    stated = {"before": published.BEFORE, "after": published.AFTER} if of_paper else {}
+    repeats: dict[bool, Any] = {False: scatter_by_load(places(results))["largest_per_axis"]}
+    repeats |= {True: published.REPEATABILITY_MM} if of_paper else {}
     columns, angles = [], []
-    for k, slot, errors, is_paper in _errors(results):
-        columns.append(_Column(k, slot, errors.mean_mm, errors.peak_mm, is_paper))
-        if errors.orientation_deg is not None:
-            angles.append(_Column(k, slot, errors.orientation_deg, None, is_paper))
-    scatter = scatter_by_load(places(results))
-    repeats = {load: of.largest_per_axis_mm for load, of in scatter.items()}
-    for by_load, is_paper in ((repeats, False), (published.REPEATABILITY_MM, True)):
-        for k, load in enumerate(cases):
-            if load in by_load and (with_paper or not is_paper):
+    for k, (load, case) in enumerate(cases.items()):
+        shown: list[tuple[str, Accuracy | published.PublishedError, bool]] = [
+            ("before", case.errors[load].before, False),
+            ("after", case.errors[load].after, False),
+            ("combined", combined.errors[load].after, False),
+            *((slot, of[load], True) for slot, of in stated.items() if load in of),
+        ]
+        for slot, errors, is_paper in shown:
+            columns.append(_Column(k, slot, errors.mean_mm, errors.peak_mm, is_paper))
+            if errors.orientation_deg is not None:
+                angles.append(_Column(k, slot, errors.orientation_deg, None, is_paper))
+        for is_paper, by_load in repeats.items():
+            if load in by_load:
                 columns.append(_Column(k, "repeats", by_load[load], None, is_paper))
     seen = any(not column.is_paper for column in angles)
     raised = _ORIENTATION_MM if seen else 0.0
@@ -189,7 +234,7 @@ def draw_fig5_before_after(results: ResultsBundle) -> Figure:
         style.mark(text, color=color, marker="o", markerfacecolor=color)
         for _, color, text in _SLOTS.values()
     ]
-    if with_paper:
+    if of_paper:
         text = "the paper's figures, same colours"
         handles.append(style.mark(text, color=theme.BLACK, marker="D", markerfacecolor="white"))
     text = "mean / peak, as written"
@@ -197,20 +242,6 @@ def draw_fig5_before_after(results: ResultsBundle) -> Figure:
     corner_mm = 0.012 * style.WIDTH_MM
     style.legend_at(figure, corner_mm, 6.75, handles, ncols=3, columnspacing=1.2)
     return figure
-
-
-def _errors(
-    results: ResultsBundle,
-) -> Iterator[tuple[int, str, Accuracy | published.PublishedError, bool]]:
-    """Yield errors of every load and model: place of the load, slot, and whether the paper's."""
-    combined, with_paper = results.paper_calibration(), is_of_papers_arm(results)
-    for k, (load, case) in enumerate(results.load_cases().items()):
-        yield k, "before", case.errors[load].before, False
-        yield k, "after", case.errors[load].after, False
-        yield k, "combined", combined.errors[load].after, False
-        for slot, stated in (("before", published.BEFORE), ("after", published.AFTER)):
-            if with_paper and load in stated:
-                yield k, slot, stated[load], True
 
 
 def _draw_columns(
@@ -249,9 +280,7 @@ def _draw_columns(
     high = max(column.peak or column.mean for column in columns)
     style.plain_log(axes, "y", low / room[0], high * room[1])
     axes.set_xlim(-0.5, len(loads) - 0.5)
-    axes.set_xticks(range(len(loads)), [written_load(load) for load in loads])
-    axes.tick_params(axis="x", length=0.0)
-    axes.grid(visible=False, axis="x")
+    style.name_columns(axes, [written_load(load) for load in loads])
     for k in range(1, len(loads)):
         axes.axvline(k - 0.5, color=theme.SEPARATOR, linewidth=0.6)
 
@@ -333,9 +362,8 @@ def _draw_configurations(axes: Axes, models: dict[str, HeldOutModel]) -> None:
     axes.set_xlim(-0.7, len(poses) - 0.3)
     axes.set_ylabel("position error [mm]")
     axes.set_xlabel("held-out configuration: pose, grouped by load")
-    axes.grid(visible=False, axis="x")
-    axes.set_xticks(range(len(poses)), poses.tolist(), rotation=90.0)
-    axes.tick_params(axis="x", length=0.0, labelbottom=len(poses) <= _MOST_NAMES)
+    style.name_columns(axes, poses.tolist(), rotation=90.0)
+    axes.tick_params(axis="x", labelbottom=len(poses) <= _MOST_NAMES)
     for load in np.unique(loads):
         at = np.flatnonzero(loads == load)
         axes.text(at.mean(), 1.02, f"{load:g} N", transform=axes.get_xaxis_transform(), ha="center")
@@ -378,6 +406,13 @@ def _dots(name: str) -> dict[str, Any]:
 # The Monte Carlo by plane (Section III.A); the error over each plane stands on the page.
 
 _ASIDE_MM = 18.0
+#: The paper's figures are black diamonds wherever they stand beside ours.
+_PAPER: dict[str, Any] = {
+    "color": theme.BLACK,
+    "marker": "D",
+    "markersize": 4.5,
+    "markerfacecolor": "white",
+}
 
 
 @picture(
@@ -396,7 +431,7 @@ paper's sense only. No measurement is used here.
 )
 def draw_montecarlo_planes(results: ResultsBundle) -> Figure:
     """Draw the mean with the spread within a position, and the mean alone enlarged."""
-    planes, with_paper = results.planes_of_settings(), is_of_papers_arm(results)
+    planes = results.planes_of_settings()
     figure = style.new_figure(
         103.0, "Position error that resolver uncertainty alone causes, by plane"
     )
@@ -428,8 +463,28 @@ def draw_montecarlo_planes(results: ResultsBundle) -> Figure:
         linestyle="none",
         label="closed form from the Jacobian, same positions",
     )
-    if with_paper:
-        _draw_papers(spread, enlarged)
+    if is_of_papers_arm(results):
+        at_mm = published.MONTE_CARLO_PLANE_MM + _ASIDE_MM
+        paper_mm, apart_mm = published.MONTE_CARLO_MEAN_MM, published.MONTE_CARLO_PLANES_DIFFER_MM
+        spread.errorbar(
+            at_mm,
+            paper_mm,
+            yerr=published.MONTE_CARLO_STD_MM,
+            linestyle="none",
+            capsize=3.0,
+            label="the paper, z = 500 mm",
+            **_PAPER,
+        )
+        enlarged.fill_between(
+            published.MONTE_CARLO_PARALLEL_PLANES_MM,
+            paper_mm - apart_mm,
+            paper_mm + apart_mm,
+            color=theme.GREY,
+            alpha=0.35,
+            linewidth=0.0,
+            label="the paper, z = 300 to 700 mm (± 0.001 mm)",
+        )
+        enlarged.plot(at_mm, paper_mm, **_PAPER)
     spread.set_ylim(bottom=0.0)
     spread.set_ylabel("position error [mm]")
     enlarged.set(title="the means, enlarged", ylabel="mean position error [mm]")
@@ -448,28 +503,3 @@ def draw_montecarlo_planes(results: ResultsBundle) -> Figure:
         6.5,
     )
     return figure
-
-
-def _draw_papers(spread: Axes, enlarged: Axes) -> None:
-    """Draw the paper's mean and spread, and how little it says that parallel planes differ."""
-    at_mm = published.MONTE_CARLO_PLANE_MM + _ASIDE_MM
-    mean_mm, apart_mm = published.MONTE_CARLO_MEAN_MM, published.MONTE_CARLO_PLANES_DIFFER_MM
-    spread.errorbar(
-        at_mm,
-        mean_mm,
-        yerr=published.MONTE_CARLO_STD_MM,
-        linestyle="none",
-        capsize=3.0,
-        label="the paper, z = 500 mm",
-        **style.PAPER,
-    )
-    enlarged.fill_between(
-        published.MONTE_CARLO_PARALLEL_PLANES_MM,
-        mean_mm - apart_mm,
-        mean_mm + apart_mm,
-        color=theme.GREY,
-        alpha=0.35,
-        linewidth=0.0,
-        label="the paper, z = 300 to 700 mm (± 0.001 mm)",
-    )
-    enlarged.plot(at_mm, mean_mm, **style.PAPER)

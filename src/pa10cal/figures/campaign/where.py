@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -103,7 +102,7 @@ def _draw_parts(axes: Axes, names: list[str], rms: list[list[float]], floor: lis
     aside = max(np.sqrt(_LEAST_RATIO * low / high), 1.0)
     style.plain_log(axes, "y", low / aside, high * aside)
     axes.set_xlim(-0.6, len(names) - 0.4)
-    _name_columns(axes, at, names)
+    style.name_columns(axes, names)
     return axes
 
 
@@ -126,7 +125,7 @@ def _draw_directions(axes: Axes, found: AnalysisRecord) -> None:
         axes.set_xticks(ticks, signs, minor=True)
     joints = [part.joint for part in found.before.by_joint]
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    _name_columns(axes, joints, [f"\n{joint}" for joint in joints])
+    style.name_columns(axes, [f"\n{joint}" for joint in joints], joints)
     axes.set_xlim(joints[0] - 0.6, joints[-1] + 0.6)
     axes.set(xlabel="joint, arriving in − or + direction", ylabel="mean [µrad]")
 
@@ -145,17 +144,11 @@ def _draw_drifts(axes: Axes, found: AnalysisRecord) -> None:
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     names = [drift.axis for drift in found.before.drifts]
     warmed = any(drift.with_temperature_mm is not None for drift in found.before.drifts)
-    _name_columns(axes, [0, 1, 2, 4, 5, 6][: 6 if warmed else 3], names * (2 if warmed else 1))
+    at = [0, 1, 2, 4, 5, 6][: 6 if warmed else 3]
+    style.name_columns(axes, names * (2 if warmed else 1), at)
     axes.set_xlim(-0.6, 6.6 if warmed else 2.6)
     axes.set_xlabel("with time        with temperature" if warmed else "with time")
     axes.set_ylabel("slope × range [µm]")
-
-
-def _name_columns(axes: Axes, at: Iterable[float], names: list[str]) -> None:
-    """Name columns in place of an axis of numbers."""
-    axes.set_xticks(list(at), names)
-    axes.tick_params(axis="x", length=0.0, which="both")
-    axes.grid(visible=False, axis="x")
 
 
 def _against_pure_error(found: AnalysisRecord, noise_from: str | None) -> str:
@@ -238,27 +231,7 @@ def draw_gap_by_step(results: ResultsBundle) -> Figure:
         handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
     handles.append(Line2D([], [], label=f"{gap.floor_is} alone: mean", **_FLOOR_LINE))
     style.legend_at(figure, 10.0, 11.0, handles, ncols=3)
-    style.write_text_at(figure, 10.0, 6.5, _beyond(found), color=GREY)
     return figure
-
-
-def _beyond(found: AnalysisRecord) -> str:
-    """State the errors of held-out poses inside the joint angles of the fit and beyond."""
-    if len(found.naming) == 1:
-        return "No effect was named: there is one step."
-    held_out = found.gap.holdout
-    beyond = None if held_out is None else held_out.extrapolated
-    if held_out is None or beyond is None or not beyond.any():
-        return ""
-    error_mm = np.linalg.norm(held_out.after_mm, axis=1)
-    outside_mm = np.sqrt(np.mean(error_mm[beyond] ** 2))
-    if beyond.all():
-        return f"Held out, last step: rms {outside_mm:.3f} mm; all poses are extrapolated."
-    inside_mm = np.sqrt(np.mean(error_mm[~beyond] ** 2))
-    return (
-        f"Held out, last step: rms {inside_mm:.3f} mm inside the angles of the fit, "
-        f"{outside_mm:.3f} mm in {beyond.sum()} of {len(beyond)} (extrapolated)."
-    )
 
 
 @picture(
