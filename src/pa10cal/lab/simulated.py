@@ -325,8 +325,8 @@ def coverage_study(
     Raises:
         ArmError: for an arm that is not known.
     """
-    for case in options.cases:  # a name that does not exist is refused before any work
-        load_arm(case.robot)
+    for asked in options.cases:  # a name that does not exist is refused before any work
+        load_arm(asked.robot)
     paper = _papers_model(options, calibration)
     say(_line(_PAPERS, {"parameters": paper}))
     cases = []
