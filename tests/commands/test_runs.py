@@ -47,9 +47,7 @@ def _campaign(tmp_path, monkeypatch):
     [
         (("robot: ur10", "robott: ur10"), "did you mean 'robot'"),
         (("robot: ur10", "robot: kr10"), "unknown robot"),
-        (("pa10cal-campaign/1", "pa10cal-campaign/9"), "another schema"),
         (("tracker.txt", "tracker.csv"), "the file is not there (got 'tracker.csv')"),
-        (("robot: ur10", "robot: ur10\njoint_signs: [1, 1]"), "6, one for each joint"),
         (("name: mine", "name: no"), "YAML reads no, off, false without quotes as false"),
     ],
 )

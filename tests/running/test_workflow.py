@@ -14,8 +14,13 @@ import pytest
 
 from pa10cal.errors import OutputError, SettingsError
 from pa10cal.running import workflow as running
-from pa10cal.running.display import RunDisplay
-from pa10cal.running.workflow import StageError, Workflow, run_workflow, settings_of
+from pa10cal.running.workflow import (
+    RunDisplay,
+    StageError,
+    Workflow,
+    run_workflow,
+    settings_of,
+)
 
 SNAKEFILE = """
 rule ingest:

@@ -250,7 +250,7 @@ def test_the_path_visits_every_pose_once_and_is_shorter(wide_poses, arm, robot):
 @pytest.mark.parametrize("path", ["same", "alternating"])
 def test_joints_arrive_both_ways(arm, path):
     settings = SimulateOptions(
-        wide_poses=WIDE, path=path, repeats=2, loads_N=(0.0,), holdout_repeats=1, built="drawn"
+        poses=WIDE, path=path, repeats=2, loads_N=(0.0,), holdout_repeats=1, built="drawn"
     )
     schedule = simulate_campaign("x", arm, settings).truth.schedule
     arrival = schedule.arrival[schedule.kind == "grid"].reshape(2, 60, 6)
@@ -272,7 +272,7 @@ def test_refuses_an_arm_that_cannot_lift_its_tool(arm, robot):
     lowered = nominal_of(rebuilt(robot, arm=low))
     with pytest.raises(SimulationError, match="clear of floor") as refusal:
         draw_wide(low, lowered, 2, np.random.default_rng(0))
-    assert "wide_poses.layout" in str(refusal.value)
+    assert "poses.layout" in str(refusal.value)
 
 
 # The order of a campaign and the direction of every arrival.
