@@ -154,7 +154,7 @@ def test_settings_that_do_not_fit_are_refused_before_anything_runs(started, tmp_
     assert started == []
 
 
-#
+# Campaigns in one process each, and a fleet of them.
 
 
 EXAMPLE = Path(__file__).parents[2] / "examples/irb120-points"

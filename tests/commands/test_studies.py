@@ -296,7 +296,7 @@ def test_what_cannot_be_is_refused(tmp_path, path, capsys):
     assert "give a file that pa10cal curve_calibration wrote" in capsys.readouterr().err
 
 
-#
+# Intervals that hold the truth: a few campaigns.
 
 
 CASES = [

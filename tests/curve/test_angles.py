@@ -203,16 +203,6 @@ def test_the_arms_forward_kinematics_returns_the_points(seed):
     np.testing.assert_allclose(laid[:, :3, 0], points.directions, atol=1e-12)
 
 
-def test_a_thousand_links_are_an_arm_too():
-    points = lay_points(gentle_spline(np.random.default_rng(1)), 1e-3)
-    T_base = np.eye(4)
-    T_base[:3, 3] = points.p_m[0]
-    q_rad = arm_posture(points.p_m, T_base, 1e-3)
-    chain = Chain.of(chain_arm("long", points.n, 1e-3, np.pi))
-    end_m = chain.forward(q_rad[None])[0, :3, 3] + points.p_m[0]
-    assert np.linalg.norm(end_m - points.p_m[-1]) <= 1e-11 * points.n * 1e-3
-
-
 def test_straight_at_zero_and_without_parallel_neighbours():
     arm = chain_arm("chain_6", LINKS, LINK_M, 1.5)
     assert arm.n == 2 * LINKS

@@ -157,19 +157,6 @@ def test_all_rolls_at_once_are_each_carried_along(random_directions, seed, order
         np.testing.assert_allclose(np.sin(b_rad[k]), np.sin(joints.b_rad), atol=1e-6)
 
 
-@given(seed=SEEDS, order=ORDERS, bend=st.sampled_from([0.5, 1.5, 2.5]))
-@settings(max_examples=60, deadline=None)
-def test_the_way_back_from_an_axis_gives_the_roll(random_directions, seed, order, bend):
-    u = random_directions(seed, 6, bend)
-    chain = RollMap.of(u, order)
-    roll = np.random.default_rng(seed).uniform(0, 2 * np.pi)
-    axes = joint_angles(u, first_axes(u, roll), order).axes
-    carried = axes[:, :, 1 if order == "zy" else 2]
-    plane = np.einsum("kia,ki->ka", chain.across, carried)
-    found = chain.roll_of(np.arange(6), np.arctan2(plane[:, 1], plane[:, 0]))
-    np.testing.assert_allclose(found, np.tile([np.cos(roll), np.sin(roll)], (6, 1)), atol=1e-6)
-
-
 def test_a_bent_chain_forgets_the_roll_by_the_cosine_of_each_bend():
     """In a plane: the tangent of the angle from its normal shrinks by the cosine, link by link."""
     heading = 0.4 * np.arange(12)

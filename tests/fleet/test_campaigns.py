@@ -72,7 +72,7 @@ def test_what_is_not_there_is_refused(raw):
         campaigns_of("../*", raw)
 
 
-#
+# How every arm of a fleet stands after its last campaign.
 
 
 GOOD = {

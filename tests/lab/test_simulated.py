@@ -156,7 +156,7 @@ def test_weights_pull_at_the_posture_in_which_the_arm_stands():
         assert report[f"K_lin_{joint}"] == pytest.approx(stiffness, rel=1e-5)
 
 
-#
+# Do intervals hold what they promise?
 
 
 def test_normal_scores_are_covered_as_promised():
