@@ -144,10 +144,6 @@ class Plain:
             T.append(T[-1] @ self.row(i, q_i))
         return T
 
-    def ends(self, q):
-        """Where each link but the last ends: the frame from which the next joint moves."""
-        return [T @ self.before(i) for i, T in enumerate(self.frames(q)[1:-1], start=1)]
-
     def flange(self, q):
         return self.frames(q)[-1] @ self.arm.T_row_n_ee
 

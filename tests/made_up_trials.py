@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import csv
+import json
+
 from made_up_records import accuracy, effect, made_up_gap, set_gap, verdict_keys
+from pa10cal.commands.command_line import run_command
 from pa10cal.lab.blind_trial import BlindTrial
 from pa10cal.lab.scores import scores_record
+from pa10cal.results.codec import lines
 from pa10cal.results.discovery import AllUnexplained, Fault, Unexplained
 from pa10cal.results.explained import ProposedFormula
 from pa10cal.results.record import EffectName
@@ -169,6 +174,17 @@ def scored(trials):
         truth, said = (record.model_copy(update=name) for record in (each.truth, each.said))
         named.append(BlindTrial(truth, said))
     return scores_record(named)
+
+
+def scored_by_command(folder, *trials):
+    """The scores that the command makes of trials in a folder, and the rows of its table."""
+    paths = {name: folder / name for name in ("verdicts", "truths", "scores", "trials")}
+    paths["verdicts"].write_text(lines([each.said for each in trials]), "utf-8")
+    paths["truths"].write_text(lines([each.truth for each in trials]), "utf-8")
+    words = [word for name, path in paths.items() for word in (f"--{name}", str(path))]
+    assert run_command("score_trials", words) == 0
+    with paths["trials"].open(encoding="utf-8", newline="") as table:
+        return json.loads(paths["scores"].read_text("utf-8")), list(csv.DictReader(table))
 
 
 def figures(trials):

@@ -1,4 +1,4 @@
-"""The best roll of all, against a scan of them."""
+"""The best roll of all, and the feasible ones, against a scan of them."""
 
 import numpy as np
 import pytest
@@ -138,3 +138,107 @@ def test_a_direction_along_the_last_link_is_none(wanted):
     chain = RollMap.of(np.array([[0.0, 1, 0], [1, 0, 0]]))
     with pytest.raises(CurveError, match="parallel to the link"):
         roll_for_last(chain, np.array(wanted))
+
+
+# Joint angles as a function of roll, against the frames carried link by link.
+
+
+@given(seed=SEEDS, order=ORDERS, bend=st.sampled_from([1e-7, 0.5, 1.5, 3.1]), n=st.integers(1, 40))
+@settings(max_examples=60, deadline=None)
+def test_all_rolls_at_once_are_each_carried_along(random_directions, seed, order, bend, n):
+    u = random_directions(seed, n, bend)
+    chain = RollMap.of(u, order)
+    rolls = np.random.default_rng(seed).uniform(0, 2 * np.pi, 4)
+    a_rad, b_rad = chain.angles(rolls)
+    for k, roll in enumerate(rolls):
+        joints = joint_angles(u, first_axes(u, roll), order)
+        # Where sharp bends forget the roll, rounding of it is forgotten too, but for a few rolls.
+        np.testing.assert_allclose(np.sin(a_rad[k]), np.sin(joints.a_rad), atol=1e-6)
+        np.testing.assert_allclose(np.sin(b_rad[k]), np.sin(joints.b_rad), atol=1e-6)
+
+
+def test_a_bent_chain_forgets_the_roll_by_the_cosine_of_each_bend():
+    """In a plane: the tangent of the angle from its normal shrinks by the cosine, link by link."""
+    heading = 0.4 * np.arange(12)
+    u = np.stack([np.cos(heading), np.sin(heading), np.zeros(12)], axis=1)
+    joints = joint_angles(u, first_axes(u, 0.9))
+    tilt = np.tan(np.arccos(joints.axes[:, 2, 2]))
+    np.testing.assert_allclose(tilt, np.tan(0.9) * np.cos(0.4) ** np.arange(12), rtol=1e-9)
+    singular = np.linalg.svd(RollMap.of(u).maps[-1])[1]
+    assert singular[1] / singular[0] == pytest.approx(np.cos(0.4) ** 11)
+
+
+# Feasible intervals of roll against a scan of all rolls.
+
+
+SCAN = np.linspace(0.0, 2.0 * np.pi, 1441)[:-1] + 1e-4
+
+
+def within(intervals, rolls):
+    inside = np.zeros(len(rolls), dtype=bool)
+    for begin, end in intervals:
+        for turn in (0.0, 2.0 * np.pi):
+            inside |= (begin < rolls + turn) & (rolls + turn < end)
+    return inside
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    order=st.sampled_from(["zy", "yz"]),
+    bend=st.sampled_from([1e-8, 0.5, 1.5, 3.1]),
+    n=st.integers(1, 8),
+    width=st.floats(0.2, 3.2),
+)
+@settings(max_examples=250, deadline=None)
+def test_exactly_the_rolls_that_keep_the_limits(random_directions, seed, order, bend, n, width):
+    random = np.random.default_rng(seed)
+    chain = RollMap.of(random_directions(seed, n, bend), order)
+    # Limits about zero, aside of it and beyond half a turn.
+    centre = random.uniform(-1.0, 1.0, (2, n - 1)) * random.choice([0.0, 0.3, 2.0])
+    limits = joint_limits(*(np.stack([c - width, c + width], axis=1) for c in centre), n - 1)
+    a_rad, b_rad = chain.angles(SCAN)
+    turns = np.stack([a_rad, b_rad], axis=1)
+    room = np.minimum(turns - limits[:, 0], limits[:, 1] - turns).min(axis=(1, 2), initial=9)
+    intervals = feasible_rolls(chain, limits)
+    clear = np.abs(room) > 1e-9
+    np.testing.assert_array_equal(within(intervals, SCAN)[clear], (room > 0)[clear])
+    assert (intervals[:, 0] >= 0.0).all()
+    assert (intervals[:, 0] < 2.0 * np.pi).all()
+    assert (intervals[:, 1] > intervals[:, 0]).all()
+
+
+def test_one_bend_in_closed_form():
+    """A bend of 1 with the second turn within 0.5: sin(0.5) > sin(1) |sin(roll)|."""
+    u = np.array([[1.0, 0, 0], [np.cos(1.0), np.sin(1.0), 0.0]])
+    limits = joint_limits([-2.0, 2.0], [-0.5, 0.5], 1)
+    edge = np.arcsin(np.sin(0.5) / np.sin(1.0))
+    found = feasible_rolls(RollMap.of(u), limits)
+    expected = [[np.pi - edge, np.pi + edge], [2 * np.pi - edge, 2 * np.pi + edge]]
+    np.testing.assert_allclose(found[np.argsort(found[:, 0])], expected, atol=1e-14)
+
+
+def test_a_straight_chain_may_roll_to_anywhere_within_limits_about_zero():
+    chain = RollMap.of(np.tile([0.0, 0.0, 1.0], (5, 1)))
+    assert feasible_rolls(chain, joint_limits([0.0, 0.0], [0.0, 0.0], 4)).tolist() == [
+        [0.0, 2 * np.pi]
+    ]
+    assert not len(feasible_rolls(chain, joint_limits([0.1, 0.2], [0.1, 0.2], 4)))
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        (
+            lambda: joint_limits([0.1, -0.1], [0.1, -0.1], 2),
+            r"joint 1: the limits of a are invalid .*0.1, -0.1",
+        ),
+        (lambda: joint_limits([0, 0], [0, np.nan], 1), "the limits of b"),
+        (
+            lambda: joint_limits(*np.zeros((2, 5, 2)), 2),
+            "limits: the limits are of another chain .*5 of a, 5 of b.*; allowed: 2 each",
+        ),
+    ],
+)
+def test_limits_that_are_none_are_refused(limits, message):
+    with pytest.raises(CurveError, match=message):
+        limits()

@@ -6,8 +6,9 @@ import pytest
 
 from pa10cal.evaluation.options import ChainOptions
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.blind_trials import calibrated_by_stages, draw, judged_by_stages
+from pa10cal.lab.blind_trials import calibrated_by_stages, judged_by_stages
 from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.trials import draw_trials
 from pa10cal.lab.cell.write import write_campaign
 from pa10cal.results.codec import read
 from pa10cal.results.evaluation import HoldoutRecord
@@ -42,7 +43,7 @@ def cases():
 @pytest.mark.slow
 @pytest.mark.parametrize(("measured", "kind", "layout", "seed"), list(cases()))
 def test_verdict_and_evaluation_have_the_same_errors(measured, kind, layout, seed, tmp_path):
-    (trial,) = draw(measured, kind, 1, seed, layout)
+    (trial,) = draw_trials(kind, 1, seed, measured, filter(None, [layout]))
     raw, out, options = tmp_path / "raw" / trial.name, tmp_path / "out", ChainOptions()
     arm = load_arm(trial.settings.robot)
     write_campaign(simulate_campaign(trial.name, arm, trial.settings), raw)

@@ -1,18 +1,16 @@
 """Scores of made-up trials of unstated masses and of sorted rows: every bar can be missed."""
 
-import json
 from dataclasses import replace
 
 import pytest
 
 import made_up_trials
-from made_up_trials import hidden, named, scored, verdict
+from made_up_trials import hidden, named, scored, scored_by_command, verdict
 from pa10cal.commands.command_line import run_command
 from pa10cal.lab.blind_trial import WILD
 from pa10cal.lab.cell.measured_trials import SORTED, UNSTATED
-from pa10cal.results.codec import lines, write
+from pa10cal.results.codec import write
 from pa10cal.results.record import Name
-from pa10cal.results.trials import FailedTrialRecord, HiddenEffect, TrialTruthRecord
 
 NOISE_MM = 0.02
 TWO, THREE, SIX = (Name("joint_compliance", f"joint {joint}") for joint in (2, 3, 6))
@@ -167,31 +165,7 @@ def test_scores_are_drawn_and_listed(tmp_path):
 
 
 def test_truths_of_these_kinds_are_scored_as_such(tmp_path):
-    truth = TrialTruthRecord(
-        campaign="wild-1",
-        kind=UNSTATED,
-        measured=WILD,
-        layout="ur10-pose",
-        path="",
-        temperature_drift_C=0.0,
-        flexible_joints=(),
-        hidden_effects=(
-            HiddenEffect(
-                id=TWO.id, of=TWO.of, parameters={"K": 1e4}, size=1.0, moved_mm=0.2, apart_mm=0.1
-            ),
-        ),
-        stated_uncertainty_mm=None,
-        mass_factor=(),
-        seconds_twin=0.0,
-        noise_mm=NOISE_MM,
-    )
-    failed = FailedTrialRecord(campaign="wild-1", failed="LinAlgError: x")
-    paths = {name: tmp_path / name for name in ("verdicts", "truths", "scores", "trials")}
-    paths["verdicts"].write_text(lines([failed]), "utf-8")
-    paths["truths"].write_text(lines([truth]), "utf-8")
-    words = [word for name, path in paths.items() for word in (f"--{name}", str(path))]
-    assert run_command("score_trials", words) == 0
-    scores = json.loads(paths["scores"].read_text("utf-8"))
+    scores, _ = scored_by_command(tmp_path, trial(UNSTATED, None, LARGE))
     assert scores["schema"] == "pa10cal-trials/2"
     without, springs = scores["bars"][:2]
     assert (without["trials"], without["reached"]) == (1, 1.0)

@@ -1,18 +1,14 @@
 """Scores of made-up wild trials: every bar can be missed, and is where it should be."""
 
-import csv
-import json
-
 import pytest
 
 import made_up_trials
-from made_up_trials import hidden, named, put_in, scored, verdict
+from made_up_trials import hidden, named, put_in, scored, scored_by_command, verdict
 from pa10cal.commands.command_line import run_command
 from pa10cal.figures.registry import entries
 from pa10cal.lab.blind_trial import WILD
-from pa10cal.results.codec import lines, write
+from pa10cal.results.codec import write
 from pa10cal.results.record import Name
-from pa10cal.results.trials import FailedTrialRecord, PutIn, TrialTruthRecord
 
 DISK, LOST = Name("encoder_eccentricity", "joint 2"), Name("backlash", "joint 3")
 FLOOR_MM = 0.01
@@ -156,38 +152,11 @@ def test_scores_are_drawn_and_listed(tmp_path):
 
 
 def test_wild_truths_are_scored_as_such(tmp_path):
-    disturbed = PutIn(
-        id="jump",
-        where=("time 3 s",),
-        stressor=False,
-        kinds=("step_in_time",),
-        moved_mm=None,
-        measured=False,
+    refused = made_up_trials.trial(
+        "fault", [], None, measured=WILD, put_in=[JUMP], refused=True, failed="too few rows"
     )
-    truth = TrialTruthRecord(
-        campaign="wild-1",
-        kind="fault",
-        measured=WILD,
-        layout="ur10-pose",
-        path="",
-        temperature_drift_C=0.0,
-        flexible_joints=(),
-        hidden_effects=(),
-        put_in=(disturbed,),
-        stated_uncertainty_mm=None,
-        mass_factor=(),
-        seconds_twin=0.0,
-    )
-    failed = FailedTrialRecord(campaign="wild-1", failed="too few rows", refused=True)
-    paths = {name: tmp_path / name for name in ("verdicts", "truths", "scores", "trials")}
-    paths["verdicts"].write_text(lines([failed]), "utf-8")
-    paths["truths"].write_text(lines([truth]), "utf-8")
-    words = [word for name, path in paths.items() for word in (f"--{name}", str(path))]
-    assert run_command("score_trials", words) == 0
-    scores = json.loads(paths["scores"].read_text("utf-8"))
+    scores, (row,) = scored_by_command(tmp_path, refused)
     assert scores["schema"] == "pa10cal-trials/2"
-    with paths["trials"].open(encoding="utf-8", newline="") as table:
-        (row,) = csv.DictReader(table)
     assert row["said"] == "refused: too few rows"
-    assert row["put_in"] == "jump at time 3 s"
+    assert row["put_in"] == "jump at time 40 s"
     assert row["failings"] == ""

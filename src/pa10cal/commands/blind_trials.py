@@ -50,11 +50,13 @@ def blind_trials(
     """
     from pa10cal.errors import DiscoveryError
     from pa10cal.files.output import whole_files
-    from pa10cal.lab.blind_trials import draw, try_trial
+    from pa10cal.lab.blind_trials import try_trial
+    from pa10cal.lab.cell.trials import draw_trials
     from pa10cal.results.codec import lines
     from pa10cal.results.trials import FailedTrialRecord
 
-    drawn = draw(measured, kind, first + max(count, 0), random_seed, layouts, size)[first:]
+    benches = filter(None, layouts.split(","))
+    drawn = draw_trials(kind, count, random_seed, measured, benches, first=first, size=size)
     began = time.monotonic()
     judgements, hidden = [], []
     for done, trial in enumerate(drawn, start=1):

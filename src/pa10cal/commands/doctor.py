@@ -10,11 +10,10 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import pa10cal
 from pa10cal.errors import EXTRAS, Pa10calError, SettingsError, how_to_install
@@ -41,8 +40,7 @@ LIBRARIES = {
 }
 
 
-@dataclass(frozen=True)
-class Check:
+class Check(NamedTuple):
     """One thing that was looked at."""
 
     name: str
@@ -50,10 +48,6 @@ class Check:
     state: Literal["ok", "missing", "note"]
     found: str  # what was found
     remedy: str = ""  # what to do; empty where nothing is to be done
-
-
-#: States as they are printed.
-_MARKS = {"ok": "ok", "missing": "MISSING", "note": "note"}
 
 
 def doctor() -> None:
@@ -67,7 +61,8 @@ def doctor() -> None:
     checks = list(examine())
     width = max(len(check.name) for check in checks)
     for check in checks:
-        print(f"{_MARKS[check.state]:<7} {check.name:<{width}}  {check.found}")
+        mark = check.state.replace("missing", "MISSING")
+        print(f"{mark:<7} {check.name:<{width}}  {check.found}")
         if check.remedy:
             print(f"{'':<7} {'':<{width}}  → {check.remedy}")
     missing = [check.name for check in checks if check.state == "missing"]
@@ -85,27 +80,23 @@ def examine() -> Iterator[Check]:
     """Look at Python, libraries, rules, memory, disk and cores."""
     yield Check("pa10cal", "ok", f"{pa10cal.__version__}, {Path(__file__).parents[1]}")
     python, least = platform.python_version(), ".".join(map(str, LEAST_PYTHON))
-    if sys.version_info[:2] < LEAST_PYTHON:
-        yield Check("Python", "missing", python, f"install Python {least} or newer")
-    else:
-        yield Check("Python", "ok", f"{python}, {sys.executable}")
+    yield (
+        Check("Python", "missing", python, f"install Python {least} or newer")
+        if sys.version_info[:2] < LEAST_PYTHON
+        else Check("Python", "ok", f"{python}, {sys.executable}")
+    )
     yield from (_library(name, *what) for name, what in LIBRARIES.items())
     yield from _versions()
     try:
         yield Check("workflow", "ok", str(workflow_folder()))
     except Pa10calError as error:
         yield Check("workflow", "missing", error.what, error.remedy)
-    if (shell := shutil.which("bash")) is None:
-        why = "not found; Snakemake runs the stages in it"
-        yield Check("bash", "missing", why, "install bash")
-    else:
-        yield Check("bash", "ok", shell)
+    shell, why = shutil.which("bash"), "not found; Snakemake runs the stages in it"
+    yield Check("bash", "ok", shell) if shell else Check("bash", "missing", why, "install bash")
     size = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if size < MEMORY:
-        remedy = "large campaigns may need more; use --cores 1"
-        yield Check("memory", "note", f"{size / 1e9:.1f} GB", remedy)
-    else:
-        yield Check("memory", "ok", f"{size / 1e9:.1f} GB")
+    few = size < MEMORY
+    remedy = "large campaigns may need more; use --cores 1" if few else ""
+    yield Check("memory", "note" if few else "ok", f"{size / 1e9:.1f} GB", remedy)
     yield _disk(Path.cwd())
     yield Check("cores", "ok", f"{len(os.sched_getaffinity(0))} may be used")
     yield Check("threads", "ok", "one for BLAS in each process, as the commands set it")

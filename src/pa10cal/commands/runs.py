@@ -80,8 +80,13 @@ def run(
             )
 
     from pa10cal.planning.campaign import raw_files
-    from pa10cal.running.display import RunDisplay
-    from pa10cal.running.workflow import StageError, Workflow, run_workflow, settings_of
+    from pa10cal.running.workflow import (
+        RunDisplay,
+        StageError,
+        Workflow,
+        run_workflow,
+        settings_of,
+    )
 
     own = [] if settings is None else [settings]
     over: dict[str, Any] = {"campaigns": names}
@@ -169,8 +174,13 @@ def reproduce(
 
     from pa10cal.reports.page import write_page
     from pa10cal.reports.summary import reports, summarise, table
-    from pa10cal.running.display import RunDisplay
-    from pa10cal.running.workflow import Workflow, run_workflow, settings_of, workflow_folder
+    from pa10cal.running.workflow import (
+        RunDisplay,
+        Workflow,
+        run_workflow,
+        settings_of,
+        workflow_folder,
+    )
 
     files = [workflow_folder() / "config.yaml", *([] if settings is None else [settings])]
     used = settings_of(files, {}, str(files[-1]))
@@ -256,8 +266,7 @@ def fleet(
     from pa10cal.results.codec import read
     from pa10cal.results.fleet import FleetRecord
     from pa10cal.running.alone import alone
-    from pa10cal.running.display import RunDisplay
-    from pa10cal.running.workflow import Workflow, run_workflow, settings_of
+    from pa10cal.running.workflow import RunDisplay, Workflow, run_workflow, settings_of
 
     raw_dir, out = raw_dir.absolute(), out.absolute()
     asked = str(Path(campaigns).absolute()) if campaigns.endswith(".csv") else campaigns

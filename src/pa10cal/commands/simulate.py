@@ -73,9 +73,8 @@ def draw_trials(
     from pa10cal.lab.cell.trials import draw_trials as draw
     from pa10cal.lab.cell.write import write_campaign
 
-    names = tuple(benches.split(",")) if benches else ()
-    drawn = draw(kind, first + count, random_seed, "wild", names, only=only)
-    for trial in drawn[first:]:
+    names = filter(None, benches.split(","))
+    for trial in draw(kind, count, random_seed, "wild", names, first=first, only=only):
         made = simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings)
         truth = truths / f"{trial.name}.json"
         truth.parent.mkdir(parents=True, exist_ok=True)

@@ -30,7 +30,7 @@ def coverage(
     from functools import partial
 
     from pa10cal.files.output import write_text
-    from pa10cal.lab.coverage import coverage_study, coverage_table
+    from pa10cal.lab.simulated import coverage_study, coverage_table
     from pa10cal.results.codec import write
 
     record = coverage_study(settings, calibration, partial(print, flush=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,12 @@ FROM = "calibration.json"
 DEPARTS = {"rows": "by its rows", "any_way": "in any way"}
 _MOST_POSTURES = 24
 _COLOURS = {"spline": theme.BLUE, "helix": theme.ORANGE, "wave": theme.GREEN}
-_OF_MODEL = {
-    "two_level": theme.AFTER,
-    "two_level_all": theme.AFTER_COMBINED,
-    "general": theme.GREEN,
+#: Of each model its colour, its name, and that in short.
+_MODELS = {
+    "two_level": (theme.AFTER, "two-level (paper)", "two-level"),
+    "two_level_all": (theme.AFTER_COMBINED, "two-level, all poses inside", "all inside"),
+    "general": (theme.GREEN, "general", "general"),
 }
-_SHORT = {"two_level": "two-level", "two_level_all": "all inside", "general": "general"}
 #: Beside each other: fitted, held out.
 _ASIDE = {"fitted": -0.14, "held_out": 0.14}
 
@@ -96,8 +97,8 @@ def _draw_poses(axes: Axes, study: CurveCalibrationRecord) -> None:
     place = np.argsort(np.lexsort((before_mm, held_out))) + 1
     shown = (
         ("nominal", before_mm, theme.BEFORE, "o"),
-        ("two-level", poses.two_level_mm, _OF_MODEL["two_level"], "o"),
-        ("general", poses.general_mm, _OF_MODEL["general"], "s"),
+        ("two-level", poses.two_level_mm, theme.AFTER, "o"),
+        ("general", poses.general_mm, theme.GREEN, "s"),
     )
     for label, errors_mm, colour, mark in shown:
         look: dict[str, Any] = {"color": colour, "marker": mark, "ms": 2.2, "linestyle": "none"}
@@ -110,33 +111,28 @@ def _draw_poses(axes: Axes, study: CurveCalibrationRecord) -> None:
     axes.set_xlabel("pose, by error before; right: held out (hollow)")
     axes.set_ylabel("position error [mm]")
     axes.set_title("the first arm that departs by its rows")
-    axes.legend(
-        loc="upper center",
-        bbox_to_anchor=(0.44, -0.24),
-        ncols=4,
-        columnspacing=1.0,
-        handlelength=1.2,
-    )
+    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.44, -0.24), "ncols": 4}
+    axes.legend(**below, columnspacing=1.0, handlelength=1.2)
 
 
 def _draw_means(axes: Axes, study: CurveCalibrationRecord) -> None:
     """Draw the mean errors of every individual over the noise floor."""
-    columns = [(departs, model) for departs in DEPARTS for model in _SHORT]
+    columns = list(product(DEPARTS, _MODELS))
     for x, (departs, model) in enumerate(columns):
         alike = [each for each in study.individuals if each.departs == departs]
         spread = np.linspace(-0.09, 0.09, len(alike)) if len(alike) > 1 else np.zeros(1)
         for of, aside in _ASIDE.items():
             errors = [getattr(each.errors[model], of) for each in alike]
             times = [error.mean_mm / study.noise_floor_mm for error in errors]
-            face = _OF_MODEL[model] if of == "fitted" else "white"
-            look: dict[str, Any] = {"color": _OF_MODEL[model], "markerfacecolor": face}
-            axes.plot(x + aside + spread, times, marker="o", ms=3.0, linestyle="none", **look)
+            colour, *_ = _MODELS[model]
+            face = colour if of == "fitted" else "white"
+            axes.plot(x + aside + spread, times, "o", ms=3.0, color=colour, markerfacecolor=face)
     axes.axhline(1.0, color=theme.BLACK, linestyle="--")
     axes.axhline(study.bar, color=theme.BEFORE, linestyle=":", linewidth=1.2)
     axes.text(len(columns) - 0.45, study.bar, "bar", color=theme.BEFORE, va="bottom", ha="right")
     axes.set_xlim(-0.5, len(columns) - 0.5)
     axes.set_ylim(bottom=0.0)
-    names = [f"{_SHORT[model]}\n{DEPARTS[departs]}" for departs, model in columns]
+    names = [f"{_MODELS[model][2]}\n{DEPARTS[departs]}" for departs, model in columns]
     axes.set_xticks(range(len(columns)), names, fontsize=7.0)
     axes.grid(visible=False, axis="x")
     axes.set(ylabel="mean error / noise floor", title="every arm: fitted (full), held out (hollow)")
@@ -166,11 +162,6 @@ def _by_rows(study: CurveCalibrationRecord) -> list[Individual]:
 
 # The chain of links calibrated: rank, null directions and errors of both models.
 
-_MODELS = {
-    "two_level": "two-level (paper)",
-    "two_level_all": "two-level, all poses inside",
-    "general": "general",
-}
 _HEADER = (
     "arm departs",
     "model",
@@ -235,7 +226,7 @@ def tabulate_curve_calibration_summary(study: CurveCalibrationRecord) -> ResultT
 def _row(found: CurveStudySummary) -> Row:
     return (
         DEPARTS[found.departs],
-        _MODELS[found.model],
+        _MODELS[found.model][1],
         str(found.unknowns),
         str(found.rank),
         f"{found.converged} of {found.individuals}",
@@ -253,13 +244,13 @@ def _error_rows(each: Individual) -> Iterator[Row]:
             *(of.fitted.mean_mm, of.fitted.peak_mm),
             *(of.held_out.mean_mm, of.held_out.peak_mm, of.held_out_true.mean_mm),
         )
-        name = _MODELS.get(model, model)
+        name = _MODELS[model][1] if model in _MODELS else model
         yield (DEPARTS[each.departs], name, *(f"{error_mm:.4f}" for error_mm in errors_mm))
 
 
 def _directions(study: CurveCalibrationRecord) -> tuple[Row, ...]:
     return tuple(
-        (_MODELS[found.model], _said(weights))
+        (_MODELS[found.model][1], _said(weights))
         for found in study.summaries
         if found.departs == study.summaries[0].departs and found.model != "two_level_all"
         for weights in found.null_directions

@@ -7,7 +7,7 @@ counted as a crash, since a campaign that can be calibrated is not withheld.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -432,47 +432,32 @@ class Formula(NamedTuple):
     numbers: tuple[float, ...] = ()  # what fixes it: orders first
 
 
-Parameters = Mapping[str, object]
-#: Forms that are right, with the numbers that they begin with.
-_Forms = Callable[[Parameters], Sequence[tuple[str, tuple[float, ...]]]]
-
-
-def _number(parameters: Parameters, name: str) -> float:
-    return float(str(parameters[name]))
-
-
-def _bow(parameters: Parameters) -> list[tuple[str, tuple[float, ...]]]:
-    axes = (_number(parameters, "axis"), _number(parameters, "along"))
-    return [("quadratic", axes), ("cubic", axes)]
-
-
-def _teeth(parameters: Parameters) -> float:
-    return float(np.rint(2.0 * np.pi / _number(parameters, "sector")))
-
-
-#: By what is hidden outside the vocabulary, its formula in the forms that may be proposed.
-OUTSIDE_FORMS: dict[str, _Forms] = {
-    "third_harmonic": lambda _: [("harmonic", (3.0,))],
-    "bowed_axis": _bow,
-    "dress_pack": lambda _: [("pull", ())],
-    "hysteresis": lambda _: [("arrival_by_torque", ())],
-    "soft_by_angle": lambda known: [("torque_by_angle", (_number(known, "cycles"),))],
-    "sawtooth": lambda known: [("sawtooth", (_teeth(known),))],
-    "pedestal_tilt": lambda _: [("moment_cubed", ())],
+#: By what is hidden outside the vocabulary, its formula: forms that may be proposed for it, and the
+#: numbers with which these begin, some of them parameters. Of a sawtooth: teeth a turn.
+OUTSIDE_FORMS: dict[str, tuple[tuple[str, ...], tuple[float | str, ...]]] = {
+    "third_harmonic": (("harmonic",), (3.0,)),
+    "bowed_axis": (("quadratic", "cubic"), ("axis", "along")),
+    "dress_pack": (("pull",), ()),
+    "hysteresis": (("arrival_by_torque",), ()),
+    "soft_by_angle": (("torque_by_angle",), ("cycles",)),
+    "sawtooth": (("sawtooth",), ("sector",)),
+    "pedestal_tilt": (("moment_cubed",), ()),
 }
-#: Names of which a map may be found, and a formula proposed for that.
-_NAMED_FORMS: dict[str, _Forms] = {
-    "encoder_eccentricity": lambda _: [("harmonic", (1.0,))],
-    "encoder_ellipticity": lambda _: [("harmonic", (2.0,))],
+#: The same of names of which a map may be found, and a formula proposed for that.
+_NAMED_FORMS = {
+    "encoder_eccentricity": (("harmonic",), (1.0,)),
+    "encoder_ellipticity": (("harmonic",), (2.0,)),
 }
 
 
 def is_right(hidden: results.HiddenEffect, formula: Formula) -> bool:
     """Return whether a formula is what is hidden: form, order and place."""
-    forms = {**OUTSIDE_FORMS, **_NAMED_FORMS}.get(hidden.id)
-    if forms is None or formula.of != hidden.of:
+    known = {**OUTSIDE_FORMS, **_NAMED_FORMS}
+    if hidden.id not in known or formula.of != hidden.of:
         return False
-    return any(
-        formula.form == form and formula.numbers[: len(numbers)] == numbers
-        for form, numbers in forms(hidden.parameters)
-    )
+    forms, begin = known[hidden.id]
+    of = {name: float(str(hidden.parameters[name])) for name in begin if isinstance(name, str)}
+    if "sector" in of:
+        of["sector"] = float(np.rint(2.0 * np.pi / of["sector"]))
+    numbers = tuple(of[each] if isinstance(each, str) else each for each in begin)
+    return formula.form in forms and formula.numbers[: len(numbers)] == numbers

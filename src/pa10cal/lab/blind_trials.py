@@ -12,19 +12,19 @@ import time
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy.linalg import orth
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.load_case import COMBINED, LoadCase
 from pa10cal.campaign.read import read_campaign
-from pa10cal.errors import Pa10calError, SettingsError
+from pa10cal.errors import Pa10calError
 from pa10cal.evaluation.options import ChainOptions, EvaluationOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import models_of
@@ -37,13 +37,14 @@ from pa10cal.lab.cell.campaign import (
 )
 from pa10cal.lab.cell.disturbances import DISTURBANCES
 from pa10cal.lab.cell.effects.vocabulary import make_effects
+from pa10cal.lab.cell.instruments.instrument import Truth
 from pa10cal.lab.cell.measured_trials import SUBJECTS
-from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.scenario import Trial
-from pa10cal.lab.cell.trials import DRIVE_KINDS, WILD_KINDS, campaigns_of, draw_trials
+from pa10cal.lab.cell.trials import DRIVE_KINDS, WILD_KINDS, campaigns_of
 from pa10cal.lab.cell.write import Places as WrittenPlaces
 from pa10cal.lab.cell.write import write_campaign
-from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
+from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord
 from pa10cal.results.trials import (
@@ -57,37 +58,6 @@ from pa10cal.results.trials import (
 )
 from pa10cal.stages.pipeline import CampaignFiles, Stage, stages
 from pa10cal.terms.joint_spring import JointSpring
-
-Measured = Literal["touched", "tracked", "points_one", "points_three", "distance", "wild", "drives"]
-
-
-def draw(
-    measured: Measured,
-    kind: str,
-    count: int,
-    random_seed: int,
-    layouts: str = "",
-    size: float | None = None,
-) -> tuple[Trial, ...]:
-    """Draw trials: see `draw_trials`.
-
-    Args:
-        layouts: layouts of touched balls, or arms under instruments, with commas between them;
-            empty for all.
-
-    Raises:
-        SettingsError: for a kind or a layout that does not exist, or no trial at all.
-    """
-    if count < 1:
-        raise SettingsError(
-            "no trial to run",
-            where="--count",
-            value=count,
-            allowed="1 or more",
-            remedy="request more trials",
-        )
-    names = layouts.split(",") if layouts else []
-    return draw_trials(kind, count, random_seed, measured, names, size=size)
 
 
 def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
@@ -125,11 +95,10 @@ def _options(trial: Trial, options: ChainOptions) -> ChainOptions:
 
     Those try every command as a user runs it, and count which of them fail.
     """
-    combined = options.model_copy(update={"evaluation": EvaluationOptions(calibration=COMBINED)})
-    if trial.kind in WILD_KINDS:
-        return combined
-    discovery = options.discovery.model_copy(update={"suggestions": 0})
-    return combined.model_copy(update={"discovery": discovery})
+    changes: dict[str, Any] = {"evaluation": EvaluationOptions(calibration=COMBINED)}
+    if trial.kind not in WILD_KINDS:
+        changes["discovery"] = options.discovery.model_copy(update={"suggestions": 0})
+    return options.model_copy(update=changes)
 
 
 def _write(trial: Trial, raw: Path) -> tuple[tuple[Path, ...], WrittenPlaces]:
@@ -142,13 +111,13 @@ def _write(trial: Trial, raw: Path) -> tuple[tuple[Path, ...], WrittenPlaces]:
     robot = robot_of(load_arm(settings.robot), settings)
     effects = make_effects(settings.hidden_effects, robot)
     campaigns = campaigns_of(trial) if trial.kind in DRIVE_KINDS else (settings,)
-    single = len(campaigns) == 1
-    folders, places = [], []
-    for number, each in enumerate(campaigns):
-        name = trial.name if single else f"{trial.name}-{number}"
-        folders.append(raw / name)
-        places.append(write_campaign(measure_campaign(name, each, robot, effects), raw / name))
-    return tuple(folders), places[0]
+    names = [f"{trial.name}-{number}" for number in range(len(campaigns))]
+    names = names if len(names) > 1 else [trial.name]
+    places = [
+        write_campaign(measure_campaign(name, each, robot, effects), raw / name)
+        for name, each in zip(names, campaigns, strict=True)
+    ]
+    return tuple(raw / name for name in names), places[0]
 
 
 def _crash(error: Exception) -> str:
@@ -175,45 +144,32 @@ def _truth(
     began, settings = time.process_time(), trial.settings
     arm, plan = load_arm(settings.robot), settings.without_touches
     twins = _without_each(settings, "hidden_effects")
-    none: list[float | None] = [None] * len(twins)
-    moved_mm: Sequence[float | None] = none
-    apart_mm: Sequence[float | None] = none
-    noise_mm, measured = None, "touched" if plan is None else TRACKED
+    moved_mm: Sequence[float | None] = [None] * len(twins)
+    apart_mm, noise_mm = moved_mm, None
+    measured = "touched" if plan is None else TRACKED
 
     def moved_by(twin: SimulateOptions) -> float | None:
-        if calibration is None:
-            return None
         try:
-            left_mm = _residual_mm(trial.name, twin, options)
-        except Exception:
+            assert calibration is not None
+            off_mm = calibration.residuals.position_mm - _residual_mm(trial.name, twin, options)
+        except Exception:  # none to compare with, or other poses were quarantined
             return None
-        if left_mm.shape != calibration.residuals.position_mm.shape:  # others were quarantined
-            return None
-        off_mm = calibration.residuals.position_mm - left_mm
         return float(np.sqrt(np.mean(np.sum(off_mm**2, axis=1))))
 
     if trial.kind in DRIVE_KINDS:
         measured = DRIVES
     elif trial.kind in SUBJECTS:
         whole, *others = (simulate_campaign(trial.name, arm, each) for each in (settings, *twins))
-        left = after_geometry(whole, others)
-        moved_mm, apart_mm, noise_mm = left.moved_mm, left.apart_mm, left.noise_mm
+        moved_mm, apart_mm, noise_mm = after_geometry(whole, others)
     else:
         moved_mm = [moved_by(twin) for twin in twins]
     put_in = []
     twins = _without_each(settings, "disturbances")
     for entry, where, twin in zip(settings.disturbances, places, twins, strict=True):
         each = DISTURBANCES[entry.id]
-        put_in.append(
-            PutIn(
-                id=each.id,
-                where=where,
-                stressor=each.stressor,
-                kinds=each.kinds,
-                measured=each.measured,
-                moved_mm=moved_by(twin) if each.measured else None,
-            )
-        )
+        moved = moved_by(twin) if each.measured else None
+        about = {name: getattr(each, name) for name in ("id", "stressor", "kinds", "measured")}
+        put_in.append(PutIn(**about, where=where, moved_mm=moved))
     return TrialTruthRecord(
         campaign=trial.name,
         kind=trial.kind,
@@ -303,7 +259,7 @@ def judged_by_stages(
         The verdict, and the poses with quarantined rows or that are suspected outliers.
     """
     _run(last, folders, results, options, after="calibrate")
-    left_out = set(_suspected(calibration))
+    left_out = {outlier.pose for outlier in getattr(calibration, "suspected_outliers", ())}
     for folder in folders:
         own = results if len(folders) == 1 else results.with_name(folder.name)
         left_out |= set(_quarantined(folder, CampaignFiles(own).quarantine))
@@ -366,12 +322,6 @@ def _quarantined(raw: Path, listing: Path) -> Iterator[str]:
         yield from labels.iloc[lines[lines < len(labels)]]
 
 
-def _suspected(calibration: CalibrationRecord) -> Iterator[str]:
-    """Return the poses that the general model suspects of a gross error."""
-    if isinstance(calibration, GeneralCalibrationRecord):
-        yield from (outlier.pose for outlier in calibration.suspected_outliers)
-
-
 # What an effect leaves in the readings once the whole geometry is fitted to them again.
 #
 # Worked out from the truth, for the scoring alone: the readings without noise, with the effect and
@@ -382,8 +332,7 @@ def _suspected(calibration: CalibrationRecord) -> Iterator[str]:
 _REDUNDANT = 1e-9
 
 
-@dataclass(frozen=True)
-class AfterGeometry:
+class AfterGeometry(NamedTuple):
     """What each effect of a campaign leaves, beside the noise."""
 
     # how far each moves the readings after the geometry is fitted again, root mean square of
@@ -400,106 +349,74 @@ def after_geometry(made: SimulatedCampaign, without: Sequence[SimulatedCampaign]
         made: the campaign of a tracker.
         without: it without one of its effects each, in their order.
     """
-    plan = made.settings.without_touches
+    plan, truth = made.settings.without_touches, made.truth
     if plan is None:
         raise ValueError("touched balls are not refitted here")
-    readings = _TrialReadings(made, plan)
-    basis = readings.geometry()
-    moved = [readings.difference(each) for each in without]
-    left = [_less(each, basis) for each in moved]
-    apart = [
-        _less(each, _basis(np.column_stack([basis, *left[:k], *left[k + 1 :]])))
-        for k, each in enumerate(left)
-    ]
-    return AfterGeometry(
-        tuple(map(readings.position_mm, left)),
-        tuple(map(readings.position_mm, apart)),
-        readings.noise_mm(),
-    )
+    schedule, mechanism = truth.schedule, truth.robot.mechanism
+    rows = np.flatnonzero((schedule.kind == "grid") & (schedule.repeat == 1))  # each pose once
+    turns = plan.instrument == "pose"
 
-
-class _TrialReadings:
-    """Readings of every calibration pose once, in the base's frame, in units of their noise."""
-
-    def __init__(self, made: SimulatedCampaign, plan: TrackerOptions) -> None:
-        schedule = made.truth.schedule
-        self._made, self._plan = made, plan
-        self._rows = np.flatnonzero((schedule.kind == "grid") & (schedule.repeat == 1))
-        self._turns = plan.instrument == "pose"
-        self._p_m, self._R = self._read(made)
-
-    def difference(self, other: SimulatedCampaign) -> Array:
-        """Return by how much readings differ from those of a twin, one long vector."""
-        p_m, R = self._read(other)
-        turned = Rotation.from_matrix(self._R @ R.transpose(0, 2, 1)).as_rotvec()
-        return self._stacked((self._p_m - p_m)[..., None], turned[..., None])[:, 0]
-
-    def geometry(self) -> Array:
-        """Return an orthonormal basis of what small motions of all frames do to the readings."""
-        return _basis(np.hstack([self._stacked(*self._moved_with(T)) for T in self._frames()]))
-
-    def position_mm(self, difference: Array) -> float:
-        """Return the root mean square of the positions of a difference."""
-        p_mm = difference[: self._p_m.size] * self._plan.position_mm
-        return float(np.sqrt(3.0 * np.mean(p_mm**2)))
-
-    def noise_mm(self) -> float:
-        """Return the noise of the instrument, and of links about their motors."""
-        links_mm2 = 0.0
-        slides = self._made.truth.robot.mechanism.slides
-        off_mm = 1e3 * np.hypot(self._plan.unseen_rad, self._plan.resolver_rad)
-        for slide, T in zip(slides, self._frames()[1:], strict=True):
-            along_z = self._moved_with(T)[0][..., 5 if slide else 2]
-            links_mm2 += float(np.mean(np.sum((off_mm * along_z) ** 2, axis=-1)))
-        noise_mm2 = 3.0 * self._plan.position_mm**2 + links_mm2
-        return float(np.sqrt(noise_mm2 / self._plan.repeats))
-
-    def _read(self, made: SimulatedCampaign) -> tuple[Array, Array]:
-        """Return positions (P, B, 3) [m] and orientations (P, 3, 3), as read without noise."""
-        truth, robot = made.truth, made.truth.robot
-        T = truth.rest.T_base_ee[self._rows]
-        on_tool_m = robot.T_ee_target[None, :3, 3] if self._turns else robot.targets.p_ee_m
-        along_m = on_tool_m + truth.tool_shift_m[self._rows, None]
+    def as_read(truth: Truth) -> tuple[Array, Array]:
+        """Return positions (P, B, 3) [m] and orientations, in the base's frame, without noise."""
+        T, robot = truth.rest.T_base_ee[rows], truth.robot
+        on_tool_m = robot.T_ee_target[None, :3, 3] if turns else robot.targets.p_ee_m
+        along_m = on_tool_m + truth.tool_shift_m[rows, None]
         p_m = np.einsum("pij,pbj->pbi", T[:, :3, :3], along_m) + T[:, None, :3, 3]
         R, t_m = robot.T_instr_base[:3, :3], robot.T_instr_base[:3, 3]
         return (truth.as_read(p_m @ R.T + t_m) - t_m) @ R, T[:, :3, :3]
 
-    def _frames(self) -> list[Array]:
-        """Return frames that geometry moves, (P, 4, 4): the base and what each joint carries."""
-        truth = self._made.truth
-        joints = truth.robot.mechanism.T_base_joints(truth.rest.q[self._rows])
-        return [np.broadcast_to(np.eye(4), (len(self._rows), 4, 4)), *joints]
+    p_m, R = as_read(truth)
 
-    def _moved_with(self, T: Array) -> tuple[Array, Array]:
-        """Return what turns about a frame's axes and shifts along them do.
+    def stacked(moved_m: Array, turned: Array) -> Array:
+        """Return positions (P, B, 3, k) and turns (P, 3, k) as columns in units of their noise."""
+        columns = [1e3 / plan.position_mm * moved_m.reshape(-1, moved_m.shape[-1])]
+        if turns:
+            columns.append(turned.reshape(-1, moved_m.shape[-1]) / plan.attitude_rad)
+        return np.concatenate(columns)
 
-        Returns:
-            (P, B, 3, 6) motions of the positions, and (P, 3, 6) turns.
-        """
+    def moved_with(T: Array) -> tuple[Array, Array]:
+        """Return what turns and shifts of frames do to places (P, B, 3, 6), to axes (P, 3, 6)."""
         axes = T[:, :3, :3]
-        lever_m = self._p_m - T[:, None, :3, 3]
+        lever_m = p_m - T[:, None, :3, 3]
         turned = np.cross(axes[:, None], lever_m[..., None], axisa=2, axisb=2, axisc=2)
         shifted = np.broadcast_to(axes[:, None], turned.shape)
         return np.concatenate([turned, shifted], -1), np.concatenate([axes, 0.0 * axes], -1)
 
-    def _stacked(self, moved_m: Array, turned: Array) -> Array:
-        """Return positions (P, B, 3, k) and turns (P, 3, k) as columns in units of their noise."""
-        count = moved_m.shape[-1]
-        rows = [1e3 / self._plan.position_mm * moved_m.reshape(-1, count)]
-        if self._turns:
-            rows.append(turned.reshape(-1, count) / self._plan.attitude_rad)
-        return np.concatenate(rows)
+    def difference(twin: SimulatedCampaign) -> Array:
+        other_m, R_other = as_read(twin.truth)
+        turned = Rotation.from_matrix(R @ R_other.transpose(0, 2, 1)).as_rotvec()
+        return stacked((p_m - other_m)[..., None], turned[..., None])[:, 0]
+
+    def position_mm(difference: Array) -> float:
+        p_mm = difference[: p_m.size] * plan.position_mm
+        return float(np.sqrt(3.0 * np.mean(p_mm**2)))
+
+    frames = mechanism.T_base_joints(truth.rest.q[rows])
+    base = np.broadcast_to(np.eye(4), (len(rows), 4, 4))
+    basis = _basis(np.hstack([stacked(*moved_with(T)) for T in (base, *frames)]))
+    left = [_less(difference(each), basis) for each in without]
+    apart = [
+        _less(each, _basis(np.column_stack([basis, *left[:k], *left[k + 1 :]])))
+        for k, each in enumerate(left)
+    ]
+    noise_mm2 = 3.0 * plan.position_mm**2
+    off_mm = 1e3 * np.hypot(plan.unseen_rad, plan.resolver_rad)  # links about their motors
+    for slides, T in zip(mechanism.slides, frames, strict=True):
+        along_z = moved_with(T)[0][..., 5 if slides else 2]
+        noise_mm2 += float(np.mean(np.sum((off_mm * along_z) ** 2, axis=-1)))
+    return AfterGeometry(
+        tuple(map(position_mm, left)),
+        tuple(map(position_mm, apart)),
+        float(np.sqrt(noise_mm2 / plan.repeats)),
+    )
 
 
 def _basis(columns: Array) -> Array:
     """Return an orthonormal basis of the span of some columns of any scale."""
     length = np.linalg.norm(columns, axis=0)
-    kept = columns[:, length > 0.0] / length[length > 0.0]
-    left, size, _ = np.linalg.svd(kept, full_matrices=False)
-    return left[:, size > _REDUNDANT * size.max(initial=0.0)]
+    return np.asarray(orth(columns[:, length > 0.0] / length[length > 0.0], rcond=_REDUNDANT))
 
 
 def _less(difference: Array, basis: Array) -> Array:
     """Return a difference without its part in the span of a basis."""
-    left: Array = difference - basis @ (basis.T @ difference)
-    return left
+    return np.asarray(difference - basis @ (basis.T @ difference))

@@ -38,7 +38,6 @@ from pa10cal.lab.blind_trial import (
 )
 from pa10cal.lab.cell.measured_trials import SORTED, SUBJECTS, UNSTATED
 from pa10cal.results import trials as results
-from pa10cal.results.discovery import FoundEffect
 
 LEVEL = 0.95
 _AS_MEASURED = "arms, their lengths, weights and springs, poses, noise and hidden effects"
@@ -61,23 +60,14 @@ def tables_of(trials: Sequence[BlindTrial]) -> dict[TableName, pd.DataFrame]:
     if len(by_trial):
         null = by_trial[by_trial["kind"] == "null"].groupby("layout")["held_out_mm"].mean()
         by_trial["held_over_null"] = by_trial["held_out_mm"] / by_trial["layout"].map(null)
+    inside = ndtri(0.5 + LEVEL / 2.0)
     return {
         "trials": by_trial,
         "effects": pd.DataFrame([row for t in trials for row in _effect_rows(t)]),
-        "faults": pd.DataFrame(
-            [
-                {"campaign": t.truth.campaign, "has_fault": t.has_fault()}
-                | {"matters": t.matters(each), "told": t.is_told(each)}
-                for t in trials
-                for each in t.put_in
-            ]
-        ),
+        "faults": pd.DataFrame([row for t in trials for row in _fault_rows(t)]),
         "parameters": pd.DataFrame(
-            [
-                {"name": f"{each.id} {each.parameter}", "score": each.score}
-                | {"inside": abs(each.score) <= ndtri(0.5 + LEVEL / 2.0)}
-                for each in parameter_scores(trials)
-            ]
+            dict(each, name=f"{each.id} {each.parameter}", inside=abs(each.score) <= inside)
+            for each in parameter_scores(trials)
         ),
     }
 
@@ -92,6 +82,8 @@ def _trial_row(t: BlindTrial) -> dict[str, Any]:
         "layout": t.truth.layout,
         "judged": verdict is not None,
         "crashed": verdict is None and not t.refused,
+        "refused": t.refused,
+        "unexplained": verdict is not None and verdict.word == "unexplained",
         "word": t.said.word if verdict is not None else "",
         "names": len(t.effects),
         "hides": len(t.hidden),
@@ -148,6 +140,12 @@ def _effect_rows(t: BlindTrial) -> Iterator[dict[str, Any]]:
             "alternatives": nan if beside is None else beside,
             "alone": named and beside == 0 and not t.extra(),
         }
+
+
+def _fault_rows(t: BlindTrial) -> Iterator[dict[str, Any]]:
+    for each in t.put_in:
+        about = {"campaign": t.truth.campaign, "has_fault": t.has_fault()}
+        yield about | {"matters": t.matters(each), "told": t.is_told(each)}
 
 
 # What is counted, and the figures to reach: `scores.csv` beside this module, a row a figure.
@@ -255,7 +253,7 @@ def scores_record(trials: Sequence[BlindTrial]) -> results.TrialScoresRecord:
         trials=len(trials),
         bars=tuple(score for score in scores if score.limit is not None),
         rates=tuple(score for score in scores if score.limit is None),
-        subjects=_subjects(trials),
+        subjects=_subjects(trials, tables["trials"]),
         parameter_scores=tuple(parameter_scores(trials)),
         power=study_power(tables["effects"]),
         per_trial=tuple(t.score_row(tuple(failings.get(t.truth.campaign, ()))) for t in trials),
@@ -264,13 +262,18 @@ def scores_record(trials: Sequence[BlindTrial]) -> results.TrialScoresRecord:
 
 # Counts by what was put in or hidden.
 
+#: What is counted of every wild trial, of its row.
+_COUNTED = ("crashed", "refused", "false_comfort", "worse", "unexplained")
 
-def _subjects(trials: Iterable[BlindTrial]) -> tuple[results.OutcomeCounts, ...]:
+
+def _subjects(
+    trials: Sequence[BlindTrial], by_trial: pd.DataFrame
+) -> tuple[results.OutcomeCounts, ...]:
     """Return what became of all that trials hide or put in, by kind of trial and id."""
     number: Counter[tuple[str, str]] = Counter()
     counts: dict[tuple[str, str], Counter[str]] = {}
-    for trial in trials:
-        for id, outcome in _outcomes(trial):
+    for trial, row in zip(trials, by_trial.to_dict("records"), strict=True):
+        for id, outcome in _outcomes(trial, row):
             number[trial.kind, id] += 1
             counts.setdefault((trial.kind, id), Counter()).update(outcome)
     return tuple(
@@ -279,41 +282,32 @@ def _subjects(trials: Iterable[BlindTrial]) -> tuple[results.OutcomeCounts, ...]
     )
 
 
-def _outcomes(t: BlindTrial) -> Iterator[tuple[str, Mapping[str, int]]]:
+def _outcomes(t: BlindTrial, row: Mapping[Any, Any]) -> Iterator[tuple[str, Mapping[str, int]]]:
     """Yield what a trial counts under, and as what; see `OutcomeCounts`."""
     if t.truth.measured == DRIVES:
         erring = () if t.kind == "neither" else t.hidden
         for of in dict.fromkeys(hidden.of for hidden in erring):
             yield "joint", {t.drive_outcome(of): 1}
-    elif t.truth.measured != WILD:
+        return
+    if t.truth.measured != WILD:
         if t.kind in ("single", OUTSIDE):
             yield t.hidden[0].id, {t.outcome(t.hidden[0]): 1}
-    else:
-        as_measured, own = t.kind in SUBJECTS, t.without_springs()
-        by_effect = as_measured or t.kind in ("effect", "beyond")
-        sound = t.kind in ("effect", "right", "stressed")
-        false_name = own.extra() > 0 if sound else own.is_confidently_wrong(CHECK)
-        ids = [each.id for each in (t.hidden if by_effect else t.put_in)]
-        for id in dict.fromkeys(ids or ["nothing"]):
-            hidden = [each for each in t.hidden if not as_measured or each.id == id]
-            told = [t.is_told(each) for each in t.put_in if t.matters(each)]
-            if as_measured:
-                told = [t.lists(each) for each in hidden if (t.ratio(each) or 0.0) >= LIMIT]
-            yield (
-                id,
-                {
-                    "crashed": t.verdict is None and not t.refused,
-                    "refused": t.refused,
-                    "false_name": t.has_wrong_name() if as_measured else false_name,
-                    "above_noise": len(told),
-                    "told": sum(told),
-                    "found": sum(map(t.lists, hidden)),
-                    "false_comfort": t.has_false_comfort(),
-                    "worse": t.is_worse(),
-                    "unexplained": t.verdict is not None and t.verdict.word == "unexplained",
-                    "suspected": t.is_accused(),
-                },
-            )
+        return
+    as_measured = t.kind in SUBJECTS
+    false_name = "confident_false_name"
+    if as_measured or t.kind in ("effect", "right", "stressed"):
+        false_name = "wrong_name" if as_measured else "false_name"
+    counted = {name: row[name] for name in _COUNTED}
+    counted |= {"false_name": row[false_name], "suspected": row["accused"]}
+    by_effect = as_measured or t.kind in ("effect", "beyond")
+    ids = [each.id for each in (t.hidden if by_effect else t.put_in)]
+    for id in dict.fromkeys(ids or ["nothing"]):
+        hidden = [each for each in t.hidden if not as_measured or each.id == id]
+        told = [t.is_told(each) for each in t.put_in if t.matters(each)]
+        if as_measured:
+            told = [t.lists(each) for each in hidden if (t.ratio(each) or 0.0) >= LIMIT]
+        found = sum(map(t.lists, hidden))
+        yield id, counted | {"above_noise": len(told), "told": sum(told), "found": found}
 
 
 # Whether reported parameters of effects hold what was hidden inside their intervals.
@@ -321,32 +315,23 @@ def _outcomes(t: BlindTrial) -> Iterator[tuple[str, Mapping[str, int]]]:
 _AXES = "xyz"
 
 
-def parameter_scores(trials: Iterable[BlindTrial]) -> list[results.ParameterScore]:
+def parameter_scores(trials: Iterable[BlindTrial]) -> Iterator[results.ParameterScore]:
     """Score the parameters of every finding that is what was hidden, at its place.
 
     Of phases the difference modulo a turn counts, with the sign of an amplitude taken into the
     phase. Maps are omitted: cell and estimator have other knots, and calibration takes their
     mean.
     """
-    return [
-        score
-        for trial in trials
-        for hidden in trial.hidden
-        for named in trial.effects
-        if named.name == hidden.name and hidden.id != MAP
-        for score in _scores(hidden, named)
-    ]
-
-
-def _scores(hidden: results.HiddenEffect, named: FoundEffect) -> Iterable[results.ParameterScore]:
-    truth = true_parameters(hidden)
-    for parameter, found in named.parameters.items():
-        if parameter in truth and found.std > 0.0:
-            off = found.value - truth[parameter]
-            if parameter == "phi":
-                off = float(np.angle(np.exp(1j * off)))
-            score = off / found.std
-            yield results.ParameterScore(id=named.id, parameter=parameter, score=score)
+    for hidden, named in (
+        (each, named) for t in trials for each in t.hidden for named in t.effects
+    ):
+        truth = true_parameters(hidden) if named.name == hidden.name and hidden.id != MAP else {}
+        for name, found in named.parameters.items():
+            if name in truth and found.std > 0.0:
+                off = found.value - truth[name]
+                off = float(np.angle(np.exp(1j * off))) if name == "phi" else off
+                score = off / found.std
+                yield results.ParameterScore(id=named.id, parameter=name, score=score)
 
 
 def true_parameters(hidden: results.HiddenEffect) -> dict[str, float]:
@@ -379,6 +364,11 @@ MOVED_EDGES = (
 _LEAST_MOVED = 0.03
 
 
+_FOUND = Quantity(
+    "", "named or among the alternatives", "effects", "", "listed", "share", *[""] * 4
+)
+
+
 def study_power(effects: pd.DataFrame) -> results.PowerStudy:
     """Fit power curves to trials that hide one effect and did not fail."""
     columns = ["id", "size", "moved", "moves_poses", "listed"]
@@ -386,9 +376,6 @@ def study_power(effects: pd.DataFrame) -> results.PowerStudy:
     known = known.reindex(columns=columns)
     moving = known[known["moves_poses"].astype(bool)]
     moved, listed = moving["moved"].to_numpy(float), moving["listed"].to_numpy(bool)
-    in_bins = [
-        (low, high, listed[(moved >= low) & (moved < high)]) for low, high in pairwise(MOVED_EDGES)
-    ]
     return results.PowerStudy(
         by_id={
             str(name): power(rows["size"].to_numpy(float), rows["listed"].to_numpy(bool))
@@ -399,18 +386,9 @@ def study_power(effects: pd.DataFrame) -> results.PowerStudy:
             results.MovedBin(
                 low=low,
                 high=high if np.isfinite(high) else None,
-                listed=results.ScoreRow(
-                    what="named or among the alternatives",
-                    by="",
-                    at_least=None,
-                    limit=None,
-                    trials=len(within),
-                    share=True,
-                    met=None,
-                    **share_of(within),
-                ),
+                listed=_FOUND.score(listed[(moved >= low) & (moved < high)]),
             )
-            for low, high, within in in_bins
+            for low, high in pairwise(MOVED_EDGES)
         ),
     )
 
@@ -429,9 +407,8 @@ def power(size: Array, found: NDArray[np.bool_]) -> results.PowerCurve | None:
 
     def misfit(x: Array) -> float:
         odds = x[0] + x[1] * (logarithm - middle)
-        return float(np.sum(np.logaddexp(0.0, np.where(found, -odds, odds)))) + 0.5 * float(
-            (x[1] / _STEEP) ** 2
-        )
+        likely = np.sum(np.logaddexp(0.0, np.where(found, -odds, odds)))
+        return float(likely) + 0.5 * float((x[1] / _STEEP) ** 2)
 
     best = minimize(misfit, np.array([0.0, 1.0]), bounds=[(None, None), (0.0, None)])
     centre, slope = float(best.x[0]), float(best.x[1])

@@ -28,8 +28,8 @@ from pa10cal.discovery.linear import by_joints, by_terms, residual, with_base_te
 from pa10cal.discovery.noise import unweighted
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.lab.blind_trials import draw
 from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.trials import draw_trials
 from pa10cal.lab.cell.write import write_campaign
 from pa10cal.terms.effects.joint import TorqueGain
 from pa10cal.terms.effects.joint_error_map import (
@@ -187,7 +187,7 @@ def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(f
 
 @pytest.mark.slow
 def test_distances_too_few_for_maps_of_all_joints_are_weighed_by_their_noise(tmp_path):
-    trial = draw("distance", "null", 1, 5)[0]
+    (trial,) = draw_trials("null", 1, 5, "distance")
     write_campaign(
         simulate_campaign("t", load_arm(trial.settings.robot), trial.settings), tmp_path / "raw"
     )

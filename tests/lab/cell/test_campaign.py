@@ -7,14 +7,12 @@ from made_up_robot import rebuilt
 from pa10cal.arm.description import Arm
 from pa10cal.errors import SettingsError
 from pa10cal.lab.cell.campaign import measure_campaign, simulate_campaign
-from pa10cal.lab.cell.effects.effect import SimulatedEffect
 from pa10cal.lab.cell.effects.joint import (
     SimulatedBacklash,
     SimulatedFrictionTorque,
-    SimulatedTorqueGain,
     SimulatedTransmissionError,
 )
-from pa10cal.lab.cell.effects.outside import BowedAxis, DressPack, Hysteresis
+from pa10cal.lab.cell.effects.outside import DressPack
 from pa10cal.lab.cell.effects.structure import (
     SimulatedBaseDrift,
     SimulatedCmmScale,
@@ -275,32 +273,12 @@ def test_friction_shows_in_its_own_torque_by_arrival_and_nowhere_else(hidden):
     assert rubbing.tables["resolver"][same].equals(plain.tables["resolver"][same])
 
 
-def test_torque_gain_shows_in_its_own_torque_and_nowhere_else(hidden):
-    plain, loud = hidden(), hidden(SimulatedTorqueGain(g=0.1).at("joint 3"))
-    assert loud.tables["cmm"].equals(plain.tables["cmm"])
-    assert moving(loud, "tau3_Nm") == pytest.approx(1.1 * moving(plain, "tau3_Nm"), abs=0.05)
-
-
 def test_dress_pack_shows_in_the_log_on_the_way_and_at_rest(hidden):
     plain, pulled = hidden(), hidden(DressPack(k=4.0, q0=0.1).at("joint 1"))
     assert pulled.tables["cmm"].equals(plain.tables["cmm"])
     more = moving(pulled, "tau1_Nm") - moving(plain, "tau1_Nm")
     q = np.radians(moving(plain, "q1_deg"))
     assert more == pytest.approx(4.0 * (q - 0.1), abs=0.06)
-
-
-def test_hysteresis_turns_the_link_and_the_motor_does_not_know(hidden, arm):
-    plain, lagging = hidden(), hidden(Hysteresis(h=1e-3).at("joint 2"))
-    assert (
-        lagging.tables["resolver"]
-        .filter(like="_deg")
-        .equals(plain.tables["resolver"].filter(like="_deg"))
-    )
-    turned = lagging.truth.rest.q[:, 1] - plain.truth.rest.q[:, 1]
-    load = np.abs(plain.truth.rest.tau_Nm[:, 1]) / arm.torque_limit_Nm[1]
-    wanted = 1e-3 * plain.truth.schedule.arrival[:, 1] * load
-    # The spring follows the torque of the turned posture by some percent of the turn.
-    assert turned == pytest.approx(wanted, rel=0.03, abs=1e-12)
 
 
 def test_transmission_error_turns_the_link_and_the_motor_does_not_know(hidden):
@@ -315,13 +293,6 @@ def test_transmission_error_turns_the_link_and_the_motor_does_not_know(hidden):
     turned = erring.truth.rest.q[:, 0] - plain.truth.rest.q[:, 0]
     assert turned == pytest.approx(3e-4 * np.sin(100 * q + 0.5), abs=1e-12)
     assert np.abs(centres(erring) - centres(plain)).max() > 0.1
-
-
-def test_backlash_turns_the_link_by_arrival(hidden):
-    plain, loose = hidden(), hidden(SimulatedBacklash(b=1e-4).at("joint 2"))
-    turned = loose.truth.rest.q[:, 1] - plain.truth.rest.q[:, 1]
-    # The spring follows the torque of the turned posture by some percent of the turn.
-    assert turned == pytest.approx(1e-4 * plain.truth.schedule.arrival[:, 1], rel=0.03, abs=1e-12)
 
 
 def test_several_joint_effects_add_up(hidden):
@@ -371,31 +342,3 @@ def test_growth_needs_a_drift_of_temperature(hidden):
         hidden(growth)
     cold, warm = hidden(temperature_drift_C=5.0), hidden(growth, temperature_drift_C=5.0)
     assert np.abs(centres(warm) - centres(cold)).max() > 1e-2
-
-
-def test_a_bow_shows_in_the_touches_alone(hidden):
-    bow = BowedAxis(axis=1, along=0, sag=1e-3, half_m=0.3, centre_m=0.4)
-    bowed, straight = hidden(bow.at("instrument")), hidden()
-    assert bowed.tables["resolver"].equals(straight.tables["resolver"])
-    more_mm = (
-        bowed.tables["cmm"][["x_mm", "y_mm", "z_mm"]]
-        - straight.tables["cmm"][["x_mm", "y_mm", "z_mm"]]
-    )
-    u = (1e-3 * straight.tables["cmm"]["x_mm"].to_numpy() - 0.4) / 0.3
-    assert more_mm["y_mm"].to_numpy() == pytest.approx(u**2 * (1 + 0.2 * u), abs=2e-4)
-    assert not more_mm[["x_mm", "z_mm"]].to_numpy().any()
-
-
-def test_an_effect_without_a_name_can_be_hidden_too(hidden):
-    class Wobble(SimulatedEffect):
-        """A machine that reads ripples."""
-
-        places = ("instrument",)
-
-        height: float
-
-        def read_too_much_m(self, p_instr_m):
-            return self.height * np.sin(100.0 * p_instr_m)
-
-    rippled = hidden(Wobble(height=1e-3).at("instrument"))
-    assert np.abs(centres(rippled) - centres(hidden())).max() > 0.05

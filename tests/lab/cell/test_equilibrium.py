@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from pa10cal.errors import SimulationError
-from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.effects.joint import SimulatedJointCompliance, SimulatedSoftWindup
-from pa10cal.lab.cell.individual import PAPER_K_CUB, TABLE_1_K_LIN, draw_individual
+from pa10cal.lab.cell.individual import PAPER_K_CUB, TABLE_1_K_LIN
 from pa10cal.lab.cell.instruments.instrument import rest_poses
-from pa10cal.lab.cell.options import TrackerOptions
 from pa10cal.lab.cell.robot import Springs
 
 POSTURES = np.random.default_rng(7).uniform(-1.5, 1.5, (12, 6))
@@ -46,22 +44,6 @@ def test_springs_balance_gravity_in_the_deflected_posture(robot, plain, reading)
         assert tau == pytest.approx(energy_slope(plain(built), q, load_N), abs=1e-6)
 
 
-def test_flange_is_that_of_the_link_angles(robot):
-    found = rest(robot)
-    assert np.array_equal(robot.mechanism.T_base_ee(found.q), found.T_base_ee)
-
-
-def test_torque_is_not_that_of_the_undeflected_posture(robot):
-    stiff = rest(replace(robot, springs=Springs.rigid(6)))
-    assert np.abs(rest(robot).tau_Nm - stiff.tau_Nm).max() > 0.05
-
-
-def test_a_load_pulls_the_flange_down(robot):
-    drive = np.tile(np.radians([0, 15, 90, 0, 45, -90]), (3, 1))
-    heights = rest(robot, drive=drive, load_N=np.array([0.0, 22.0, 44.0])).T_base_ee[:, 2, 3]
-    assert np.all(np.diff(heights) < -5e-4)
-
-
 def test_windup_comes_on_top_of_the_spring(robot):
     soft = SimulatedSoftWindup(A=2e-4, tau0=10.0).at("joint 2")
     yielding = SimulatedJointCompliance(K=5e4).at("joint 4")
@@ -84,17 +66,3 @@ def test_no_pose_is_no_trouble(robot):
     none = rest(robot, drive=np.zeros((0, 6)), load_N=np.zeros(0))
     assert none.T_base_ee.shape == (0, 4, 4)
     assert none.tau_Nm.shape == (0, 6)
-
-
-@pytest.mark.parametrize("name", ["ur10", "iiwa14"])
-def test_springs_of_any_arm_balance_the_torques_of_the_deflected_posture(name):
-    arm = load_arm(name)
-    plan = TrackerOptions(flexible_joints=(2, 3, 4))
-    soft = draw_individual(arm, plan, np.random.default_rng(3))
-    drive = np.random.default_rng(5).uniform(-1.5, 1.5, (6, arm.n))
-    loads_N = np.resize([0.0, 60.0], 6)
-    found = rest(soft, drive=drive, load_N=loads_N)
-    delta = (drive - found.q)[:, [1, 2, 3]]
-    k_lin, k_cub = soft.springs.k_lin[[1, 2, 3]], soft.springs.k_cub[[1, 2, 3]]
-    tau = soft.mechanism.statics(found.q, loads_N).torque_Nm[:, [1, 2, 3]]
-    assert np.abs(k_lin * delta + k_cub * delta**3 - tau).max() < 1e-7

@@ -160,19 +160,6 @@ def test_torques_are_the_slope_of_potential_energy(robot, plain, q, load_N, vari
     assert np.abs(found - slope).max() < 1e-6
 
 
-@quick
-@given(q=angles, load_N=loads, seed=st.integers(0, 2**32), variant=st.sampled_from(VARIANTS))
-def test_moments_are_those_of_the_weights_further_out(robot, plain, q, load_N, seed, variant):
-    built = variant(with_departures(robot, seed))
-    other = plain(built)
-    found = built.mechanism.statics(q[None], np.array([load_N]))
-    assert np.abs(found.base_Nm[0] - other.moment(q, load_N, 0, np.zeros(3))).max() < 1e-10
-    assert np.abs(found.link_Nm[0, -1]).max() == 0.0
-    for link, end in enumerate(other.ends(q)):
-        wanted = other.moment(q, load_N, link + 1, end[:3, 3])
-        assert np.abs(found.link_Nm[0, link] - end[:3, :3].T @ wanted).max() < 1e-9
-
-
 def test_an_arm_whose_masses_are_not_known_carries_its_tool_alone(robot):
     bare = rebuilt(robot, arm=replace(robot.arm, mass_kg=None, com_m=None))
     mechanism = Mechanism.of(bare.arm, robot.departures, robot.mechanism.payload)
@@ -181,49 +168,6 @@ def test_an_arm_whose_masses_are_not_known_carries_its_tool_alone(robot):
         weightless.statics(Q, NO_LOAD).torque_Nm, abs=1e-10
     )
     assert np.abs(mechanism.statics(Q, NO_LOAD).torque_Nm).max() > 1.0
-
-
-def test_a_tool_pulls_at_its_centre_of_mass_as_a_load_at_its_own_point(robot):
-    heavier = replace(robot.mechanism, payload=SimulatedPayload(10.0, LOAD_POINT_M, LOAD_POINT_M))
-    none = replace(robot.mechanism, payload=SimulatedPayload(0.0, LOAD_POINT_M, LOAD_POINT_M))
-    by_tool = heavier.statics(Q, NO_LOAD).torque_Nm
-    by_load = none.statics(Q, np.array([98.0665])).torque_Nm
-    assert by_tool == pytest.approx(by_load, abs=1e-10)
-
-
-def test_a_strained_base_moves_the_whole_arm_and_gravity_stays(robot):
-    mechanism = robot.mechanism
-    turned = replace(
-        Strain.none(1, 6),
-        base_turn_rad=np.array([[0.0, np.pi, 0.0]]),
-        base_shift_m=np.array([[0.1, 0.2, 0.3]]),
-    )
-    moved = np.diag([-1.0, 1.0, -1.0, 1.0])
-    moved[:3, 3] = [0.1, 0.2, 0.3]
-    assert mechanism.T_base_ee(Q, turned) == pytest.approx(
-        moved @ mechanism.T_base_ee(Q), abs=1e-12
-    )
-    upright = mechanism.statics(Q, NO_LOAD).torque_Nm
-    assert mechanism.statics(Q, NO_LOAD, turned).torque_Nm == pytest.approx(-upright, abs=1e-9)
-
-
-@pytest.mark.parametrize("link", range(6))
-def test_a_strained_link_moves_what_follows_it(robot, plain, link):
-    shift, stretch = np.array([1e-3, -2e-3, 3e-3]), 0.01
-    none = Strain.none(1, 6)
-    shifts, stretches = none.shift_m.copy(), none.stretch.copy()
-    shifts[0, link] = shift
-    before = plain(robot).frames(Q[0])
-    found = robot.mechanism.T_base_ee(Q, replace(none, shift_m=shifts))[0]
-    moved = found[:3, 3] - before[-1][:3, 3]
-    assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm(shift), abs=1e-12)
-    # The end turns about z against the row's frame, by the offset of the next row.
-    assert moved @ before[link + 1][:3, 2] == pytest.approx(shift[2], abs=1e-12)
-
-    stretches[0, link] = stretch
-    found = robot.mechanism.T_base_ee(Q, replace(none, stretch=stretches))[0]
-    span = before[link + 1][:3, 3] - before[link][:3, 3]
-    assert found[:3, 3] - before[-1][:3, 3] == pytest.approx(stretch * span, abs=1e-12)
 
 
 def test_strains_add_up():

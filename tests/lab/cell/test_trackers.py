@@ -16,18 +16,14 @@ from pa10cal.lab.cell.campaign import measure_campaign
 from pa10cal.lab.cell.effects.joint import (
     SimulatedBacklash,
     SimulatedFrictionTorque,
-    SimulatedTransmissionError,
 )
 from pa10cal.lab.cell.effects.structure import (
-    SimulatedBaseCompliance,
     SimulatedBaseDrift,
     SimulatedCmmScale,
-    SimulatedLinkBending,
     SimulatedThermalGrowth,
     SimulatedToolSag,
 )
 from pa10cal.lab.cell.individual import draw_individual
-from pa10cal.lab.cell.instruments.instrument import rest_poses
 from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
 
 MANY = {"poses": 2000, "holdout_share": 0.0}
@@ -263,25 +259,6 @@ def test_any_arm_shows_a_turn_of_its_joint_under_any_instrument(name, instrument
     assert np.abs(found.to_numpy()[0]).max() < 1e-3  # the first has no arrival
 
 
-@pytest.mark.parametrize("name", ["ur10", "iiwa14"])
-def test_links_bend_and_bases_tilt_of_any_arm(name):
-    arm = load_arm(name)
-    plan = TrackerOptions(poses=12, flexible_joints=(2, 3), loads_N=(0.0, 50.0))
-    for effect in (
-        SimulatedLinkBending(c=2e-6).at("forearm"),
-        SimulatedBaseCompliance(cx=1e-6, cy=2e-6).at("base"),
-    ):
-        still, bent = moved(arm, plan, effect)
-        state = still.truth
-        zero = np.zeros(12)
-        wanted = rest_poses(
-            state.robot, (effect,), state.q_motor, state.schedule.load_N, zero, zero
-        )
-        assert bent.truth.rest.T_base_ee == pytest.approx(wanted.T_base_ee, abs=1e-12)
-        off_mm = 1e3 * (seen_T(bent) - seen_T(still))[:, :3, 3]
-        assert 1e-3 < np.abs(off_mm).max() < 2.0
-
-
 def test_a_base_that_drifts_and_links_that_grow_show_under_points(arm):
     plan = TrackerOptions(instrument="points", poses=12, seconds_a_pose=3600.0)
     still, adrift = moved(arm, plan, SimulatedBaseDrift(rate=(1e-5, 0.0, 0.0)).at("base"))
@@ -320,11 +297,3 @@ def test_friction_shows_in_the_logged_torque_alone(arm):
     assert more.to_numpy() == pytest.approx(4.0 * still.truth.schedule.arrival[:, 1], abs=1e-9)
     others = [name for name in still.tables["poses"] if name != "tau2_Nm"]
     assert rubbing.tables["poses"][others].equals(still.tables["poses"][others])
-
-
-def test_a_transmission_error_needs_a_gear_ratio():
-    arm = load_arm("iiwa14")
-    with pytest.raises(SimulationError, match="gear ratio is not known"):
-        moved(
-            arm, TrackerOptions(poses=3), SimulatedTransmissionError(A=1e-4, phi=0.0).at("joint 1")
-        )

@@ -9,6 +9,7 @@ import pytest
 from made_up_robot import nominal_of
 from pa10cal.commands.command_line import run_command
 from pa10cal.errors import SettingsError
+from pa10cal.evaluation.options import BlindTrialsOptions, TrialCounts, WildCounts
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.disturbances import DISTURBANCES, disturb
@@ -37,6 +38,7 @@ from pa10cal.lab.cell.trials import (
     campaigns_of,
     draw_trials,
     subjects_of,
+    trial_counts,
 )
 from pa10cal.lab.cell.write import campaign_description
 from pa10cal.terms.effects.effect import CandidateContext, candidates
@@ -63,6 +65,7 @@ def test_the_same_seed_gives_the_same_trials_and_fewer_are_the_first_of_more(stu
     trials = draw_trials(kind, 6, 1, study)
     assert draw_trials(kind, 6, 1, study) == trials
     assert draw_trials(kind, 4, 1, study) == trials[:4]
+    assert draw_trials(kind, 2, 1, study, first=3) == trials[3:5]
     others = {trial.name for trial in draw_trials(kind, 6, 2, study)}
     assert not {trial.name for trial in trials} & others
 
@@ -216,12 +219,6 @@ def test_attitudes_of_the_grid_are_all_within_reach(arm, robot):
         assert len(poses.holdout) == 10
 
 
-def test_refuses_a_kind_that_does_not_exist():
-    with pytest.raises(SettingsError, match="unknown kind of trial") as refusal:
-        draw_trials("quadruple", 1, 0)
-    assert "triple" in str(refusal.value)
-
-
 # Trackers: never twice in a pose, and effects where they do something.
 
 SHORT_PLAN = {"poses": 20}
@@ -321,8 +318,10 @@ def test_refuses_benches_at_which_an_effect_does_nothing():
         draw_trials("single", len(vocabulary()), 1, "tracked", ["irb120-pose"])
     with pytest.raises(SettingsError, match="no such layout"):
         draw_trials("null", 1, 1, "tracked", ["ur10-distance"])
-    with pytest.raises(SettingsError, match="unknown kind of trial"):
+    with pytest.raises(SettingsError, match=r"unknown kind of trial \(got 'double'\).*triple"):
         draw_trials("double", 1, 1, "tracked")
+    with pytest.raises(SettingsError, match="--count: no trial to run"):
+        draw_trials("null", 0, 1, first=3)
     drawn = {name for name, each in all_effects().items() if each.drawn}
     assert set(nameless()) | set(vocabulary()) == drawn
 
@@ -444,9 +443,6 @@ IDS = {
 def test_benches_of_drives_take_turns_and_a_motor_has_one_ripple(kind):
     trials = draw_trials(kind, 6, 1, "drives")
     assert [trial.bench for trial in trials[:4]] == [bench.name for bench in DRIVE_BENCHES]
-    assert not {trial.name for trial in trials} & {
-        t.name for t in draw_trials(kind, 6, 2, "drives")
-    }
     for trial in trials:
         hidden = trial.settings.hidden_effects
         assert {each.id for each in hidden} == IDS[kind]
@@ -475,3 +471,34 @@ def test_campaigns_are_of_one_robot_in_poses_and_noise_of_their_own():
 def test_refuses_another_kind_of_drives():
     with pytest.raises(SettingsError, match="sensor, gear, both, neither"):
         draw_trials("motor", 1, 1, "drives")
+
+
+# Numbers of blind trials.
+
+
+def test_singles_and_effects_outside_count_their_rounds():
+    full = trial_counts(TrialCounts(null=7, single=2, outside=3, pair=1))
+    assert full["null"] == 7
+    assert full["pair"] == 1
+    assert full["single"] == 2 * len(vocabulary())
+    assert full["outside"] == 3 * len(outside())
+
+
+def test_rounds_of_wild_trials_go_through_what_the_cell_puts_in():
+    wild = trial_counts(WildCounts(right=3, stressed=1, effect=1, beyond=1, fault=1))
+    found = {kind: len(subjects_of(kind)) for kind in ("stressed", "beyond", "fault")}
+    assert {kind: wild[kind] for kind in found} == found
+    assert wild["right"] == 3
+    assert wild["effect"] == len(vocabulary())
+
+
+def test_the_studies_are_as_large_as_their_bars_need():
+    options = BlindTrialsOptions()
+    tracked = trial_counts(options.tracked)
+    assert tracked["null"] >= 150
+    assert tracked["single"] >= 150
+    assert trial_counts(options.full)["single"] >= 380
+    assert trial_counts(options.reduced)["single"] == len(vocabulary())
+    assert sum(trial_counts(options.wild).values()) >= 300
+    assert trial_counts(options.unstated) == {"unstated_masses": 210}
+    assert trial_counts(options.sorted_by_joint)["sorted_rows"] >= 100  # none may go wrong

@@ -272,20 +272,6 @@ def test_truth_of_a_tracker_names_springs_and_no_departures_of_rows(arm, tmp_pat
     assert set(parameters) == {f"K_{kind}_{joint}" for kind in ("lin", "cub") for joint in (2, 5)}
 
 
-def test_the_same_tracked_campaign_gives_the_same_bytes(any_tracked, tmp_path):
-    for name in ("one", "two"):
-        write_campaign(any_tracked, tmp_path / name, tmp_path / f"{name}.json")
-    for file in ("poses.csv", "campaign.yaml"):
-        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
-    assert (tmp_path / "one.json").read_bytes() == (tmp_path / "two.json").read_bytes()
-
-
-def test_refuses_a_folder_of_touches_for_a_tracker(any_tracked, tmp_path):
-    (tmp_path / "cmm.csv.gz").write_bytes(b"other")
-    with pytest.raises(SimulationError, match=r"cmm\.csv\.gz"):
-        write_campaign(any_tracked, tmp_path)
-
-
 @pytest.mark.parametrize("name", ["ur10", "gx4_351s", "iiwa14"])
 @pytest.mark.parametrize("instrument", INSTRUMENTS)
 def test_the_reader_of_campaigns_takes_it_as_it_was_seen(tmp_path, name, instrument):

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import SimulationError
 from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions, UnstatedOptions
 from pa10cal.lab.cell.poses import centre_rad
@@ -137,10 +137,10 @@ def draw_individual(
             placements=mechanism.placements @ axes,
             T_last_ee=mechanism.T_last_ee @ flange,
         )
-    T_instr_base = np.eye(4)  # turned anyhow, any way, some way off
-    T_instr_base[:3, :3] = Rotation.random(rng=geometry).as_matrix()
+    turned = Rotation.random(rng=geometry).as_matrix()  # anyhow, any way, some way off
     direction = geometry.standard_normal(3)
-    T_instr_base[:3, 3] = geometry.uniform(*STAND_OFF_M) * direction / np.linalg.norm(direction)
+    off_m = geometry.uniform(*STAND_OFF_M) * direction / np.linalg.norm(direction)
+    T_instr_base = homogeneous(turned, off_m)
     T_ee_target = _small_motions(1, plan.target_m, plan.target_rad, geometry)[0]
     designed = ring_of_targets(plan.target_count)
     targets = replace(designed, p_ee_m=geometry.normal(designed.p_ee_m, plan.target_m))
@@ -225,10 +225,7 @@ def _masses_kg(arm: Arm, factor: tuple[float, ...]) -> Array | None:
             allowed=f"{arm.n} factors, or none",
             remedy="give one factor a link",
         )
-    if arm.mass_kg is None or not factor:
-        return arm.mass_kg
-    true_kg: Array = arm.mass_kg * np.array(factor)
-    return true_kg
+    return arm.mass_kg if arm.mass_kg is None or not factor else arm.mass_kg * np.array(factor)
 
 
 def _paper_robot(arm: Arm, kcub_reading: KcubReading) -> tuple[Departures, Springs]:
@@ -246,22 +243,18 @@ def _paper_robot(arm: Arm, kcub_reading: KcubReading) -> tuple[Departures, Sprin
 def _in_machine(p_base_middle_m: Array, rng: np.random.Generator) -> Array:
     """Return the base in the machine: turned any way about the vertical, and not quite level."""
     roll, pitch = rng.normal(0.0, _TILT_RAD, 2)
-    T_instr_base = np.eye(4)
-    yaw = rng.uniform(-np.pi, np.pi)
-    T_instr_base[:3, :3] = Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix()
+    R = Rotation.from_euler("xyz", [roll, pitch, rng.uniform(-np.pi, np.pi)]).as_matrix()
     p_instr_middle_m = _MACHINE_MIDDLE_M + rng.normal(0.0, _MACHINE_MIDDLE_SPREAD_M, 3)
-    T_instr_base[:3, 3] = p_instr_middle_m - T_instr_base[:3, :3] @ p_base_middle_m
-    return T_instr_base
+    return homogeneous(R, p_instr_middle_m - R @ p_base_middle_m)
 
 
 def _small_motions(
     count: int, shift_m: float, turn_rad: Array | float, rng: np.random.Generator
 ) -> Array:
     """Draw (count, 4, 4) motions: shifts and rotation vectors with these standard deviations."""
-    T = np.tile(np.eye(4), (count, 1, 1))
-    T[:, :3, 3] = shift_m * rng.standard_normal((count, 3))
-    T[:, :3, :3] = Rotation.from_rotvec(turn_rad * rng.standard_normal((count, 3))).as_matrix()
-    return T
+    shifts_m = shift_m * rng.standard_normal((count, 3))
+    turns = Rotation.from_rotvec(turn_rad * rng.standard_normal((count, 3)))
+    return homogeneous(turns.as_matrix(), shifts_m)
 
 
 # Arms of which a campaign describes the geometry alone: their lengths, and what they truly weigh.

@@ -126,18 +126,18 @@ class _OwnArm:
         """(P, n) torques in usual poses; none of joints that slide."""
         return np.where(self.arm.prismatic, 0.0, self.usual.torque_Nm)
 
-    def usual_moment_Nm(self, of: str) -> float:
-        """Return the root mean square of the moment that a long link or the base carries."""
-        moment = self.usual.base_Nm
-        if of in LONG_LINKS:
-            moment = self.usual.link_Nm[:, self.mechanism.long_links[LONG_LINKS.index(of)]]
-        return float(np.sqrt(np.mean(np.sum(moment**2, axis=1))))
-
+    @property
     def loaded(self) -> list[int]:
-        """Return the joints, from 1, whose torque varies."""
+        """The joints, from 1, whose torque varies."""
         vary_Nm = self.usual_torques_Nm.std(axis=0)
         loaded = (vary_Nm > _LOADED * vary_Nm.max()) & (vary_Nm > 1e-9)
         return (np.flatnonzero(loaded) + 1).tolist()
+
+    def stiffness(self, joint: int, rng: np.random.Generator) -> float:
+        """Draw the stiffness [N m/rad] with which a joint bends plausibly; see `SAG_RAD`."""
+        largest_Nm = np.abs(self.usual_torques_Nm).max(axis=0)
+        torque_Nm = max(largest_Nm[joint - 1], _LOADED * largest_Nm.max())
+        return round(float(torque_Nm / log_uniform(SAG_RAD, rng)), 3)
 
 
 def draw_measured(
@@ -193,7 +193,7 @@ def draw_measured(
         more = None if subject in (NOTHING, SPRING) else subject
     scenario.settings["without_touches"] = plan
     for joint in soft:
-        scenario.put(SPRING, f"joint {joint}", {"K": _stiffness(joint, own, rng)}, 1.0)
+        scenario.put(SPRING, f"joint {joint}", {"K": own.stiffness(joint, rng)}, 1.0)
     if more is not None:
         places = places_of(trial_places(all_effects()[more]), scenario.robot)
         of = f"joint {by}" if f"joint {by}" in places else str(rng.choice(places))
@@ -216,38 +216,33 @@ def _soft_joints(springs: str, own: _OwnArm, rng: np.random.Generator) -> list[i
         return []
     if springs == ALL_SPRINGS:
         return (np.flatnonzero(~own.arm.prismatic) + 1).tolist()
-    loaded = own.loaded()
+    loaded = own.loaded
     count = int(rng.integers(1, min(_MOST_SOFT, len(loaded)), endpoint=True))
     return sorted(rng.choice(loaded, count, replace=False).tolist())
-
-
-def _stiffness(joint: int, own: _OwnArm, rng: np.random.Generator) -> float:
-    """Return the stiffness [N m/rad] with which a joint bends plausibly; see `SAG_RAD`."""
-    largest_Nm = np.abs(own.usual_torques_Nm).max(axis=0)
-    torque_Nm = max(largest_Nm[joint - 1], _LOADED * largest_Nm.max())
-    return round(float(torque_Nm / log_uniform(SAG_RAD, rng)), 3)
 
 
 def _hide_more(scenario: Scenario, name: str, of: str, own: _OwnArm) -> None:
     """Hide an effect at some times the size that the vocabulary holds for plausible.
 
-    What goes by moments has its size by those of this arm, and motion that is lost is positive.
+    What goes by moments has its size by those of this arm.
     """
     effect, times = all_effects()[name], log_uniform(_TIMES[scenario.kind], scenario.rng)
     site = Site(of, half_m=0.5 * own.arm.reach_m, middle_m=scenario.bench.middle_m(scenario.robot))
     scenario.hide(effect, times * effect.plausible_size, site)
     parameters = scenario.hidden[-1]["parameters"]
     if name in ("link_bending", "base_compliance"):
-        turn = times * log_uniform(_TURN_RAD, scenario.rng) / own.usual_moment_Nm(of)
+        moment_Nm = own.usual.base_Nm
+        if of in LONG_LINKS:
+            moment_Nm = own.usual.link_Nm[:, own.mechanism.long_links[LONG_LINKS.index(of)]]
+        usual_Nm = float(np.sqrt(np.mean(np.sum(moment_Nm**2, axis=1))))
+        turn = times * log_uniform(_TURN_RAD, scenario.rng) / usual_Nm
         scenario.hidden[-1]["parameters"] = dict.fromkeys(parameters, turn)
-    elif name == "backlash":
-        scenario.hidden[-1]["parameters"] = {"b": abs(parameters["b"])}
 
 
 def _sorting_joint(subject: str, own: _OwnArm, rng: np.random.Generator) -> int:
     """Return the joint, from 1, by which rows are sorted; the first more often than others."""
     if subject == SPRING:
-        return int(rng.choice(own.loaded()))
+        return int(rng.choice(own.loaded))
     if rng.random() < _BY_FIRST:
         return 1
     fitting = np.ones(own.arm.n, bool) if subject == NOTHING else ~own.arm.prismatic

@@ -256,16 +256,19 @@ class _Reach:
             q, residual = self._solve(q, T_wanted)
         low, high = self._arm.limits_rad.T
         for i, position in enumerate(q):
-            name = f"{label}{i + 1:02d}"
-            if residual[i] > _IK_TOLERANCE:
-                short = f"{residual[i]:.1e} m or rad short"
-                self._refuse(name, short, "a point that the arm can reach")
-            if np.any((position < low) | (position > high)):
-                joint = int(np.argmax(np.maximum(low - position, position - high)))
-                self._refuse(
-                    name,
-                    f"joint {joint + 1} at {np.degrees(position[joint]):.1f} deg",
-                    f"{np.degrees(low[joint]):.0f} to {np.degrees(high[joint]):.0f} deg",
+            beyond = np.maximum(low - position, position - high)
+            joint, allowed = int(np.argmax(beyond)), "a point that the arm can reach"
+            value = f"{residual[i]:.1e} m or rad short"
+            if residual[i] <= _IK_TOLERANCE:
+                value = f"joint {joint + 1} at {np.degrees(position[joint]):.1f} deg"
+                allowed = f"{np.degrees(low[joint]):.0f} to {np.degrees(high[joint]):.0f} deg"
+            if residual[i] > _IK_TOLERANCE or beyond.max() > 0.0:
+                raise SimulationError(
+                    f"pose {label}{i + 1:02d} cannot be taken",
+                    where="poses",
+                    value=value,
+                    allowed=allowed,
+                    remedy="move poses.centre_deg, or shrink poses.spacing_m or poses.tilt_rad",
                 )
         return q
 
@@ -300,15 +303,6 @@ class _Reach:
         turn = np.where(slides, 0.0, axes)
         R_base_ee = T_base_ee[:, :3, :3]
         return np.concatenate([shift @ R_base_ee, turn @ R_base_ee], axis=2).transpose(0, 2, 1)
-
-    def _refuse(self, label: str, value: str, allowed: str) -> None:
-        raise SimulationError(
-            f"pose {label} cannot be taken",
-            where="poses",
-            value=value,
-            allowed=allowed,
-            remedy="move poses.centre_deg, or shrink poses.spacing_m or poses.tilt_rad",
-        )
 
 
 # In what order the cell measures, from where each joint comes, and when.

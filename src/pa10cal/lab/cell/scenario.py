@@ -99,7 +99,7 @@ class Bench:
 
     @property
     def name(self) -> str:
-        """Return arm and instrument, or number of campaigns; and of targets that is not drawn."""
+        """Arm and instrument, or number of campaigns; and of targets that is not drawn."""
         by = self.campaigns or self.instrument
         return "-".join(map(str, filter(None, (self.robot, by, self.targets))))
 
@@ -117,7 +117,8 @@ class Bench:
     @cached_property
     def built(self) -> Robot:
         """One such robot."""
-        raw = {"robot": self.robot, "without_touches": self.plan}
+        plan = {"built": "drawn"} if self.touched else {"without_touches": self.plan}
+        raw = {"robot": self.robot, **plan}
         return robot_of(self.arm, parse_section(SimulateOptions, raw, where=self.name))
 
     @cached_property
@@ -146,11 +147,10 @@ class Bench:
     def drawn_plan(self, rng: np.random.Generator) -> tuple[bool, dict[str, Any]]:
         """Draw whether the temperature drifts, and the settings of how the arm is measured."""
         drifts = bool(rng.random() < DRIFTING)
+        has_masses = self.arm.mass_kg is not None
         plan = self.plan | {
             "logs_torques": self.logs_torques and bool(rng.random() < 0.5),
-            "loads_N": LOADS_N
-            if self.arm.mass_kg is not None and rng.random() < LOADED
-            else (0.0,),
+            "loads_N": LOADS_N if has_masses and rng.random() < LOADED else (0.0,),
             "position_mm": log_uniform(POSITION_MM, rng),
             "poses": self.poses,
             "holdout_share": TRACKED_HOLDOUT,
@@ -165,15 +165,12 @@ class Bench:
 
     def site(self, of: str, robot: Robot) -> Site:
         """Return what the size of an effect at a place of a robot goes by."""
-        of_joint = {}
+        rated_Nm, typical_Nm, coulomb_Nm = 0.0, 0.0, 0.0
         if of.startswith("joint "):
+            every = np.nan_to_num(self.arm.torque_limit_Nm), self.typical_Nm, self.coulomb_Nm
             joint = int(of.removeprefix("joint ")) - 1
-            of_joint = {
-                "rated_Nm": float(np.nan_to_num(self.arm.torque_limit_Nm[joint])),
-                "typical_Nm": float(self.typical_Nm[joint]),
-                "coulomb_Nm": float(self.coulomb_Nm[joint]),
-            }
-        return Site(of, **of_joint, half_m=self.half_m, middle_m=self.middle_m(robot))
+            rated_Nm, typical_Nm, coulomb_Nm = (float(torques[joint]) for torques in every)
+        return Site(of, rated_Nm, typical_Nm, coulomb_Nm, self.half_m, self.middle_m(robot))
 
     def places(self, effect: type[SimulatedEffect]) -> list[str]:
         """Return where an effect does something at this bench."""
@@ -204,11 +201,6 @@ class TouchedBench(Bench):
     def name(self) -> str:
         """Return the layout."""
         return self.layout
-
-    @cached_property
-    def built(self) -> Robot:
-        """One such robot."""
-        return robot_of(self.arm, SimulateOptions(robot=self.robot, built="drawn"))
 
     @cached_property
     def typical_Nm(self) -> Array:

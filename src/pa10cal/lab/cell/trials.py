@@ -8,8 +8,9 @@ that come as measured robots do are in `measured_trials`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -25,7 +26,6 @@ from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.poses import joint_bounds
 from pa10cal.lab.cell.scenario import (
     ATTITUDE_RAD,
-    COULOMB_NM,
     DISTANCE_POSES,
     DRIFTING,
     LAYOUTS,
@@ -114,68 +114,99 @@ def draw_trials(
     count: int,
     random_seed: int,
     study: str = "touched",
-    benches: Sequence[str] = (),
+    benches: Iterable[str] = (),
     *,
+    first: int = 0,
     size: float | None = None,
     only: str = "",
 ) -> tuple[Trial, ...]:
-    """Draw trials of one kind; the same arguments give the same trials.
+    """Draw trials of one kind; the same arguments and number give the same trial.
 
     Every trial has a robot, poses and noise of its own. Singles go through the vocabulary in turn,
     trials outside of it through what it lacks, each effect through the benches where it does
     something; wild trials through what they put in, at a bench that is drawn; of other kinds the
     benches take turns. Singles of trackers have the size that the vocabulary holds for plausible.
-    Trials of a smaller count are the first of a larger one.
 
     Args:
         study: of `STUDIES`, each drawn apart.
         benches: names of those to use, in this order; none for all of the study.
+        first: number of the first trial.
         size: factor of the usual size of all effects; None draws it. It changes nothing else. Not
             of wild trials and drives.
         only: of wild trials one disturbance or effect, or another subject; empty for all in turn.
 
     Raises:
-        SettingsError: for a kind, a bench, a disturbance or an effect that does not exist, or one
-            that means nothing at any of the benches.
+        SettingsError: for no trial, or for a kind, a bench, a disturbance or an effect that does
+            not exist, or one that means nothing at any of the benches.
     """
-    wild = study == "wild"
-    kinds, known = _KINDS_OF.get(study, KINDS), STUDIES[study]
-    problem = _UNKNOWN if wild else "unknown kind of trial"
-    _refuse_unless(kind, kinds, "kind", problem, "name one of these")
-    if kind in SUBJECTS:
-        known = measured_benches()
-    for name in benches if wild else sorted(set(benches)):
-        where, problem = ("benches", _UNKNOWN) if wild else ("--layouts", "no such layout of poses")
-        remedy = "name one of these" if wild else "correct the name"
-        _refuse_unless(name, known, where, problem, remedy)
-    names = tuple(benches) or tuple(known)
-    chosen = {name: known[name] for name in names}
-    subjects = subjects_of(kind) if wild else ()
-    if only:
-        _refuse_unless(only, subjects, "only", _UNKNOWN, "name one of these")
-        subjects = (only,)
-    stream = _STREAMS[study] + kinds.index(kind)
-    trials = []
-    for number in range(count):
-        rng = np.random.default_rng([random_seed, stream, number])
-        subject = subjects[number % len(subjects)] if subjects else ""
-        if study == "drives":
-            bench = chosen[names[number % len(names)]]
-            trials.append(_draw_drives(kind, number, bench, rng))
-        elif not wild:
-            trials.append(_draw_hidden(kind, number, [known[name] for name in names], size, rng))
-        elif kind in SUBJECTS:
-            trials.append(draw_measured(kind, number, subject, chosen, rng))
-        else:
-            trials.append(_draw_wild(kind, number, subject, names, rng))
-    return tuple(trials)
+    if count < 1:
+        _refuse("no trial to run", "--count", count, ["1 or more"], "request more trials")
+    wild, kinds = study == "wild", _KINDS_OF.get(study, KINDS)
+    if kind not in kinds:
+        _refuse(_UNKNOWN if wild else "unknown kind of trial", "kind", kind, kinds)
+    known, names = measured_benches() if kind in SUBJECTS else STUDIES[study], tuple(benches)
+    for name in names if wild else sorted(set(names)):
+        if name not in known and wild:
+            _refuse(_UNKNOWN, "benches", name, known)
+        elif name not in known:
+            _refuse("no such layout of poses", "--layouts", name, known, "correct the name")
+    subjects = subjects_of(kind)
+    if only and only not in subjects:
+        _refuse(_UNKNOWN, "only", only, subjects)
+    subjects, chosen = (only,) if only else subjects, {name: known[name] for name in names or known}
+    draw: Callable[..., Trial] = partial(_draw_hidden, size=size)
+    if wild:
+        draw = draw_measured if kind in SUBJECTS else _draw_wild
+    elif study == "drives":
+        draw = _draw_drives
+    return tuple(
+        draw(
+            kind,
+            number,
+            subjects[number % len(subjects)],
+            chosen,
+            np.random.default_rng([random_seed, _STREAMS[study] + kinds.index(kind), number]),
+        )
+        for number in range(first, first + count)
+    )
 
 
-def _refuse_unless(value: str, known: Iterable[str], where: str, problem: str, remedy: str) -> None:
-    """Refuse a word that is none of those known."""
-    if value not in known:
-        allowed = ", ".join(known)
-        raise SettingsError(problem, where=where, value=value, allowed=allowed, remedy=remedy)
+def _refuse(
+    what: str,
+    where: str,
+    value: object,
+    allowed: Iterable[str],
+    remedy: str = "name one of these",
+) -> NoReturn:
+    raise SettingsError(what, where=where, value=value, allowed=", ".join(allowed), remedy=remedy)
+
+
+def subjects_of(kind: str) -> tuple[str, ...]:
+    """Return what trials of a kind go through in turn: effects, disturbances or other subjects."""
+    every = DISTURBANCES.items()
+    known = {
+        "single": tuple(vocabulary()),
+        "outside": tuple(outside()),
+        "right": ("nothing",),
+        "stressed": tuple(name for name, each in every if each.stressor),
+        "effect": tuple(name for name in vocabulary() if name not in _IN_EVERY_MODEL),
+        "beyond": tuple(nameless()),
+        "fault": tuple(name for name, each in every if not each.stressor),
+        **SUBJECTS,
+    }
+    return known.get(kind, ("",))
+
+
+def trial_counts(counts: Iterable[tuple[str, int]]) -> dict[str, int]:
+    """Return the number of trials of each kind, for Snakemake to divide into jobs.
+
+    Args:
+        counts: kinds and their numbers, as in the settings: rounds, of kinds that go through
+            effects or disturbances in turn.
+    """
+    in_turn = ("single", "outside", "stressed", "beyond", "fault")
+    rounds = {kind: len(subjects_of(kind)) for kind in in_turn} | {"effect": len(vocabulary())}
+    return {kind: number * rounds.get(kind, 1) for kind, number in counts}
 
 
 # Effects hidden in logs that are otherwise in order.
@@ -189,14 +220,31 @@ _MASS_EXCESS = (0.1, 0.3)
 
 
 def _draw_hidden(
-    kind: str, number: int, benches: Sequence[Bench], size: float | None, rng: np.random.Generator
+    kind: str,
+    number: int,
+    subject: str,
+    benches: Mapping[str, Bench],
+    rng: np.random.Generator,
+    *,
+    size: float | None = None,
 ) -> Trial:
-    bench, known, in_turn = _bench_in_turn(kind, number, benches)
+    """Draw a trial that hides a subject, or effects of the vocabulary, or states what is wrong."""
+    effects = outside() if kind == "outside" else vocabulary()
+    if subject:
+        turn, place = divmod(number, len(effects))
+        fit = [bench for bench in benches.values() if bench.places(effects[subject])]
+        if not fit:
+            raise idle(subject, benches, "an arm with masses and logged torques among them")
+        # Layouts of touched balls take turns from effect to effect as well.
+        bench, names = fit[(turn + place * fit[0].touched) % len(fit)], [subject]
+    else:
+        bench = list(benches.values())[number % len(benches)]
+        names = [name for name, effect in effects.items() if bench.places(effect)]
     scenario = Scenario(kind, rng, bench, int(rng.integers(2**31)))
     drifts, settings = bench.drawn_plan(rng)
     scenario.settings |= settings
     while len(scenario.hidden) < _MEMBERS.get(kind, 0):
-        effect = in_turn or known[str(rng.choice(list(known)))]
+        effect = effects[subject or str(rng.choice(names))]
         drawn = effect.plausible_size
         if kind != "single" or bench.touched:
             drawn = log_uniform(SINGLE_SIZES if kind == "single" else OTHER_SIZES, rng)
@@ -217,24 +265,6 @@ def _draw_hidden(
         factors[rng.integers(1, arm.n)] += up * rng.uniform(*_MASS_EXCESS)
         scenario.settings["mass_factor"] = factors.tolist()
     return scenario.trial()
-
-
-def _bench_in_turn(
-    kind: str, number: int, benches: Sequence[Bench]
-) -> tuple[Bench, dict[str, type[SimulatedEffect]], type[SimulatedEffect] | None]:
-    """Return the bench of a trial, the effects that may be hidden there, and whose turn it is."""
-    known = outside() if kind == "outside" else vocabulary()
-    if kind in ("single", "outside"):
-        turn, place = divmod(number, len(known))
-        effect = list(known.values())[place]
-        fit = [bench for bench in benches if bench.places(effect)]
-        if not fit:
-            names = [bench.name for bench in benches]
-            raise idle(effect.id, names, "an arm with masses and logged torques among them")
-        # Layouts of touched balls take turns from effect to effect as well.
-        return fit[(turn + place * fit[0].touched) % len(fit)], known, effect
-    bench = benches[number % len(benches)]
-    return bench, {name: each for name, each in known.items() if bench.places(each)}, None
 
 
 # Wild trials: any arm and instrument, with what ordinary logs have, and with faults.
@@ -261,41 +291,32 @@ _IN_EVERY_MODEL = ("joint_compliance",)
 _TRIES = 2000
 
 
-def subjects_of(kind: str) -> tuple[str, ...]:
-    """Return the disturbances or effects that wild trials of a kind go through in turn."""
-    every = DISTURBANCES.items()
-    return {
-        "right": ("nothing",),
-        "stressed": tuple(name for name, each in every if each.stressor),
-        "effect": tuple(name for name in vocabulary() if name not in _IN_EVERY_MODEL),
-        "beyond": tuple(nameless()),
-        "fault": tuple(name for name, each in every if not each.stressor),
-        **SUBJECTS,
-    }[kind]
-
-
 def _draw_wild(
-    kind: str, number: int, subject: str, benches: Sequence[str], rng: np.random.Generator
+    kind: str,
+    number: int,
+    subject: str,
+    benches: Mapping[str, Bench],
+    rng: np.random.Generator,
 ) -> Trial:
     """Draw a trial that puts in a subject, at a bench where that means anything."""
-    every = DISTURBANCES
+    every, names = DISTURBANCES, list(benches)
     effect = {**vocabulary(), **nameless()}.get(subject)
     put = [every[subject]] if subject in every else []
     stressors = [*subjects_of("stressed"), *_ALSO_AMONG]
     for attempt in range(_TRIES):
         turn = number + number // len(subjects_of(kind)) + attempt // 100
         among = [every[stressors[turn % len(stressors)]]] if kind == "effect" else []
-        name = benches[number % len(benches)] if kind == "right" else str(rng.choice(benches))
-        bench = STUDIES["wild"][name]
+        name = names[number % len(names)] if kind == "right" else str(rng.choice(names))
+        bench = benches[name]
         use = _drawn_use(bench, rng)
         has = _has(bench, use)
         fits = all(has[need] for each in (*put, *among) for need in each.needs)
         if fits and (effect is None or _hides(bench, use, effect)):
-            draw = _draw_wild_touched if bench.touched else _draw_wild_tracked
-            return draw(
-                Scenario(kind, rng, bench, int(rng.integers(2**31))), use, effect, (*put, *among)
-            )
-    raise idle(subject, benches, "benches with what it needs among them")
+            scenario = Scenario(kind, rng, bench, int(rng.integers(2**31)))
+            if bench.touched:
+                return _wild_touched(scenario, effect, (*put, *among))
+            return _wild_tracked(scenario, use, effect, (*put, *among))
+    raise idle(subject, names, "benches with what it needs among them")
 
 
 def _drawn_use(bench: Bench, rng: np.random.Generator) -> dict[str, Any]:
@@ -336,7 +357,7 @@ def _hides(bench: Bench, use: Mapping[str, Any], effect: type[SimulatedEffect]) 
     return not unlogged and bool(bench.places(effect))
 
 
-def _draw_wild_tracked(
+def _wild_tracked(
     scenario: Scenario,
     use: Mapping[str, Any],
     effect: type[SimulatedEffect] | None,
@@ -344,8 +365,7 @@ def _draw_wild_tracked(
 ) -> Trial:
     """Draw the campaign of a tracker."""
     kind, rng, bench = scenario.kind, scenario.rng, scenario.bench
-    of_distance = bench.instrument == "distance"
-    repeats = use["repeats"]
+    of_distance, repeats = bench.instrument == "distance", use["repeats"]
     poses = (_DISTANCE_POSES_BY_REPEATS if of_distance else _POSES_BY_REPEATS)[repeats]
     held_out = round(poses * _HELD_OUT_SHARE) if repeats == 1 else _HELD_OUT
     scenario.settings["without_touches"] = {
@@ -361,7 +381,7 @@ def _draw_wild_tracked(
         "position_mm": round(log_uniform(POSITION_MM, rng), 4),
         "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
     }
-    scenario.settings["disturbances"] = _parameters(put, bench.arm.n, rng)
+    scenario.settings["disturbances"] = _entries(put, scenario)
     if effect is not None:
         of = str(rng.choice(bench.places(effect)))
         size = effect.plausible_size if kind == "effect" else log_uniform(OTHER_SIZES, rng)
@@ -372,28 +392,25 @@ def _draw_wild_tracked(
     return scenario.trial("wild")
 
 
-def _draw_wild_touched(
-    scenario: Scenario,
-    _use: Mapping[str, Any],
-    effect: type[SimulatedEffect] | None,
-    put: Sequence[Disturbance],
+def _wild_touched(
+    scenario: Scenario, effect: type[SimulatedEffect] | None, put: Sequence[Disturbance]
 ) -> Trial:
     """Draw the campaign of touched balls: one of the other trials, shorter and disturbed."""
-    seed, bench = scenario.seed, scenario.bench
-    disturbances = _parameters(put, len(COULOMB_NM), scenario.rng)
-    kind, place, size = "null", 0, None
+    disturbances = _entries(put, scenario)
+    kind, place, size, subject = "null", 0, None, ""
     if effect is not None:
         kind, among = ("single", vocabulary()) if effect.named else ("outside", outside())
-        place, size = list(among).index(effect.id), effect.plausible_size if effect.named else None
-    rng = np.random.default_rng([seed, KINDS.index(kind), place])
-    drawn = _draw_hidden(kind, place, [bench], size, rng)
+        place, subject = list(among).index(effect.id), effect.id
+        size = effect.plausible_size if effect.named else None
+    rng = np.random.default_rng([scenario.seed, KINDS.index(kind), place])
+    drawn = _draw_hidden(kind, place, subject, {TOUCHED: scenario.bench}, rng, size=size)
     hidden = [entry.model_dump() for entry in drawn.settings.hidden_effects]
     for entry in disturbances:
         if entry["id"] == "direction_reversed":
             of, amount = f"joint {entry['parameters']['joint']}", {"tau_c": _FRICTION_NM}
             hidden.append({"id": "friction_torque", "of": of, "parameters": amount})
     raw = drawn.settings.model_dump(exclude={"without_touches"}) | {
-        "random_seed": seed,
+        "random_seed": scenario.seed,
         "disturbances": disturbances,
         "hidden_effects": hidden,
         "loads_N": (0.0, 22.0, 44.0),
@@ -401,13 +418,12 @@ def _draw_wild_touched(
     raw["poses"] |= {"wide_poses": _TOUCHED_POSES}
     settings = parse_section(SimulateOptions, raw, where=drawn.name)
     sizes = drawn.sizes + (1.0,) * (len(hidden) - len(drawn.sizes))
-    return Trial(f"wild-{seed:08x}", scenario.kind, TOUCHED, settings, sizes)
+    return Trial(f"wild-{scenario.seed:08x}", scenario.kind, TOUCHED, settings, sizes)
 
 
-def _parameters(
-    put: Sequence[Disturbance], joints: int, rng: np.random.Generator
-) -> list[dict[str, Any]]:
-    """Draw the parameters of disturbances, for an arm of so many joints."""
+def _entries(put: Sequence[Disturbance], scenario: Scenario) -> list[dict[str, Any]]:
+    """Draw disturbances as the settings hold them."""
+    joints, rng = scenario.bench.arm.n, scenario.rng
     return [{"id": each.id, "parameters": each.draw_parameters(joints, rng)} for each in put]
 
 
@@ -428,7 +444,10 @@ _DRIVE_POSITION_MM = (0.015, 0.035)
 _STAYS = 0.2
 
 
-def _draw_drives(kind: str, _number: int, bench: Bench, rng: np.random.Generator) -> Trial:
+def _draw_drives(
+    kind: str, number: int, _subject: str, benches: Mapping[str, Bench], rng: np.random.Generator
+) -> Trial:
+    bench = list(benches.values())[number % len(benches)]
     scenario = Scenario(kind, rng, bench, int(rng.integers(2**31 - 8)))
     scenario.settings["without_touches"] = bench.plan | {
         "poses": round(log_uniform(DRIVE_POSES, rng) / bench.campaigns),
@@ -480,21 +499,3 @@ def _commanded(arm: Arm, poses: int, rng: np.random.Generator) -> tuple[tuple[fl
     stays[0] = False
     last = np.maximum.accumulate(np.where(stays, 0, np.arange(poses)[:, None]), axis=0)
     return tuple(map(tuple, np.take_along_axis(drawn, last, axis=0).tolist()))
-
-
-def trial_counts(counts: Iterable[tuple[str, int]]) -> dict[str, int]:
-    """Return the number of trials of each kind, for Snakemake to divide into jobs.
-
-    Args:
-        counts: kinds and their numbers, as in the settings: rounds, of kinds that go through
-            effects or disturbances in turn.
-    """
-    rounds = {
-        "single": len(vocabulary()),
-        "outside": len(outside()),
-        "effect": len(vocabulary()),
-        "stressed": len(subjects_of("stressed")),
-        "beyond": len(subjects_of("beyond")),
-        "fault": len(subjects_of("fault")),
-    }
-    return {kind: number * rounds.get(kind, 1) for kind, number in counts}

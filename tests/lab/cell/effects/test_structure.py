@@ -1,13 +1,15 @@
 """Effects of links and base, in the whole chain, against a direct finite evaluation.
 
 The effects are made so small that the posture's own change does not show, and compared as
-displacements of the flange of the stiff arm.
+displacements of the flange of the stiff arm. Those of tool and instrument against their forms.
 """
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pa10cal.lab.cell.effects import structure
+from pa10cal.lab.cell.effects import structure as instrument
 from pa10cal.lab.cell.instruments.instrument import rest_poses
 
 Q = np.random.default_rng(11).uniform(-1.2, 1.2, (8, 6))
@@ -75,14 +77,6 @@ def test_link_torsion(rigid, plain):
     assert_same(moved(rigid, effect), link_moved(rigid, plain, 3, 4, turn_of))
 
 
-def test_a_weight_beyond_the_elbow_bends_the_upper_arm_down(rigid):
-    level = np.array([[0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0]])  # straight out
-    state = (level, np.array([44.0]), np.zeros(1), np.zeros(1))
-    bending = structure.SimulatedLinkBending(c=1e-6).at("upper_arm")
-    stiff, bent = (rest_poses(rigid, effects, *state).T_base_ee[0] for effects in ((), (bending,)))
-    assert bent[2, 3] < stiff[2, 3] - 1e-5
-
-
 def test_base_compliance_tilts_about_x_and_y(rigid, plain):
     other = plain(rigid)
     effect = structure.SimulatedBaseCompliance(cx=TINY, cy=3 * TINY).at("base")
@@ -125,3 +119,33 @@ def test_springs_and_structure_yield_together(robot, plain):
         assert held == pytest.approx(rest.tau_Nm[:, j], abs=1e-8)
     other = rest_poses(robot, (), Q, LOADS, zero, zero)
     assert np.abs(rest.tau_Nm - other.tau_Nm).max() > 1e-4
+
+
+# Effects of apparatus and machine, each against its form written out.
+
+
+POINTS = np.random.default_rng(5).uniform(-0.5, 0.5, (7, 3, 3))
+
+
+def test_scale_stretches_every_axis_by_its_own():
+    s = (1e-4, -2e-4, 3e-5)
+    extra = instrument.SimulatedCmmScale(s=s).at("instrument").read_too_much_m(POINTS)
+    for axis in range(3):
+        assert extra[..., axis] == pytest.approx(s[axis] * POINTS[..., axis], abs=1e-18)
+
+
+def test_squareness_adds_y_to_x():
+    extra = instrument.SimulatedCmmSquareness(xy=1e-4).at("instrument").read_too_much_m(POINTS)
+    assert extra[..., 0] == pytest.approx(1e-4 * POINTS[..., 1], abs=1e-18)
+    assert np.abs(extra[..., 1:]).max() == 0.0
+
+
+def test_tool_sags_across_its_axis_by_its_inclination():
+    sag = instrument.SimulatedToolSag(c=3e-5).at("tool")
+    attitudes = Rotation.random(20, random_state=1).as_matrix()
+    shift = sag.shift_m(attitudes)
+    assert np.abs(shift[:, 2]).max() == 0.0
+    in_world = np.einsum("pij,pj->pi", attitudes, shift)
+    axis = attitudes[:, :, 2]
+    down = np.array([0.0, 0.0, -1.0])
+    assert in_world == pytest.approx(3e-5 * (down - axis * (axis @ down)[:, None]), abs=1e-18)

@@ -201,6 +201,19 @@ def position_columns(arm: Arm, q: Array) -> dict[str, Array]:
     }
 
 
-def points_mm(names: Sequence[str], p_m: Array) -> dict[str, list[float]]:
-    """Return points (B, 3) as campaign.yaml writes them, by name."""
-    return dict(zip(names, (1e3 * p_m).round(MM_DECIMALS).tolist(), strict=True))
+def tool_of(robot: Robot, *, weighed: bool = True, measured: bool = True) -> dict[str, Any]:
+    """Return `tool` of campaign.yaml.
+
+    Args:
+        weighed: whether its mass is stated; a mass of 0 is one that is not.
+        measured: whether it is stated where the targets are.
+    """
+    payload, targets, known = robot.mechanism.payload, robot.targets, 1.0 if weighed else 0.0
+    places_mm = (1e3 * targets.p_ee_stated_m).round(MM_DECIMALS).tolist()
+    stated = {"balls_mm": dict(zip(targets.names, places_mm, strict=True))}
+    return {
+        "mass_kg": known * payload.mass_kg,
+        "com_mm": (1e3 * known * payload.com_m).round(MM_DECIMALS).tolist(),
+        "load_point_mm": (1e3 * payload.load_point_m).round(MM_DECIMALS).tolist(),
+        **(stated if measured else {}),
+    }

@@ -14,8 +14,8 @@ from pa10cal.lab.cell.instruments.instrument import (
     SimulatedInstrument,
     Streams,
     Truth,
-    points_mm,
     position_columns,
+    tool_of,
 )
 from pa10cal.lab.cell.poses import Poses, Schedule, place_poses, sweeps
 from pa10cal.lab.cell.robot import BALL_DIAMETER_M, Departures, Mechanism, Robot
@@ -83,7 +83,6 @@ class TouchTriggerCmm(SimulatedInstrument):
         }
 
     def description(self, robot: Robot) -> dict[str, Any]:
-        payload, targets = robot.mechanism.payload, robot.targets
         stated_mm = self.settings.stated_uncertainty_mm
         return {
             "instrument": {
@@ -91,12 +90,7 @@ class TouchTriggerCmm(SimulatedInstrument):
                 "uncertainty_mm": UNCERTAINTY_MM if stated_mm is None else stated_mm,
             },
             "ball_diameter_mm": round(1e3 * BALL_DIAMETER_M, 4),
-            "tool": {
-                "mass_kg": payload.mass_kg,
-                "com_mm": (1e3 * payload.com_m).round(4).tolist(),
-                "load_point_mm": (1e3 * payload.load_point_m).round(4).tolist(),
-                "balls_mm": points_mm(targets.names, targets.p_ee_stated_m),
-            },
+            "tool": tool_of(robot),
         }
 
     def _touches(self, truth: Truth, rng: np.random.Generator) -> pd.DataFrame:

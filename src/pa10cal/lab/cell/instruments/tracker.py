@@ -14,13 +14,12 @@ from pa10cal.arrays import Array
 from pa10cal.lab.cell.effects.structure import SimulatedBaseDrift
 from pa10cal.lab.cell.individual import need_masses, refuse_unrated
 from pa10cal.lab.cell.instruments.instrument import (
-    MM_DECIMALS,
     SimulatedInstrument,
     Streams,
     Truth,
     as_written,
-    points_mm,
     position_columns,
+    tool_of,
 )
 from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.lab.cell.poses import Schedule, commanded_positions, joint_bounds, one_after_another
@@ -129,24 +128,13 @@ class Tracker(SimulatedInstrument):
         return {"poses": pd.DataFrame(columns)}
 
     def description(self, robot: Robot) -> dict[str, Any]:
-        payload, targets = robot.mechanism.payload, robot.targets
-        stated = points_mm(targets.names, targets.p_ee_stated_m)
-        known = 0.0 if self.plan.unstated is not None else 1.0  # a mass of 0 is one not stated
-        every = self.plan.holdout_every
+        every, weighed = self.plan.holdout_every, self.plan.unstated is None
         # What is read of a file that has no time.
         joints = list(position_columns(robot.arm, np.zeros((0, robot.arm.n))))
-        columns = {
-            "joints": {"names": joints},
-            **self.read_columns(robot),
-        }
+        columns = {"joints": {"names": joints}, **self.read_columns(robot)}
         return {
             "instrument": {"kind": self.kind, "uncertainty_mm": self.stated_mm},
-            "tool": {
-                "mass_kg": known * payload.mass_kg,
-                "com_mm": (1e3 * known * payload.com_m).round(MM_DECIMALS).tolist(),
-                "load_point_mm": (1e3 * payload.load_point_m).round(MM_DECIMALS).tolist(),
-                **({"balls_mm": stated} if self.states_targets else {}),
-            },
+            "tool": tool_of(robot, weighed=weighed, measured=self.states_targets),
             **({"holdout": {"every": every}} if every else {}),
             **({"columns": {"poses": columns}} if self.plan.clock == "none" else {}),
         }

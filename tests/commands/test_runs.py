@@ -1,3 +1,7 @@
+"""Commands for whole runs: `run`, `reproduce`, `chain`, `fleet`."""
+
+from __future__ import annotations
+
 import csv
 import shutil
 from dataclasses import replace
@@ -5,12 +9,153 @@ from pathlib import Path
 
 import pytest
 
-from pa10cal.commands.command_line import main
+from pa10cal.commands.command_line import REFUSED, main, run_command
 from pa10cal.errors import OutputError
 from pa10cal.fit.fitted_model import load_model
+from pa10cal.reports import page, summary
+from pa10cal.reports.summary import CampaignSummary
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import ChainRecord, FleetRecord
+from pa10cal.running import workflow
 from pa10cal.stages import readings
+
+SHIPPED = Path(__file__).parents[2] / "examples/ur10-pose"
+
+
+@pytest.fixture(name="campaign")
+def _campaign(tmp_path, monkeypatch):
+    def never(*_):
+        raise AssertionError("the workflow was started")
+
+    monkeypatch.setattr("pa10cal.running.workflow.run_workflow", never)
+
+    def campaign(name, *changes):
+        folder = tmp_path / name
+        shutil.copytree(SHIPPED, folder)
+        text = (folder / "campaign.yaml").read_text(encoding="utf-8")
+        for old, new in (("name: ur10-pose", f"name: {name}"), *changes):
+            assert old in text
+            text = text.replace(old, new)
+        (folder / "campaign.yaml").write_text(text, encoding="utf-8")
+        return folder
+
+    return campaign
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("robot: ur10", "robott: ur10"), "did you mean 'robot'"),
+        (("robot: ur10", "robot: kr10"), "unknown robot"),
+        (("tracker.txt", "tracker.csv"), "the file is not there (got 'tracker.csv')"),
+        (("name: mine", "name: no"), "YAML reads no, off, false without quotes as false"),
+    ],
+)
+def test_a_folder_is_refused_before_anything_is_started(
+    campaign, tmp_path, capsys, change, message
+):
+    folder = campaign("mine", change)
+    assert run_command("run", [str(folder), "--out", str(tmp_path / "out")]) == REFUSED
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_cannot_be_read_is_refused_before_anything_is_started(
+    campaign, tmp_path, capsys
+):
+    folder = campaign("mine")
+    text = (folder / "tracker.txt").read_text(encoding="utf-8")
+    assert "X [m]" in text
+    (folder / "tracker.txt").write_text(text.replace("X [m]", "East"), encoding="utf-8")
+    assert run_command("run", [str(folder), "--out", str(tmp_path / "out")]) == REFUSED
+    assert "X [m]" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_several_folders_are_a_group_with_a_name_of_its_own(campaign, tmp_path, capsys):
+    one, two = str(campaign("one")), str(campaign("two"))
+    out = ["--out", str(tmp_path / "out")]
+    for words, message in (
+        ([one, two], "without the name of their group"),
+        ([one, two, "--group", "one"], "called like one of its campaigns"),
+        ([one, one, "--group", "both"], "stands in a group twice"),
+        ([one, "--group", "both"], "fewer than two campaigns"),
+        ([one, two, "--group", "a/b"], "letters"),
+    ):
+        assert run_command("run", [*words, *out]) == REFUSED
+        assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+# `pa10cal reproduce`: the whole workflow, then one table and where the report is.
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """Take down which workflows are started, in place of running them."""
+    found = []
+
+    def run_workflow(work, display):
+        found.append(work)
+        display.started(1, "calibrate", "mine")
+        display.finished(1)
+
+    def summarise(results, calibration):
+        about = {"grade": "good", "line": calibration, "verdict": "none", "over": "held-out poses"}
+        errors = {"before_mm": 2.0, "after_mm": 0.1}
+        return CampaignSummary(ChainRecord(campaign=results.name, status="done", **about, **errors))
+
+    monkeypatch.setattr(workflow, "run_workflow", run_workflow)
+    monkeypatch.setattr(summary, "summarise", summarise)
+    monkeypatch.setattr(page, "write_page", lambda *paths: found.append(paths))
+    return found
+
+
+def test_a_line_a_stage_then_one_table_and_the_path_of_the_report(started, capsys):
+    assert main(["reproduce", "--cores", "1"]) == 0
+    shown = capsys.readouterr()
+    assert "mine: calibrate" in shown.err
+    rows = [line.split()[:3] for line in shown.out.splitlines()]
+    for name in ("cell-a", "cell-null", "lightcap2008"):
+        assert [name, "good", "none"] in rows
+    assert "in all 0 s" in shown.out
+    reports = [f"report  results/{name}/report.html" for name in ("cell-a", "cell-null")]
+    assert [line for line in shown.out.splitlines() if line in reports] == reports
+    assert shown.out.endswith("every picture  results/report.html\n")
+    whole, report = started
+    assert whole.command[whole.command.index("--cores") + 1] == "1"
+    assert report == (Path("results"), Path("results/report.html"))
+
+
+def test_figures_alone(started, capsys):
+    assert main(["reproduce", "--figures"]) == 0
+    assert "results/cell-a/figures, results/cell-a/tables" in capsys.readouterr().out
+    (work,) = started
+    assert work.command[-1] == "figures"
+
+
+def test_other_campaigns_stand_in_a_file_of_settings(started, tmp_path, capsys):
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        f"campaigns: [mine]\nresults_dir: {tmp_path / 'out'}\nevaluation: {{calibration: 44N}}\n"
+    )
+    assert main(["reproduce", "--settings", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert "good: 44N" in shown
+    assert "cell-a" not in shown
+    assert started[0].command[started[0].command.index("--configfile") + 1] == str(path)
+
+
+def test_settings_that_do_not_fit_are_refused_before_anything_runs(started, tmp_path, capsys):
+    path = tmp_path / "mine.yaml"
+    path.write_text("campaigns: []\n")
+    assert main(["reproduce", "--settings", str(path)]) == 2
+    assert "key campaigns does not fit" in capsys.readouterr().err
+    assert started == []
+
+
+# Campaigns in one process each, and a fleet of them.
+
 
 EXAMPLE = Path(__file__).parents[2] / "examples/irb120-points"
 
