@@ -158,7 +158,7 @@ def parameters(results: ResultsBundle, case: CalibrationRecord) -> Iterator[Page
         unit, scale = shown_in(after.unit, after.value)
         change = (after.value - before) / (after.tolerance or abs(before) or 1.0)
         by = f"{change:+.2f} tolerances" if after.tolerance else f"{100 * change:+.1f} %"
-        value = with_interval(scale * after.value, scale * after.std)
+        value = with_interval(scale * after.value, scale * (after.std or 0.0))
         rows.append((written(name), f"{scale * before:.4g}", value, unit, by))
     title = "Parameters that had absorbed part of the effects"
     head = "parameter | without the effects | with them, 95 % interval | unit | change"
