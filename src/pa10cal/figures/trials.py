@@ -122,7 +122,9 @@ def draw_trials_intervals(scores: TrialScoresRecord) -> Figure:
     if not len(size):
         raise NothingToShowError("no hidden effect with parameters was named")
     of_parameters = [row for row in scores.rates if row.what.startswith(_OF_PARAMETERS)]
-    inside = next(row for row in of_parameters if row.share and not row.by)
+    inside = next((row for row in of_parameters if row.share and not row.by), None)
+    if inside is None:
+        raise NothingToShowError("this study does not count the intervals of effects")
     rows = [row for row in of_parameters if row.by]
     height = max(50.0, _ROW_MM_OF_INTERVALS * len(rows))
     figure = style.new_figure(height + 44.0, _TITLE_OF_INTERVALS)

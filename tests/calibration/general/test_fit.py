@@ -158,7 +158,7 @@ def test_intervals_are_those_with_the_tilts_that_were_left_at_zero(see):
     found = general("gx4_351s", see("gx4_351s", "point", count=12, noise_m=NOISE_M, tilted=False))
     assert len(found.settled) == 3
     fit = found.fit
-    rows = (fit.whitener @ fit.jacobian).reshape(-1, len(fit.x))
+    rows = (fit.whitener @ found.problem.rows(fit.x).jacobian).reshape(-1, len(fit.x))
     narrow = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
     std = np.sqrt(np.diag(fit.covariance))
     assert np.all(std > 0.99 * narrow)

@@ -54,10 +54,6 @@ class GeneralCalibration(GeneralProblem):
     fit: GeneralSolution  # where it ended
     prior: PriorPart | None = None  # what it started from, and what moved since; None for nothing
 
-    def without_rows(self) -> GeneralCalibration:
-        """Return the calibration without the rows of its fit."""
-        return replace(self, fit=self.fit.without_rows())
-
 
 def calibrate_general(
     arm: Arm,
@@ -94,7 +90,7 @@ def calibrate_general(
     while searched and (rigid := _not_shown(problem, found, springs, sure, one_by_one=assumed)):
         springs = tuple(joint for joint in springs if joint not in rigid)
         problem, kept = _rigid_at(problem, rigid)
-        x_start, found = found.x[kept], found.without_rows()
+        x_start = found.x[kept]
         found, searched = fitted(problem, x_start), assumed
     settled = tilts_not_shown(problem, found)
     by_masses = bool(springs) and source == "masses"
@@ -110,7 +106,6 @@ def calibrate_general(
         covariance = found.covariance[np.ix_(~kept, ~kept)]
         follow = found.covariance[np.ix_(kept, ~kept)] @ np.linalg.inv(covariance)
         about, x_start = found.x[kept], found.x[kept] - follow @ found.x[~kept]
-        found = found.without_rows()
         if by_masses:
             problem = _weighed(problem, x_start, unweighed, payload)
         fewer = fitted(problem, x_start, scatter_start=found.scatter, about=about)
@@ -142,8 +137,7 @@ def at_rest(
         weighed = _weighed(problem, found.x, unweighed, payload)
         if weighed is problem:
             break
-        problem, before = weighed, found.without_rows()
-        del found
+        problem, before = weighed, found
         found = fitted(problem, before.x, scatter_start=before.scatter)
         found = replace(found, iterations=before.iterations + found.iterations)
     return problem, found

@@ -110,7 +110,7 @@ def general_case(
     grid, held_out = average_repeats(single), average_repeats(every.of_kind("holdout"))
     rows = case.rows(grid.states.load_N)
     used, rigid = grid.take(rows), options.with_springs(())
-    nominal = calibrate_general(arm, used, start, payload, rigid, links=False).without_rows()
+    nominal = calibrate_general(arm, used, start, payload, rigid, links=False)
     if prior is None:
         full = calibrate_general(arm, used, start, payload, options)
     else:
@@ -119,7 +119,7 @@ def general_case(
     # Without springs: the whole where it has none, and the frames alone where it had a prior.
     geometry = full if prior is None else nominal
     if full.springs and prior is None:
-        geometry = calibrate_general(arm, used, start, payload, rigid).without_rows()
+        geometry = calibrate_general(arm, used, start, payload, rigid)
     calibrated, load_N = fitted(full), grid.states.load_N
 
     def weighed(poses: Observations) -> Observations:
@@ -301,15 +301,15 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         openly -= {name for name in shown if name.startswith("windup")}
         weights = (term for term in problem.model.terms if isinstance(term, Weights))
         hidden = frozenset(parameter.name for term in weights for parameter in term.parameters)
-    root = np.sqrt(fit.weights)[:, None, None]
+    root, jacobian = np.sqrt(fit.weights)[:, None, None], problem.rows(fit.x).jacobian
     return FitSummary(
         solution=fit,
         pose=problem.observations.pose,
         parameters=parameters,
         covariance=fit.covariance,
         identifiability=fit.identifiability,
-        white=(root * fit.whitener) @ fit.jacobian,
-        position=of_one_target(problem.observations.measured, fit.jacobian),
+        white=(root * fit.whitener) @ jacobian,
+        position=of_one_target(problem.observations.measured, jacobian),
         not_identifiable=openly,
         hidden=hidden,
     )
@@ -372,12 +372,13 @@ def apart(problem: Problem, fit: GeneralSolution) -> GroupOfCampaigns | None:
     reach = reach_of(problem)[free]
     size = reach[shared]
     root = np.sqrt(fit.weights)[:, None, None] * fit.whitener
+    jacobian = problem.rows(fit.x).jacobian[:, :, free]
     rows_of = [
         np.flatnonzero(campaign == k) for k in range(len(problem.observations.measured.campaigns))
     ]
     normals, gradients = [], []  # of each campaign, free unknowns in reaches
     for at in rows_of:
-        white = (root[at] @ fit.jacobian[at][:, :, free] * reach).reshape(-1, len(free))
+        white = (root[at] @ jacobian[at] * reach).reshape(-1, len(free))
         left = np.einsum("pij,pj->pi", root[at], fit.residual[at]).ravel()
         normals.append(white.T @ white)
         gradients.append(white.T @ left)
@@ -395,7 +396,7 @@ def apart(problem: Problem, fit: GeneralSolution) -> GroupOfCampaigns | None:
         at = rows_of[number]
         step, inverse, sampled = of_parts([number])
         others = of_parts([k for k in range(len(rows_of)) if k != number])
-        after = fit.residual[at] + fit.jacobian[at][:, :, free] @ (reach * step)
+        after = fit.residual[at] + jacobian[at] @ (reach * step)
         rms_mm, alone_rms_mm = (
             1e3 * float(np.sqrt(np.average(squares, weights=fit.weights[at])))
             for left in (fit.residual[at], after)

@@ -45,7 +45,6 @@ class GeneralSolution(Solution):
     weights: Array  # (P,) of the poses, 1 where the robust loss leaves them alone
     distance: Array  # (P,) Mahalanobis distance of each pose's residual
     residual: Array  # (P, b) predicted less seen
-    jacobian: Array  # (P, b, k) its derivative
     whitener: Array  # (P, b, b) that makes stated errors and scatter independent and of unit size
     # (k, k) of the unknowns, such that 1.96 standard uncertainties make an interval of 95 %: wider
     # than that of the normal distribution where the scatter was found from few poses (Student's
@@ -56,11 +55,6 @@ class GeneralSolution(Solution):
     identifiability: Identifiability
     # by which factor standard uncertainties are wider for the readings being few
     widening: float = 1.0
-
-    def without_rows(self) -> GeneralSolution:
-        """Return the fit without its rows, the most of what it takes."""
-        none = np.zeros(0)
-        return replace(self, residual=none, jacobian=none, whitener=none)
 
 
 def fit(
@@ -95,8 +89,9 @@ def fit(
         reweighted=weighting.renewed,
         no_worse=_NO_WORSE,
     )
-    x, rows, scatter = found.at, weighting.rows(found.at), weighting.scatter
-    weighted = weighting.weighted
+    x, scatter, weighted = found.at, weighting.scatter, weighting.weighted
+    residual = weighting.rows(x).residual
+    weighting.forget()
     held = span.bounds.held(x, found.equations.gradient)
     free = ~held
     triangle = np.asarray(np.linalg.qr(weighted.rows.reshape(-1, len(x)), mode="r"))
@@ -112,8 +107,7 @@ def fit(
         scatter=scatter.size,
         weights=weighted.weights,
         distance=weighted.distance,
-        residual=rows.residual,
-        jacobian=rows.jacobian,
+        residual=residual,
         whitener=weighted.whitener,
         covariance=scatter.widening**2 * covariance,
         identifiability=identifiability,
@@ -209,6 +203,10 @@ class _WeightedProblem:
             self._last = (x, self._problem.rows(x))
         return self._last[1]
 
+    def forget(self) -> None:
+        """Let the rows of the last point go."""
+        self._last = None
+
     def equations(self, x: Array) -> Equations:
         """Return the problem where the weights were renewed last, with what unknowns expect."""
         weighted, (squares, pull) = self.weighted, self._span.pull(x)
@@ -226,6 +224,7 @@ class _WeightedProblem:
 
     def renewed(self, x: Array, taken: Step) -> Equations:
         """Renew scatter and weights about a point that a step led to."""
+        del self.weighted  # of large campaigns two at once take too much memory
         self._renew(x)
         gained = max(0.0, -float(taken.before.gradient @ taken.step))
         self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
@@ -236,7 +235,7 @@ class _WeightedProblem:
     def _renew(self, x: Array) -> None:
         """Renew scatter and weights about a point."""
         problem, span, rows = self._problem, self._span, self.rows(x)
-        weighted = self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
+        weighted = weighted_rows(problem, rows, self.scatter, self._robust)
         information = weighted.normal + span.precision
         size = np.sqrt(np.diag(information))
         upper = np.linalg.cholesky(information / np.outer(size, size), upper=True)
@@ -248,7 +247,9 @@ class _WeightedProblem:
         self._before = self.scatter
         self.scatter = found.halfway(self.scatter) if self._turns else found
         if self.scatter.size != self._before.size:
-            self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
+            del weighted
+            weighted = weighted_rows(problem, rows, self.scatter, self._robust)
+        self.weighted = weighted
 
     def arrived(self, x: Array, taken: Step) -> bool:
         """Return whether step and weights have converged."""
