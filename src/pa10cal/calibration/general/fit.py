@@ -30,6 +30,8 @@ _THERE = 1e-5
 #: Weights that nobody stated and springs make a curved valley, along which stiffness and weights
 #: change and no prediction does: there steps a little longer than these end the search.
 _ALONG_A_VALLEY = 200.0
+#: Rows that are decomposed at once: a copy of all would take as much memory as nothing else.
+_AT_ONCE = 100_000
 #: Growth of the weighted squares that counts as rounding, relative.
 _NO_WORSE = 1e-9
 #: Reach of an unknown in its scale, where it has no physical range that bounds it.
@@ -94,7 +96,7 @@ def fit(
     weighting.forget()
     held = span.bounds.held(x, found.equations.gradient)
     free = ~held
-    triangle = np.asarray(np.linalg.qr(weighted.rows.reshape(-1, len(x)), mode="r"))
+    triangle = _triangle(weighted.rows.reshape(-1, len(x)))
     with_known = np.concatenate([triangle, span.rows[: span.known]])
     identifiability = _identified(with_known, problem.scale, span.reach, span.known)
     root = np.linalg.inv(np.linalg.qr(np.concatenate([triangle, span.rows])[:, free], mode="r"))
@@ -117,6 +119,14 @@ def fit(
         reason=found.reason,
         widening=scatter.widening,
     )
+
+
+def _triangle(rows: Array) -> Array:
+    """Return R of the QR decomposition of rows (r, k); of many rows part by part."""
+    if len(rows) <= _AT_ONCE:
+        return np.asarray(np.linalg.qr(rows, mode="r"))
+    parts = np.array_split(rows, -(-len(rows) // _AT_ONCE))
+    return _triangle(np.concatenate([np.linalg.qr(part, mode="r") for part in parts]))
 
 
 def _step_ahead(here: Equations, free: Mask) -> float:
