@@ -113,6 +113,14 @@ def test_of_a_few_trials_it_is_drawn_or_has_nothing_to_show(few, draw):
         draw(read(TrialScoresRecord, few))
 
 
+def test_a_study_that_counts_no_intervals_has_none_to_show(full):
+    """Trials of unstated masses and of sorted rows have parameters, and no rate of theirs."""
+    scores = read(TrialScoresRecord, full)
+    others = tuple(row for row in scores.rates if not row.what.startswith("parameter"))
+    with pytest.raises(NothingToShowError, match="does not count"):
+        draw_trials_intervals(scores.model_copy(update={"rates": others}))
+
+
 @pytest.mark.usefixtures("project_looks")
 def test_the_matrix_shows_every_count(full):
     scores = read(TrialScoresRecord, full)

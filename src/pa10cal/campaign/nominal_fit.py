@@ -221,8 +221,8 @@ def steps_agree(T_base_ee: Array, p_m: Array) -> bool:
     for part in (slice(None), slice(third), slice(-third, None)):
         one, two = moved_m[part], seen_m[part]
         as_they_stand = _correlation(one, two)
-        away = (_correlation(one[1:], two[:-1]), _correlation(one[:-1], two[1:]))
-        if np.nanmax(away, initial=0.0) > max(AGREE, np.nan_to_num(as_they_stand) + 1.0 - AGREE):
+        away = np.fmax(_correlation(one[1:], two[:-1]), _correlation(one[:-1], two[1:]))
+        if away > max(AGREE, np.nan_to_num(as_they_stand) + 1.0 - AGREE):
             return True
     return False
 
