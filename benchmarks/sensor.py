@@ -59,9 +59,9 @@ def main() -> int:
         memory_GB = 1e-6 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         assert verdict.holdout is not None
         line = f"{name}: held out {verdict.holdout.after.rms_mm:.4f} mm rms"
-        if verdict.bands is not None:
-            train, holdout = verdict.inside95
-            line += f", inside 95 % intervals {train:.3f} fitted, {holdout:.3f} held out"
+        if (scatter := verdict.pose_scatter) is not None:
+            line += f", inside 95 % intervals {scatter.inside95_train:.3f} fitted"
+            line += f", {scatter.inside95_holdout:.3f} held out"
         poses = len(campaign.observations)
         took = f"{calibrated:.0f} s to calibrate {poses} poses, {seconds:.0f} s to search"
         print(f"{line}; {took}, {memory_GB:.2f} GB", flush=True)

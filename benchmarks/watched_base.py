@@ -68,9 +68,7 @@ def campaign_of(seed: int, base_targets: int, walk_mm: float) -> Watched:
     rng = np.random.default_rng(seed)
     seen = observations_of(measure(draw_individual(arm, plan, rng), _plain(plan), seed))
     start = find_start(arm, seen)
-    unknowns = choose_unknowns(
-        arm, options.tolerances, seen.measured, start.T_instr_base, start.targets_m
-    )
+    unknowns = choose_unknowns(arm, options.tolerances, seen.measured, start)
     robot = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(seed))
     walk = DisturbanceOptions(
         id="random_walk",

@@ -163,7 +163,7 @@ def shows(text, expected):
     [
         (None, "there is no campaign.yaml"),
         ("name: .hidden", "letters, digits"),
-        ("name: curve", "none of blind_trials"),
+        ("name: curve", "none of curve, datasets"),
         ("robot: ur11", "ur11"),
     ],
 )

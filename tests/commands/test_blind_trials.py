@@ -279,4 +279,4 @@ def test_a_verdict_without_a_truth_is_refused(reduced, tmp_path, capsys):
     assert score(tmp_path, truths, truths)[0] == REFUSED
     assert "not a record of this kind" in capsys.readouterr().err
     assert score(tmp_path, [tmp_path / "gone"], truths)[0] == REFUSED
-    assert "cannot be read" in capsys.readouterr().err
+    assert "the records are missing" in capsys.readouterr().err
