@@ -15,14 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames, placed, roll_pitch_yaw
-from pa10cal.arm.urdf_reading import (
-    MOVING,
-    UrdfJoint,
-    as_comment,
-    origin_of,
-    parse_urdf,
-    read_tree,
-)
+from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, as_comment, origin_of, parse_urdf, read_tree
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import ArmError
 

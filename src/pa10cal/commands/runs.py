@@ -80,13 +80,7 @@ def run(
             )
 
     from pa10cal.planning.campaign import raw_files
-    from pa10cal.running.workflow import (
-        RunDisplay,
-        StageError,
-        Workflow,
-        run_workflow,
-        settings_of,
-    )
+    from pa10cal.running.workflow import RunDisplay, StageError, Workflow, run_workflow, settings_of
 
     own = [] if settings is None else [settings]
     over: dict[str, Any] = {"campaigns": names}

@@ -18,12 +18,7 @@ from urllib.parse import quote
 import pandas as pd
 import yaml
 
-from pa10cal.campaign.description import (
-    DESCRIPTION_FILE,
-    SCHEMA,
-    JointPositions,
-    read_description,
-)
+from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, JointPositions, read_description
 from pa10cal.campaign.raw_rows import Quarantined, quarantine_csv
 from pa10cal.errors import OutputError, RawDataError
 from pa10cal.files.output import FORMER, folder_beside, whole_files, writing_into

@@ -22,11 +22,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import calibrate
-from pa10cal.calibration.general.calibrate import (
-    GeneralCalibration,
-    calibrate_general,
-    find_start,
-)
+from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
 from pa10cal.calibration.general.problem import Unknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.paper import parameter_records
@@ -35,11 +31,7 @@ from pa10cal.evaluation.options import CoverageCaseOptions, CoverageOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.fit.loads import with_torques
-from pa10cal.lab.cell.campaign import (
-    SimulatedCampaign,
-    measure_campaign,
-    simulate_campaign,
-)
+from pa10cal.lab.cell.campaign import SimulatedCampaign, measure_campaign, simulate_campaign
 from pa10cal.lab.cell.individual import draw_individual
 from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.lab.cell.robot import GRAVITY_M_S2, Departures, Mechanism, Robot

@@ -21,13 +21,7 @@ from pa10cal.frame.rigid_fit import Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.observe.order import with_arrivals
-from pa10cal.observe.quantities import (
-    Comparison,
-    Deviations,
-    Misfit,
-    Start,
-    Words,
-)
+from pa10cal.observe.quantities import Comparison, Deviations, Misfit, Start, Words
 from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import TermParameter
 

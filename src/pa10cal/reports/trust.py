@@ -11,15 +11,7 @@ from typing import Any
 import numpy as np
 
 from pa10cal.reports.blocks import Beside, Callout, Grid, Items, PageBlock, Paragraph, folded, grid
-from pa10cal.reports.formatting import (
-    NOT_KNOWN,
-    count,
-    listed,
-    mm,
-    named,
-    sentence,
-    written,
-)
+from pa10cal.reports.formatting import NOT_KNOWN, count, listed, mm, named, sentence, written
 from pa10cal.reports.pictures import plane_drawings, poses_drawing
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results import discovery

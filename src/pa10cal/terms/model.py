@@ -12,15 +12,7 @@ import numpy as np
 from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_and_screws
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.terms.term import (
-    Report,
-    Term,
-    TermParameter,
-    Yielding,
-    identity,
-    shows_torque,
-    yields,
-)
+from pa10cal.terms.term import Report, Term, TermParameter, Yielding, identity, shows_torque, yields
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,11 +25,7 @@ from pa10cal.calibration.general.calibrate import (
     find_start,
 )
 from pa10cal.calibration.general.fit import GeneralSolution, fit
-from pa10cal.calibration.general.problem import (
-    check_enough,
-    choose_unknowns,
-    with_unknown_frames,
-)
+from pa10cal.calibration.general.problem import check_enough, choose_unknowns, with_unknown_frames
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted import FallBack, Fitted

@@ -25,14 +25,7 @@ from pa10cal.results.calibration import Redundant
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, OfCampaign, OfPart
-from pa10cal.terms.term import (
-    Offsets,
-    Term,
-    TermParameter,
-    base_frame,
-    link_departures,
-    tool_frame,
-)
+from pa10cal.terms.term import Offsets, Term, TermParameter, base_frame, link_departures, tool_frame
 from pa10cal.terms.weights import Weights
 
 # Which parameters arm and instrument can identify: complete, since every one with an effect is

@@ -51,13 +51,7 @@ from pa10cal.discovery.next_poses import (
     unresolved,
     without_repeats,
 )
-from pa10cal.discovery.noise import (
-    AS_FOUND,
-    Noise,
-    PoseDeviations,
-    scatter_of,
-    share_inside,
-)
+from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
 from pa10cal.discovery.short_forms import Arena
 from pa10cal.discovery.verdict import Plan, Searched

@@ -28,12 +28,7 @@ from pa10cal.discovery.blocked_cv.family import (
     start,
     within_bounds,
 )
-from pa10cal.discovery.blocked_cv.survey import (
-    BLOCKS,
-    BlockedRows,
-    Products,
-    ShapedEffect,
-)
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, Products, ShapedEffect
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.preparation import is_fault

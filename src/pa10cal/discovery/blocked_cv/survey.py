@@ -23,12 +23,7 @@ from pa10cal.discovery.linear import (
     unknowns,
     with_base_term,
 )
-from pa10cal.discovery.noise import (
-    Noise,
-    PoseWeights,
-    noise_of_near_poses,
-    with_torque_noise,
-)
+from pa10cal.discovery.noise import Noise, PoseWeights, noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AngleCoverage, angles_seen

@@ -41,11 +41,7 @@ from pa10cal.discovery.evidence.search import (
 )
 from pa10cal.discovery.gap import PairedErrors, gap, left_by
 from pa10cal.discovery.in_time import STILL, in_time_of, motion_unexplained, steps_in_time
-from pa10cal.discovery.lack_of_fit import (
-    CellResiduals,
-    lack_of_fit,
-    pure_error_test,
-)
+from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.linear import by_every_joint, possible_sizes, residual
 from pa10cal.discovery.next_poses import separating_poses, unresolved
 from pa10cal.discovery.noise import same_circumstances, whitener_of
