@@ -83,6 +83,13 @@ def test_rows_are_excluded_with_the_reason_that_is_stated(raw, where, left_out):
     assert not found.wrong_rows
 
 
+def test_a_label_with_a_colon_is_no_line_of_a_file(raw):
+    raw.poses[:] = [line.replace("P003", "S1:40") for line in raw.poses]
+    found = read(raw, exclude=[{"where": "S1:40", "why": "bumped"}])
+    assert len(found.quarantined) == 3
+    assert "S1:40" not in found.observations.pose
+
+
 def test_excluded_rows_may_be_many_and_unreadable(raw):
     for k in range(1, 61):
         raw.poses[k] = raw.poses[k].replace(",grid,", ",?,", 1)

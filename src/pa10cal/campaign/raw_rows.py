@@ -223,7 +223,7 @@ def joined_listings(listings: Mapping[str, Path]) -> str:
 
 #: Beginning of the reason of rows that campaign.yaml excludes.
 EXCLUDED = "excluded"
-_LINES = re.compile(r"(?:.*:|lines?\s+)(?P<first>\d+)(?:\s*(?:-|–|to)\s*(?P<last>\d+))?")
+_LINES = re.compile(r"(?:.*\.\w+:|lines?\s+)(?P<first>\d+)(?:\s*(?:-|–|to)\s*(?P<last>\d+))?")
 _READING = re.compile(
     r"(?:pose )?(?P<label>[^,]+?)(?:, (?P<load>[-+.\d]+) N)?(?:, repeat (?P<repeat>\d+))?"
 )
@@ -331,7 +331,7 @@ def same_commands(q: Array, tolerance: float) -> NDArray[np.intp]:
 
 
 def groups_joined(one: Index, other: Index, count: int) -> Index:
-    """Return the number of each of so many things' group, where each of one is joined to other."""
+    """Number the connected groups of things, of which pairs (one[k], other[k]) belong together."""
     graph = coo_array((np.ones(len(one), dtype=np.int8), (one, other)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
 

@@ -19,14 +19,15 @@ def chain(
     source: Path | None = None,
     settings: ChainOptions = ChainOptions(),
 ) -> None:
-    """Take a campaign, or a group of several, from raw files to its model in one process.
+    """Take a campaign from raw files to its model, or a group of campaigns that ran, in one process.
 
     Writes the same files as the single stages, as one of many: a campaign that is refused, or that
     a fault of the program ends, stops no other. `chain.json` states its outcome, and files that
     earlier runs wrote for stages that did not run are removed.
 
     Args:
-        campaign_dir: folder of raw files; of a group several, whose results lie beside --results.
+        campaign_dir: folder of raw files; of a group several, whose own results lie beside
+            --results already.
         results: folder of the campaign's results.
         dataset: public data set that the folder of raw files is imported of first.
         source: folder of that data set.

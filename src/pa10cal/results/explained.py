@@ -84,7 +84,7 @@ _CLAUSES: Mapping[str, str] = {
     "thermal_growth": "the links grow with temperature",
     "tool_sag": "the tool sags under its weight",
     "tool_stated": "the tool is not what is stated",
-    "wrist_coupling": "joint 5 turns joint 6 along",
+    "wrist_coupling": "the last joint is turned along by the one before it",
 }
 #: Words of those clauses, of one place and of several.
 _WORDS: Mapping[str, tuple[str, str]] = {
@@ -115,8 +115,8 @@ class ExplainedEffect(Part):
     # `assumed` where its size is known relative to weights that nobody stated
     weights: Literal["assumed"] | None = optional()
     share: float  # part of the variance of the error beyond noise that it takes away, 0 to 1
-    before_mm: float  # root mean square error without it [mm]
-    after_mm: float  # root mean square error with it [mm]
+    before_mm: float  # root mean square error without it alone, all else fitted again [mm]
+    after_mm: float  # root mean square error with all effects [mm]
 
 
 class Explained(Part):
