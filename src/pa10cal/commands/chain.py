@@ -19,7 +19,7 @@ def chain(
     source: Path | None = None,
     settings: ChainOptions = ChainOptions(),
 ) -> None:
-    """Take a campaign from raw files to its model, or a group of campaigns that ran, in one process.
+    """Take a campaign from raw files to its model, or a group of campaigns that ran, in one go.
 
     Writes the same files as the single stages, as one of many: a campaign that is refused, or that
     a fault of the program ends, stops no other. `chain.json` states its outcome, and files that
