@@ -106,20 +106,14 @@ def weighted_rows(
         weights = (limit / np.maximum(distance, limit)) ** 2
     root = np.sqrt(weights)
     scaled = root[:, None, None] * whitener
-    parts = problem.observations.measured.parts_seen
-    if len(parts) == 1:
-        weighted = _times(scaled, rows.jacobian)
-        flat = weighted.reshape(-1, weighted.shape[2])
-        normal = flat.T @ flat
-    else:
-        # In the poses of one campaign of a group those of others are zero, and not in products.
-        weighted = np.zeros_like(rows.jacobian)
-        normal = np.zeros((weighted.shape[2],) * 2)
-        for at, columns in parts:
-            own = _times(scaled[at, columns, columns], rows.jacobian[at, columns])
-            weighted[at, columns] = own
-            flat = own.reshape(-1, own.shape[2])
-            normal += flat.T @ flat
+    # In the poses of one campaign of a group those of others are zero, and stay out of products.
+    weighted = np.zeros_like(rows.jacobian)
+    normal = np.zeros((weighted.shape[2],) * 2)
+    for at, columns in problem.observations.measured.parts_seen:
+        own = _times(scaled[at, columns, columns], rows.jacobian[at, columns])
+        weighted[at, columns] = own
+        flat = own.reshape(-1, own.shape[2])
+        normal += flat.T @ flat
     return WeightedRows(root[:, None] * white, weighted, normal, weights, distance, whitener)
 
 

@@ -30,8 +30,6 @@ _THERE = 1e-5
 #: Weights that nobody stated and springs make a curved valley, along which stiffness and weights
 #: change and no prediction does: there steps a little longer than these end the search.
 _ALONG_A_VALLEY = 200.0
-#: Rows that are decomposed at once: a copy of all would take as much memory as nothing else.
-_AT_ONCE = 100_000
 #: Growth of the weighted squares that counts as rounding, relative.
 _NO_WORSE = 1e-9
 #: Reach of an unknown in its scale, where it has no physical range that bounds it.
@@ -92,11 +90,9 @@ def fit(
         no_worse=_NO_WORSE,
     )
     x, scatter, weighted = found.at, weighting.scatter, weighting.weighted
-    residual = weighting.rows(x).residual
-    weighting.forget()
     held = span.bounds.held(x, found.equations.gradient)
     free = ~held
-    triangle = _triangle(weighted.rows.reshape(-1, len(x)))
+    triangle = np.asarray(np.linalg.qr(weighted.rows.reshape(-1, len(x)), mode="r"))
     with_known = np.concatenate([triangle, span.rows[: span.known]])
     identifiability = _identified(with_known, problem.scale, span.reach, span.known)
     root = np.linalg.inv(np.linalg.qr(np.concatenate([triangle, span.rows])[:, free], mode="r"))
@@ -109,7 +105,7 @@ def fit(
         scatter=scatter.size,
         weights=weighted.weights,
         distance=weighted.distance,
-        residual=residual,
+        residual=weighting.rows(x).residual,
         whitener=weighted.whitener,
         covariance=scatter.widening**2 * covariance,
         identifiability=identifiability,
@@ -119,14 +115,6 @@ def fit(
         reason=found.reason,
         widening=scatter.widening,
     )
-
-
-def _triangle(rows: Array) -> Array:
-    """Return R of the QR decomposition of rows (r, k); of many rows part by part."""
-    if len(rows) <= _AT_ONCE:
-        return np.asarray(np.linalg.qr(rows, mode="r"))
-    parts = np.array_split(rows, -(-len(rows) // _AT_ONCE))
-    return _triangle(np.concatenate([np.linalg.qr(part, mode="r") for part in parts]))
 
 
 def _step_ahead(here: Equations, free: Mask) -> float:
@@ -213,10 +201,6 @@ class _WeightedProblem:
             self._last = (x, self._problem.rows(x))
         return self._last[1]
 
-    def forget(self) -> None:
-        """Let the rows of the last point go."""
-        self._last = None
-
     def equations(self, x: Array) -> Equations:
         """Return the problem where the weights were renewed last, with what unknowns expect."""
         weighted, (squares, pull) = self.weighted, self._span.pull(x)
@@ -234,7 +218,6 @@ class _WeightedProblem:
 
     def renewed(self, x: Array, taken: Step) -> Equations:
         """Renew scatter and weights about a point that a step led to."""
-        del self.weighted  # of large campaigns two at once take too much memory
         self._renew(x)
         gained = max(0.0, -float(taken.before.gradient @ taken.step))
         self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
@@ -245,7 +228,7 @@ class _WeightedProblem:
     def _renew(self, x: Array) -> None:
         """Renew scatter and weights about a point."""
         problem, span, rows = self._problem, self._span, self.rows(x)
-        weighted = weighted_rows(problem, rows, self.scatter, self._robust)
+        weighted = self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
         information = weighted.normal + span.precision
         size = np.sqrt(np.diag(information))
         upper = np.linalg.cholesky(information / np.outer(size, size), upper=True)
@@ -257,9 +240,7 @@ class _WeightedProblem:
         self._before = self.scatter
         self.scatter = found.halfway(self.scatter) if self._turns else found
         if self.scatter.size != self._before.size:
-            del weighted
-            weighted = weighted_rows(problem, rows, self.scatter, self._robust)
-        self.weighted = weighted
+            self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
 
     def arrived(self, x: Array, taken: Step) -> bool:
         """Return whether step and weights have converged."""
