@@ -25,7 +25,7 @@ from pa10cal.datasets.readers import dataset_named
 from pa10cal.discovery.blocked_cv.by_blocks import VerdictByBlocks
 from pa10cal.discovery.noise import share_inside
 from pa10cal.discovery.preparation import setup_of
-from pa10cal.evaluation.holdout import prepared
+from pa10cal.evaluation.holdout import poses_for_model
 from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.observe.order import with_arrivals
 from pa10cal.options import DiscoveryOptions
@@ -77,8 +77,8 @@ def _transfer(campaign: pa10cal.Campaign, found: VerdictByBlocks, source: str, t
     every = with_arrivals(campaign.observations)[0]
     errors, inside = {}, float("nan")
     for name, model in (("calibrated", found.baseline), ("with effects", found.model)):
-        moved = refit_frames(model, prepared(every, "grid", model, setup))
-        poses = [prepared(every, kind, model, setup) for kind in ("grid", "holdout")]
+        moved = refit_frames(model, poses_for_model(every, "grid", model, setup))
+        poses = [poses_for_model(every, kind, model, setup) for kind in ("grid", "holdout")]
         squares = np.concatenate([moved.deviations(each).distance_mm ** 2 for each in poses])
         errors[name] = float(np.sqrt(squares.mean()))
     if found.scatter is not None:

@@ -106,6 +106,11 @@ def test_an_exclusion_that_meets_nothing_is_refused(raw):
             read(raw, exclude=[{"where": where, "why": "none"}])
 
 
+def test_excluding_every_row_is_refused(raw):
+    with pytest.raises(Pa10calError, match=r"every row is excluded.*correct exclude"):
+        read(raw, exclude=[{"where": "lines 2 to 999", "why": "all bad"}])
+
+
 def test_repeats_are_known_by_the_scatter_of_what_is_read_back(raw):
     rng = np.random.default_rng(5)
     changed(raw, lambda q_deg, _: q_deg + rng.uniform(-0.002, 0.002, 6))

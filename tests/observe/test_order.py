@@ -16,7 +16,7 @@ from pa10cal.observe.order import (
     reversed_joints,
     slow_joints,
     with_arrivals,
-    with_what_tells_time,
+    with_time_validity,
 )
 from pa10cal.observe.points import Distance
 
@@ -79,17 +79,17 @@ def ordered(every, by):
 def test_rows_that_follow_a_joint_or_the_load_give_no_time(random_order, by, driver):
     every = ordered(random_order, by)
     assert [str(found) for found, _ in goes_with(every)] == [driver]
-    marked, (why,) = with_what_tells_time(every, NONE_SLIDES, recorded=True)
+    marked, (why,) = with_time_validity(every, NONE_SLIDES, recorded=True)
     assert driver in why
     assert not marked.states.tells_time
 
 
 def test_rows_in_random_order_give_time_where_it_was_recorded(random_order):
     assert goes_with(random_order) == ()
-    same, why = with_what_tells_time(random_order, NONE_SLIDES, recorded=True)
+    same, why = with_time_validity(random_order, NONE_SLIDES, recorded=True)
     assert same is random_order
     assert why == ()
-    marked, (why,) = with_what_tells_time(random_order, NONE_SLIDES, recorded=False)
+    marked, (why,) = with_time_validity(random_order, NONE_SLIDES, recorded=False)
     assert "not recorded" in why
     assert not marked.states.tells_time
     assert not marked.take(np.arange(5)).states.tells_time

@@ -212,8 +212,8 @@ _QUARTER = np.pi / 2.0
 def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | None:
     """Return the calibration file of the driver; None where the arm has another layout.
 
-    What the last row departs by across its joint's axis (a, alpha, beta) has no place in it; see
-    `flange_off_m`. Coordinates (m,) are calibrated ones, at zero joint positions.
+    A flange that is off or tilted across the last joint's axis (a, alpha, beta) has no place in it:
+    see `flange_off_m`. Coordinates (m,) are calibrated ones, at zero joint positions.
     """
     T_base_frames = _frames_as_designed(chain)
     if T_base_frames is None:
@@ -364,7 +364,7 @@ def _orientation(
 ) -> tuple[tuple[str, ...], Callable[[Rotation], Array], Callable[[Array], Rotation]]:
     if angles not in _ORIENTATION:
         raise ArmError(
-            "no angles of a controller that are known",
+            "unknown angle convention",
             where="angles",
             value=angles,
             allowed=", ".join(get_args(Angles)),

@@ -33,6 +33,8 @@ from pa10cal.terms.term import TermParameter
 
 #: Remaining error over the noise above which a model lacks something.
 OVER_NOISE = 1.25
+#: Remaining error over the noise above which the sentence of a good grade states both.
+NOTICED = 1.1
 #: Standard deviations by which chance may exceed a limit.
 BY_CHANCE = 3.0
 #: What the places of the targets of one apparatus leave, over what is to be expected: they are few
@@ -43,8 +45,6 @@ OVER_EXPECTED = 1.3
 #: Stated over found uncertainty, either way, above which one of them is wrong; of orientations,
 #: whose uncertainty is mostly not stated but taken from that of positions, above which a unit is.
 STATED_OFF = 3.0
-#: So many times the noise is more than the noise alone explains; the grade says so.
-NOTICED = 1.1
 ATTITUDE_OFF = 30.0
 #: The same of a stated uncertainty of touched balls that is larger: it holds what all touches of a
 #: ball share (form of ball and stylus), which repeats do not show.

@@ -86,7 +86,7 @@ def check_input(
     return (
         *_temperature(campaign, every, words),
         *weights_finding(arm),
-        *_shape(campaign, arm, grid, options),
+        *_target_places(campaign, arm, grid, options),
         *itertools.islice(others, 1),
     )
 
@@ -198,7 +198,7 @@ class _Checked:
         rms_mm = 1e3 * float(np.sqrt(np.average(squares, weights=found.fit.weights)))
         return rms_mm, max(stated_mm, self.repeats_mm)
 
-    def puts_right(self, q: Array, nominal_m: float) -> bool:
+    def may_be_offered(self, q: Array, nominal_m: float) -> bool:
         """Return whether changed joints are right: for the nominal arm, and for a calibrated one.
 
         Args:
@@ -244,7 +244,7 @@ def _attitudes(checked: _Checked) -> InputFinding | None:
 
 
 def _gravity(checked: _Checked) -> InputFinding | None:
-    """Try gravity along the other axes of the base, under springs that give to the masses.
+    """Try gravity along the other axes of the base, with joints elastic under the masses described.
 
     An arm that hangs or stands on a wall says so by `gravity_m_s2` in the frame of its base.
     """
@@ -319,7 +319,7 @@ def _other_gravity(
     )
 
 
-def _shape(
+def _target_places(
     campaign: CampaignDescription, arm: Arm, grid: Observations, options: CalibrationOptions
 ) -> Iterator[InputFinding]:
     """Compare the places of targets with those stated: among each other, and on the arm."""
@@ -396,7 +396,7 @@ NOT_DEPARTURES_M = 0.01
 #: A change must leave so much less to be believed, by the nominal arm and by a calibrated one.
 NOMINAL_LEFT = 1.0 / 3.0
 CALIBRATED_LEFT = 0.4
-#: Masters of joints are never so far off [rad].
+#: Mastering of a joint is never off by more than this [rad].
 NO_MASTERING_RAD = float(np.radians(1.0))
 #: A change that puts the nominal arm so much further off is not tried with a calibration.
 WORTH_TRYING = 3.0
@@ -490,7 +490,7 @@ def _signs_and_order(checked: _Checked) -> InputFinding | None:
         made.append(best)
     if left_m > NOMINAL_LEFT * first_m or left_m > max(NOT_DEPARTURES_M, 0.1 * first_m):
         return None
-    right = checked.puts_right(q, left_m)
+    right = checked.may_be_offered(q, left_m)
     return _changed(made, checked, 1e3 * first_m, 1e3 * left_m, "the nominal arm fits to", right)
 
 
@@ -510,7 +510,7 @@ def _small_signs(checked: _Checked) -> InputFinding | None:
     left_mm, nominal_m, best = min(tried, key=lambda each: each[0])
     if not left_mm < CALIBRATED_LEFT * now_mm < np.inf:
         return None
-    right = checked.puts_right(best.of(q), nominal_m)
+    right = checked.may_be_offered(best.of(q), nominal_m)
     return _changed([best], checked, now_mm, left_mm, "the arm calibrates to", right)
 
 
@@ -551,7 +551,7 @@ def _joint_zeros(checked: _Checked) -> InputFinding | None:
     left_m = checked.nominal_misfit_m(moved)
     if left_m > NOMINAL_LEFT * first_m:
         return None
-    right = checked.puts_right(moved, left_m)
+    right = checked.may_be_offered(moved, left_m)
     off_deg, offsets = float(np.degrees(zeros_rad[k])), checked.offsets_deg
     offsets[k] = round(offsets[k] + off_deg, 3)
     then = "" if right else f", {STILL_WRONG}"

@@ -1,8 +1,13 @@
-"""Covariance of calibrated parameters, from what repeats show and what they cannot.
+"""Errors of predicted poses, their uncertainty, and the covariance of calibrated parameters.
 
-The estimate is a minimum, so an error e_i of pose i moves it by an influence G_i, to first order
-and through both levels. Errors that repeats show are independent between poses; an error in the
-places of the tooling balls on the apparatus is the same in all poses and is added whole.
+In this order: accuracy as the paper states it, held-out errors, the covariance of the paper's
+parameters (`propagate`), parameters as records hold them, and scatter of repeats against what is
+stated.
+
+A fit ends at a minimum, so an error e_i of pose i moves the estimate by an influence G_i, to first
+order and through both levels of the paper's calibration (arm parameters outside, base frame
+inside). Errors that repeats show are independent between poses; an error in the places of the
+tooling balls on their apparatus at the end effector is the same in all poses and is added whole.
 """
 
 from __future__ import annotations
@@ -57,7 +62,7 @@ def summarise_by_load(found: Deviations, load_N: Array) -> dict[str, Accuracy]:
 def summarise_trusted(
     before: Deviations, after: Deviations, load_N: Array, flagged: NDArray[np.bool_]
 ) -> dict[str, BeforeAfter]:
-    """Summarise deviations of two models at every load that has flagged configurations, without.
+    """Summarise, for each load with flagged configurations, two models over those not flagged.
 
     Args:
         before, after: over P configurations.
@@ -81,7 +86,10 @@ def targets_seen(measured: Instrument) -> Array:
 
 
 def of_one_target(measured: Instrument, jacobian: Array) -> Array:
-    """Return the positions (P, c, k) of a derivative (P, b, k), as large as those of one target."""
+    """Return the position rows (P, c, k) of a derivative (P, b, k), per target.
+
+    They are divided by the root of the number of targets seen: their norm is that of one target.
+    """
     share = np.sqrt(targets_seen(measured))[:, None, None]
     return np.asarray(jacobian[:, measured.position_columns] / share)
 
@@ -178,7 +186,7 @@ def propagate(
     at_solution: TwoLevelRows,
     observations: Observations[Pose],
     inner_rows: NDArray[np.intp],
-    terms: Array,
+    tolerance_rows: Array,
     r_max_m: float,
     u_apparatus_m: float,
 ) -> Array:
@@ -186,7 +194,7 @@ def propagate(
 
     Args:
         observations: measured poses with their covariances.
-        terms: (r, k) tolerance rows of the solve.
+        tolerance_rows: (r, k) tolerance rows of the solve.
         u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
 
     Returns:
@@ -196,9 +204,9 @@ def propagate(
     J, by_base = at_solution.jacobian, at_solution.by_base
     k = J.shape[2]
     flat = J.reshape(-1, k)
-    size = np.sqrt(np.sum(flat**2, axis=0) + np.sum(terms**2, axis=0))
+    size = np.sqrt(np.sum(flat**2, axis=0) + np.sum(tolerance_rows**2, axis=0))
     size[size == 0.0] = 1.0
-    normal = (flat.T @ flat + terms.T @ terms) / np.outer(size, size)
+    normal = (flat.T @ flat + tolerance_rows.T @ tolerance_rows) / np.outer(size, size)
     normal_inverse = np.linalg.pinv(normal, hermitian=True) / np.outer(size, size)
     through = J.transpose(0, 2, 1).copy()  # (N, k, 6): what e_i does to the outer gradient
     base_influence = np.zeros((len(J), 6, 6))

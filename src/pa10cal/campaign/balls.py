@@ -53,7 +53,8 @@ def locate_balls(
     """Find the centres of all balls and the suspected outliers of touches (C, B, T, 3), padded.
 
     Touches that in general do not lie on spheres of this diameter are refused, and other balls than
-    those of the tool. Outliers are more sigmas of one touch off their ball than is given.
+    those of the tool. A touch is an outlier where it is more than `outlier_sigma` standard
+    uncertainties of a touch off its ball; `where` names the file in messages.
     """
     C, B, T = valid.shape
     radius_mm, names = 0.5 * float(campaign.ball_diameter_mm or np.nan), campaign.ball_names
@@ -345,7 +346,7 @@ def _fits(
 def _linearise_tool(
     p_mm: Array, weight: Array, R: Array, origin: Array, balls_mm: Array, radius_mm: float
 ) -> tuple[Array, Array]:
-    """Return derivative (C, BT, 6) of the reach of (dp, w) along each normal, and residuals."""
+    """Return residuals, after their derivative (C, BT, 6) by small motions (dp, w) of the tool."""
     arm = balls_mm @ np.swapaxes(R, 1, 2)
     normal, residual = _from_centres(p_mm, weight, origin[:, None, :] + arm, radius_mm)
     turning = np.cross(np.broadcast_to(arm[:, :, None, :], normal.shape), normal)

@@ -1,4 +1,4 @@
-"""Targets on the base in a raw file, and the motion of the instrument taken out of the readings."""
+"""Targets on the base: read, checked, and the motion that they show taken out of the readings."""
 
 from __future__ import annotations
 
@@ -158,10 +158,10 @@ def steadied(
 
 def _fits_worse(before: Instrument, after: Instrument, T_base_ee: Array) -> bool:
     """Return whether the nominal arm, however placed, surely fits worse without the motion."""
-    moving, still = misfit_of(before, T_base_ee), misfit_of(after, T_base_ee)
-    if moving is None or still is None:
+    uncorrected, corrected = misfit_of(before, T_base_ee), misfit_of(after, T_base_ee)
+    if uncorrected is None or corrected is None:
         return False
-    gain_m = np.nanmean(moving.length_m - still.length_m, axis=1)
+    gain_m = np.nanmean(uncorrected.length_m - corrected.length_m, axis=1)
     blocks = np.array([block.mean() for block in np.array_split(gain_m, _BLOCKS)])
     surely = _SURELY * blocks.std(ddof=1) / np.sqrt(_BLOCKS)
     return bool(blocks.mean() < -surely)

@@ -65,6 +65,7 @@ Name = Annotated[str, StringConstraints(min_length=1)]
 Names = Annotated[tuple[Name, ...], BeforeValidator(_some), Field(min_length=1)]
 Three = Annotated[tuple[Name, ...], BeforeValidator(_some), Field(min_length=3, max_length=3)]
 One = Annotated[tuple[Name], BeforeValidator(_some)]
+# No single u: it marks columns of uncertainties.
 Target = Annotated[str, StringConstraints(pattern=r"^([A-Za-tv-z0-9]|[A-Za-z0-9]{2,})$")]
 
 
@@ -328,6 +329,8 @@ def refuse_too_many(
     rows, totals = sorted(rows), dict(totals)
     for row in rows:
         totals[row.file] -= row.reason.startswith(EXCLUDED)  # as its user wants it
+        if not totals[row.file]:
+            raise _refusal("none left", row.file, None)
     for name, total in totals.items():
         listed = [r for r in rows if r.file == name and not r.reason.startswith(EXCLUDED)]
         if len(listed) <= max_fraction * total and len(listed) < total:

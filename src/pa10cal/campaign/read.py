@@ -32,7 +32,7 @@ from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations, average_repeats
-from pa10cal.observe.order import with_what_tells_time
+from pa10cal.observe.order import with_time_validity
 from pa10cal.options import IngestOptions
 from pa10cal.results.health import InputFinding
 from pa10cal.yaml_file import refusals_beside
@@ -157,7 +157,7 @@ def read_campaign(
                 "holdout: {every: 5} in campaign.yaml does",
             )
     recorded = ingested.timed and description.time_recorded
-    every, of_time = with_what_tells_time(every, arm.prismatic, recorded=recorded)
+    every, of_time = with_time_validity(every, arm.prismatic, recorded=recorded)
     kinds = set(every.kind)
     if "grid" not in kinds:
         remedy = "; ".join((*ingested.warnings, "check the column kind"))

@@ -237,13 +237,15 @@ CANDIDATES = 12
 def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations:
     """Return where the arm stood: the dwells of a log of motion, or every row of a list of poses.
 
-    There are so many readings. The still speed is raised to what the joints' read-back scatters.
+    The still speed is raised to the scatter of the joints' read-back.
     """
     if len(samples) >= DENSE * readings:
         step_s = np.diff(samples.time_s)
         travel = np.abs(np.diff(samples.q_deg, axis=0)).max(axis=1, initial=0.0)
         small = travel[travel <= np.quantile(travel, 2.0 * STANDS)]
-        scatter_deg_s = SCATTER * float(np.median(small)) / max(0.3, float(np.median(step_s)))
+        scatter_deg_s = (
+            SCATTER * float(np.median(small)) / max(SPEED_WINDOW_S, float(np.median(step_s)))
+        )
         dwells = find_dwells(samples, max(still_deg_s, scatter_deg_s))
         if len(dwells) >= 2:
             return dwells
@@ -384,13 +386,13 @@ class TwoLogs:
     def read(
         self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
     ) -> RawRows:
-        """Read columns of the contract, joined; see `RawFile.read`."""
+        """Read columns of the contract, joined; those `together` all or none (`RawFile.read`)."""
         self._refuse_exchanged()
         q = position_columns(self.arm.prismatic)
         of_joints = {*q, *together, *(f"u_{name}" for name in (*q, *together))}
         own, theirs = set(self.readings.names), set(self.joints.names)
         there = [name for name in required if name not in of_joints]
-        # Labels that the joints' log has, or that are made; of the kinds of rows none is.
+        # Labels that the joints' log has, or that are made; `kind` is never made.
         labels = [
             name
             for name in there

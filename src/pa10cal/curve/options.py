@@ -53,8 +53,10 @@ _Range = tuple[FiniteFloat, FiniteFloat]
 class LimitOptions(Section):
     """Limits of every joint [deg]."""
 
-    a_deg: _Range = Field((-180.0, 180.0), description="of the first angle of a joint")
-    b_deg: _Range = Field((-180.0, 180.0), description="of the second")
+    a_deg: _Range = Field(
+        (-180.0, 180.0), description="of the rotation about z, whatever the order"
+    )
+    b_deg: _Range = Field((-180.0, 180.0), description="of the rotation about y")
 
 
 class GaitOptions(Section):
@@ -65,18 +67,22 @@ class GaitOptions(Section):
     )
     period_s: FiniteFloat = Field(description="of a wave or a turn; negative: backwards")
     seconds: Positive = Field(description="how long it moves")
-    shapes: Annotated[int, Field(ge=2, le=2000)] = Field(50, description="moments worked out")
+    shapes: Annotated[int, Field(ge=2, le=2000)] = Field(
+        50, description="number of shapes that are computed over these seconds"
+    )
     move_deg: Annotated[FiniteFloat, Field(ge=0)] = Field(
-        0.0, description="move of a joint from one moment to the next, for smaller angles"
+        0.0,
+        description="largest move of a joint between successive shapes that is accepted to make "
+        "the largest angle smaller; 0: the roll that moves least",
     )
 
 
 class CurveOptions(Section):
-    """A curve as links."""
+    """Settings of `pa10cal curve`: a curve approximated by straight links with two-axis joints."""
 
     curve: Shape | None = Field(None, description="a shape by name, where no points are given")
     through: Literal["spline", "closed_spline", "straight"] = Field(
-        "spline", description="what goes through points"
+        "spline", description="what joins given points"
     )
     link_m: Positive | None = Field(None, description="length of a link; else equal links are laid")
     links: Annotated[int, Field(ge=1)] | None = Field(None, description="how many, at most")

@@ -122,7 +122,11 @@ def _best_first(found: Iterable[tuple[Effect, float]]) -> list[Effect]:
 
 @dataclass(frozen=True, eq=False)
 class _LinearProblem:
-    """A model and its poses, linear about its point; all unknowns are fitted anew."""
+    """A model and its poses, linear about its point; all unknowns are fitted anew.
+
+    Unknowns are scaled by the standard deviations thought possible, which are their prior about
+    where they are; weights alone are expected about what is assumed.
+    """
 
     at: FittedModel  # the extended model, its base's own term last
     poses: Observations  # those fitted
@@ -137,12 +141,13 @@ class _LinearProblem:
         at, poses = found.extended.at, found.train.poses
         left, jacobian = residual_and_jacobian(at, poses)
         weights = pose_weights(left, float(jacobian.shape[2]), poses.measured)
-        gap, logged = found.trusted_holdout, found.prepared.torques == "logged"
+        trusted_holdout, logged = found.trusted_holdout, found.prepared.torques == "logged"
         terms = at.model.terms
         named = [e for e in sought(found.context, terms) if is_named(e) and e not in terms]
         candidates, _ = computable(named, poses.states, logged=logged, weights=True)
-        held_out, whitener = None if gap is None else gap.poses, weights.whiteners()
-        return cls(at, poses, held_out, whitener, tuple(candidates), _moments(at, poses))
+        held_out = None if trusted_holdout is None else trusted_holdout.poses
+        whitener, moments = weights.whiteners(), _moments(at, poses)
+        return cls(at, poses, held_out, whitener, tuple(candidates), moments)
 
     def rigid(self, *springs: JointSpring) -> _LinearProblem:
         """Return the problem with some joints rigid."""
@@ -221,7 +226,7 @@ class _LinearProblem:
     def errors_mm(self, poses: Observations) -> Array:
         """Return position errors (P,) that are left of poses, to first order.
 
-        Where a spring goes others take over by bounds: no point of the model, but what is left.
+        The step may take other springs beyond their bounds: that is no model, but what is left.
         """
         left, jacobian = residual_and_jacobian(self.at, poses)
         return error_mm(poses.measured, left + jacobian @ (self.step * self.sizes))
@@ -243,7 +248,7 @@ class _LinearProblem:
         """Yield effects that explain the poses, each alone, as well as some springs together."""
         for effect, columns in rigid.of_candidates() if springs > 1 else ():
             with_it = rigid.squares_with(columns)
-            # The shape of moments costs what it costs the springs.
+            # Only linear parameters count: the shape of the moments is not penalised.
             fewer = (springs - effect.linear) * np.log(self.readings)
             if 0.5 * (with_it - self.squares - fewer) < needed:
                 yield effect, with_it
@@ -314,8 +319,8 @@ class _LinearProblem:
     def stiffness(self, spring: JointSpring) -> tuple[float, float, float, float]:
         """Return stiffness [N m/rad], its uncertainty, the largest sag [rad], its uncertainty.
 
-        Poses show how far a joint sags. Its stiffness is what the torque of the assumed weights
-        varies by, over what the sag does.
+        Poses show how far a joint sags. Its stiffness is the standard deviation over the poses of
+        the torque of the assumed weights, over that of the sag.
         """
         model, x = self.at.model, self.at.x
         joint, states = spring.joint - 1, self.poses.states

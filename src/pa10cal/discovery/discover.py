@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 # The verdict on a campaign that can be calibrated, and in which effects cannot be sought.
 
 
-class TooLittle(NamedTuple):
-    """What a campaign lacks for a search, and what would do."""
+class CannotSearch(NamedTuple):
+    """Why effects cannot be sought in a campaign, and what to do about it."""
 
     why: str
     remedy: str
@@ -75,8 +75,9 @@ class NotSought(Verdict[object]):
         return found, found
 
 
-def not_sought(campaign: Prepared, calibrated: FittedModel, reason: TooLittle) -> NotSought:
+def not_sought(campaign: Prepared, calibrated: FittedModel, reason: CannotSearch) -> NotSought:
     """Return the verdict on a campaign in which effects cannot be sought."""
+    # Nothing was found: the extended model is the calibrated one, with a base term of zeros.
     # Weights other than described are unknowns of a search; here the model stays as it was given.
     campaign = replace(campaign, baseline=calibrated.with_bends())
     baseline, setup = campaign.baseline, campaign.setup
@@ -112,7 +113,7 @@ _NO_ATTITUDE_RAD = 0.05
 #: Poses that carry a name alone and are left out, one after the other.
 _MOST_CARRIERS = 3
 #: A calibration that started from a model with maps, which searches would have to fit anew.
-_HAS_MAPS = TooLittle(
+_HAS_MAPS = CannotSearch(
     "the calibrated model has maps of joints already, of the model that it started from",
     "calibrate without the prior to search; or use the model as it is",
 )
@@ -126,9 +127,15 @@ def discover(
 ) -> Verdict[object]:
     """Find which effects are missing from a calibrated model.
 
-    By single readings of all kinds, with the instrument's covariance, and by what was found wrong
-    and is not among them for that. Held-out poses serve nothing but the gap. In a campaign with too
-    few poses or repeats nothing is sought, and the verdict says so.
+    In a campaign with too few poses or repeats nothing is sought, and the verdict says so.
+
+    Args:
+        every: single readings of all kinds, with the covariance that the instrument states;
+            held-out ones are used for the gap alone.
+        model: the calibrated model.
+        setup: what is known of the campaign besides the readings.
+        wrong: findings about configurations that ingest quarantined, which are not in `every`; they
+            become faults of the verdict.
 
     Raises:
         CalibrationError: when a joint with a spring has no torque.
@@ -177,11 +184,13 @@ def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:
     try:
         return discover_by_repeats(campaign)
     except DiscoveryError as error:  # repeats show no noise, as where readings were copied
-        lacking = TooLittle(f"{error.what} ({error.value})", error.remedy or "measure them again")
+        lacking = CannotSearch(
+            f"{error.what} ({error.value})", error.remedy or "measure them again"
+        )
         return not_sought(campaign, model, lacking)
 
 
-def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | None:
+def attitudes_off(readings: Observations, baseline: FittedModel) -> CannotSearch | None:
     """Return that orientations are others than the arm's, as in another convention; None if not."""
     for kind, at in readings.measured.component_kinds:
         if not kind.startswith("attitude"):
@@ -189,7 +198,7 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | 
         left_rad = np.abs(residual(baseline, readings)[:, at])
         typical_rad = float(np.median(left_rad[readings.measured.components_seen[:, at]]))
         if typical_rad > _NO_ATTITUDE_RAD:
-            return TooLittle(
+            return CannotSearch(
                 f"the orientations are {np.degrees(typical_rad):.0f} deg off those of the "
                 "calibrated model, typically",
                 "check the order and the sense of qw, qx, qy, qz, and the findings of the "
@@ -205,11 +214,11 @@ def judged_by_blocks(readings: Observations) -> bool:
     return len(readings) >= LEAST_FOR_BLOCKS and repeats < least
 
 
-def too_little(readings: Observations, baseline: FittedModel) -> TooLittle | None:
+def too_little(readings: Observations, baseline: FittedModel) -> CannotSearch | None:
     """Return what a campaign lacks for a search that is judged by repeats; None for nothing."""
     repeats = repeated(readings)
     if repeats < LEAST_DIFFERENCES:
-        return TooLittle(
+        return CannotSearch(
             f"{len(readings)} readings of calibration poses are too few to hold out blocks of "
             f"them, and with {repeats} repeats the repeatability is not known",
             f"measure at least {LEAST_FOR_BLOCKS} calibration poses, or repeat at least "
@@ -220,7 +229,7 @@ def too_little(readings: Observations, baseline: FittedModel) -> TooLittle | Non
     components = float(readings.measured.components_seen.sum(axis=1).mean())
     needed = int(np.ceil(_ROWS_AN_UNKNOWN * unknowns / components))
     if poses < needed:
-        return TooLittle(
+        return CannotSearch(
             f"{poses} calibration poses are too few to separate an effect from the {unknowns} "
             "unknowns of the model",
             f"measure at least {needed} calibration poses, well spread over the joints' ranges",

@@ -41,12 +41,12 @@ class GivesWay(EvidenceOfSag):
     weights: Literal["assumed", "total", "logged"] = Field(exclude=True)  # where they come from
 
 
-#: A name without one pose keeps more of what speaks for it than this, or that pose carries it.
+#: One pose carries a name where less than this part of what speaks for it remains without it.
 CARRIED = 0.5
 
 
 class MayHaveCarrier(Part):
-    """Statistics that one pose may make, as a gross error does; that is not written."""
+    """Statistics that one pose may make, as a gross error does; result files leave that out."""
 
     # the one pose without which not half of this would be left, and too little for a name; None
     # where there is no such pose

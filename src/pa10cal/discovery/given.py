@@ -317,6 +317,6 @@ class Extended:
     # joint angles that its maps have learnt from; None where it has learnt nothing that stops
     # there
     seen: AngleCoverage | None = None
-    # times at which the verdict has it that instrument or base moved at once [s], the most certain
+    # times at which the verdict has it that instrument or base moved suddenly [s], the most certain
     # first
     steps_s: tuple[float, ...] = ()

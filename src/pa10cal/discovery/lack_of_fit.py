@@ -82,17 +82,16 @@ _STEPS_A_PEAK = 5
 _LARGEST_STEP = 0.25
 
 
-def joint_errors(screws: Array, left: Array) -> tuple[Array, Array]:
+def joint_errors(jacobian: Array, white_residual: Array) -> tuple[Array, Array]:
     """Return errors of the joints by least squares, (C, n) [rad, m], and their standard deviations.
 
-    That is by how much further joints stand than the model says. Components (C, b, 1), measured
-    less predicted, are whitened by the noise of each cell, as is how they follow the joints
-    (C, b, n).
+    That is by how much further joints stand than the model says. Residuals (C, b, 1), measured less
+    predicted, are whitened by the noise of each cell, as is their Jacobian by the joints (C, b, n).
     """
-    across = screws.transpose(0, 2, 1)
-    covariance = np.linalg.inv(across @ screws + np.eye(screws.shape[2]) / POSSIBLE_RAD**2)
+    across = jacobian.transpose(0, 2, 1)
+    covariance = np.linalg.inv(across @ jacobian + np.eye(jacobian.shape[2]) / POSSIBLE_RAD**2)
     std_rad: Array = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    return (covariance @ (across @ left))[:, :, 0], std_rad
+    return (covariance @ (across @ white_residual))[:, :, 0], std_rad
 
 
 def periodogram(
@@ -100,7 +99,8 @@ def periodogram(
 ) -> records.Periodogram | None:
     """Return the periodogram of one joint's error by its angle, None where it hardly turned.
 
-    It is that of Lomb and Scargle, generalised: a constant is free. Orders are marked where joints
+    It is that of Lomb and Scargle, generalised: a constant is free; of each order it has the root
+    mean square that a sinusoid explains, not its amplitude. Orders are marked where joints
     are known to err: once and twice a turn of the joint, once and twice a turn of the motor, whose
     gear ratio is nan where not known. Angles, errors and weights are those of the cells, (C,).
     """
@@ -171,7 +171,7 @@ class CellResiduals:
     cells: Observations  # the cells, complete
     components: Array  # (C, b) measured minus predicted [m, rad]
     cov: Array  # (C, b, b) covariance of the cells' noise
-    screws: Array  # (C, b, n) how the components follow the joints
+    screws: Array  # (C, b, n) Jacobian of the components by the joints
     torque_Nm: Array | None = None  # (C, n) logged minus predicted; None where not known
     torque_noise_Nm: Array | None = None  # (n,) standard deviation of one reading
 
@@ -183,16 +183,16 @@ class CellResiduals:
 
 
 def lack_of_fit(
-    left: CellResiduals, pure_error: records.PureErrorTest | None = None
+    residuals: CellResiduals, pure_error: records.PureErrorTest | None = None
 ) -> records.LackOfFit:
     """Compute where a model and the data disagree.
 
     With the test of what poses share against pure error, None without repeats.
     """
-    cells, states = left.cells, left.cells.states
-    squares = error_mm(cells.measured, left.components) ** 2
-    noise = 1e6 * np.trace(position_noise(cells.measured, left.cov), axis1=1, axis2=2)
-    found_m, found_m2 = position_m(left.at, cells, left.components, left.cov)
+    cells, states = residuals.cells, residuals.cells.states
+    squares = error_mm(cells.measured, residuals.components) ** 2
+    noise = 1e6 * np.trace(position_noise(cells.measured, residuals.cov), axis1=1, axis2=2)
+    found_m, found_m2 = position_m(residuals.at, cells, residuals.components, residuals.cov)
     position_mm, noise_mm2 = 1e3 * found_m, 1e6 * found_m2
     weight = cells.readings.astype(float)
     return records.LackOfFit(
@@ -202,7 +202,7 @@ def lack_of_fit(
             for load in dict.fromkeys(states.load_N.tolist())
         ),
         by_axis=tuple(map(_part, AXES, position_mm.T**2, noise_mm2.T)),
-        by_joint=tuple(_by_joint(left)),
+        by_joint=tuple(_by_joint(residuals)),
         drifts=tuple(
             records.Drift(
                 axis=axis,
@@ -218,13 +218,15 @@ def _part(of: str, squares: Array, noise: Array) -> records.ErrorPart:
     return records.ErrorPart(of=of, rms_mm=_root_mean(squares), floor_mm=_root_mean(noise))
 
 
-def _by_joint(left: CellResiduals) -> Iterator[records.JointPart]:
+def _by_joint(residuals: CellResiduals) -> Iterator[records.JointPart]:
     """Yield what is left as an error of each joint, its torque besides."""
-    last, most = len(left.cells) - 1, min(len(left.cells), MOST_CELLS)
+    last, most = len(residuals.cells) - 1, min(len(residuals.cells), MOST_CELLS)
     shown = np.unique(np.linspace(0, last, most).round().astype(int))
-    cells, arm = left.cells.take(shown), left.at.arm
-    white = whitener_of(left.cov[shown])
-    errors = joint_errors(white @ left.screws[shown], white @ left.components[shown, :, None])
+    cells, arm = residuals.cells.take(shown), residuals.at.arm
+    white = whitener_of(residuals.cov[shown])
+    errors = joint_errors(
+        white @ residuals.screws[shown], white @ residuals.components[shown, :, None]
+    )
     for j, (error_rad, std_rad) in enumerate(zip(errors[0].T, errors[1].T, strict=True)):
         q_rad, arrival, weight = cells.states.q_rad[:, j], cells.states.arrival[:, j], std_rad**-2.0
         share, arrivals = weight / weight.sum(), []
@@ -233,9 +235,9 @@ def _by_joint(left: CellResiduals) -> Iterator[records.JointPart]:
                 of = mean(error_rad[rows], weight[rows], cells.pose[rows])
                 arrivals.append(records.Arrival(direction=sign, mean_rad=of.value, std_rad=of.std))
         torque_Nm = noise_Nm = None
-        if left.torque_Nm is not None and left.torque_noise_Nm is not None:
-            torque_Nm = rounded(left.torque_Nm[shown, j])
-            noise_Nm = _root_mean(left.torque_noise_Nm[j] ** 2 / left.cells.readings)
+        if residuals.torque_Nm is not None and residuals.torque_noise_Nm is not None:
+            torque_Nm = rounded(residuals.torque_Nm[shown, j])
+            noise_Nm = _root_mean(residuals.torque_noise_Nm[j] ** 2 / residuals.cells.readings)
         yield records.JointPart(
             joint=j + 1,
             rms_rad=float(np.sqrt(share @ error_rad**2)),

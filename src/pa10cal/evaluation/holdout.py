@@ -86,10 +86,10 @@ class Evaluation:
             models = {UNCALIBRATED: FittedModel(rigid, np.zeros(0), T_instr_base), **models}
 
         # Those far from the last model, which knows most, by what its own poses scatter.
-        *_, best = models.values()
+        *_, last_model = models.values()
         suspected = None
         if kind == "holdout" and not elsewhere and (every.kind == "grid").any():
-            suspected = preparation.prepared(every, best, setup).suspected
+            suspected = preparation.prepared(every, last_model, setup).suspected
 
         def judged(
             model: FittedModel, every: Observations, seen: AngleCoverage | None
@@ -99,13 +99,13 @@ class Evaluation:
             if elsewhere:
                 there = placed(model, every, setup, cuts_s)
                 model, left_mm = there.model, there.rms_mm
-            poses = prepared(every, kind, model, setup, cuts_s)
+            poses = poses_for_model(every, kind, model, setup, cuts_s)
             beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
             return held_out_errors(model, poses, beyond, suspected), left_mm
 
         learnt = None if extended is None else extended.seen
         # In another campaign what is new is told by the same angles for all models.
-        seen = learnt or best.seen if elsewhere else None
+        seen = learnt or last_model.seen if elsewhere else None
         found, left_mm = {}, np.inf
         for name, model in models.items():
             found[name], left_mm = judged(model, every, seen)
@@ -231,7 +231,7 @@ def said_of_parts(parts: Sequence[results.PartOfCampaign]) -> str:
     ]
     if not moves:
         return ""
-    return f"instrument or base moved at once, by {', '.join(moves)}: a base for every part"
+    return f"instrument or base moved suddenly, by {', '.join(moves)}: a base for every part"
 
 
 def summary(record: results.HoldoutRecord, *, springs: bool) -> str:
@@ -252,7 +252,7 @@ def summary(record: results.HoldoutRecord, *, springs: bool) -> str:
 _MOST_POINTS = 500
 
 
-def prepared(
+def poses_for_model(
     every: Observations,
     kind: str,
     model: FittedModel,
@@ -274,7 +274,7 @@ def held_out_errors(
     extrapolated: Mask | None = None,
     suspected: Mask | None = None,
 ) -> results.HeldOutModel:
-    """Return errors of one model over P poses `prepared` for it, by load, point and pose.
+    """Return errors of one model over P `poses_for_model`, by load, point and pose.
 
     Some leave the joint angles that the model has learnt from, (P,); None where it has learnt
     nothing that stops there. Some have a suspected reading, (P,); None for none.
@@ -329,14 +329,14 @@ def constant_tool_twist(R_predicted: Array, R_measured: Array) -> results.ToolTw
     )
 
 
-# A campaign in which instrument or base moved at once: a base for every part of it, one tool. The
+# A campaign in which instrument or base moved suddenly: a base for every part of it, one tool. The
 # search in time (`discovery.in_time`) looks at what the carried model leaves of the calibration
 # poses; held-out poses have no part in it.
 
 #: Calibration poses of a part, and components seen in them, from which on it has its own base.
 _LEAST_POSES = 10
 _LEAST_COMPONENTS = 30
-#: Base and tool that were fitted to the poses whose scatter weighs them.
+#: Unknowns of base and tool that were fitted to the poses: so many degrees of freedom less.
 _FRAMES = 12
 
 
@@ -359,7 +359,7 @@ def placed(
     """
     logged = bool(np.isfinite(every.states.tau_Nm).all())
     model = with_tool_of(model, setup.payload, logged=logged)
-    poses = prepared(every, "grid", model, setup, cuts_s)
+    poses = poses_for_model(every, "grid", model, setup, cuts_s)
     there = refit_frames(model, poses, cuts_s)
     return Placed(there, poses, summarise(there.deviations(poses)).rms_mm)
 
@@ -367,11 +367,11 @@ def placed(
 def steps_elsewhere(
     model: FittedModel, every: Observations, setup: MeasurementSetup
 ) -> tuple[float, ...]:
-    """Return when instrument or base moved at once [s], by what a carried model leaves.
+    """Return when instrument or base moved suddenly [s], by what a carried model leaves.
 
-    None where the search in time tells no step as a fact, as where the order of rows is no time,
-    and in a group, each of whose campaigns has its own base. Base and tool of the model were fitted
-    to the calibration poses.
+    Empty where the search in time finds no step that is certain, where the order of rows is no
+    time, and in a group, each of whose campaigns has its own base. Base and tool of the model were
+    fitted to the calibration poses.
     """
     readings = every.of_kind("grid").turned(model.R_ee_target)
     if readings.measured.campaigns or not len(readings):

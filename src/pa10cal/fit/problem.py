@@ -1,4 +1,7 @@
-"""A model and what was measured as a least-squares problem: residual rows and their derivative."""
+"""A model and what was measured as a least-squares problem: residual rows and their derivative.
+
+Then Gaussian priors of its unknowns, and how readings or another fit disagree with one.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ class Solution:
 
     x: Array  # (k,) parameters
     at_bound: NDArray[np.bool_]  # (k,) parameters held at the end of their physical range
-    cost: float  # weighted sum of squares, with what is expected besides the data
+    cost: float  # weighted sum of squares, that of the prior among them
     iterations: int  # steps taken
     converged: bool  # whether it stopped by itself, at a stationary point
     reason: str  # why it stopped, in words
@@ -38,13 +41,13 @@ class Solution:
 
 @dataclass(frozen=True)
 class Problem:
-    """A model, the observations, and where the frames are about."""
+    """A model and its observations: unknowns are the model's, then free coordinates of targets."""
 
     model: Model  # chain and terms: links, springs, tool, base
     # coordinates of targets that are unknowns, as indices into `target_parameters`
     places: NDArray[np.intp]
-    places_m: Array  # (t,) about where the targets sit
-    T_instr_base: Array  # (4, 4) where the base is when its term is zero
+    places_m: Array  # (t,) all coordinates of targets, approximate where they are unknowns
+    T_instr_base: Array  # (4, 4) base frame from which the base's term makes small motions
     # P poses, an orientation turned so that the tool's own is near that of the chain
     observations: Observations
 
@@ -70,8 +73,8 @@ class Problem:
         return self.observations.measured.components_seen
 
     @cached_property
-    def numbers_seen(self) -> tuple[Index, Index]:
-        """Return the numbers of components that poses have, and which of them each has (P,)."""
+    def distinct_numbers_seen(self) -> tuple[Index, Index]:
+        """Return the distinct numbers of components seen, and which of these each pose has (P,)."""
         numbers, at = np.unique(self.components_seen.sum(axis=1), return_inverse=True)
         return numbers, at
 

@@ -141,7 +141,7 @@ def _limit(problem: Problem, distance: Array, least: float) -> Array:
     It goes by the scatter, or by the typical pose where that lies closer: many wrong ones make the
     scatter too wide to show any of them. It is at least this part of the former.
     """
-    seen, at = problem.numbers_seen
+    seen, at = problem.distinct_numbers_seen
     numbers = np.maximum(seen, 1)
     limits, medians = np.sqrt(np.asarray(chdtri(numbers, _TAIL))), np.asarray(chdtri(numbers, 0.5))
     typical = np.sqrt(_median(distance**2 / medians[at]))

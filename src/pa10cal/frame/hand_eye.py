@@ -1,9 +1,10 @@
 """Base frame and target on the end-effector from what an instrument saw: closed form, then refined.
 
-With the nominal model's T_base_ee of every pose these solve T_instr_target = T_instr_base T_base_ee
-T_ee_target for the two constant frames; of distances |T_base_ee p_ee - p_base_point| for target and
-fixed point. What of the target's place the base frame can mimic (its height, where all orientations
-differ by turns about one axis) is held as stated and named.
+Robot-world and hand-eye calibration (A X = Y B): with the nominal model's T_base_ee of every pose
+these solve T_instr_target = T_instr_base T_base_ee T_ee_target for the two constant frames; from
+distances they solve d = |T_base_ee p_ee - p_base_point| for target and fixed point. What of the
+target's place the base frame can mimic (its height, where all orientations differ by turns about
+one axis) is held as stated and named.
 
 Throughout, T_base_ee is the modelled end-effector (P, 4, 4) [m], and weights (P,) are those of the
 squared residuals of the poses, None for equal ones.
@@ -51,7 +52,7 @@ class TargetProblem:
     p_base_m: Array  # (P, 3) modelled positions of the end-effector
     R_base: Array  # (P, 3, 3) modelled orientations
     p_instr_targets_m: Array  # (P, B, 3) measured positions, nan where a target was not seen
-    R_cmm: Array | None  # (P, 3, 3) measured orientations, where there are any
+    R_instr_target: Array | None  # (P, 3, 3) measured orientations, where there are any
     weights: Array  # (P,) weights of the poses
     p_ee_stated_m: Array  # (B, 3) stated places of the targets
     # (P,) distances of the one target from the instrument's origin, where these alone were
@@ -65,7 +66,7 @@ class TargetProblem:
         p_instr_m: Array,
         p_ee_stated_m: Array,
         weights: Array | None,
-        R_cmm: Array | None = None,
+        R_instr_target: Array | None = None,
         d_m: Array | None = None,
     ) -> TargetProblem:
         """Gather what was seen; see the attributes. None weighs all poses alike.
@@ -85,7 +86,7 @@ class TargetProblem:
             )
         weights = np.ones(len(T_base_ee)) if weights is None else weights
         p_m, R = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
-        return cls(p_m, R, p_instr_m, R_cmm, weights, p_ee_stated_m, d_m)
+        return cls(p_m, R, p_instr_m, R_instr_target, weights, p_ee_stated_m, d_m)
 
     @property
     def of_base(self) -> int:
@@ -93,9 +94,9 @@ class TargetProblem:
         return 6 if self.d_m is None else 3
 
     @property
-    def turning(self) -> int:
+    def orientations(self) -> int:
         """Return how many orientations were measured."""
-        return 0 if self.R_cmm is None else len(self.R_cmm)
+        return 0 if self.R_instr_target is None else len(self.R_instr_target)
 
     def thinned(self) -> TargetProblem:
         """Return the problem of few poses, drawn at random, always the same; itself if few."""
@@ -210,11 +211,11 @@ def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[A
     off_m = (problem.p_instr_m - guess.p_instr_base_m) @ R - p_base_m
     if problem.d_m is not None:
         off_m = (problem.d_m - np.linalg.norm(off_m, axis=1))[:, None]
-    if problem.R_cmm is None:
+    if problem.R_instr_target is None:
         return off_m, np.zeros((0, 3))
     modelled = problem.R_base @ guess.R_ee_target
     return off_m, Rotation.from_matrix(
-        R.T @ problem.R_cmm @ np.swapaxes(modelled, 1, 2)
+        R.T @ problem.R_instr_target @ np.swapaxes(modelled, 1, 2)
     ).as_rotvec()
 
 
@@ -226,9 +227,9 @@ def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = Non
     p_base_m = problem.in_base(guess.p_ee_m)
     off_m, off_rad = _residuals(problem, guess, p_base_m)
     residual = [problem.root_weight[:, None] * off_m]
-    rows, places, turning = len(off_m), problem.p_ee_stated_m.size, problem.turning
+    rows, places, orientations = len(off_m), problem.p_ee_stated_m.size, problem.orientations
     if problem.d_m is None:
-        by_step = np.zeros((3 * (rows + turning), 6 + places + (3 if turning else 0)))
+        by_step = np.zeros((3 * (rows + orientations), 6 + places + (3 if orientations else 0)))
         of_places = by_step[: 3 * rows].reshape(rows, 3, -1)
         of_places[:, :, :6] = by_small_motion(p_base_m)
         of_places[:, :, 6 : 6 + places] = problem.by_places
@@ -238,9 +239,9 @@ def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = Non
         unit = way_m / np.maximum(np.linalg.norm(way_m, axis=1), _NOWHERE_M)[:, None]
         by_target = (unit[:, None] @ problem.by_places)[:, 0]
         by_step = problem.root_weight[:, None] * np.hstack([unit, by_target])
-    if turning:
+    if orientations:
         root = LEVER_M * np.sqrt(problem.weights)
-        of_turns = by_step[3 * rows :].reshape(turning, 3, -1)
+        of_turns = by_step[3 * rows :].reshape(orientations, 3, -1)
         of_turns[:, :, 3:6] = root[:, None, None] * np.eye(3)
         of_turns[:, :, -3:] = root[:, None, None] * problem.R_base
         residual.append(root[:, None] * off_rad)
@@ -274,15 +275,15 @@ def hand_eye_from_poses(
     p_instr_m, R_instr = T_instr_target[:, None, :3, 3], T_instr_target[:, :3, :3]
     problem = TargetProblem.of(T_base_ee, p_instr_m, np.zeros((1, 3)), weights, R_instr)
     few = problem.thinned()
-    R_cmm = np.asarray(few.R_cmm)
+    R_instr_target = np.asarray(few.R_instr_target)
     turns = [
-        _by_kronecker(few, R_cmm),
-        _mean_turn(few.weights, R_cmm @ _transposed(few.R_base)),
+        _by_kronecker(few, R_instr_target),
+        _mean_turn(few.weights, R_instr_target @ _transposed(few.R_base)),
         *_by_positions(few),
     ]
     starts = []
     for R_instr_base in turns:
-        of_target = _transposed(R_instr_base @ few.R_base) @ R_cmm
+        of_target = _transposed(R_instr_base @ few.R_base) @ R_instr_target
         starts.append(first_guess(few, R_instr_base, _mean_turn(few.weights, of_target)))
     starts.append(first_guess(few, turns[1], np.eye(3)))
     return _best(problem, starts, ["the target"])
@@ -392,7 +393,7 @@ def _best(problem: TargetProblem, starts: Sequence[Guess], names: list[str]) -> 
         guess, at, split = refined(problem, guess)
     if not directional:
         _refuse_open_point(_linearise(problem, guess).by_step[:, :3])
-    turning = problem.turning
+    orientations = problem.orientations
     residuals_m, residuals_rad = _residuals(problem, guess, problem.in_base(guess.p_ee_m))
     spare = max(len(at.residual) - at.by_step.shape[1], 1)
     covariance = np.linalg.pinv(at.by_step.T @ at.by_step)[3:6, 3:6] * at.cost / spare
@@ -402,9 +403,9 @@ def _best(problem: TargetProblem, starts: Sequence[Guess], names: list[str]) -> 
         scatter_m=_rms(residuals_m, problem.root_weight**2),
         poses=len(problem.weights),
         axis_u_rad=np.sqrt(across) if directional else None,
-        scatter_rad=_rms(residuals_rad, problem.weights) if turning else None,
-        T_ee_target=homogeneous(guess.R_ee_target, guess.p_ee_m[0]) if turning else None,
-        p_ee_targets_m=None if turning else guess.p_ee_m,
+        scatter_rad=_rms(residuals_rad, problem.weights) if orientations else None,
+        T_ee_target=homogeneous(guess.R_ee_target, guess.p_ee_m[0]) if orientations else None,
+        p_ee_targets_m=None if orientations else guess.p_ee_m,
         held=tuple(_said(direction, names) for direction in split.unidentified.T),
     )
 
@@ -489,14 +490,15 @@ def _solved(columns: Array, values: Array) -> Array:
     return np.asarray(np.linalg.lstsq(columns, values, rcond=1e-9)[0], dtype=np.float64)
 
 
-def _by_kronecker(problem: TargetProblem, R_cmm: Array) -> Array:
+def _by_kronecker(problem: TargetProblem, R_instr_target: Array) -> Array:
     """Return the rotation of the base by orientations alone.
 
-    With X the target's rotation R_cmm X' = R_instr_base R_base, so that the sum of R_base (x) R_cmm
-    carries X' to as many times R_instr_base as there are poses, and nothing further.
+    With X the target's rotation R_instr_target X' = R_instr_base R_base, so that the sum of R_base
+    (x) R_instr_target carries X' to as many times R_instr_base as there are poses, and nothing
+    further.
     """
     weighted = problem.weights[:, None, None] * problem.R_base
-    summed = np.einsum("pij,pkl->ikjl", weighted, R_cmm).reshape(9, 9)
+    summed = np.einsum("pij,pkl->ikjl", weighted, R_instr_target).reshape(9, 9)
     first = np.asarray(np.linalg.svd(summed)[0][:, 0], dtype=float)
     dominant = first.reshape(3, 3).T  # by columns
     return nearest_rotation(dominant if np.linalg.det(dominant) > 0.0 else -dominant)

@@ -119,7 +119,7 @@ def grid_places(
 
 @dataclass(frozen=True)
 class Reference:
-    """Where the posture was found."""
+    """The posture that was chosen, and the place where it was found."""
 
     q_rad: Array  # (n,) joint positions
     radius_m: float  # distance of the flange from the base axis; its azimuth is zero

@@ -76,7 +76,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Equations:
-    """A weighted least-squares problem at one point."""
+    """A weighted least-squares problem at one point; residuals are predicted less measured."""
 
     cost: float  # sum of squares
     gradient: Array  # (k,) half its gradient by the unknowns
@@ -106,7 +106,7 @@ class Minimum(Generic[S]):
     at: S  # the point
     equations: Equations  # the problem there
     iterations: int  # steps accepted
-    converged: bool  # whether it stopped by itself
+    converged: bool  # whether it stopped by itself, also where no step lowered the cost
     reason: str  # why it stopped
 
 
@@ -232,7 +232,7 @@ class Linearised:
     """A least-squares problem at one point."""
 
     by_step: Array  # (m, k) derivative of the prediction by the step
-    residual: Array  # (m,) measured less predicted
+    residual: Array  # (m,) measured less predicted: the opposite sign to `Equations.of`
 
     @property
     def cost(self) -> float:
@@ -258,7 +258,7 @@ def descend(
 
     Args:
         moved: a point and a step (k,) to the next point.
-        cost_tolerance: a step that lowers the cost by a smaller part of it is not taken.
+        cost_tolerance: the descent ends after a step that lowers the cost by a smaller part of it.
 
     Returns:
         The lowest point reached, and the problem there.
@@ -287,6 +287,7 @@ def descend(
 def _determined(gradient: Array, normal: Array) -> tuple[Array, Array]:
     """Return gradient and normal equations by which directions of no effect are not moved in.
 
+    They are left with no gradient and a large normal term, so that no step has a part in them.
     Scaled to their own size such directions would be worth the largest steps: the height of a fixed
     point in the plane of all poses, say, which changes no distance.
     """

@@ -1,5 +1,6 @@
-"""What the order of rows goes with: rows are not time where they follow a joint, a rail or a load.
+"""What the order of rows goes with, and the directions of arrival that it gives.
 
+Rows are not time where they follow a joint, a rail or a load.
 What moved between two rows, and an error that goes with a joint, look the same where that joint
 moved between the same two rows, and never back. Only poses that are measured again later, or that
 come in an order of their own, tell one from the other.
@@ -21,8 +22,8 @@ from pa10cal.observe.observations import Observations
 
 #: Rank correlation with time from which on the order goes with a joint or a load.
 ORDERED = 0.9
-#: Part of the spread in time that readings of the same pose and load must have between them for
-#: these to tell time, whatever the order goes with.
+#: Part of the variance of the rank in time that must lie between readings of the same pose and load
+#: for these to show time, whatever the order goes with.
 _AGAIN = 0.01
 #: Moves from one pose to the next, in those between any two, that are small: time then goes with
 #: the joint's angle, in pieces.
@@ -72,7 +73,7 @@ def goes_with(
 ) -> tuple[tuple[Driver, float], ...]:
     """Return the joints and loads that the order of rows goes with, and their rank correlations.
 
-    None where poses are measured again at other times, under the same load: those tell time.
+    Empty where poses are measured again at other times, under the same load: those show time.
     Readings are single ones of one campaign.
     """
     states = every.states
@@ -87,10 +88,14 @@ def goes_with(
     return tuple(found)
 
 
-def with_what_tells_time(
+def with_time_validity(
     every: Observations, prismatic: Mask, *, recorded: bool
 ) -> tuple[Observations, tuple[str, ...]]:
-    """Mark single readings whose rows give an order and no time, and say why, one clause."""
+    """Mark single readings whose rows give an order and no time, and say why, one clause.
+
+    Args:
+        recorded: whether the file has times.
+    """
     if recorded:
         fitted = every.take(np.flatnonzero(every.kind == "grid"))
         along = goes_with(fitted, prismatic)
@@ -194,8 +199,9 @@ def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
 
     Where no joint of any configuration has one, each joint is taken to come straight from where it
     stood in the configuration measured before, of whatever kind; one that stays keeps the direction
-    of its last movement, and the first configuration has none; which joints moved at all is told
-    apart (`moved`), also where directions are those of the order already, as in a table of a group.
+    of its last movement, and the first configuration has none. `moved` has the direction of the
+    last move alone, 0 where the joint stayed, also where the directions logged are those of the
+    order, as in a table of a group.
     Times that many configurations share give no order: then no direction is known. Logged
     directions of joints that are reversed (`reversed_joints`) are put right.
     """

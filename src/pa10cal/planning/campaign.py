@@ -1,7 +1,8 @@
-"""A glance at a campaign while jobs are planned.
+"""What planning has to know of a campaign, read leniently.
 
-Nothing is refused here: what is wrong with a campaign is for the command to say, which names
-file, line and remedy. A glance at an unusable file therefore gives a plan in which it still runs.
+Content that cannot be read gives empty answers, so that the command is planned all the same and
+refuses it, by file, line and remedy. `missing_*` and `group_like_campaign` are the refusals of
+planning itself.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def group_like_campaign(raw_dir: str, group: str) -> SettingsError:
 
 def robot_name(folder: Path) -> str:
     """Return the robot that `campaign.yaml` names, or an empty text."""
-    return str(_description(folder).get("robot", ""))
+    return str(_description(folder).get("robot") or "")
 
 
 def arm_files(folder: Path) -> list[Path]:
@@ -74,7 +75,7 @@ def arm_files(folder: Path) -> list[Path]:
 def instrument_kind(folder: Path) -> str:
     """Return the kind of instrument that `campaign.yaml` names, or an empty text."""
     instrument = _description(folder).get("instrument")
-    return str(instrument.get("kind", "")) if isinstance(instrument, dict) else ""
+    return str(instrument.get("kind") or "") if isinstance(instrument, dict) else ""
 
 
 def by_general_model(model: str, instrument: str) -> bool:
@@ -93,7 +94,7 @@ def by_general_model(model: str, instrument: str) -> bool:
 
 def campaign_name(folder: Path) -> str:
     """Return the name that `campaign.yaml` gives, or else that of the folder."""
-    return str(_description(folder).get("name", folder.name))
+    return str(_description(folder).get("name") or folder.name)
 
 
 def _there(folder: Path, names: list[str]) -> list[Path]:

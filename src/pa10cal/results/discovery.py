@@ -481,7 +481,7 @@ class ExtendedRecord(MeasuredRecord):
     calibration: str  # load case of the calibration it began with
     verdict: Verdict  # the verdict
     arrival_from_order: bool  # whether directions of arrival come from the order of the poses
-    # times at which instrument or base moved at once, the most certain first [s]; not given where
+    # times at which instrument or base moved suddenly, the most certain first [s]; not given where
     # they did not
     steps_s: tuple[float, ...] | None = optional()
     named: tuple[NamedEffect, ...]  # effects named, with uncertainties

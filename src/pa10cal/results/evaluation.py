@@ -151,7 +151,7 @@ _Models = Mapping[Annotated[str, Key("model")], HeldOutModel]
 
 
 class PartOfCampaign(Part):
-    """A part of a campaign in which instrument or base moved at once; it has its own base."""
+    """A part of a campaign in which instrument or base moved suddenly; it has its own base."""
 
     from_s: float = Field(alias="from")  # time of its first reading [s]
     to_s: float = Field(alias="to")  # time of its last reading [s]
@@ -188,7 +188,7 @@ class TransferRecord(MeasuredRecord):
     # errors by model, base and tool fitted in this campaign: `uncalibrated`, `geometry`, `linear`,
     # `extended`; a base for every one of `parts`
     models: _Models
-    # parts before and after instrument or base moved at once, as the calibration poses show; not
+    # parts before and after instrument or base moved suddenly, as the calibration poses show; not
     # given where nothing moved
     parts: tuple[PartOfCampaign, ...] | None = optional()
     # errors by model with one base for all parts

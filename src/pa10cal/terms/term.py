@@ -145,7 +145,7 @@ class TorqueOnly:
         """Return the derivative of `torque_Nm` by x, (P, n, k)."""
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        """Return what the log shows beyond the weights, or what calculated torques lack, (P, n)."""
+        """Return what logged torques have beyond weights, or calculated ones have too much."""
         torque: Array = self.torque_derivative(states, x) @ x
         return torque
 

@@ -33,7 +33,11 @@ class WeightSizes:
     level_rad: float  # of the direction of gravity in the base frame
 
     def columns(self, arm: Arm) -> Array:
-        """Return the uncertainty of each column of `StaticLoads.by_weights`, (4 n + 3,)."""
+        """Return the uncertainty of each column of `StaticLoads.by_weights`, (4 n + 3,).
+
+        A link's mass and its first moments about the described centre of mass, link by link; the
+        mass of the tool; two tilts of gravity.
+        """
         mass_kg = np.zeros(arm.n) if arm.mass_kg is None else arm.mass_kg
         relative = np.column_stack([self.link_mass, *[self.link_com_m] * 3])
         sizes = mass_kg[:, None] * relative
@@ -46,7 +50,8 @@ class Weights(TorqueOnly):
     """Masses, first moments and level as unknowns about what is described.
 
     For torques that were calculated from the masses described: the joints carry those torques and,
-    beyond them, what the weights differ by. It moves the arm by way of the springs alone.
+    beyond them, what the weights differ by. It moves the arm by way of the springs alone. Its
+    `torque_Nm` is what the calculated torques have too much, hence its minus sign.
     """
 
     n: int  # joints of the arm
@@ -57,7 +62,7 @@ class Weights(TorqueOnly):
     # described: stiffness is then known relative to these. None where some load of known size sets
     # the scale, and no column is held.
     held: int | None = field(default=None, metadata={OPTIONAL: True})
-    # how much it follows each of the columns
+    # change of the held column for a unit of each of `columns`
     by_held: tuple[float, ...] = field(default=(), metadata={OPTIONAL: True})
     id: ClassVar[str] = "weights"
     of: ClassVar[str] = "arm"
@@ -92,13 +97,13 @@ class Weights(TorqueOnly):
         angles to these, over poses and joints; for the derivative see `StaticLoads.by_weights`.
         """
         grows = np.einsum("pj,pjc->c", torque_Nm, by_weights)[list(self.columns)]
-        of_links = np.array(self.columns) <= 4 * self.n
-        size = np.where(of_links, np.abs(grows) * self.sizes, 0.0)
+        has_mass = np.array(self.columns) <= 4 * self.n
+        size = np.where(has_mass, np.abs(grows) * self.sizes, 0.0)
         held = int(np.argmax(size))
         if size[held] <= 0.0:
             return self
         kept = [k for k in range(len(self.columns)) if k != held]
-        by_held = np.where(of_links, -grows / grows[held], 0.0)[kept]
+        by_held = np.where(has_mass, -grows / grows[held], 0.0)[kept]
         return replace(
             self,
             columns=tuple(self.columns[k] for k in kept),
@@ -213,8 +218,8 @@ class WeightStated(TorqueOnly, LogFault):
         """Return what the joints hold beyond what is stated, a unit of each parameter (P, n, k)."""
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
-        held = self.per_unit(states)
-        return -held if self.of_calculated else held
+        extra_Nm = self.per_unit(states)
+        return -extra_Nm if self.of_calculated else extra_Nm
 
 
 @dataclass(frozen=True)
@@ -294,6 +299,8 @@ class ToolStated(WeightStated):
 FAULTS: tuple[type[LogFault], ...] = (LoadStated, ToolStated)
 
 
-def fault_candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:
+def fault_candidates(
+    context: CandidateContext, of_model: Iterable[Term] = ()
+) -> tuple[Effect, ...]:
     """Return every fault wherever a log may have it, but those that a model has."""
-    return everywhere_but(FAULTS, context, held)
+    return everywhere_but(FAULTS, context, of_model)

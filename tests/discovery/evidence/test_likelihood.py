@@ -114,11 +114,11 @@ def test_is_the_density_at_the_best_of_the_variances_tried(made, members, sizes,
         for pair in product(range(len(SHARED_VARIANCES)), repeat=2)
     }
     best = max(table.values())
-    assert found.nearest == max(table, key=table.get)
+    assert found.grid_index == max(table, key=table.get)
     between = found.log_evidence + penalty(members) - CONSTANT - best
-    if max(found.nearest) < 2:  # nothing to lay a curve through
+    if max(found.grid_index) < 2:  # nothing to lay a curve through
         assert between == pytest.approx(0.0, abs=1e-6)
-        assert found.pose_variance == SHARED_VARIANCES[found.nearest[0]]
+        assert found.pose_variance == SHARED_VARIANCES[found.grid_index[0]]
     assert -1e-6 < between < 0.5
 
 
@@ -127,7 +127,7 @@ def test_between_the_variances_tried_it_is_close_to_the_density(made, members, s
     data = made.data(3, 5.0, 300.0, members)
     found = made.evidence(data).score(tuple(zip(members, sizes, strict=True)))
     variances = found.pose_variance, found.torque_variance
-    assert min(found.nearest) >= 2
+    assert min(found.grid_index) >= 2
     assert variances[1] > variances[0] > 0.0
     expected = made.log_density(data, members, sizes, variances) + CONSTANT - penalty(members)
     assert found.log_evidence == pytest.approx(expected, abs=0.05)

@@ -46,7 +46,10 @@ _RIGID_RAD = 1e-9
 
 @dataclass(frozen=True)
 class GeneralCalibration(GeneralProblem):
-    """A calibrated general model: the problem as it was solved in the end."""
+    """A calibrated general model: the problem as it was solved in the end.
+
+    `x_start` is where the last fit began: springs and tilts that were dropped are not in it.
+    """
 
     # tilts of parallel axes left at zero, as the readings do not show them, with the uncertainty
     # that they would have had
@@ -66,9 +69,14 @@ def calibrate_general(
 ) -> GeneralCalibration:
     """Calibrate the general model.
 
+    All that may be identified is fitted; springs that the readings do not show go, then tilts of
+    parallel axes that they do not show; in the end torques of the masses are computed anew where
+    the arm stands, until they move nothing.
+
     Args:
         payload: what the arm carries; None where it is not known. Springs need torques, logged or
             of the masses that the description of the arm states.
+        links: whether the links are calibrated; else their parameters keep their nominal values.
 
     Raises:
         CalibrationError: when there are too few poses, or springs are requested whose torques are
@@ -78,7 +86,7 @@ def calibrate_general(
     fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
     posed = general_problem(arm, observations, start, payload, options, links=links)
     problem, x_start, springs = posed.problem, posed.x_start, posed.springs
-    unweighed, source = observations.states, posed.torques_from
+    states_as_logged, source = observations.states, posed.torques_from
     tau_Nm = problem.observations.states.tau_Nm
     check_enough(problem)
     found = fitted(problem, x_start)
@@ -107,13 +115,13 @@ def calibrate_general(
         follow = found.covariance[np.ix_(kept, ~kept)] @ np.linalg.inv(covariance)
         about, x_start = found.x[kept], found.x[kept] - follow @ found.x[~kept]
         if by_masses:
-            problem = _weighed(problem, x_start, unweighed, payload)
+            problem = _with_torques_at(problem, x_start, states_as_logged, payload)
         fewer = fitted(problem, x_start, scatter_start=found.scatter, about=about)
         # That they are zero is not known: what the others are known to is what it was with them.
         found = replace(fewer, covariance=found.covariance[np.ix_(kept, kept)])
     if by_masses:
         covariance = found.covariance
-        problem, found = at_rest(problem, found, unweighed, payload, fitted)
+        problem, found = at_rest(problem, found, states_as_logged, payload, fitted)
         found = replace(found, covariance=covariance) if settled else found
     return GeneralCalibration(
         problem, x_start, start, posed.redundant, source, payload, settled, found
@@ -123,7 +131,7 @@ def calibrate_general(
 def at_rest(
     problem: Problem,
     found: GeneralSolution,
-    unweighed: PoseStates,
+    states_as_logged: PoseStates,
     payload: Payload | None,
     fitted: Callable[..., GeneralSolution],
 ) -> tuple[Problem, GeneralSolution]:
@@ -134,7 +142,7 @@ def at_rest(
         fitted: fits a problem from a point, with a scatter to set out with; see `fit`.
     """
     for _ in range(_MOST_REFITS):
-        weighed = _weighed(problem, found.x, unweighed, payload)
+        weighed = _with_torques_at(problem, found.x, states_as_logged, payload)
         if weighed is problem:
             break
         problem, before = weighed, found
@@ -143,9 +151,11 @@ def at_rest(
     return problem, found
 
 
-def _weighed(problem: Problem, x: Array, unweighed: PoseStates, payload: Payload | None) -> Problem:
+def _with_torques_at(
+    problem: Problem, x: Array, states_as_logged: PoseStates, payload: Payload | None
+) -> Problem:
     """Return the problem with the torques of weights at a point; itself if that moves nothing."""
-    states, _ = with_torques(problem.model, problem.of_model(x), unweighed, payload)
+    states, _ = with_torques(problem.model, problem.of_model(x), states_as_logged, payload)
     weighed = replace(problem, observations=problem.observations.with_states(states))
     moved = weighed.predict(x)[:, :3, 3] - problem.predict(x)[:, :3, 3]
     return weighed if np.abs(moved).max() > _MOVES_NOTHING_M else problem
@@ -183,19 +193,20 @@ def _not_shown(
 def _gain_of_spring(problem: Problem, found: GeneralSolution, joint: int) -> float:
     """Return by how much the weighted squares grow with a joint rigid, all else fitted anew.
 
-    To first order, about the fit: the weights act through the joint no more, and their own columns
-    say what they can make up for elsewhere.
+    To first order, about the fit: masses act through the joint no more, and their own columns say
+    what they can make up for elsewhere. Masses are expected about zero (as described), all other
+    unknowns about the fit.
     """
     at = [parameter.name for parameter in problem.parameters].index(f"windup_{joint}")
     root = np.sqrt(found.weights)[:, None, None] * found.whitener
     reach = reach_of(problem)
-    weights = np.array([each.name.startswith(WEIGHT) for each in problem.parameters])
+    of_masses = np.array([each.name.startswith(WEIGHT) for each in problem.parameters])
 
     def squares(x: Array, free: NDArray[np.bool_]) -> float:
         rows = problem.rows(x)
         white = (root @ rows.jacobian).reshape(-1, len(x))[:, free] * reach[free]
         data = (root @ rows.residual[:, :, None]).ravel()
-        off = np.where(weights, x / reach, 0.0)[free]
+        off = np.where(of_masses, x / reach, 0.0)[free]
         gradient = white.T @ data + off
         normal = white.T @ white + np.eye(white.shape[1])
         step = np.linalg.solve(normal, gradient)

@@ -420,7 +420,7 @@ def fit_given(
         evidence = evidence_about(problem, current, effects)
         chosen = resized(evidence, tuple(enumerate(sizes)))
         score, sizes = evidence.score(chosen), tuple(size for _, size in chosen)
-        choice = (sizes, score.nearest)
+        choice = (sizes, score.grid_index)
         problem, current = refit(problem, effects, sizes, score.variances, current)
         if choice == settled:
             break

@@ -48,7 +48,7 @@ class Score:
     # pose_variance and torque_variance: shared errors that go with it, in variances of a reading
     pose_variance: float
     torque_variance: float
-    nearest: tuple[int, int]  # of the variances tried, those next to the two
+    grid_index: tuple[int, int]  # of the variances tried, those next to the two
 
     @property
     def variances(self) -> tuple[float, float]:
@@ -131,11 +131,11 @@ class SetEvidence:
     def additions(self, chosen: CandidateSet, candidates: list[int]) -> list[tuple[float, int]]:
         """Return, for each candidate, what it would add to the evidence of a set, and its size.
 
-        To within the step between the variances tried; `score` is exact.
+        To within the step between the variances tried; `score` interpolates between them.
         """
         if (key := (chosen, tuple(candidates))) in self._additions:
             return self._additions[key]
-        g0, h0 = self.score(chosen).nearest
+        g0, h0 = self.score(chosen).grid_index
         columns, scale = self._of(chosen)
         at_g0, at_h0, every = slice(g0, g0 + 1), slice(h0, h0 + 1), slice(None)
         poses = self._given(columns, scale, every, at_h0, candidates)
@@ -169,13 +169,15 @@ class SetEvidence:
         constant = self._pose.constant[g] + self._torque.constant[h]
         taken = np.empty((len(constant), len(columns), len(wanted) + 1))
         np.add(
-            self._pose.between(g, columns, wanted),
-            self._torque.between(h, columns, wanted),
+            self._pose.products_of(g, columns, wanted),
+            self._torque.products_of(h, columns, wanted),
             out=taken[..., :-1],
         )
         taken[..., -1] = projection[:, columns]
         taken *= scale[:, None]
-        of_set = self._pose.between(g, columns, columns) + self._torque.between(h, columns, columns)
+        of_set = self._pose.products_of(g, columns, columns) + self._torque.products_of(
+            h, columns, columns
+        )
         factor = np.linalg.cholesky(np.eye(len(columns)) + of_set * np.outer(scale, scale))
         for lower, rows in zip(factor, taken, strict=True):  # triangular: a third of a solution
             dtrsm(1.0, lower.T, rows.T, side=1, overwrite_b=1)
@@ -223,14 +225,14 @@ class SetEvidence:
                 break
             last = float(over_g[g])
         over_h = over_torque(g)
-        pose_gain, pose_variance = _between(over_g, g)
-        torque_gain, torque_variance = _between(over_h, h)
+        pose_gain, pose_variance = _refined_by_spline(over_g, g)
+        torque_gain, torque_variance = _refined_by_spline(over_h, h)
         return Score(
             log_evidence=-0.5 * (float(over_g[g]) - pose_gain - torque_gain)
             - float(np.log(len(SIZES))) * len(members),
             pose_variance=pose_variance,
             torque_variance=torque_variance,
-            nearest=(g, h),
+            grid_index=(g, h),
         )
 
     def _of(self, chosen: CandidateSet) -> tuple[Index, Array]:
@@ -261,7 +263,7 @@ def _minus_twice_log(gram: Array, projection: Array, constant: Array) -> Array:
     return found
 
 
-def _between(values: Array, least: int) -> tuple[float, float]:
+def _refined_by_spline(values: Array, least: int) -> tuple[float, float]:
     """Return how much lower a spline through the values lies near the least, and at which variance.
 
     A parabola through three values would be wrong by tens of nats where hundreds of rows have a
@@ -287,7 +289,7 @@ def _spline_below(least: int) -> tuple[Array, Array]:
 #
 # The model's own parameters, and the errors common to all poses, are integrated out.
 
-#: Variances of the shared error tried, in those of one reading: from none to a hundred times the
+#: Variances of the shared error tried, in those of one reading: from none to some 300 times the
 #: noise in size.
 SHARED_VARIANCES = np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 15)])
 #: Rows with less of the shared error than this have none.
@@ -305,10 +307,12 @@ class Reduced:
     def of(self, columns: Index) -> Reduced:
         """Return the products of some columns (p',)."""
         return Reduced(
-            self.between(slice(None), columns, columns), self.projection[:, columns], self.constant
+            self.products_of(slice(None), columns, columns),
+            self.projection[:, columns],
+            self.constant,
         )
 
-    def between(self, variances: slice, rows: Index, columns: Index) -> Array:
+    def products_of(self, variances: slice, rows: Index, columns: Index) -> Array:
         """Return the products of some columns with some others, at some variances, (V, r, c)."""
         places = self.gram.shape[1] * rows[:, None] + columns
         chosen = self.gram[variances]

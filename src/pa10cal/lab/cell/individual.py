@@ -21,7 +21,7 @@ from pa10cal.lab.cell.robot import (
     Robot,
     Springs,
     apparatus_payload,
-    make_balls,
+    draw_balls,
     ring_of_targets,
     tool_payload,
 )
@@ -89,7 +89,7 @@ def build_robot(
     else:
         departures = draw_departures(arm, rng)
         springs = draw_springs(arm, settings.flexible_joints, rng)
-    balls = make_balls(settings.noise.apparatus_mm, rng)
+    balls = draw_balls(settings.noise.apparatus_mm, rng)
     payload = apparatus_payload()
     nominal = Mechanism.of(arm, Departures.none(arm.n), payload)
     T_base_middle = nominal.T_base_ee(centre_rad(arm, settings.poses)[None])[0]

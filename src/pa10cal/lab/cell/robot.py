@@ -36,8 +36,8 @@ def apparatus_payload() -> SimulatedPayload:
     return SimulatedPayload(APPARATUS_MASS_KG, APPARATUS_COM_M, LOAD_POINT_M)
 
 
-def make_balls(measured_to_mm: float, rng: np.random.Generator) -> Targets:
-    """Make the balls of one apparatus, and measure them.
+def draw_balls(measured_to_mm: float, rng: np.random.Generator) -> Targets:
+    """Draw the balls of one apparatus as they were made, stated as a separate measurement has them.
 
     Args:
         measured_to_mm: standard deviation of the separate measurement, each coordinate.
@@ -53,7 +53,7 @@ def tool_payload(mass_kg: float) -> SimulatedPayload:
 
 
 def ring_of_targets(count: int) -> Targets:
-    """Return `count` reflectors that are where the campaign says."""
+    """Return `count` reflectors whose stated places are their true ones."""
     turn = 2.0 * np.pi * np.arange(count) / count
     points_m = np.column_stack(
         [

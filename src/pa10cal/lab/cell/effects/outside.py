@@ -1,4 +1,8 @@
-"""Effects outside the vocabulary: what a robot may do that no name of it covers."""
+"""Effects outside the vocabulary: what a robot may do that no name of it covers.
+
+What `at_joint` returns is added to the link's angle [rad], or to the torque that the joint holds
+[N m] where an effect says so (`adds_to`).
+"""
 
 from __future__ import annotations
 
@@ -111,7 +115,9 @@ class Hysteresis(LoadedJointEffect):
     trial_places = ("loaded joint",)
     usual = draws(h=signed(60.0 * ARC_SECOND))
 
-    h: Finite = Field(description="lag under the rated torque [rad]")
+    h: Finite = Field(
+        description="lead in the direction of arrival under the rated torque [rad]; negative: lag"
+    )
 
     def at_joint(self, joint: JointState) -> Array:
         return self.h * joint.arrival * np.abs(joint.tau_Nm / joint.rated_Nm)
@@ -121,7 +127,7 @@ class Hysteresis(LoadedJointEffect):
 
 
 class SoftByAngle(LoadedJointEffect):
-    """A joint whose stiffness varies with its angle, usually by half of that of such joints."""
+    """A joint whose compliance varies with its angle, usually by half of that of such joints."""
 
     id = "soft_by_angle"
     named = False
@@ -164,7 +170,7 @@ class Sawtooth(SimulatedJointEffect):
 
 
 class PedestalTilt(SimulatedEffect):
-    """A pedestal that tilts with the cube of its moment, as one bolted down loosely does."""
+    """A pedestal, bolted down loosely, that tilts about an axis with the cube of its moment."""
 
     id = "pedestal_tilt"
     named = False
@@ -174,7 +180,9 @@ class PedestalTilt(SimulatedEffect):
     by_weights = True
     usual = draws(tilt=sized(2e-4))
 
-    tilt: Finite = Field(description="tilt under the largest moment of the campaign [rad]")
+    tilt: Finite = Field(
+        description="tilt under the campaign's largest moment, about an axis [rad]"
+    )
 
     def strain(self, loading: Loading) -> Strain:
         moment_Nm = loading.statics.base_Nm * np.array([1.0, 1.0, 0.0])

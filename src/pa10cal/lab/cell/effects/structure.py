@@ -1,4 +1,4 @@
-"""Effects that sit in links and base."""
+"""Effects that sit in links, base, tool and instrument."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class SimulatedBaseDrift(SimulatedEffect):
     places = ("base",)
     strains = True
     usual = draws(rate=directed(2e-5))
-    plausible_size = 2.6  # the plausible rate is that of one axis
+    plausible_size = 2.6  # in three axes; what is plausible in the vocabulary is of one
 
     rate: Triple = Field(description="velocity along base axes [m/h]")
 
