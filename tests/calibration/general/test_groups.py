@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from calibrated import general
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.general.calibrate import find_start
+from pa10cal.calibration.general.calibrate import find_start, start_of
 from pa10cal.calibration.general.case import apart, contradictions, fitted
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm
@@ -19,6 +19,8 @@ from pa10cal.fit.forward import Forward
 from pa10cal.fit.model_file import save_model
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.pose import Touched
+from pa10cal.observe.seed import locate_base
+from pa10cal.options import BaseFrameOptions
 
 ARM = load_arm("ur10")
 NOISE_M = 2e-5
@@ -64,6 +66,17 @@ def _members(see):
         return found
 
     return members
+
+
+@pytest.mark.parametrize("kinds", [("pose", "touched"), ("touched", "pose"), ("pose", "points")])
+def test_a_fit_starts_from_the_same_tools_by_a_seed_as_without(members, kinds):
+    every = join(members(kinds, 0.0))
+    found = find_start(ARM, every)
+    seed = locate_base(every, ARM, BaseFrameOptions(), "", "group", "synthetic")
+    of_seed = start_of(seed, every.measured)
+    assert found.p_ee_targets_of_m.keys() == of_seed.p_ee_targets_of_m.keys()
+    for name, tool_m in found.p_ee_targets_of_m.items():
+        np.testing.assert_allclose(of_seed.p_ee_targets_of_m[name], tool_m, atol=1e-9)
 
 
 def together(members):

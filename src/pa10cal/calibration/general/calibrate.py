@@ -287,7 +287,8 @@ def start_of(seed: BaseFrameRecord, measured: Instrument) -> Start:
         )
     T_ee_target = np.eye(4) if seed.T_ee_target is None else seed.T_ee_target
     targets_m = np.concatenate([np.zeros(0), *(stated[name] for name in target_names)])
-    tools_m = {name: T[:3, 3] for name, T in (seed.T_ee_target_of or {}).items()}
+    tools_m = dict.fromkeys(dict(measured.campaigns), np.zeros(3))  # where no tool was located
+    tools_m |= {name: T[:3, 3] for name, T in (seed.T_ee_target_of or {}).items()}
     return Start(seed.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m, tools_m)
 
 
