@@ -210,7 +210,7 @@ class AttitudeLag:
         """Return how components follow the amounts, (P, b, k)."""
         turned = by_joints(at, poses, self.joints)
         turned[:, poses.measured.position_columns] = 0.0
-        came = poses.states.since_before[:, [joint - 1 for joint in self.joints]]
+        came = poses.states.move_from_previous[:, [joint - 1 for joint in self.joints]]
         turned = turned * came[:, None, :] * _LAG_RAD
         campaign = poses.states.campaign
         if campaign is None:
