@@ -59,7 +59,7 @@ def chain(
     name = results.name if len(campaign_dir) > 1 else raw.name
     _remove(results, file, *_WRITTEN)
     stage, written = "import", set[str]()
-    became: dict[str, Any] = {}
+    outcome: dict[str, Any] = {}
     try:
         if source is not None:
             import_data(dataset, source, out=raw.parent, only=(raw.name,), settings=settings.ingest)
@@ -70,17 +70,17 @@ def chain(
     except (OutputError, OSError, MemoryError):  # of the machine, not of the campaign
         raise
     except Pa10calError as error:
-        became = {"status": "refused", "stage": stage, "message": str(error)}
+        outcome = {"status": "refused", "stage": stage, "message": str(error)}
     except Exception as error:  # a fault of one campaign is not to end the others
         traceback.print_exc()
         message = f"internal fault: {type(error).__name__}: {error}"
-        became = {"status": "fault", "stage": stage, "message": message}
-    if became:
+        outcome = {"status": "fault", "stage": stage, "message": message}
+    if outcome:
         _remove(results, *written)
-        print(f"pa10cal chain: {name}: {stage}: {became['message']}", file=sys.stderr)
+        print(f"pa10cal chain: {name}: {stage}: {outcome['message']}", file=sys.stderr)
     else:
-        became = dict(summarise(results, settings.evaluation.calibration).became)
-    write(ChainRecord(**became | {"campaign": name}), results / file)
+        outcome = dict(summarise(results, settings.evaluation.calibration).outcome)
+    write(ChainRecord(**outcome | {"campaign": name}), results / file)
 
 
 def _remove(results: Path, *names: str) -> None:
