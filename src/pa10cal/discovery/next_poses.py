@@ -419,7 +419,7 @@ def without_repeats(
     poses = survey.poses
     joint_rad = noise.joint_rad if len(noise.joint_rad) else np.zeros(poses.states.n)
     noise = replace(noise, cov=noise.cov[rows], joint_rad=joint_rad)
-    white = whitener_of(noise.cov) @ survey.left_by(found.at)[:, :, None]
+    white = whitener_of(noise.cov) @ survey.net_residual(found.at)[:, :, None]
     scatter = float(np.sum(white**2) / poses.measured.components_seen.sum())
     in_time = InTime(survey.wander, drifts=False)
     cov = noise.cov * len(rows) / count
